@@ -1,4 +1,4 @@
-"""Calls that were asked for, and which incidents concern them."""
+"""Mark the occurrences that concern selected calls."""
 
 from __future__ import annotations
 
@@ -11,36 +11,36 @@ from bcapscope.traffic.observation import Observation
 
 
 class CallSelection:
-    """Stands between the rules, which see all calls, and the book, which tells of some.
+    """Filters between the rules, which see all calls, and the collector, which reports on selected calls.
 
-    A rule reasons about what was not called as well, so it has to see everything; an incident is asked for
-    if one of the frames that prove it belongs to a call that was chosen. Whether a call is chosen is known
-    when it settles: incidents about a frame that was only just seen wait for that.
+    Rules need all calls as context. An occurrence is selected if one of the frames that prove it belongs to a
+    selected call. Whether a call is selected is known only when it is complete. Occurrences about a frame
+    that was just seen therefore wait until the call of that frame is complete.
 
     Attributes:
-        selected_calls: that were chosen so far.
+        selected_calls: Number of selected calls so far.
     """
 
     def __init__(self, is_selected: Callable[[Call], bool], report_occurrence: OccurrenceSink) -> None:
-        """Begin.
+        """Create a selection.
 
         Args:
-            is_selected: tells whether a call is asked for.
-            report_occurrence: is given every incident, marked.
+            is_selected: Returns whether a call is selected.
+            report_occurrence: Receives every occurrence, with `selected` set.
         """
         self.selected_calls = 0
         self._is_selected = is_selected
         self._report_occurrence = report_occurrence
-        self._selected_frames = bytearray()  # a bit a frame
+        self._selected_frames = bytearray()  # one bit per frame
         self._unsettled_frame: int | None = None
         self._held_occurrences: dict[int, list[Occurrence]] = {}
 
     def on_observation(self, observation: Observation) -> None:
-        """Hold what is reported from here on about a frame, until it settles what that belongs to."""
+        """Hold all occurrences reported from now on, until the call of this frame is complete."""
         self._unsettled_frame = observation.number if isinstance(observation.item, Frame) else None
 
     def on_pairing_result(self, settled: PairingResult) -> None:
-        """Take notice of what has settled, before the rules see it."""
+        """Register a completed call or a stray reply, before the rules see it."""
         self._unsettled_frame = None
         whole = call_observations(settled) if isinstance(settled, Call) else (settled.observation,)
         frames = [seen.number for seen in whole]
@@ -53,7 +53,7 @@ class CallSelection:
                 self._release_frame(frame)
 
     def add_occurrence(self, occurrence: Occurrence) -> None:
-        """Take what a rule found."""
+        """Add an occurrence that a rule reports."""
         if self._unsettled_frame is not None:
             self._held_occurrences.setdefault(self._unsettled_frame, []).append(occurrence)
             return
@@ -61,7 +61,7 @@ class CallSelection:
         self._report_occurrence(occurrence)
 
     def release_all(self) -> None:
-        """Report what still waits: it concerns no call."""
+        """Report the occurrences that still wait: they concern no call."""
         self._unsettled_frame = None
         for frame in list(self._held_occurrences):
             self._release_frame(frame)

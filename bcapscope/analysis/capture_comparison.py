@@ -1,4 +1,4 @@
-"""What differs between two captures, such as one of a good day and one of a bad day."""
+"""Compare two captures, such as one of a good day and one of a bad day."""
 
 from __future__ import annotations
 
@@ -15,38 +15,38 @@ from bcapscope.protocol.tables.hresult import hresult_name
 from bcapscope.traffic.call_kind import CallKind
 
 MAX_SESSIONS = 64
-"""Stays in slave mode of one capture that are compared, the first ones."""
+"""Slave-mode sessions of one capture that are compared, the first ones."""
 
 FEWEST_SAMPLES = 8
-"""Fewer calls or cycles than that say nothing about how fast such calls are."""
+"""Smallest number of calls or cycles that says anything about their speed."""
 
 NOTABLE_RATIO = 1.5
-"""A time or a rate that grew or shrank by less is what two runs of the same program differ by anyway."""
+"""Smallest notable ratio of times or rates; smaller ones occur between two runs of the same program."""
 
 NOTABLE_CYCLE = 1.1
-"""The same for the typical cycle of set points, which a client is meant to keep."""
+"""Smallest notable ratio of the typical cycle of set points, which a client should keep."""
 
 NOTABLE_MS = 0.2
-"""A difference in latency below that hurts nobody: the shortest time-out in use is 2 ms (DENSO Wave 2009)."""
+"""Smallest notable difference in latency, ms: the shortest time-out in use is 2 ms (DENSO Wave 2009)."""
 
 NOTABLE_SHARE = 0.002
-"""Of all calls of a kind: a difference in how many were retried, refused or left unanswered."""
+"""Smallest notable difference in the share of calls that were retried, refused or left unanswered."""
 
 CHANCE_SIGMAS = 3.0
-"""Standard deviations that must lie between two counts of what happens by chance, as losses do."""
+"""Smallest notable difference, in standard deviations, between two counts of random events such as losses."""
 
 Value: TypeAlias = "float | str | None"
 
 
 @dataclass(frozen=True, slots=True)
 class ComparedCapture:
-    """What is compared of a capture.
+    """Contents of one capture that are compared.
 
     Attributes:
-        name: of the capture, for people.
-        statistics: of its calls; None where it has none.
-        slave_sessions: its stays in slave mode, in the order of their beginnings, `MAX_SESSIONS` at most.
-        findings: of its diagnosis.
+        name: Name of the capture, for display.
+        statistics: Statistics of its calls; None without calls.
+        slave_sessions: Its slave-mode sessions in the order in which they began, at most `MAX_SESSIONS`.
+        findings: Findings of its diagnosis.
     """
 
     name: str
@@ -57,14 +57,16 @@ class ComparedCapture:
 
 @dataclass(frozen=True, slots=True)
 class Difference:
-    """One figure of one kind of call, of one stay in slave mode or of all calls, in both captures.
+    """One figure that differs between two captures.
+
+    It is a figure of a kind of call, of a slave-mode session or of all calls.
 
     Attributes:
-        subject: the kind of call, or the number of the stay in either capture; None for all calls.
-        figure: what is compared, as the JSON of ``stats`` names it where that has it.
-        good: its value in the first capture, a number or a word; None where there is none.
-        bad: its value in the second.
-        notable: differs by more than two good runs would.
+        subject: Kind of call, or number of the slave-mode session in both captures; None for all calls.
+        figure: Name of the figure, as in the JSON of ``stats`` where that has it.
+        good: Value in the first capture, a number or a word; None without one.
+        bad: Value in the second capture.
+        notable: True if it differs by more than two good runs would.
     """
 
     subject: CallKind | int | None
@@ -75,20 +77,20 @@ class Difference:
 
     @property
     def ratio(self) -> float | None:
-        """How many times the value in the first capture the other one is; None where that says nothing."""
+        """Value in the second capture divided by that in the first; None unless both are positive numbers."""
         good, bad = self.good, self.bad
         return bad / good if isinstance(good, float) and isinstance(bad, float) and good > 0 < bad else None
 
 
 @dataclass(frozen=True, slots=True)
 class RuleDifference:
-    """A rule that found something in one capture and not, or not as often, in the other.
+    """A rule with a different number of findings in the two captures.
 
     Attributes:
-        rule: its id.
-        severity: of its findings.
-        good: the findings in the first capture.
-        bad: those in the second.
+        rule: Id of the rule.
+        severity: Severity of its findings.
+        good: Findings in the first capture.
+        bad: Findings in the second capture.
     """
 
     rule: str
@@ -98,11 +100,11 @@ class RuleDifference:
 
 
 class UnmatchedKind(NamedTuple):
-    """A kind of call that only one capture has.
+    """A kind of call that occurs in only one capture.
 
     Attributes:
-        call_kind: the kind.
-        call_count: how many there are.
+        call_kind: Kind of call.
+        call_count: Number of calls.
     """
 
     call_kind: CallKind
@@ -111,16 +113,16 @@ class UnmatchedKind(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class CaptureComparison:
-    """All that differs.
+    """All differences between two captures.
 
     Attributes:
-        differences: of figures, notable ones first; in either part those of stays in slave mode, then of all
-            calls, then of each kind of call in the order of the time that it takes.
-        only_good: kinds of call that only the first capture has.
-        only_bad: kinds of call that only the second has.
-        session_counts: in slave mode, in the first and in the second capture.
-        rules: of findings; first what only the second capture has or has more of, in the order in which it
-            was diagnosed, the first cause first.
+        differences: Figures that differ, notable ones first. Both parts list slave-mode sessions first, then
+            all calls, then kinds of call in the order of the time that they take.
+        only_good: Kinds of call in the first capture only.
+        only_bad: Kinds of call in the second capture only.
+        session_counts: Number of slave-mode sessions in the first and in the second capture.
+        rules: Rules that differ. Those with more findings in the second capture come first, in the order of
+            its diagnosis, root cause first.
     """
 
     differences: tuple[Difference, ...]
@@ -131,16 +133,16 @@ class CaptureComparison:
 
     @property
     def is_notable(self) -> bool:
-        """Whether anything differs by more than two good runs would, kinds of calls left aside."""
+        """Whether anything differs by more than two good runs would, apart from the kinds of call."""
         stays = self.session_counts[0] != self.session_counts[1]
         rules = any(each.severity is not Severity.NOTE for each in self.rules)
         return stays or rules or any(each.notable for each in self.differences)
 
 
 def compare(good: ComparedCapture, bad: ComparedCapture) -> CaptureComparison:
-    """Compare the figures and findings of two captures, all clients of each together.
+    """Compare figures and findings of two captures, over all clients of each.
 
-    The first stay in slave mode of one is compared with the first of the other, and so on.
+    The first slave-mode session of one capture is compared with the first of the other, and so on.
     """
     kinds_good, kinds_bad = _by_question(good.statistics), _by_question(bad.statistics)
     differences = list(_session_differences(good, bad))
@@ -171,13 +173,16 @@ def _unmatched_kinds(
             yield UnmatchedKind(question, figures.calls)
 
 
-# judgement: each takes both values, and how many calls or cycles each of them rests on
+# Judgement: each function takes both values, and the number of calls or cycles behind each value.
 
 _JudgeFigure: TypeAlias = Callable[[Value, Value, "tuple[int, int]"], bool]
 
 
 def _judge_ratio(ratio: float, least: float = 0.0) -> _JudgeFigure:
-    """Judge times and rates: notable if one is so many times the other, and by at least so much."""
+    """Return a judge for times and rates.
+
+    A difference is notable if the ratio exceeds `ratio` and the difference exceeds `least`.
+    """
 
     def judge(good: Value, bad: Value, counts: tuple[int, int]) -> bool:
         if not (isinstance(good, float) and isinstance(bad, float)) or min(counts) < FEWEST_SAMPLES:
@@ -189,12 +194,12 @@ def _judge_ratio(ratio: float, least: float = 0.0) -> _JudgeFigure:
 
 
 def _judge_share(good: Value, bad: Value, counts: tuple[int, int]) -> bool:
-    """Judge shares of what has a reason whenever it happens, such as refusals."""
+    """Judge shares of events that always have a reason, such as refusals."""
     return isinstance(good, float) and isinstance(bad, float) and abs(good - bad) > NOTABLE_SHARE
 
 
 def _judge_chance_share(good: Value, bad: Value, counts: tuple[int, int]) -> bool:
-    """Judge how often something happens by chance, such as losses, whose counts Poisson spreads."""
+    """Judge shares of random events such as losses, whose counts have a Poisson distribution."""
     if not (isinstance(good, float) and isinstance(bad, float)) or not _judge_share(good, bad, counts):
         return False
     one, two = counts
@@ -203,7 +208,7 @@ def _judge_chance_share(good: Value, bad: Value, counts: tuple[int, int]) -> boo
 
 
 def _judge_word(good: Value, bad: Value, counts: tuple[int, int]) -> bool:
-    """Judge words: that nothing was seen of one is no difference."""
+    """Judge words. A value that is unknown in one capture is no difference."""
     unseen = (None, ExitReason.CAPTURE_ENDED.value)
     return good not in unseen and bad not in unseen
 
@@ -216,7 +221,7 @@ def _never_notable(good: Value, bad: Value, counts: tuple[int, int]) -> bool:
     return False
 
 
-# calls
+# Calls.
 
 
 def _call_differences(question: CallKind | None, good: CallFigures, bad: CallFigures) -> Iterator[Difference]:
@@ -244,7 +249,7 @@ _CALL_FIGURES: tuple[tuple[str, Callable[[CallFigures], Value], _JudgeFigure], .
         "line_time_share",
         lambda figures: figures.line_time_share,
         _never_notable,
-    ),  # follows from the two beside it
+    ),  # follows from the rate and the latency
     ("latency_ms.p50", _latency_figure("p50"), _judge_ratio(NOTABLE_RATIO, NOTABLE_MS)),
     ("latency_ms.p99", _latency_figure("p99"), _judge_ratio(NOTABLE_RATIO, NOTABLE_MS)),
     ("latency_ms.max", _latency_figure("most"), _judge_ratio(2 * NOTABLE_RATIO, NOTABLE_MS)),
@@ -256,17 +261,17 @@ _CALL_FIGURES: tuple[tuple[str, Callable[[CallFigures], Value], _JudgeFigure], .
         "not_followed_share",
         _per_call(lambda figures: figures.not_followed),
         _never_notable,
-    ),  # that is our own doing
+    ),  # caused by this program, not by the traffic
 )
 
 _SPEEDS = ("latency_ms.p50", "latency_ms.p99", "latency_ms.max")
-"""Of different kinds of call together these tell which were asked, not how fast they are."""
+"""Over different kinds of call, these figures show which kinds were called, not how fast they are."""
 
 _PACES = ("calls_per_s", "line_time_share")
-"""Of a few calls these tell how long the capture is."""
+"""For a few calls, these figures show how long the capture is."""
 
 
-# stays in slave mode
+# Slave-mode sessions.
 
 
 def _session_differences(good: ComparedCapture, bad: ComparedCapture) -> Iterator[Difference]:
@@ -319,7 +324,7 @@ _SESSION_FIGURES: tuple[tuple[str, Callable[[SlaveSession], Value], _JudgeFigure
 )
 
 
-# findings
+# Findings.
 
 
 def _rule_differences(good: Iterable[Finding], bad: Iterable[Finding]) -> list[RuleDifference]:

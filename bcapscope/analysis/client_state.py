@@ -1,4 +1,4 @@
-"""What a client has done so far: the knowledge that tells why a later call was refused."""
+"""Follow what each client has done so far; this explains why a later call is refused."""
 
 from __future__ import annotations
 
@@ -17,18 +17,20 @@ from bcapscope.traffic.handle_tracker import TrackedObject
 from bcapscope.traffic.observation import ConnectionEnd, Conversation, Direction
 
 MAX_HANDLES = 1024
-"""Handles of a client that are remembered; the official server gives it 1000 (orin_bcap
-C/src/bCAPServer/bcap_server.c)."""
+"""Handles that are remembered for each client.
+
+The official server gives a client 1000 (orin_bcap C/src/bCAPServer/bcap_server.c).
+"""
 
 MAX_CLOSED_CLIENTS = 32
-"""Clients that are known to have gone and are remembered, as they may have left something behind."""
+"""Clients with a closed connection that are remembered, because they may have left something behind."""
 
 SLOW_CALL_NS = 50_000_000
-"""A call that takes longer than this, in nanoseconds, may still run when the next one is sent."""
+"""Duration in ns. A call that takes longer may still run when the next one is sent."""
 
 _LARGEST_POINT = 8192  # bytes of request, retries and reply; real ones have some hundred each
 RECENT_SET_POINTS = 64
-"""Set points looked at when one was refused: half a second at 8 ms."""
+"""Set points that are examined when one is refused: half a second at 8 ms."""
 
 EXECUTES = frozenset(
     (ID["Controller_Execute"], ID["Robot_Execute"], ID["Task_Execute"], ID["Extension_Execute"])
@@ -41,31 +43,34 @@ _MOTIONS = frozenset(("approach", "depart", "driveex", "driveaex"))
 
 
 def argument(call: Call, index: int) -> Variant | None:
-    """Return an argument of the request; None where it has none there."""
+    """Return an argument of the request; None if the request has fewer arguments."""
     arguments = call.request.item.arguments
     return arguments[index].variant if index < len(arguments) else None
 
 
 def text_argument(call: Call, index: int) -> str:
-    """Return a string among the arguments; empty where there is none."""
+    """Return an argument that is a string; empty if it is missing or of another type."""
     variant = argument(call, index)
     return variant.value if variant is not None and isinstance(variant.value, str) else ""
 
 
 def result_of(call: Call) -> Value:
-    """Return what a successful reply carries; None for nothing."""
+    """Return the value of a successful reply; None for a failure or an empty reply."""
     if call.reply is None or is_failure(call.reply.item.code) or not call.reply.item.arguments:
         return None
     return call.reply.item.arguments[0].variant.value
 
 
 def folded_command(call_kind: CallKind) -> str:
-    """Return the command without regard to case; empty for functions that take none."""
+    """Return the command in case-folded form; empty for functions without a command."""
     return (call_kind.command or "").casefold()
 
 
 def first_number(variant: Variant | None) -> int | None:
-    """Read a number, the first of an array, or a number written as text, as clients send states."""
+    """Return an integer argument: a number, the first one of an array, or a number written as text.
+
+    Clients send states in all three ways. None if there is none.
+    """
     value = variant.value if variant is not None else None
     if isinstance(value, tuple):
         first = value[0] if value else None
@@ -76,7 +81,7 @@ def first_number(variant: Variant | None) -> int | None:
 
 
 def gets_robslave(call: Call) -> bool:
-    """Tell whether a call asks for the task RobSlave, which the slave mode of an RC7 needs."""
+    """Return whether a call gets the task RobSlave, which the slave mode of an RC7 needs."""
     return call.kind.function_id == ID["Controller_GetTask"] and _is_robslave_name(text_argument(call, 1))
 
 
@@ -85,12 +90,12 @@ def _is_robslave_name(name: str) -> bool:
 
 
 class OpenedObject(NamedTuple):
-    """An object that was given to a client.
+    """An object that the controller opened for a client.
 
     Attributes:
-        object_class: its class.
-        name: that was asked for.
-        opened_by: that opened it.
+        object_class: Class of the object.
+        name: Name that the client asked for.
+        opened_by: Call that opened the object.
     """
 
     object_class: ObjectClass
@@ -99,39 +104,39 @@ class OpenedObject(NamedTuple):
 
 
 class ClientState:
-    """One conversation as its calls tell it.
+    """State of one client, as its calls show it.
 
     Attributes:
-        conversation: between whom.
-        first_call: its first call that was seen.
-        last_call: its latest call.
-        call_count: how many.
-        answered_count: how many of them had a reply.
-        longest_pause_ns: nanoseconds between two of them; not of what set points are apart.
-        service_start: the accepted Service_Start of this session.
-        connect_call: the accepted Controller_Connect.
-        session_end: the accepted Service_Stop or Controller_Disconnect since.
-        motor_call: the latest accepted Motor.
-        motor_on: what it switched to; None where not seen.
-        take_arm_call: the accepted TakeArm, until GiveArm.
-        robslave_start: the latest accepted start of the task RobSlave.
-        robslave_not_found: the first refused Controller_GetTask for the task RobSlave.
-        last_motion: the latest accepted motion command outside slave mode.
-        mode_value: slave mode, 0 for off; None where nothing told.
-        mode_entered_by: the slvChangeMode that entered `mode_value`.
-        mode_ended_by: the call that ended slave mode last.
-        uncleared_error: the first error of the controller that was not cleared since.
-        error_was_read: the client asked for error details since `uncleared_error`.
-        type_was_read: the type of the robot was asked for.
-        slow_call: the latest call that was not answered, or only after a while; not one that was let go.
-        may_be_answered: a reply was seen that belongs to no call, and may belong to one of its calls that
-            were let go.
-        opened_objects: what each handle was given for last.
-        released_by: the calls that released handles lately, by class and handle.
-        target_object: what the handle of the call at hand stands for; None where that is not known.
-        recent_set_points: the latest set points of this stay.
-        known_present: it is known to be still there, however long it has been silent.
-        generation_clue: to the controller's generation.
+        conversation: Conversation of the client.
+        first_call: First captured call.
+        last_call: Latest call.
+        call_count: Number of calls.
+        answered_count: Number of calls with a reply.
+        longest_pause_ns: Longest time between two calls in ns, not counting the pauses between set points.
+        service_start: Accepted Service_Start of this session.
+        connect_call: Accepted Controller_Connect.
+        session_end: Accepted Service_Stop or Controller_Disconnect since then.
+        motor_call: Latest accepted Motor.
+        motor_on: State that it switched to; None if unknown.
+        take_arm_call: Accepted TakeArm, until GiveArm.
+        robslave_start: Latest accepted start of the task RobSlave.
+        robslave_not_found: First refused Controller_GetTask for the task RobSlave.
+        last_motion: Latest accepted motion command outside slave mode.
+        mode_value: Value of the slave mode, 0 for off; None if unknown.
+        mode_entered_by: The slvChangeMode that entered `mode_value`.
+        mode_ended_by: Call that ended slave mode last.
+        uncleared_error: First error of the controller that the client has not cleared since.
+        error_was_read: The client read error details since `uncleared_error`.
+        type_was_read: The client read the type of the robot.
+        slow_call: Latest call without a reply, or with a reply after more than `SLOW_CALL_NS`; evicted calls
+            do not count.
+        may_be_answered: A stray reply was captured that may belong to one of its evicted calls.
+        opened_objects: Object that each handle was last given for.
+        released_by: Calls that released handles lately, by class and handle.
+        target_object: Object behind the handle of the current call; None if unknown.
+        recent_set_points: Latest set points of this slave-mode session.
+        known_present: The client is known to be still there, even if it is silent.
+        generation_clue: Clue to the controller's generation.
     """
 
     def __init__(self, first: Call) -> None:
@@ -162,29 +167,32 @@ class ClientState:
 
     @property
     def has_open_session(self) -> bool:
-        """Whether it opened something that it has not closed."""
+        """Whether the client started a session that it has not ended."""
         return (self.service_start is not None or self.connect_call is not None) and self.session_end is None
 
     @property
     def controller_closing(self) -> ConnectionEnd | None:
-        """How the controller ended its connection; None where it did not, or the client did first."""
+        """How the controller closed the connection; None if it did not, or if the client closed first."""
         closing = self.conversation.connection_end
         return closing if closing is not None and closing.by is Direction.RESPONSE else None
 
     @property
     def session_start_seen(self) -> bool:
-        """Whether its service session began in this capture."""
+        """Whether the capture holds the Service_Start of this session."""
         return self.service_start is not None
 
     @property
     def generation(self) -> Generation | None:
-        """The controller's generation, as far as what was said tells it."""
+        """Generation of the controller, as the traffic shows it; None if unknown."""
         asked = self.robslave_start is not None or self.robslave_not_found is not None
         return Generation.RC7 if asked else self.generation_clue.generation
 
     @property
     def slave_mode(self) -> SlaveMode | None:
-        """The slave mode that it has entered, by the controller's generation; None while it is off."""
+        """Slave mode that the client has entered; None while it is off.
+
+        If the controller's generation is unknown, the value is read as on an RC8.
+        """
         return (
             slave_mode_by_number(self.mode_value, self.generation or Generation.RC8)
             if self.mode_value
@@ -192,7 +200,7 @@ class ClientState:
         )
 
     def on_set_point(self, call: Call) -> None:
-        """Take a set point into account that was answered with S_OK."""
+        """Update the state with a set point that was answered with S_OK."""
         reply = call.reply
         if reply is not None and reply.time - call.request.time > SLOW_CALL_NS:
             self.slow_call = call
@@ -206,7 +214,7 @@ class ClientState:
             self.recent_set_points.append(call)
 
     def on_call(self, call: Call) -> None:
-        """Take a settled call into account, the one that `target_object` is about."""
+        """Update the state with a completed call. `target_object` must be that of this call."""
         self.call_count += 1
         self.longest_pause_ns = max(self.longest_pause_ns, call.request.time - self.last_call.last_activity)
         self.last_call = call
@@ -369,10 +377,10 @@ def _requested_name(call: Call) -> str:
 
 
 class ClientRegistry:
-    """All clients that were seen lately, by conversation."""
+    """Holds the state of the latest clients, by conversation."""
 
     def __init__(self, on_drop: Callable[[ClientState], None]) -> None:
-        """Tell `on_drop` about each client that is dropped to bound the memory."""
+        """Create an empty registry; it calls `on_drop` for each client that it drops to bound the memory."""
         self._on_drop = on_drop
         self._by_conversation: dict[Conversation, ClientState] = {}
         self._closed: deque[Conversation] = deque()
@@ -382,7 +390,7 @@ class ClientRegistry:
         return iter(self._by_conversation.values())
 
     def client_of(self, call: Call) -> ClientState:
-        """Return the client of a call, new if this is its first."""
+        """Return the client of a call; create it at its first call."""
         client = self._by_conversation.get(call.conversation)
         if client is None:
             self.clients_seen += 1
@@ -394,7 +402,10 @@ class ClientRegistry:
         return client
 
     def on_conversation_closed(self, conversation: Conversation) -> None:
-        """Take notice that a client is gone for good; the latest few are remembered, for the others' sake."""
+        """Mark a client as gone.
+
+        The latest `MAX_CLOSED_CLIENTS` are kept, because they explain calls of other clients.
+        """
         client = self._by_conversation.get(conversation)
         if client is None:
             return
@@ -406,7 +417,7 @@ class ClientRegistry:
                 self._on_drop(forgotten)
 
     def find(self, conversation: Conversation) -> ClientState | None:
-        """Return a client that has called; None for one that has not, or is forgotten."""
+        """Return a client; None if it has made no call or was dropped."""
         return self._by_conversation.get(conversation)
 
     def other_clients(self, client: ClientState) -> list[ClientState]:

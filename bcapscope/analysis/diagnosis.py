@@ -1,4 +1,4 @@
-"""All rules in one pass over the traffic."""
+"""Run all rules in one pass over the traffic."""
 
 from __future__ import annotations
 
@@ -23,18 +23,18 @@ from bcapscope.traffic.handle_tracker import HandleTracker
 from bcapscope.traffic.observation import Conversation, Flow, Observation
 
 MAX_CALL_KINDS = 4096
-"""Kinds of calls whose watchers are remembered; when more are met, all are forgotten and asked again."""
+"""Kinds of call for which the interested checkers are cached; a full cache is cleared."""
 
 MAX_FLOWS = 65536
-"""Flows that are known not to be new; when there are more, all are forgotten."""
+"""Flows that are known not to be new. When there are more, all are forgotten."""
 
 _CallHandler: TypeAlias = Callable[[Call, ClientState], None]
 
 
 class Diagnosis:
-    """Looks for what went wrong; memory is bounded, whatever the traffic.
+    """Finds what went wrong in the traffic, in bounded memory.
 
-    Every observation goes to `on_observation` and everything that a tracker makes of it to
+    Pass every observation to `on_observation`, and every result that a tracker makes of it to
     `on_pairing_result`.
     """
 
@@ -43,13 +43,13 @@ class Diagnosis:
         is_selected: Callable[[Call], bool] | None = None,
         on_slave_session: Callable[[SlaveSession], object] | None = None,
     ) -> None:
-        """Begin.
+        """Create a diagnosis.
 
         Args:
-            is_selected: tells which calls are asked about; None for all. What is found is told if it concerns
-                one of them or is what that follows from; all calls count for what happened before and after.
-            on_slave_session: is given each stay in slave mode of the calls asked about, for who wants those
-                as well.
+            is_selected: Returns whether a call is of interest; None for all calls. Only findings about
+                selected calls and their causes are reported. All calls count as context.
+            on_slave_session: Receives each slave-mode session; with `is_selected`, only those with selected
+                set points.
         """
         self._collector = FindingCollector()
         self._selection = (
@@ -90,13 +90,13 @@ class Diagnosis:
         self._flows: set[Flow] = set()
         self._first: Observation | None = None
         self._last: Observation | None = None
-        # The stay in slave mode of which the next set point is expected.
+        # The next set point is expected to belong to this client's slave-mode session.
         self._expected_client: ClientState
         self._expected_conversation: Conversation | None = None
         self._expected_kind: CallKind | None = None
 
     def on_observation(self, observation: Observation) -> None:
-        """See the next frame, or the next bytes that are none, before what the tracker makes of it."""
+        """Check the next frame, or bytes that are no frame, before the tracker's results for it."""
         item = observation.item
         if self._selection is not None:
             self._selection.on_observation(observation)
@@ -108,7 +108,7 @@ class Diagnosis:
                 look(observation)
 
     def on_pairing_result(self, settled: PairingResult) -> None:
-        """See a call that has settled, or a reply that belongs to none."""
+        """Check a completed call, or a reply that belongs to no call."""
         if self._selection is not None:
             self._selection.on_pairing_result(settled)
         if isinstance(settled, Call):
@@ -147,14 +147,14 @@ class Diagnosis:
             see(call, client)
         self._on_slave_sessions(self._session_detector.add_call(call))
         client.on_call(call)
-        # Of set points, of which there may be millions, the first of a stay is looked at by all, and then
-        # only those that went wrong.
+        # There may be millions of set points. All checkers see the first one of a slave-mode session; after
+        # that they see only those that went wrong.
         is_point = bool(client.recent_set_points) and client.recent_set_points[-1] is call
         self._expected_kind = call.kind if is_point else None
         self._expected_client, self._expected_conversation = client, call.conversation
 
     def _check_frame(self, observation: FrameObservation) -> None:
-        """Show a frame with problems; a large one was seen by now."""
+        """Show a frame with problems to the checkers; `on_observation` has already shown large ones."""
         if observation.item.problems and len(observation.item.raw) < CHECKED_FROM_BYTES:
             for look in self._suspect_frame_handlers:
                 look(observation)
@@ -169,7 +169,7 @@ class Diagnosis:
             self._on_selected_session(stay)
 
     def on_conversation_closed(self, conversation: Conversation) -> None:
-        """Let go of a conversation that is over, all of whose calls were taken."""
+        """Release what is kept for a closed conversation. All its calls must have been passed before."""
         self._flows = {flow for flow in self._flows if flow.conversation is not conversation}
         if conversation is self._expected_conversation:
             self._expected_conversation = self._expected_kind = None
@@ -180,11 +180,11 @@ class Diagnosis:
             forget(conversation)
 
     def finish(self, ended_at: int = 0, clients_present: bool = False) -> tuple[Finding, ...]:
-        """Tell all that was found, the first cause first; nothing more is to be taken after that.
+        """Return all findings, root cause first. Pass nothing more to this diagnosis afterwards.
 
         Args:
-            ended_at: when the traffic ended, nanoseconds since 1970; the last frame at the earliest.
-            clients_present: clients that fell silent are known to be still there.
+            ended_at: Time when the traffic ended, ns since 1970; the last frame counts if it is later.
+            clients_present: True if silent clients are known to be still there.
         """
         self._ended_at = max(self._ended_at, ended_at)
         if self._selection is not None:
@@ -198,12 +198,12 @@ class Diagnosis:
         return self._collector.findings(self._speech)
 
     def new_findings(self) -> tuple[Finding, ...]:
-        """Tell what was found since the last time; what it follows from shows when all is seen."""
+        """Return the findings that are new since the last call, without links to their causes."""
         return self._collector.new_findings(self._speech)
 
     @property
     def totals(self) -> TrafficTotals:
-        """How much was seen so far."""
+        """Amount of traffic so far."""
         first, last = self._first, self._last
         if first is None or last is None:
             return TrafficTotals(0, 0, 0, 0)
@@ -222,7 +222,7 @@ class Diagnosis:
         return max(self._ended_at, self._last.time if self._last is not None else 0)
 
     def _on_new_flow(self, observation: Observation) -> None:
-        """See a flow for the first time."""
+        """Register a flow at its first observation and show that to the checkers."""
         if self._first is None:
             self._first = observation
         if len(self._flows) >= MAX_FLOWS:

@@ -1,4 +1,4 @@
-"""What a diagnosis says: one finding a rule, in words for people, and how much was looked at."""
+"""Results of a diagnosis: findings, and the amount of traffic examined."""
 
 from __future__ import annotations
 
@@ -11,28 +11,28 @@ class Severity(StrEnum):
     """How much a finding matters."""
 
     ERROR = "error"
-    """Something did not happen that was asked for."""
+    """A request failed or had no effect."""
     WARNING = "warning"
-    """It went well, but it will not always."""
+    """The request worked this time, but will not always."""
     NOTE = "note"
-    """Worth knowing when reading the rest."""
+    """Background that helps to understand the other findings."""
 
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One cause, or one consequence.
+    """A root cause or a consequence.
 
     Attributes:
-        rule: id of the rule that found it.
-        severity: of the rule.
-        sentence: one sentence in plain English. It may hold strings from the wire as they came, so it has to
-            be escaped before it is shown.
-        frames: numbers of the frames that prove it, in order; where it happened more than once, those of one
-            time and of the first and last.
-        consequence_of: number of the finding, counted from 1 in the order in which they were given out, that
-            this one follows from; None where no earlier cause was found.
-        advice: what to do, one sentence.
-        source: where the rule is from.
+        rule: Id of the rule that found it.
+        severity: Severity of the rule.
+        sentence: One sentence in plain English. It may contain raw strings from the wire; escape it before
+            you show it.
+        frames: Numbers of the frames that prove it, in order. For several occurrences these are the frames of
+            one occurrence and of the first and last.
+        consequence_of: Number of the finding that caused this one, counted from 1 in the order of the report;
+            None if no cause was found.
+        advice: What to do, one sentence.
+        source: Source of the rule.
     """
 
     rule: str
@@ -45,15 +45,15 @@ class Finding:
 
 
 class TrafficTotals(NamedTuple):
-    """How much a diagnosis saw.
+    """Amount of traffic that a diagnosis examined.
 
     Attributes:
-        frames: frames and malformed items.
-        calls: calls.
-        clients: conversations that asked at least once.
-        duration_ns: from the first frame to the end.
-        not_followed: of the calls those that were let go before a reply was seen.
-        selected_calls: of the calls those that were asked for; None where all were.
+        frames: Number of frames and malformed items.
+        calls: Number of calls.
+        clients: Number of conversations with at least one call.
+        duration_ns: Time from the first frame to the end, ns.
+        not_followed: Number of calls that were evicted before a reply arrived.
+        selected_calls: Number of selected calls; None if all are selected.
     """
 
     frames: int

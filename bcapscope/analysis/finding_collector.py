@@ -1,4 +1,4 @@
-"""Incidents are collected here, tied to what they follow from, and told as findings."""
+"""Collect the occurrences that rules report, link each to its cause, and turn them into findings."""
 
 from __future__ import annotations
 
@@ -10,35 +10,38 @@ from bcapscope.analysis.rules.rule_checker import DiagnosisRule, Occurrence
 from bcapscope.analysis.speech import Speech, times
 
 MAX_KEPT = 32
-"""Incidents of one finding that are kept from the beginning, and as many from the end."""
+"""Occurrences of one finding that are kept from the beginning; as many are kept from the end."""
 
 MAX_FINDINGS = 16
-"""Findings of one rule, where it tells several apart; what comes beyond joins the first."""
+"""Findings of one rule that differ in their group key; further occurrences join the first of them."""
 
 MAX_CALLS = 256
-"""Calls whose incidents can be found by their number, the latest: what explains a call is not long ago. An
-incident may hold all that is known of a stay in slave mode, some 20 kB."""
+"""Calls whose occurrences can be found by call number: the latest ones.
+
+The cause of an occurrence is rarely long ago. One occurrence may hold all facts of a slave-mode session, some
+20 kB.
+"""
 
 MAX_FRAMES_NAMED = 16
 """Frames that a finding names."""
 
 _MAX_NAMED_STEPS = 3
-"""Consequences that the sentence of a root tells one by one."""
+"""Consequences that the sentence of a root cause names one by one."""
 
 _OPENERS = frozenset(("the", "your", "client", "a", "at", "that", "after", "frame", "another", "slave"))
-"""Words of ours that a sentence may begin with; names from the wire stay as they are."""
+"""First words of our own sentences, which get a capital letter. Names from the wire keep their spelling."""
 
 _RANK = {Severity.ERROR: 0, Severity.WARNING: 1, Severity.NOTE: 2}
 
 
 class FindingGroup:
-    """All incidents that become one finding.
+    """All occurrences that become one finding.
 
     Attributes:
-        rule: of all.
-        selected: whether it is to be told for itself, as its incidents are.
-        count: how many there were.
-        shown: the one that is told; set by `FindingCollector.findings`.
+        rule: Rule of all occurrences.
+        selected: True if the finding is reported for itself; False if only as the cause of another one.
+        count: Number of occurrences.
+        shown: Occurrence that the finding describes; `FindingCollector.findings` sets it.
     """
 
     def __init__(self, rule: DiagnosisRule, selected: bool) -> None:
@@ -51,32 +54,35 @@ class FindingGroup:
         self.shown: Occurrence
 
     def add(self, occurrence: Occurrence) -> None:
-        """Take one more."""
+        """Add an occurrence."""
         self.count += occurrence.count
         (self._earliest if len(self._earliest) < MAX_KEPT else self._latest).append(occurrence)
 
     def keep_cause(self, occurrence: Occurrence) -> None:
-        """Keep one that had consequences, whatever comes after it."""
+        """Keep an occurrence that had consequences, even if the limits would drop it."""
         if len(self._causes) < MAX_KEPT and occurrence not in self._causes:
             self._causes.append(occurrence)
 
     def __iter__(self) -> Iterator[Occurrence]:
-        """Yield those that are kept, each once."""
+        """Yield the kept occurrences, each once."""
         return iter(dict.fromkeys((*self._earliest, *self._causes, *self._latest)))
 
     @property
     def first(self) -> Occurrence:
-        """The one that began first, of those kept."""
+        """Kept occurrence that began first."""
         return min(self, key=lambda each: each.began)
 
     @property
     def last(self) -> Occurrence:
-        """The one that was over last, of those kept."""
+        """Kept occurrence that was complete last."""
         return max(self, key=lambda each: each.completed)
 
 
 class FindingCollector:
-    """Takes incidents in the order in which rules find them, which is not always that of their times."""
+    """Collects occurrences and builds findings.
+
+    Rules report occurrences in the order in which they find them, which is not always the order in time.
+    """
 
     def __init__(self) -> None:
         self._groups: dict[tuple[str, bool, str], FindingGroup] = {}
@@ -85,7 +91,7 @@ class FindingCollector:
         self._new_groups: list[FindingGroup] = []
 
     def add_occurrence(self, occurrence: Occurrence) -> None:
-        """Take an incident in."""
+        """Add an occurrence and look for its cause."""
         rule = occurrence.rule
         case = self._groups.get((rule.id, occurrence.selected, occurrence.group_key)) or self._open_group(
             occurrence
@@ -110,9 +116,10 @@ class FindingCollector:
         return case
 
     def _link_cause(self, occurrence: Occurrence) -> None:
-        """Look for what an incident follows from: the calls that it names, else what came last before it.
+        """Set the cause of an occurrence: a fault in the calls it names, else the latest possible cause.
 
-        Called again when all is known: what was found last may have come before, and fits better.
+        `findings` calls this again for every occurrence: a cause may be reported after its consequence, and
+        may fit better.
         """
         known, occurrence.cause = occurrence.cause, None
         likely = occurrence.rule.possible_causes
@@ -148,7 +155,10 @@ class FindingCollector:
                         yield each
 
     def new_findings(self, speech: Speech) -> tuple[Finding, ...]:
-        """Tell the cases that are new since the last time; what follows from what shows later."""
+        """Return a finding for each group that is new since the last call.
+
+        `consequence_of` is always None here; only `findings` links consequences to causes.
+        """
         new, self._new_groups = self._new_groups, []
         return tuple(
             Finding(
@@ -165,9 +175,10 @@ class FindingCollector:
         )
 
     def findings(self, speech: Speech) -> tuple[Finding, ...]:
-        """Tell all cases that are asked for and what these follow from.
+        """Return the selected findings and their causes.
 
-        Each root comes with its consequences behind it, the gravest and earliest root first.
+        Each root cause is followed by its consequences. Root causes are ordered by the gravest severity among
+        them and their consequences, then by time.
         """
         cases = list(self._groups.values())
         for case in cases:
@@ -189,7 +200,7 @@ class FindingCollector:
         )
 
     def _choose_shown(self, groups: Iterable[FindingGroup]) -> None:
-        """Choose the incident to be told: the first that has consequences, else the first."""
+        """Choose the occurrence that each finding describes: the first with consequences, else the first."""
         followed = {id(incident.cause) for case in groups for incident in case if incident.cause is not None}
         for case in groups:
             case.shown = min(case, key=lambda each: (id(each) not in followed, each.began, each.completed))
@@ -200,7 +211,7 @@ def _cause_rank(rule_id: str, likely: tuple[str, ...]) -> int:
 
 
 def _can_cause(cause: Occurrence, effect: Occurrence) -> bool:
-    """Tell whether one can be the cause of the other."""
+    """Return whether `cause` may be the cause of `effect`."""
     return cause is not effect and cause.began <= effect.completed and not _leads_to(cause, effect)
 
 
@@ -214,7 +225,7 @@ def _leads_to(start: Occurrence, goal: Occurrence) -> bool:
 
 
 def _parent_groups(groups: list[FindingGroup]) -> dict[int, FindingGroup]:
-    """Map each case to that of its chosen incident's cause, where this leads back to no case twice."""
+    """Map each group to the group that caused its shown occurrence; omit links that would close a cycle."""
     home = {id(incident): case for case in groups for incident in case}
     parents: dict[int, FindingGroup] = {}
     for case in sorted(groups, key=lambda each: each.shown.began):
@@ -229,7 +240,7 @@ def _parent_groups(groups: list[FindingGroup]) -> dict[int, FindingGroup]:
 
 
 def _selected_groups(groups: list[FindingGroup]) -> list[FindingGroup]:
-    """Leave off what is not asked for and leads to nothing that is."""
+    """Drop groups that are not selected and are no cause of a selected one."""
     parents = _parent_groups(groups)
     kept: set[int] = set()
     for case in groups:
@@ -241,7 +252,7 @@ def _selected_groups(groups: list[FindingGroup]) -> list[FindingGroup]:
 
 
 class _FindingOrder:
-    """The cases in the order in which they are told, and which follow from which."""
+    """The order of the findings, and which follows from which."""
 
     def __init__(self, groups: list[FindingGroup]) -> None:
         parents = _parent_groups(groups)
@@ -258,18 +269,18 @@ class _FindingOrder:
         return self._numbers[id(group)]
 
     def parent(self, group: FindingGroup) -> int | None:
-        """Return the number of what a case follows from."""
+        """Return the number of the finding that a group follows from; None for a root cause."""
         parent = self._parents.get(id(group))
         return None if parent is None else self.number(parent)
 
     def with_consequences(self, group: FindingGroup) -> Iterator[FindingGroup]:
-        """Yield a case and all that follows from it."""
+        """Yield a group and all its direct and indirect consequences."""
         yield group
         for child in self._children.get(id(group), ()):
             yield from self.with_consequences(child)
 
     def first_consequences(self, group: FindingGroup) -> Iterator[FindingGroup]:
-        """Yield what followed first from a case, what followed first from that, and so on."""
+        """Yield the first consequence of a group, then the first consequence of that, and so on."""
         while self._children.get(id(group)):
             group = self._children[id(group)][0]
             yield group
@@ -278,7 +289,7 @@ class _FindingOrder:
         return min(_RANK[each.rule.severity] for each in self.with_consequences(group))
 
     def explains_the_rest(self, group: FindingGroup) -> bool:
-        """Tell whether all that went wrong later follows from this case."""
+        """Return whether all later errors and warnings are consequences of this group."""
         family = {id(each) for each in self.with_consequences(group)}
         return all(
             id(each) in family
@@ -307,7 +318,7 @@ def _as_sentence(text: str) -> str:
 
 
 def _story(root: FindingGroup, order: _FindingOrder, speech: Speech) -> str:
-    """Tell what came of a root: the first few steps, then in sum."""
+    """Describe the consequences of a root cause: the first few one by one, then a summary."""
     text, time, told = "", root.shown.completed, 0
     for case in order.first_consequences(root):
         clause = None if case.shown.then is None else case.shown.then(speech, case.shown.completed - time)
@@ -328,7 +339,7 @@ def _story(root: FindingGroup, order: _FindingOrder, speech: Speech) -> str:
 
 
 def _frames(group: FindingGroup) -> tuple[int, ...]:
-    """Return the frames of the incident that is told and the ends of the first and the last."""
+    """Return the frames of the shown occurrence, plus those where the first began and the last ended."""
     frames = list(group.shown.frames)
     if len(frames) > MAX_FRAMES_NAMED:
         frames = [*frames[: MAX_FRAMES_NAMED // 2], *frames[-MAX_FRAMES_NAMED // 2 :]]

@@ -1,4 +1,4 @@
-"""All that a report tells of captures, gathered in one pass in memory that is bounded."""
+"""Gather the data of a report on captures, in one pass and in bounded memory."""
 
 from __future__ import annotations
 
@@ -29,38 +29,38 @@ from bcapscope.traffic.call_verdict import CallVerdict
 from bcapscope.traffic.observation import Conversation, Flow, Observation
 
 MAX_TIMELINES = 256
-"""Clients with a lane of their own."""
+"""Clients that have a timeline of their own."""
 
 MAX_COUNTED = 65536
-"""Clients without a lane that are counted."""
+"""Clients without a timeline that are counted."""
 
 MAX_RETRY_CHAINS = 12
-"""Calls of which every frame is told: the ones that were sent again most often, of those the slowest."""
+"""Calls of which the report shows every frame: those with the most retries, among equals the slowest."""
 
 LARGEST_RETRY_CHAIN = 2 << 20
-"""Bytes of a call's frames beyond which its chain is counted and not shown."""
+"""Size of a call's frames in bytes; a larger retry chain is counted and not shown."""
 
 MAX_DAMAGED = 20
-"""Damaged frames that are told one by one, the first ones."""
+"""Damaged frames that are listed one by one, the first ones."""
 
 MAX_DAMAGED_BYTES = 24
 """Bytes of a damaged frame that are kept."""
 
 MAX_SESSIONS = 256
-"""Stays in slave mode that are kept; further ones are counted."""
+"""Slave-mode sessions that are kept; further ones are counted."""
 
 
 class DamagedFrame(NamedTuple):
     """A frame with problems, or bytes that are no frame.
 
     Attributes:
-        frame: its number.
-        time: nanoseconds since 1970.
-        flow: who spoke to whom.
-        length: bytes there are.
-        raw: the first of them.
-        problems: what is wrong.
-        missing_bytes: bytes that are missing in a stream at that place.
+        frame: Frame number.
+        time: Time, ns since 1970.
+        flow: Conversation and direction.
+        length: Number of bytes.
+        raw: The first `MAX_DAMAGED_BYTES` bytes.
+        problems: What is wrong.
+        missing_bytes: Bytes that the capture lacks at that place in a stream.
     """
 
     frame: int
@@ -77,10 +77,10 @@ class ClientTimeline:
     """One client over time.
 
     Attributes:
-        conversation: between whom.
-        calls: how many.
-        activity: when it made calls, and how many.
-        events: what happened, by kind.
+        conversation: Conversation of the client.
+        calls: Number of calls.
+        activity: Periods in which it made calls, with the number of calls.
+        events: Notable events by kind.
     """
 
     conversation: Conversation
@@ -91,24 +91,24 @@ class ClientTimeline:
 
 @dataclass(frozen=True, slots=True)
 class ReportData:
-    """What captures hold.
+    """Contents of captures, for a report.
 
     Attributes:
-        start: time of the first frame, nanoseconds since 1970.
-        end: of the last.
-        totals: how much there was.
-        findings: of all rules, the first cause first.
-        statistics: None where there are no calls.
-        timelines: the clients that called most first.
-        timelines_left_off: clients without a lane.
-        slave_sessions: in slave mode, in the order in which they began.
-        slave_sessions_left_off: stays beyond those.
-        verdicts: calls that were not just answered or refused, by what they suffered.
-        retry_chains: the worst of those that were sent again, in order of time.
-        retried_calls: calls that were sent again.
-        stray_replies: replies that belong to no call.
-        damaged_frames: the first damaged frames.
-        damaged_count: how many there are.
+        start: Time of the first frame, ns since 1970.
+        end: Time of the last frame, ns since 1970.
+        totals: Amount of traffic.
+        findings: Findings of all rules, root cause first.
+        statistics: Statistics of the calls; None without calls.
+        timelines: Clients, the one with the most calls first.
+        timelines_left_off: Number of clients without a timeline.
+        slave_sessions: Slave-mode sessions in the order in which they began.
+        slave_sessions_left_off: Number of slave-mode sessions beyond `MAX_SESSIONS`.
+        verdicts: Number of calls by verdict, without those that were just answered or refused.
+        retry_chains: The calls with the most retries, in order of time.
+        retried_calls: Number of calls with retries.
+        stray_replies: Number of replies that belong to no call.
+        damaged_frames: The first damaged frames.
+        damaged_count: Number of damaged frames.
     """
 
     start: int
@@ -132,14 +132,17 @@ _Badness: TypeAlias = "tuple[int, int, int]"
 
 
 class ReportDataBuilder:
-    """Takes in observations and what a tracker makes of them, each observation first."""
+    """Gathers report data from observations and from what a tracker makes of them.
+
+    Pass each observation before the tracker's results for it.
+    """
 
     def __init__(self, is_selected: Callable[[Call], bool] | None = None) -> None:
-        """Begin.
+        """Create an empty builder.
 
         Args:
-            is_selected: tells which calls are asked about; None for all. What is damaged is told all the
-                same.
+            is_selected: Returns whether a call is of interest; None for all calls. Damaged frames are
+                reported in any case.
         """
         self._is_selected = is_selected
         self._diagnosis = Diagnosis(is_selected, self._keep_session)
@@ -156,7 +159,7 @@ class ReportDataBuilder:
         self._damaged: list[DamagedFrame] = []
 
     def on_observation(self, observation: Observation) -> None:
-        """See the next frame, or the next bytes that are none."""
+        """Add the next frame, or the next bytes that are no frame."""
         self._diagnosis.on_observation(observation)
         time = observation.time
         if self._start is None or time < self._start:
@@ -166,7 +169,7 @@ class ReportDataBuilder:
             self._add_damaged(observation)
 
     def on_pairing_result(self, settled: PairingResult) -> None:
-        """See a call that has settled, or a reply that belongs to none."""
+        """Add a completed call, or a reply that belongs to no call."""
         self._diagnosis.on_pairing_result(settled)
         if isinstance(settled, StrayReply):
             self._stray_replies += 1
@@ -178,10 +181,10 @@ class ReportDataBuilder:
             self._on_call(settled)
 
     def finish(self, ended_at: int = 0) -> ReportData | None:
-        """Tell all; None where nothing was seen.
+        """Return the data of the report; None without any observation.
 
         Args:
-            ended_at: when the traffic ended, nanoseconds since 1970; the last frame at the earliest.
+            ended_at: Time when the traffic ended, ns since 1970; the last frame counts if it is later.
         """
         if self._start is None:
             return None
@@ -262,7 +265,7 @@ class ReportDataBuilder:
 
 
 class _TimelineBuilder:
-    """A lane in the making."""
+    """Builds the timeline of one client."""
 
     def __init__(self, conversation: Conversation) -> None:
         self.call_count = 0
@@ -271,7 +274,6 @@ class _TimelineBuilder:
         self._events: dict[TimelineEventKind, TimelineEventList] = {}
 
     def add_call(self, call: Call, plain: bool) -> None:
-        """Take in a call."""
         self.call_count += 1
         request = call.request
         self._activity.add(TimelineEvent(request.time, call.last_activity, 1, request.number))
@@ -281,7 +283,6 @@ class _TimelineBuilder:
                 self.add_event(kind, mark)
 
     def add_event(self, kind: TimelineEventKind, event: TimelineEvent) -> None:
-        """Set a mark."""
         marks = self._events.get(kind)
         if marks is None:
             marks = self._events[kind] = TimelineEventList(MAX_EVENTS)
@@ -293,7 +294,7 @@ class _TimelineBuilder:
 
 
 def _event_kinds(call: Call) -> Sequence[TimelineEventKind]:
-    """Tell what happened to a call, the most telling thing about its way first and only that."""
+    """Return the events of a call: at most one about attempts, the gravest, and one about its result."""
     kinds = []
     verdict = call.verdict
     if verdict is CallVerdict.EXECUTED_TWICE:

@@ -1,4 +1,4 @@
-"""What happened when, with as many entries as a picture can show, however long the traffic is."""
+"""Events over time, in as many entries as a picture can show, however long the traffic is."""
 
 from __future__ import annotations
 
@@ -8,17 +8,19 @@ from typing import NamedTuple
 from bcapscope.traffic.call_kind import CallKind
 
 ACTIVITY_PAUSE_NS = 500_000_000
-"""Calls that are less apart belong to one spell of activity, as long as there is room for all spells."""
+"""Pause between calls, in ns, that splits activity into two periods. It grows when there are too many
+periods.
+"""
 
 MAX_ACTIVITY_PERIODS = 512
-"""Spells of one client."""
+"""Activity periods of one client."""
 
 MAX_EVENTS = 256
-"""Marks of one kind and one client."""
+"""Events of one kind and one client."""
 
 
 class TimelineEventKind(StrEnum):
-    """What a mark stands for."""
+    """Kind of event on a timeline."""
 
     RETRIED = "sent again"
     LATE = "reply came too late"
@@ -33,12 +35,12 @@ class TimelineEvent(NamedTuple):
     """Something that happened, once or several times in a row.
 
     Attributes:
-        begin: of the first, nanoseconds since 1970.
-        end: of the last.
-        occurrences: how many.
-        frame: of the first.
-        call_kind: of the first; None for what is no call, and for spells of activity.
-        hresult: of the first; None where it has none.
+        begin: Start of the first occurrence, ns since 1970.
+        end: End of the last occurrence, ns since 1970.
+        occurrences: Number of occurrences.
+        frame: Frame number of the first occurrence.
+        call_kind: Kind of the first call; None for activity periods and events without a call.
+        hresult: Result code of the first call; None without one.
     """
 
     begin: int
@@ -50,21 +52,21 @@ class TimelineEvent(NamedTuple):
 
 
 class TimelineEventList:
-    """Takes marks in, roughly in order of time, and joins neighbours when there are too many."""
+    """Collects events roughly in order of time; joins neighbours when there are too many."""
 
     def __init__(self, most: int, pause: int = 0) -> None:
-        """Begin.
+        """Create an empty list.
 
         Args:
-            most: marks that are kept.
-            pause: nanoseconds by which two have to be apart to stay two; grows when there are too many.
+            most: Number of events to keep.
+            pause: Events closer than this many ns are joined; the value grows when there are too many.
         """
         self._most = most
         self._pause = pause
         self._events: list[TimelineEvent] = []
 
     def add(self, event: TimelineEvent) -> None:
-        """Take one more."""
+        """Add an event."""
         self._append(event)
         while len(self._events) > self._most:
             lasted = max(self._events[-1].end - self._events[0].begin, 0)
@@ -75,7 +77,7 @@ class TimelineEventList:
 
     @property
     def all(self) -> tuple[TimelineEvent, ...]:
-        """The marks so far."""
+        """The events so far."""
         return tuple(self._events)
 
     def _append(self, event: TimelineEvent) -> None:

@@ -31,7 +31,7 @@ CHECKERS: tuple[type[RuleChecker], ...] = (
     ),
     *(PacingChecker, LimitChecker, RefusalChecker, SlaveModeChecker, ErrorChecker, PollingChecker),
 )
-"""All watchers, in the order in which they see a call."""
+"""All checkers, in the order in which they see a call."""
 
 RULES: tuple[DiagnosisRule, ...] = tuple(
     dict.fromkeys(rule for watcher in CHECKERS for rule in watcher.rules)

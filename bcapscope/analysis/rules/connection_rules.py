@@ -1,4 +1,4 @@
-"""How TCP connections end."""
+"""Rules about how TCP connections end."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ CONTROLLER_HUNG_UP = DiagnosisRule(
 
 
 class ConnectionChecker(RuleChecker):
-    """Looks at who ended a connection."""
+    """Checks which end closed a connection."""
 
     rules = (CONTROLLER_HUNG_UP,)
 
@@ -39,7 +39,7 @@ class ConnectionChecker(RuleChecker):
 
     def on_conversation_closed(self, conversation: Conversation) -> None:
         client = self.clients.find(conversation)
-        if client is not None:  # it is remembered for a while, but its connection is over
+        if client is not None:  # the client stays registered for a while, but its connection is closed
             self._judged_conversations.add(conversation)
             self._check_closing(client)
 

@@ -1,4 +1,4 @@
-"""Errors of the controller: not cleared, cleared unread, and all that no other rule tells."""
+"""Rules about controller errors: not cleared, cleared unread, and all errors without a rule of their own."""
 
 from __future__ import annotations
 
@@ -95,7 +95,7 @@ _TIMEOUT_CODES = (E_TIMEOUT, 0x8150012D, 0x81500151, 0x82201F92, 0x82201694, 0x8
 
 
 class _CallsAfterError:
-    """What a client did after an error that it has not cleared."""
+    """Calls that a client made after an error that it has not cleared."""
 
     def __init__(self, failure: Call) -> None:
         self.error_call = failure
@@ -104,7 +104,7 @@ class _CallsAfterError:
 
 
 class ErrorChecker(RuleChecker):
-    """Looks at what a client does after an error."""
+    """Checks what a client does after an error."""
 
     rules = (WENT_ON_AFTER_ERROR, CLEARED_UNREAD)
 
@@ -170,7 +170,7 @@ class ErrorChecker(RuleChecker):
 
 
 def _only_stops(call: Call) -> bool:
-    """Tell whether a call only stops or lets go, which is right after an error."""
+    """Return whether a call only stops or releases something, which is right after an error."""
     return always_passes(call.kind.function_id, [each.variant for each in call.request.item.arguments])
 
 

@@ -1,4 +1,4 @@
-"""Set points that ask too much of an axis, or begin somewhere else than the robot is."""
+"""Rules about set points that demand too much of an axis, or that start away from the robot's position."""
 
 from __future__ import annotations
 
@@ -96,7 +96,7 @@ _FAR_DISTANCE = 1.0
 
 
 class LimitChecker(RuleChecker):
-    """Looks at where set points lead."""
+    """Checks the commanded motion."""
 
     rules = (OVER_LIMIT, BEYOND_RANGE, INVALID_SET_POINT, NOT_FINITE, FAR_FIRST_POINT, SET_POINT_JUMP)
 

@@ -1,4 +1,4 @@
-"""Handles: used wrongly, and never given back."""
+"""Rules about handles: wrong use, and handles that are never released."""
 
 from __future__ import annotations
 
@@ -54,14 +54,14 @@ _MAX_NAMES = 4096
 
 
 class _HandleTally:
-    """Handles of one object that are open now, and at most."""
+    """Number of open handles of one object, now and at most."""
 
     def __init__(self) -> None:
         self.open = self.most = 0
 
 
 class ObjectChecker(RuleChecker):
-    """Counts what is opened and not released."""
+    """Counts objects that are opened and not released."""
 
     rules = (HANDLE_LEAK,)
 
@@ -107,7 +107,7 @@ class ObjectChecker(RuleChecker):
             self._report_leak(call, kind, name, tally)
 
     def _least_relevant(self) -> tuple[Conversation, ObjectClass, str]:
-        """Return an object that is not open twice, the first one; the first of all where there is none."""
+        """Return the first object with at most one open handle, or else the first object."""
         single = (key for key, tally in self._tallies.items() if tally.open <= 1)
         return next(single, next(iter(self._tallies)))
 
@@ -124,7 +124,7 @@ class ObjectChecker(RuleChecker):
 
 
 def _may_be_released(call: Call) -> bool:
-    """Tell whether a release was answered, or may have been."""
+    """Return whether a release was answered, or may have been."""
     return call.reply is not None or call.evicted
 
 

@@ -1,4 +1,4 @@
-"""Set points that come too late, too fast, or out of step with the controller's 8 ms."""
+"""Rules about set points that come too late, too fast, or out of step with the controller's 8 ms."""
 
 from __future__ import annotations
 
@@ -90,7 +90,7 @@ _MAX_REPORTED = 64
 
 
 class PacingChecker(RuleChecker):
-    """Looks at when set points came."""
+    """Checks the timing of set points."""
 
     rules = (SET_POINT_GAP, UNDERFLOW, OVERFLOW, OFF_GRID, REPLIES_DO_NOT_PACE)
 
@@ -102,8 +102,9 @@ class PacingChecker(RuleChecker):
         return health is CallHealth.REFUSED
 
     def on_call(self, call: Call, client: ClientState) -> None:
-        """Look for the pause that explains an empty buffer; `on_slave_session` comes later and knows less of
-        it.
+        """Look for the pause that explains an empty buffer.
+
+        `on_slave_session` comes later and knows less about it.
         """
         pair = _longest_pause(call, client) if call.hresult in _EMPTY_CODES else None
         if pair is None:
@@ -193,13 +194,13 @@ class PacingChecker(RuleChecker):
 
 
 def _buffer_slack_ns(client: ClientState) -> int:
-    """Return how long the controller's buffer lasts, in nanoseconds, as far as the mode is known."""
+    """Return how long the controller's buffer lasts, in ns; for an unknown mode, assume `DEFAULT_SLOTS`."""
     mode = client.slave_mode if client.mode_entered_by else None
     return round(slack_ms(DEFAULT_SLOTS if mode is None else mode.buffer_slots) * MS)
 
 
 def _longest_pause(call: Call, client: ClientState) -> tuple[Call, Call] | None:
-    """Return the set points around the longest of the last pauses, if it is longer than the buffer lasts."""
+    """Return the set points on both sides of the longest recent pause; None if the buffer bridges it."""
     points = (
         [*client.recent_set_points, call]
         if folded_command(call.kind) == "slvmove"

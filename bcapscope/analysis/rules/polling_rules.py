@@ -1,4 +1,4 @@
-"""Reading value by value: where the line's time goes."""
+"""Rule about reading values one by one, which takes up much of the line time."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _MAX_NAMES = 256
 
 
 class _VariableReads:
-    """Reads of one client."""
+    """Variable reads of one client."""
 
     def __init__(self, call: Call) -> None:
         self.first = self.last = call
@@ -50,7 +50,7 @@ class _VariableReads:
 
 
 class PollingChecker(RuleChecker):
-    """Counts the calls that read one value."""
+    """Counts the calls that read a single value."""
 
     rules = (POLLING,)
 

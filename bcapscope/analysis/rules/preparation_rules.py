@@ -1,4 +1,4 @@
-"""What must be done before the robot moves: program, standstill, arm, motor, mode, permission."""
+"""Rules about what must happen before the robot moves: program, standstill, arm, motor, mode, permission."""
 
 from __future__ import annotations
 
@@ -157,7 +157,7 @@ _TOKEN_CODES = (
 _LICENCE_CODES = (0x80000901, 0x8000020C, 0x83500009, 0x83500126)
 _RESET_CODES = (0x83500372, 0x81501069, 0x81501070)
 _SWITCHES_OFF = 4
-"""Errors of this level stop all axes and switch the motor off; of those below it, the list does not say."""
+"""Errors of this level stop all axes and switch the motor off; the list does not say so for lower levels."""
 _MOTOR_CODES = (0x81501003, 0x2006, 0x80002006)
 _ARM_CODES = (E_ARM_NOT_TAKEN, 0x21F7, 0x800021F7)
 
@@ -166,7 +166,7 @@ _JUST_BEFORE_NS = 5 * SECOND
 
 
 class PreparationChecker(RuleChecker):
-    """Looks at what came before slave mode and the first motion."""
+    """Checks what happens before slave mode and before the first motion."""
 
     rules = (NO_AT_E, TYPE_NOT_CHECKED)
 
@@ -206,7 +206,7 @@ class PreparationChecker(RuleChecker):
     def _check_type_read(self, call: Call, client: ClientState) -> None:
         if client.type_was_read or client.last_motion is not None or not client.session_start_seen:
             return
-        client.type_was_read = True  # once is enough
+        client.type_was_read = True  # report it only once per client
         self.report_call(
             TYPE_NOT_CHECKED,
             call,
@@ -218,7 +218,7 @@ class PreparationChecker(RuleChecker):
 
 
 def _moves_robot(call: Call) -> bool:
-    """Tell whether a call moves the robot's arm."""
+    """Return whether a call moves the robot's arm."""
     function_id, command = call.kind
     if function_id in _MOTION_FUNCTIONS:
         return True
@@ -237,7 +237,7 @@ def _requests_mode(call: Call) -> bool:
 
 
 def _pass_of(motion: Call) -> str:
-    """Return the pass of a motion as it was asked for, such as `@P` or `@0`; empty where it names none."""
+    """Return the pass option of a motion as requested, such as `@P` or `@0`; empty without one."""
     for index in (2, 3):
         found = _pass_in(argument(motion, index))
         if found:

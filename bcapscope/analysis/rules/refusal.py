@@ -1,4 +1,4 @@
-"""Refused calls: which rule tells a refusal, decided once for each."""
+"""Refused calls: each is assigned to one rule."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ class RefusalReason(NamedTuple):
     """What is known about the reason of a refusal.
 
     Attributes:
-        text: adds to the sentence, after a colon; None for nothing.
-        say: the whole sentence, where the usual one will not do.
-        then: the clause for the sentence of its cause, where the usual one will not do.
-        explaining_calls: numbers of calls that explain it.
-        evidence_call: a call whose frames help to prove it.
-        group_key: tells findings of one rule apart.
-        advice: for this case.
+        text: Returns text to add to the sentence after a colon; None for nothing.
+        say: Returns the whole sentence, if the usual one does not fit.
+        then: Returns the clause for the sentence of the cause, if the usual one does not fit.
+        explaining_calls: Numbers of calls that explain the refusal.
+        evidence_call: Call whose frames help to prove it.
+        group_key: Separates findings of one rule.
+        advice: Advice for this case.
     """
 
     text: Callable[[Speech], str] | None = None
@@ -35,18 +35,18 @@ class RefusalReason(NamedTuple):
 
 
 NO_REASON = RefusalReason()
-"""Nothing is known but the code."""
+"""Only the result code is known."""
 
 ExplainRefusal: TypeAlias = Callable[[Call, ClientState, ClientRegistry], "RefusalReason | None"]
 
 
 class Refusal(NamedTuple):
-    """One way to be refused.
+    """One kind of refusal.
 
     Attributes:
-        rule: that tells it.
-        codes: results that it is about; empty for any.
-        explain: looks for the reason; None where it is not about this call after all.
+        rule: Rule that reports it.
+        codes: Result codes that it covers; empty for any.
+        explain: Returns the reason; None if this refusal does not apply to the call.
     """
 
     rule: DiagnosisRule
@@ -55,17 +55,17 @@ class Refusal(NamedTuple):
 
 
 def make_refusal(rule: DiagnosisRule, codes: Iterable[int], explain: ExplainRefusal | None = None) -> Refusal:
-    """Make a `Refusal`; without `explain`, code and call say it all."""
+    """Return a `Refusal`. Without `explain` the sentence shows only call and result code."""
     return Refusal(rule, frozenset(codes), explain or (lambda call, client, clients: NO_REASON))
 
 
 def fixed_reason(text: str) -> RefusalReason:
-    """Make a reason of one text."""
+    """Return a reason with a constant text."""
     return RefusalReason(lambda speech: text)
 
 
 def usual_sentence(call: Call, code: int, why: RefusalReason) -> Callable[[Speech], str]:
-    """Return the sentence of a refusal."""
+    """Return a function that builds the usual sentence about a refusal."""
 
     def say(speech: Speech) -> str:
         who, when = speech.client(call.conversation), speech.at(call.request.time)
@@ -76,7 +76,7 @@ def usual_sentence(call: Call, code: int, why: RefusalReason) -> Callable[[Speec
 
 
 def usual_clause(call: Call, code: int) -> Callable[[Speech, int], str]:
-    """Return how a refusal is told as a consequence."""
+    """Return a function that builds the usual clause about a refusal as a consequence."""
 
     def then(speech: Speech, after: int) -> str:
         when = f" {span(after)} later" if after > 0 else ""

@@ -1,4 +1,4 @@
-"""Refused calls, told by the first of many rules that fits."""
+"""Assign each refused call to the first rule that fits."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ REFUSALS: tuple[Refusal, ...] = (
     *request_rules.REFUSALS,
     *error_rules.REFUSALS,
 )
-"""All ways to be refused, the particular ones before the general; the last fits any."""
+"""All kinds of refusal, specific ones before general ones; the last one fits any."""
 
 
 class RefusalChecker(RuleChecker):
-    """Gives each refused call to the one rule that tells it."""
+    """Reports each refused call under exactly one rule."""
 
     rules = tuple(dict.fromkeys(each.rule for each in REFUSALS))
 

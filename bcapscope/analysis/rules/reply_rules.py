@@ -1,4 +1,4 @@
-"""Replies that came too late, twice or never."""
+"""Rules about replies that came too late, twice or never."""
 
 from __future__ import annotations
 
@@ -137,7 +137,7 @@ _MAX_REQUESTING = 65536
 
 
 class ReplyChecker(RuleChecker):
-    """Judges calls that did not go smoothly by when their replies came."""
+    """Checks calls that did not go smoothly by the times of their replies."""
 
     rules = (
         LATE_REPLY,
@@ -259,7 +259,7 @@ class ReplyChecker(RuleChecker):
         closing = call.conversation.connection_end
         by_client = closing is not None and closing.by is Direction.REQUEST and not gone_on
         if by_client and call.kind.function_id == ID["Service_Stop"]:
-            return  # nobody waits for that one
+            return  # the client does not wait for this reply
 
         def say(speech: Speech) -> str:
             text = f"at {speech.at(call.request.time)} {name} was sent {times(tries)} and never answered"
@@ -369,10 +369,10 @@ class ReplyChecker(RuleChecker):
 
 
 def _waited_for_room(call: Call, client: ClientState) -> bool:
-    """Tell whether a set point was only answered when it was taken, as it is in a waiting mode.
+    """Return whether the controller delayed the reply to a set point until its buffer had room.
 
-    With the time-out of 2 ms that DENSO recommends for these modes it is sent again meanwhile, and if one of
-    those packets was lost, that did no harm.
+    It does so in modes whose replies wait. DENSO recommends a time-out of 2 ms for these modes, so the client
+    retries in the meantime. A lost packet among these attempts does no harm.
     """
     mode, latency = client.slave_mode, call.latency
     if mode is None or not mode.paces_client or latency is None:
@@ -381,7 +381,7 @@ def _waited_for_room(call: Call, client: ClientState) -> bool:
 
 
 class _AttemptIndex:
-    """The tries of a call by serial and by time: of both tries and replies there may be thousands."""
+    """Finds attempts of a call by serial and time; a call may have thousands of attempts and replies."""
 
     def __init__(self, call: Call) -> None:
         self._call = call
@@ -391,12 +391,12 @@ class _AttemptIndex:
             self._by_serial.setdefault(each.item.serial, []).append(each)
 
     def answered_by(self, reply: FrameObservation) -> FrameObservation:
-        """Return the latest try that a reply can answer."""
+        """Return the latest attempt that a reply can answer."""
         tries = [each for each in self._by_serial.get(reply.item.serial, ()) if each.time <= reply.time]
         return tries[-1] if tries else self._call.request
 
     def given_up_at(self, reply: FrameObservation) -> int:
-        """Return when the client stopped waiting for a reply that came later; 0 where it did not."""
+        """Return when the client gave up the attempt that `reply` answers, ns since 1970; 0 if it did not."""
         tried, gone_on = self.answered_by(reply).time, self._call.abandoned_at
         after = bisect_right(self._times, tried)
         if after < len(self._times) and self._times[after] <= reply.time:

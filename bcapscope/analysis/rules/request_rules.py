@@ -1,4 +1,4 @@
-"""Requests whose arguments or command are not what the controller takes."""
+"""Rules about requests with a command or arguments that the controller does not accept."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ _MAX_CHECKED = 4096
 
 
 class RequestChecker(RuleChecker):
-    """Looks at the arguments of the calls that slave mode consists of, once for each client and stay."""
+    """Checks each mode, and the first set point of each slave-mode session."""
 
     rules = (UNUSUAL_ARGUMENT,)
 
@@ -201,7 +201,7 @@ def _explain_argument(call: Call, client: ClientState, clients: ClientRegistry) 
 
 
 def _odd_types(call: Call) -> str:
-    """Tell which argument has another type than the function or the command takes."""
+    """Describe the first mismatch in number or type of the arguments; empty if they all fit."""
     function, arguments = FUNCTIONS.get(call.kind.function_id), call.request.item.arguments
     if function is None:
         return f"{call.kind.function_id} is no function, there are 137"

@@ -1,4 +1,4 @@
-"""Retries that break the rules, and serials that lead to mistakes."""
+"""Rules about improper retries, and about serials that can be confused."""
 
 from __future__ import annotations
 
@@ -98,7 +98,7 @@ _PERIOD_NS = 8 * MS
 
 
 class RetryChecker(RuleChecker):
-    """Looks at how tries follow each other."""
+    """Checks how the attempts of a call follow each other."""
 
     rules = (
         RETRY_IN_ASYNC,
@@ -281,7 +281,7 @@ def _is_same_request(one: Call, other: Call) -> bool:
 
 
 def _may_hold_position(client: ClientState) -> bool:
-    """Tell whether the last call is a set point that the next may equal, as the robot is to stand still."""
+    """Return whether the last call is a set point that the next may repeat because the robot stands still."""
     last = client.last_call
     if folded_command(last.kind) != "slvmove":
         return False
@@ -290,5 +290,5 @@ def _may_hold_position(client: ClientState) -> bool:
 
 
 def _answered_before(before: Call, call: Call) -> bool:
-    """Tell whether a call was answered before another was sent, or may have been."""
+    """Return whether a call was answered before another was sent, or may have been."""
     return before.evicted or (before.reply is not None and before.reply.time <= call.request.time)

@@ -1,4 +1,4 @@
-"""What a rule is, and the base of what looks for it."""
+"""Definition of a rule, of its occurrences, and the base class of the checkers."""
 
 from __future__ import annotations
 
@@ -19,21 +19,21 @@ SECOND = 1_000_000_000
 MS = 1_000_000
 
 SAME_CALL = 0
-"""The reach of a rule whose cause is something about the same call."""
+"""Value of `cause_within_ns` for a rule whose cause is in the same call."""
 
 
 @dataclass(frozen=True, slots=True)
 class DiagnosisRule:
-    """One thing that can be wrong, as data.
+    """A check that `diagnose` makes, as data.
 
     Attributes:
-        id: short name, used in JSON.
-        severity: how much it matters.
-        description: what it finds, one clause for the list of rules.
-        advice: what to do about it, one sentence.
-        source: where the fact is from.
-        possible_causes: ids of rules that can be its cause.
-        cause_within_ns: a cause is looked for that many nanoseconds back.
+        id: Short name, used in JSON.
+        severity: How much it matters.
+        description: What the rule finds, one clause for the list of rules.
+        advice: What to do about it, one sentence.
+        source: Source of the fact.
+        possible_causes: Ids of the rules that can be its cause.
+        cause_within_ns: How far back a cause is looked for, ns.
     """
 
     id: str
@@ -47,23 +47,23 @@ class DiagnosisRule:
 
 @dataclass(slots=True, eq=False)
 class Occurrence:
-    """One time that a rule fired.
+    """One instance of a problem that a rule found.
 
     Attributes:
-        rule: which.
-        began: when it began, nanoseconds since 1970; what comes first is the cause.
-        completed: when it was complete; what follows is counted from here.
-        conversation: whose it is.
-        frames: numbers of the frames that prove it.
-        say: makes the sentence, without its full stop.
-        then: makes the clause that tells it as a consequence, given the nanoseconds since its cause.
-        call: number of the call that it is about; 0 for none.
-        explaining_calls: numbers of calls that explain it, if something is wrong with them.
-        group_key: incidents of a rule with different keys are different findings.
-        advice: what to do in this case; empty for what the rule says.
-        count: how many times it stands for, where not all are listed one by one.
-        cause: what it follows from, once that is known.
-        selected: whether it is to be told for itself; otherwise only as the cause of what is.
+        rule: Rule that found it.
+        began: Start, ns since 1970; a cause starts no later than its consequence ends.
+        completed: End, ns since 1970; delays of consequences count from here.
+        conversation: Conversation of the client concerned.
+        frames: Numbers of the frames that prove it.
+        say: Returns the sentence, without the full stop.
+        then: Returns the clause that describes it as a consequence, given the ns since its cause.
+        call: Number of the call concerned; 0 for none.
+        explaining_calls: Numbers of calls that explain it, if something is wrong with them.
+        group_key: Occurrences of a rule with different keys become different findings.
+        advice: What to do in this case; empty for the advice of the rule.
+        count: Number of times it stands for, if they are not listed one by one.
+        cause: Occurrence that caused it, once known.
+        selected: True to report it for itself; False to report it only as a cause of another one.
     """
 
     rule: DiagnosisRule
@@ -86,20 +86,20 @@ OccurrenceSink: TypeAlias = Callable[[Occurrence], None]
 
 
 class CallHealth(Enum):
-    """How a call went, for choosing who looks at it."""
+    """How a call went; checkers use it to choose the calls that they check."""
 
     SMOOTH = "smooth"
     """One request, one reply, success."""
     REFUSED = "refused"
-    """The reply was a failure."""
+    """The reply reports a failure."""
     TROUBLED = "troubled"
-    """Tried more than once, or not answered, or more came than a request and its reply; no failure."""
+    """No failure, but retries, no reply, or more frames than one request and one reply."""
 
 
 class RuleChecker:
-    """Looks for one rule or a few that need the same knowledge, in one pass and in bounded memory.
+    """Checks one rule, or a few that need the same data, in one pass and in bounded memory.
 
-    A watcher overrides the methods for what it needs to see.
+    A subclass overrides the methods for the events that it needs.
     """
 
     rules: ClassVar[tuple[DiagnosisRule, ...]]
@@ -122,19 +122,19 @@ class RuleChecker:
         group_key: str = "",
         advice: str = "",
     ) -> None:
-        """Report what is wrong with a call.
+        """Report a problem of a call.
 
         Args:
-            rule: what it is.
-            call: the call.
-            say: as in `Occurrence`, as all that follows.
-            then: likewise.
-            evidence_call: another call whose frames prove it.
-            explaining_calls: numbers of calls that explain it.
-            began: 0 for the first request.
-            completed: 0 for the last frame of the call.
-            group_key: tells findings of one rule apart.
-            advice: for this case.
+            rule: Rule that found it.
+            call: Call concerned.
+            say: Returns the sentence, as in `Occurrence`.
+            then: Returns the clause for a consequence, as in `Occurrence`.
+            evidence_call: Another call whose frames prove it.
+            explaining_calls: Numbers of calls that explain it.
+            began: Start, ns since 1970; 0 for the time of the first request.
+            completed: End, ns since 1970; 0 for the last frame of the call.
+            group_key: Separates findings of one rule.
+            advice: Advice for this case.
         """
         self.report_occurrence(
             Occurrence(
@@ -153,33 +153,34 @@ class RuleChecker:
         )
 
     def wants_call(self, call_kind: CallKind, health: CallHealth) -> bool:
-        """Tell whether calls like this are to be shown to `on_call`; asked once for each."""
+        """Return whether `on_call` needs calls of this kind and health. The result is cached."""
         return health is not CallHealth.SMOOTH
 
     def on_call(self, call: Call, client: ClientState) -> None:
-        """See a call that has settled; `client` knows all that came before it."""
+        """Check a completed call; `client` holds the state before this call."""
 
     def on_suspect_frame(self, observation: Observation | FrameObservation) -> None:
-        """See bytes that are no frame, a frame with problems, or one of a size that matters."""
+        """Check bytes that are no frame, a frame with problems, or a large frame."""
 
     def on_new_flow(self, observation: Observation) -> None:
-        """See the first frame, or bytes that are none, of a flow."""
+        """Check the first frame of a flow, or the first bytes that are no frame."""
 
     def on_stray_reply(self, stray: StrayReply) -> None:
-        """See a reply that belongs to no call."""
+        """Check a reply that belongs to no call."""
 
     def on_slave_session(self, session: SlaveSession) -> None:
-        """See a stay in slave mode that has ended."""
+        """Check a slave-mode session that has ended."""
 
     def on_conversation_closed(self, conversation: Conversation) -> None:
-        """Forget a conversation that is over, whether it had calls or not."""
+        """Release what is kept for a closed conversation; it may have had no calls."""
 
     def on_client_ended(self, client: ClientState, ended_at: int) -> None:
-        """Say goodbye to a client that will not be heard of any more.
+        """Check a client that makes no more calls.
 
         Args:
-            client: with all that it did.
-            ended_at: when the traffic ended, or when it was dropped from memory.
+            client: Final state of the client.
+            ended_at: Time when the traffic ended, ns since 1970, or time when the client was dropped from
+                memory.
         """
 
 
@@ -189,17 +190,17 @@ def frame_numbers(*calls: Call | None) -> tuple[int, ...]:
 
 
 def call_observations(call: Call) -> tuple[FrameObservation, ...]:
-    """Return all frames of a call, in the order in which they were seen."""
+    """Return all frames of a call, in the order in which they were captured."""
     if call.other_frames:
         return tuple(event.observation for event in call.frames)
     return (call.request,) if call.reply is None else (call.request, call.reply)
 
 
 def last_frame_time(call: Call) -> int:
-    """Return when anything of a call was seen last."""
+    """Return the time of the last frame of a call, ns since 1970."""
     return call.last_activity if call.reply is None else max(call.last_activity, call.reply.time)
 
 
 def checkers_overriding(checkers: Sequence[RuleChecker], method: str) -> list[RuleChecker]:
-    """Return those watchers that have a `method` of their own."""
+    """Return the checkers that override `method`."""
     return [each for each in checkers if getattr(type(each), method) is not getattr(RuleChecker, method)]

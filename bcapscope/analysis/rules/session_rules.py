@@ -1,4 +1,4 @@
-"""Beginning and end of a session, and calls that take long."""
+"""Rules about the start and end of a session, and about long calls."""
 
 from __future__ import annotations
 
@@ -29,12 +29,12 @@ _SERVER = "orin_bcap C/src/bCAPServer/bcap_server.c"
 _SEED = "DENSO Wave 2009, How to use the Slave mode"
 _LONG_CALL_NS = SECOND
 _SOON_NS = SECOND // 20
-"""A reply that comes so soon after a try tells of lost packets before it, not of a long call."""
+"""A reply this soon after an attempt points to lost packets before it, not to a long call."""
 
 _SILENT_NS = 10 * SECOND
 _REPLACED_AFTER_NS = 2 * SECOND
 _USUAL_PAUSES = 2
-"""A client that was silent before, and went on, has vanished only after so many times as long."""
+"""A client that has paused before counts as gone only after this many times its longest pause."""
 
 _SMALLEST_WDT_MS = 80
 
@@ -120,7 +120,7 @@ _OPTION = re.compile(r"(WDT|InvokeTimeout)\s*=\s*([0-9]{1,9})", re.IGNORECASE)
 
 
 class SessionChecker(RuleChecker):
-    """Looks at how sessions end and how long calls take."""
+    """Checks how sessions end and how long calls take."""
 
     rules = (UNCLEAN_QUIT, QUIT_IN_SLAVE_MODE, EXECUTING_FOREVER, LONG_CALL_WITHOUT_WDT)
 
@@ -149,7 +149,7 @@ class SessionChecker(RuleChecker):
         if session.exit.reason is ExitReason.DISCONNECTED:
             self._report_left_on(session)
         elif session.exit.reason is ExitReason.SILENT and self.clients.find(session.conversation) is not None:
-            self._silent_sessions[session.conversation] = session  # until that client is said goodbye to
+            self._silent_sessions[session.conversation] = session  # until `on_client_ended` decides
 
     def _report_left_on(self, session: SlaveSession) -> None:
         exit_ = session.exit
@@ -174,7 +174,7 @@ class SessionChecker(RuleChecker):
 
     def on_client_ended(self, client: ClientState, ended_at: int) -> None:
         stay = self._silent_sessions.pop(client.conversation, None)
-        if client.known_present or client.last_call.evicted:  # it may have ended in order
+        if client.known_present or client.last_call.evicted:  # the client may have ended its session in order
             return
         if stay is not None and ended_at - stay.exit.time >= _SILENT_NS:
             self._report_left_on(stay)
@@ -367,19 +367,19 @@ def _busy_with_other(other: Call, call: Call) -> RefusalReason:
 
 
 def _share_call_slot(one: Call, other: Call) -> bool:
-    """Tell whether a call can hold up one of another client: each TCP connection has a slot of its own."""
+    """Return whether a call can delay one of another client: each TCP connection has its own call slot."""
     ends = one.conversation, other.conversation
     return all(each.transport is Transport.UDP for each in ends) and ends[0].server == ends[1].server
 
 
 def _running_call(client: ClientState, call: Call) -> Call | None:
-    """Return the latest slow call of a client, if it may still have been running when another was sent."""
+    """Return the latest slow call of a client, if it may still have been running when `call` was sent."""
     slow = client.slow_call
     return slow if slow is not None and _may_have_run(slow, call) else None
 
 
 def _may_have_run(earlier: Call, call: Call) -> bool:
-    """Tell whether a call may still have been running when another was sent."""
+    """Return whether `earlier` may still have been running when `call` was sent."""
     begun = earlier.request.time <= call.request.time
     return begun and (earlier.reply is None or earlier.reply.time > call.request.time)
 

@@ -1,4 +1,4 @@
-"""Slave mode entered wrongly, left unawares, or disturbed by another client."""
+"""Rules about slave mode that is entered wrongly, ends unnoticed, or is disturbed by another client."""
 
 from __future__ import annotations
 
@@ -96,7 +96,7 @@ _SUSPECT_WITHIN_NS = 200 * MS
 
 
 class SlaveModeChecker(RuleChecker):
-    """Looks at how stays in slave mode ended."""
+    """Checks how slave-mode sessions ended."""
 
     rules = (
         SLVMOVE_OUTSIDE_SLAVE_MODE,
@@ -174,7 +174,7 @@ def _call_name(call: CallFact) -> str:
 
 
 def _is_harmless_call(call: CallFact) -> bool:
-    """Tell whether a call only reads, or is known to be allowed in slave mode."""
+    """Return whether a call only reads, or is known to be allowed in slave mode."""
     if call.command is None:
         return function_effect(call.function_id) < CallEffect.CHANGES
     known = find_command(call.function_id, call.command)

@@ -1,4 +1,4 @@
-"""What is wrong with the bytes, and with the capture itself."""
+"""Rules about damaged bytes, and about the capture itself."""
 
 from __future__ import annotations
 
@@ -95,7 +95,7 @@ _ENDED_ADVICE = (
 )
 
 CHECKED_FROM_BYTES = 480
-"""Bytes of a frame from which on its size is looked at."""
+"""Frame size in bytes from which the size is checked."""
 
 
 _MAX_FLOWS = 4096
@@ -104,7 +104,7 @@ _LONGEST_REASON = 160
 
 
 class WireChecker(RuleChecker):
-    """Looks at what does not decode as it should, and tells the capture's fault from the speaker's."""
+    """Checks damaged frames; separates faults of the capture from faults of the sender."""
 
     rules = (
         OVERSIZE_DATAGRAM,
@@ -190,7 +190,7 @@ class WireChecker(RuleChecker):
     def _is_incomplete(
         self, observation: Observation | FrameObservation, problems: tuple[Problem, ...]
     ) -> bool:
-        """Tell whether bytes of a stream are odd since the capture lacks what is before or behind them."""
+        """Return whether stream bytes look damaged only because the capture lacks their neighbours."""
         since = observation.time - self._resync_since.pop(observation.flow, -_RESYNC_WITHIN_NS)
         return any(problem.code == "cut" for problem in problems) or (
             isinstance(observation.item, Malformed) and since < _RESYNC_WITHIN_NS
@@ -264,7 +264,7 @@ class WireChecker(RuleChecker):
 
 
 def _is_cut_by_closing(observation: Observation | FrameObservation, problems: Sequence[Problem]) -> bool:
-    """Tell whether the end of a connection that was seen to end cuts a frame."""
+    """Return whether the captured end of a connection cuts a frame."""
     ended = observation.flow.conversation.connection_end is not None
     return ended and any(problem.reason == STREAM_ENDED for problem in problems)
 

@@ -1,4 +1,4 @@
-"""How far the returned pose is behind the commanded one."""
+"""Estimate how far the returned pose lags behind the commanded one."""
 
 from __future__ import annotations
 
@@ -9,20 +9,21 @@ import numpy as np
 from bcapscope.analysis.statistics.distribution import Bools, Floats
 
 MAX_CYCLES = 32
-"""Larger lags are not looked for: at 8 ms that is a quarter of a second."""
+"""Largest lag that is searched for, in cycles: at 8 ms a quarter of a second."""
 
 _ROWS_AT_ONCE = 256
-"""Of each run of set points so many are compared: enough for an estimate at a fraction of the time."""
+"""Set points of each run that are compared: enough for an estimate at a fraction of the time."""
 
 _CLEAR = 4.0
-"""The best lag must fit so much better than the worst, by squares, or the axis hardly moves."""
+"""Ratio of squared errors between the worst and the best lag; below it, the axis hardly moves."""
 
 
 class AxisLag:
-    """Compares each returned pose with the set points of the last cycles and finds which fits best.
+    """Compares each returned pose with the set points of the last cycles and finds the best match.
 
-    The lag is an estimate: it holds what the controller buffers, what the servo lags and how old the pose was
-    when it was reported. Between whole cycles it is the vertex of the parabola through the three best.
+    The lag is an estimate. It includes the controller's buffer, the servo lag and the age of the pose when it
+    was reported. Between whole cycles, it is the vertex of the parabola through the three values around the
+    best.
     """
 
     def __init__(self, axes: int) -> None:
@@ -30,7 +31,7 @@ class AxisLag:
         self._commanded = np.empty((0, axes))
 
     def add(self, commanded: Floats, returned: Floats, answered: Bools) -> None:
-        """Take in set points that follow each other and, where `answered`, what came back for each."""
+        """Add successive set points and, where `answered`, the poses returned for them."""
         history = np.vstack((self._commanded, commanded))
         first = len(self._commanded)
         skipped = max(0, MAX_CYCLES - first)  # rows with too few set points before them
@@ -44,7 +45,7 @@ class AxisLag:
         self._commanded = history[-MAX_CYCLES:]
 
     def of_axis(self, axis: int) -> float | None:
-        """Return the lag in cycles; None where the axis moves too little, or too irregularly, to tell."""
+        """Return the lag of an axis in cycles; None if the axis moves too little or too irregularly."""
         squares = self._squares[:, axis]
         best = int(squares.argmin())
         least, most = float(squares[best]), float(squares.max())
@@ -57,7 +58,7 @@ class AxisLag:
         return float(max(vertex, 0.0))
 
     def of_all(self) -> float | None:
-        """Return the median of the axes that have one; None where none has."""
+        """Return the median lag of the axes; None if no axis has one."""
         found = [self.of_axis(axis) for axis in range(self._squares.shape[1])]
         lags = sorted(lag for lag in found if lag is not None)
         return lags[len(lags) // 2] if lags else None

@@ -1,18 +1,18 @@
-"""A model of the controller's buffer: what it should have held whenever a set point came.
+"""Model of the controller's buffer: how much it should have held when each set point arrived.
 
-The model is a prediction, not an observation. It takes for granted
+The model is a prediction, not an observation. It assumes:
 
-- that the controller takes one set point each period (8 ms) and begins with the first point, at once;
-- that a set point reaches it when the capture sees the request that was answered, of an unanswered one the
-  first. What the network takes on the way is left out; it is the same for all, or nearly;
-- that a point which was refused is not put into the buffer;
-- that its clock and that of the capture agree. They do not quite, so the buffer is set right by what is seen:
-  it never holds more than its slots, S_BUF_FULL says that it is full, and where replies wait for room, a set
-  point that finds it full is in when its reply comes.
+- The controller takes one set point per period (8 ms) and begins with the first point at once.
+- A set point reaches the controller when the capture sees the answered request; for an unanswered one, when
+  it sees the first request. The network delay is ignored, because it is nearly the same for all set points.
+- The controller does not put a refused point into the buffer.
+- The clocks of the controller and of the capture agree. They drift slightly, so observations correct the
+  model. The buffer never holds more than its slots, and S_BUF_FULL says that it is full. Where replies wait
+  for room, a set point that finds the buffer full is in the buffer when its reply arrives.
 
-Where in its period the controller is when a point comes is not known. A single tick without a point may be
-that doubt alone and is counted apart, as one that may be; a point too many is predicted only where even a
-controller that takes points as early as it can has no room for it. Slots by mode and the period are in
+The phase of the controller's period is unknown when a point arrives. A single tick without a point may be due
+to that alone, so it counts separately, as a possible underflow. An overflow is predicted only if even a
+controller that takes points as early as possible has no room. Slots per mode and the period are in
 `bcapscope.protocol.slave_mode.modes`, with their sources.
 """
 
@@ -30,7 +30,7 @@ from bcapscope.protocol.slave_mode.modes import PERIOD_MS, SlaveMode
 from bcapscope.protocol.tables.hresult import E_SLAVE_OVERFLOW, E_SLAVE_UNDERFLOW, S_BUF_FULL, is_failure
 
 DEFAULT_SLOTS = 3
-"""Of a mode that is not known: what most modes of present controllers have."""
+"""Slots of an unknown mode: the number that most modes of present controllers have."""
 
 _NS_PER_MS = 1_000_000
 _PERIOD = PERIOD_MS * _NS_PER_MS
@@ -39,15 +39,15 @@ _MOVING = {1: True, 0: False, -1: None}
 
 
 class PredictedUnderflow(NamedTuple):
-    """A moment at which the model's buffer was empty when the controller wanted a set point.
+    """A moment at which the model's buffer was empty when the controller needed a set point.
 
     Attributes:
-        time: when the point was wanted.
-        last_frame: frame of the last set point before.
-        late_frame: frame of the set point that came too late.
-        missed_ticks: ticks of the controller that found nothing.
-        late_ms: how long after `time` the point came.
-        moving: whether the last two set points before differ; None where they could not be read.
+        time: Time when the controller needed the point, ns since 1970.
+        last_frame: Frame of the previous set point.
+        late_frame: Frame of the set point that arrived too late.
+        missed_ticks: Number of controller ticks without a set point.
+        late_ms: Delay of the set point after `time`, ms.
+        moving: True if the last two set points before differ; None if they are unreadable.
     """
 
     time: int
@@ -60,29 +60,29 @@ class PredictedUnderflow(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class BufferFacts:
-    """The controller's buffer: what a model predicts and what the controller reported.
+    """The controller's buffer: predictions of the model, and reports of the controller.
 
     Attributes:
-        slots: set points that the buffer holds.
-        period_ms: the model's period of the controller.
-        overwrites: the newest point replaces the waiting one, so that running empty is no error.
-        replies_pace: replies wait for room.
-        assumptions: what the model takes for granted, a clause each.
-        underflows: predicted, more than the unknown phase of the controller's clock can explain.
-        underflows_in_motion: those of them in motion, where they matter.
-        underflow_list: the first of them.
-        possible_underflows: by one tick only: the phase decides.
-        overflows: predicted: set points that came when the buffer was full, beyond the doubt of the phase.
-        overflow_frames: the first of them, by frame of the request.
-        overwritten: where `overwrites`, points replaced before they were taken; else 0.
-        smallest_level: points in the buffer when the next one came, at worst; None for fewer than two.
-        smallest_slack_ms: time that was left until the buffer would have been empty, at worst; negative
-            where it was.
-        smallest_slack_frame: frame of the set point that came then; None likewise.
-        levels: how many set points found how many in the buffer.
-        reported_underflows: frames of replies that said so (84201482).
-        reported_overflows: frames of replies that said so (83201483).
-        reported_full: frames of the first replies that said S_BUF_FULL.
+        slots: Number of set points that the buffer holds.
+        period_ms: Period of the controller in the model, ms.
+        overwrites: The newest point replaces the waiting one, so an empty buffer is no error.
+        replies_pace: Replies wait for room in the buffer.
+        assumptions: Assumptions of the model, one clause each.
+        underflows: Number of predicted underflows that the unknown phase of the controller cannot explain.
+        underflows_in_motion: Those of them during motion, where they matter.
+        underflow_list: The first of them.
+        possible_underflows: Number of underflows by one tick, which the unknown phase may explain.
+        overflows: Number of predicted overflows: set points that found the buffer full, whatever the phase.
+        overflow_frames: Request frames of the first of them.
+        overwritten: Number of points replaced before the controller took them; 0 unless `overwrites`.
+        smallest_level: Lowest level when a point arrived; None for fewer than two set points.
+        smallest_slack_ms: Shortest time left until the buffer would have been empty; negative if it was
+            empty.
+        smallest_slack_frame: Frame of the set point that arrived then; None for fewer than two set points.
+        levels: Number of set points that found each level.
+        reported_underflows: Frames of replies that reported an underflow (84201482).
+        reported_overflows: Frames of replies that reported an overflow (83201483).
+        reported_full: Frames of the first replies with S_BUF_FULL.
     """
 
     slots: int
@@ -107,16 +107,17 @@ class BufferFacts:
 
 
 def slack_ms(slots: int) -> float:
-    """Return how long a full buffer lasts.
+    """Return how long a full buffer lasts, in ms.
 
-    A period a slot, two at the least, since a single slot is filled again while the point before is executed.
+    It lasts one period per slot, and at least two: a single slot is refilled while the controller executes
+    the previous point.
     """
     return float(max(slots, 2) * PERIOD_MS)
 
 
 @dataclass(frozen=True, slots=True)
 class BufferBehaviour:
-    """How the buffer of a mode behaves, and what of it is only assumed."""
+    """Behaviour of a mode's buffer, and which parts of it are assumed."""
 
     slots: int
     overwrites: bool
@@ -125,7 +126,7 @@ class BufferBehaviour:
 
     @classmethod
     def of_mode(cls, mode: SlaveMode | None, guessed: bool) -> BufferBehaviour:
-        """Take the rules of a mode."""
+        """Return the behaviour for a mode."""
         common = (
             f"the controller takes a set point each {PERIOD_MS} ms, the first one as it comes",
             "set points arrive when the capture sees them",
@@ -138,16 +139,16 @@ class BufferBehaviour:
 
 
 class SetPointArrivals(NamedTuple):
-    """Set points in the order in which they were sent, a row each.
+    """Set points in the order in which they were sent, one row each.
 
     Attributes:
-        times: when each came, nanoseconds since an origin.
-        in_buffer_by: when each was in the buffer at the latest: when its reply came where replies wait for
-            room.
-        codes: HRESULT of each, 0 where it was not answered.
-        frames: of the first request.
-        reply_frames: 0 where there is none.
-        moving: whether the one before was in motion, 1 or 0; -1 where that is not known.
+        times: Arrival time, ns since an origin.
+        in_buffer_by: Latest time at which the point was in the buffer: that of its reply where replies wait
+            for room.
+        codes: HRESULT; 0 without a reply.
+        frames: Frame of the first request.
+        reply_frames: Frame of the reply; 0 without one.
+        moving: 1 if the previous set point was in motion, 0 if not, -1 if unknown.
     """
 
     times: NDArray[np.int64]
@@ -159,22 +160,22 @@ class SetPointArrivals(NamedTuple):
 
 
 class BufferModel:
-    """Takes set points in order and predicts what the buffer held when each came."""
+    """Predicts how much the buffer held when each set point arrived; set points must be added in order."""
 
     def __init__(self, behaviour: BufferBehaviour, origin: int) -> None:
-        """Take how the mode behaves, and the moment from which times are counted."""
+        """Create a model; times count from `origin` in ns."""
         self._behaviour = behaviour
         self._origin = origin
         self._capacity_ns = behaviour.slots * _PERIOD
-        # Points too many show only once they are more than the doubt of the phase, a point before and behind;
-        # a point that replaces another is no matter of doubt.
-        # Where replies wait for room, none is too many.
+        # An overflow is certain only beyond the doubt about the phase, which is one point on either side. For
+        # a point that replaces another there is no such doubt. Where replies wait for room, no point is too
+        # many.
         self._most_excess_ns = (
             _PERIOD if behaviour.overwrites else _NEVER if behaviour.replies_pace else 2 * _PERIOD
         )
-        self._excess_ns = 0  # what came beyond what the buffer holds, as time that it would last
-        self._empty_at = 0  # when the controller will find nothing, as things stand
-        self._last_frame = 0  # frame of the last set point of the rows before
+        self._excess_ns = 0  # what arrived beyond the capacity, as the time that it would last
+        self._empty_at = 0  # when the controller will find the buffer empty, as far as known now
+        self._last_frame = 0  # frame of the last set point of the previous rows
         self._underflows: list[PredictedUnderflow] = []
         self._underflow_count = self._underflows_in_motion = self._possible_underflows = 0
         self._overflows: list[int] = []
@@ -186,11 +187,11 @@ class BufferModel:
         self._full_frames: list[int] = []
 
     def add(self, rows: SetPointArrivals) -> NDArray[np.int64]:
-        """Take in set points, at least one.
+        """Add one or more set points.
 
         Returns:
-            For each, nanoseconds from its coming until the buffer would have been empty, negative where it
-            was; 0 for the very first.
+            Time in ns from the arrival of each until the buffer would have been empty; negative if it was
+                empty. 0 for the very first.
         """
         if not self._last_frame:
             self._empty_at = int(rows.times[0])
@@ -201,9 +202,10 @@ class BufferModel:
         return slacks
 
     def _add_at_once(self, rows: SetPointArrivals) -> NDArray[np.int64] | None:
-        """Take in set points of which none is late, refused or too many; do nothing where one is.
+        """Add set points in one step; change nothing and return None if any is late, refused or too many.
 
-        Each gives the buffer a period more, up to what it holds: a running minimum tells how long it lasts.
+        Each point extends the buffer by one period, up to the capacity. A running minimum gives the time that
+        it lasts.
         """
         periods = np.arange(len(rows.times) + 1) * _PERIOD
         latest = rows.in_buffer_by + self._capacity_ns
@@ -241,7 +243,7 @@ class BufferModel:
         return slacks
 
     def _add_underflow(self, rows: SetPointArrivals, index: int, empty_at: int) -> int:
-        """Note that nothing was there at `empty_at`; return when nothing would be there next."""
+        """Record that the buffer was empty at `empty_at`; return when it is empty next."""
         late = int(rows.times[index]) - empty_at
         missing = (late - 1) // _PERIOD + 1
         self._excess_ns = 0
@@ -259,7 +261,7 @@ class BufferModel:
         return empty_at + missing * _PERIOD
 
     def _apply_result_code(self, rows: SetPointArrivals, index: int, empty_at: int) -> int:
-        """Take what the controller says about its buffer; return when it will be empty."""
+        """Apply what a reply says about the buffer; return when the buffer will be empty."""
         code, reply = int(rows.codes[index]), int(rows.reply_frames[index])
         if code == S_BUF_FULL:
             _append_bounded(self._full_frames, reply)
@@ -278,7 +280,7 @@ class BufferModel:
         _append_bounded(self._overflows, frame)
 
     def _update_levels(self, slacks: NDArray[np.int64], frames: NDArray[np.int64]) -> None:
-        """Keep the levels and the smallest slack, but for the first set point of all."""
+        """Update the levels and the smallest slack; the very first set point does not count."""
         first = 0 if self._last_frame else 1
         found = slacks[first:]
         self._last_frame = int(frames[-1])
@@ -292,7 +294,7 @@ class BufferModel:
             self._smallest = int(found[least]), int(frames[first + least])
 
     def facts(self) -> BufferFacts:
-        """Tell what was predicted and reported so far."""
+        """Return the predictions and reports so far."""
         rules, smallest = self._behaviour, self._smallest
         levels = {level: count for level, count in enumerate(self._levels) if count}
         return BufferFacts(

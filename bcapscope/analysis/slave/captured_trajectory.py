@@ -1,8 +1,8 @@
-"""The way that set points describe, stay by stay, without what only the network added.
+"""Trajectories that captured set points describe, one per slave-mode session, without retries.
 
-One step is one slvMove, however often it was sent; it has the time of the first request. Refused set points
-are no part of the way, since the controller did not take them. Those whose reply was not seen are: nothing
-says that it did not, and a hole would be a jump.
+One step is one slvMove, however often it was sent; its time is that of the first request. Refused set points
+are left out, because the controller did not take them. Set points without a captured reply are kept: the
+controller may have taken them, and a hole would look like a jump.
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ from bcapscope.traffic.call_kind import CallKind
 from bcapscope.traffic.observation import Conversation
 
 MAX_NOT_SELECTED = 64 * 2048
-"""Set points not asked for that are remembered until they are looked at: as many as can wait at a time."""
+"""Set points not selected that are remembered until they are processed: as many as can wait at a time."""
 
 
 class LeftOutReason(StrEnum):
-    """Why a set point is no step."""
+    """Why a set point is not a step."""
 
     REFUSED = "refused by the controller"
     AFTER_END = "unanswered after slave mode had ended"
@@ -40,19 +40,19 @@ class LeftOutReason(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class CapturedTrajectory:
-    """What is known of a way before its first step.
+    """Facts about a trajectory that are known before its first step.
 
     Attributes:
-        session_number: number of the stay in slave mode, as `slave` counts them.
-        conversation: whose set points they are.
-        robot: handle of the robot; None where it could not be read.
-        mode: as far as it was known then.
-        send_format: accepted send format; None where none was seen.
-        receive_format: likewise.
-        axes: of each pose, at least one.
-        start: nanoseconds since 1970, of the first request of the first step.
-        has_stamps: the replies carry the controller's time.
-        grid_ms: period that the set points should keep.
+        session_number: Number of the slave-mode session, as `slave` counts them.
+        conversation: Conversation of the client that sent the set points.
+        robot: Handle of the robot; None if unreadable.
+        mode: Slave mode, as far as known at the first step.
+        send_format: Accepted send format; None if none was seen.
+        receive_format: Accepted receive format; None if none was seen.
+        axes: Axes of each pose, at least one.
+        start: Time of the first request of the first step, ns since 1970.
+        has_stamps: The replies carry the controller's time.
+        grid_ms: Period that the set points should keep, ms.
     """
 
     session_number: int
@@ -71,14 +71,14 @@ class TrajectoryStep(NamedTuple):
     """One set point.
 
     Attributes:
-        call: its number.
-        time: nanoseconds since 1970, of the first request.
-        reply_time: likewise, of the accepted reply; None where there is none.
-        retries: requests beyond the first.
-        hresult: of the reply; None likewise.
-        commanded: a number an axis.
-        returned: a number an axis; () where none came back.
-        stamp: the controller's time in milliseconds; None where there is none.
+        call: Call number.
+        time: Time of the first request, ns since 1970.
+        reply_time: Time of the accepted reply, ns since 1970; None without a reply.
+        retries: Number of retries.
+        hresult: Result code of the reply; None without a reply.
+        commanded: Commanded pose, one number per axis.
+        returned: Returned pose, one number per axis; () without one.
+        stamp: The controller's time in ms; None without one.
     """
 
     call: int
@@ -92,22 +92,25 @@ class TrajectoryStep(NamedTuple):
 
 
 TrajectoryPiece: TypeAlias = "tuple[CapturedTrajectory, Sequence[TrajectoryStep]]"
-"""Steps that follow each other on one way."""
+"""Successive steps of one trajectory."""
 
 
 class TrajectoryExtractor:
-    """Follows calls as a tracker gives them out and tells the steps; none is kept."""
+    """Extracts trajectory steps from completed calls; it keeps no steps."""
 
     def __init__(
         self,
         is_selected: Callable[[Call], bool] | None = None,
         is_selected_client: Callable[[Conversation], bool] | None = None,
     ) -> None:
-        """Begin; all calls have to be taken whatever is wanted, since any may begin or end a stay.
+        """Create an extractor.
+
+        Pass all calls to it, selected or not: any call may begin or end a slave-mode session.
 
         Args:
-            is_selected: chooses set points; the others are left out.
-            is_selected_client: chooses clients; those of the others are not even counted.
+            is_selected: Returns whether a set point is of interest; the others are left out.
+            is_selected_client: Returns whether a client is of interest; set points of others are not even
+                counted.
         """
         self._is_selected = is_selected
         self._is_selected_client = is_selected_client
@@ -117,10 +120,10 @@ class TrajectoryExtractor:
         self._set_point_count = self._step_count = 0
         self._left_out: Counter[LeftOutReason] = Counter()
         self._question: CallKind | None = None
-        self._not_selected: dict[int, None] = {}  # calls that have not come back as points yet, in order
+        self._not_selected: dict[int, None] = {}  # calls not yet received as set points, in order
 
     def add_call(self, call: Call) -> Sequence[TrajectoryPiece]:
-        """Take in a call that settled; return the steps that are ready."""
+        """Add a completed call; return the steps that are ready."""
         question = call.kind
         if question is self._question or _is_set_point(question):
             self._question = question
@@ -129,18 +132,18 @@ class TrajectoryExtractor:
         return self._pop_ready() if self._ready else ()
 
     def finish(self) -> Sequence[TrajectoryPiece]:
-        """Return the steps that were not told yet; the traffic has ended."""
+        """Return the remaining steps after the traffic has ended."""
         self._forget_sessions(self._detector.finish())
         return self._pop_ready()
 
     @property
     def set_points(self) -> int:
-        """How many calls of slvMove there were."""
+        """Number of slvMove calls."""
         return self._set_point_count
 
     @property
     def left_out(self) -> Mapping[LeftOutReason, int]:
-        """How many set points were left out, and why; complete after `finish`."""
+        """Number of set points left out, by reason; complete after `finish`."""
         counted = dict(self._left_out)
         after = self._set_point_count - self._step_count - sum(counted.values())
         return {**counted, LeftOutReason.AFTER_END: after} if after else counted
@@ -194,7 +197,6 @@ def _is_set_point(question: CallKind) -> bool:
 
 
 def _rows_not_refused(points: SetPointChunk) -> Iterator[int]:
-    """Yield the rows that were not refused."""
     return (row for row, code in enumerate(points.table.codes.tolist()) if not (code and is_failure(code)))
 
 

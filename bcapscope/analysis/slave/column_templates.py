@@ -1,7 +1,7 @@
-"""Numbers of many frames at once.
+"""Read the numbers of many frames at once.
 
-Set points of a session differ in serial, reserved and the numbers inside their arguments, nothing else. A
-form is learnt from one frame that was decoded in full and found sound; all that agree with it byte for byte
+Set points of a slave-mode session differ only in serial, reserved and the numbers inside their arguments. A
+template is learnt from one frame that was decoded in full and has no problems. All frames that equal it
 outside those places are read as columns.
 """
 
@@ -24,26 +24,26 @@ from bcapscope.protocol.codec.frame_template import FrameTemplate, number_counts
 from bcapscope.protocol.codec.variant import Variant
 
 MAX_TEMPLATES = 16
-"""Forms kept for one direction of a stay; frames of more than that are read one by one."""
+"""Templates for one direction of a slave-mode session. Frames that match none of them are read one by one."""
 
 MAX_NUMBERS = 256
-"""Frames with more numbers than that are read one by one; a set point has a dozen."""
+"""Frames with more numbers than this are read one by one; a set point has about twelve."""
 
 _SERIAL_AND_RESERVED = slice(5, 9)
 
 PickedNumbers: TypeAlias = "tuple[Sequence[float], float | None]"
-"""A pose and a time stamp, or positions of their numbers."""
+"""A pose and a time stamp, or the positions of their numbers."""
 
 
 @dataclass(frozen=True, slots=True)
 class NumberPicker:
-    """How to find what is wanted in a frame's argument.
+    """How to find pose and time stamp in an argument of a frame.
 
     Attributes:
-        argument: index of the argument.
-        pick: takes the argument's value and returns pose and time stamp: the pose is empty and the stamp None
-            where there is none. Called also with a value of the same form in which each number is its own
-            place among the numbers, so that it must choose by form alone.
+        argument: Index of the argument.
+        pick: Returns pose and time stamp of the argument's value: an empty pose and None if there are none.
+            It is also called with a value in which each number is replaced by its own index. It must
+            therefore decide by the structure of the value, not by its numbers.
     """
 
     argument: int
@@ -51,12 +51,12 @@ class NumberPicker:
 
 
 class PoseColumns:
-    """Poses and time stamps, a row a frame; NaN where a frame has none.
+    """Poses and time stamps, one row per frame; NaN where a frame has none.
 
     Attributes:
-        poses: as many columns as were asked for.
-        has_pose: whether a row has a pose with all of them.
-        stamps: of the controller.
+        poses: Poses, with as many columns as requested.
+        has_pose: True for rows with a complete pose.
+        stamps: Time stamps of the controller.
     """
 
     __slots__ = ("has_pose", "poses", "stamps")
@@ -68,7 +68,7 @@ class PoseColumns:
 
 
 class _ColumnTemplate:
-    """One form: its bytes, which of them may differ, and where pose and stamp stand."""
+    """A template: its bytes, which of them may differ, and the positions of pose and time stamp."""
 
     __slots__ = ("_fields", "_fixed", "_pose", "_stamp", "_template")
 
@@ -94,12 +94,12 @@ class _ColumnTemplate:
         self._stamp = None if stamp is None else str(stamp)
 
     def matching_rows(self, data: NDArray[np.uint8]) -> Bools | None:
-        """Tell which rows of bytes have this form; None for all."""
+        """Return which rows of bytes match this template; None if all do."""
         off = (data ^ self._template) & self._fixed
         return ~np.logical_or.reduce(off != 0, axis=1) if off.any() else None
 
     def read(self, data: NDArray[np.uint8], rows: NDArray[np.int64], columns: PoseColumns) -> None:
-        """Put the numbers of `data`, all of this form, into `rows` of `columns`."""
+        """Copy the numbers of `data`, which must match this template, to `rows` of `columns`."""
         records = np.ascontiguousarray(data).view(self._fields)[:, 0]
         if len(self._pose) >= columns.poses.shape[1]:
             columns.has_pose[rows] = True
@@ -110,7 +110,7 @@ class _ColumnTemplate:
 
 
 class ColumnReader:
-    """Reads frames of one direction of a stay."""
+    """Reads the frames of one direction of a slave-mode session."""
 
     def __init__(self, picker: NumberPicker) -> None:
         self._picker = picker
@@ -118,7 +118,7 @@ class ColumnReader:
         self._template_count = 0
 
     def read(self, bodies: FrameBytes, count: int, axes: int) -> PoseColumns:
-        """Read `count` frames, each with at least a header; `axes` numbers of each pose are wanted."""
+        """Read `count` frames, each with at least a header; return the first `axes` numbers of each pose."""
         columns = PoseColumns(count, axes)
         rows = np.arange(count)
         if bodies.size:
@@ -156,7 +156,7 @@ class ColumnReader:
             tried += 1
 
     def _add_template(self, raw: bytes, templates: list[_ColumnTemplate]) -> bool:
-        """Add the form of a frame; False for a frame with problems, and when there are forms enough."""
+        """Add the template of a frame; return False if the frame has problems or no template can be added."""
         if self._template_count >= MAX_TEMPLATES:
             return False
         content = FrameContent(raw)
@@ -177,7 +177,10 @@ class ColumnReader:
     def _locate_numbers(
         self, raw: bytes, arguments: tuple[Argument, ...], places: Sequence[tuple[int, str]]
     ) -> PickedNumbers:
-        """Let the picker choose among numbers that are their own places."""
+        """Return the positions of pose and time stamp.
+
+        The picker chooses among numbers that are replaced by their own index.
+        """
         if sum(number_counts(arguments)) != len(places) or self._picker.argument >= len(arguments):
             return (), None
         numbered = tuple(
@@ -215,7 +218,7 @@ _NUMPY_CODES = {
 
 
 def _number_positions(spans: Sequence[NumberSpan]) -> Iterator[tuple[int, str]]:
-    """Yield where each number stands and its format; the data of a UI1 array is one."""
+    """Yield position and format of each number; the data of a UI1 array counts as one."""
     for start, code, repeat in spans:
         if code == "s":
             yield start, f"{repeat}s"

@@ -1,4 +1,4 @@
-"""The controller's time stamps beside the clock of the capture."""
+"""Compare the controller's time stamps with the clock of the capture."""
 
 from __future__ import annotations
 
@@ -16,25 +16,28 @@ _LONG_ENOUGH_MS = 1000.0
 _WRAP_AT_LEAST = 1 << 31
 
 _US_AT_LEAST = 30.0
-"""Stamps that count so many to a millisecond of the capture are in µs: halfway, as factors go, between 1 and
-1000, so that neither a client at twice the pace nor one that pauses is mistaken."""
+"""Stamps that advance at least this much per ms of the capture are in µs.
+
+The value is halfway, in proportion, between 1 and 1000. A client at twice the pace, or one that pauses, is
+therefore not mistaken.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class ClockFacts:
-    """The controller's time stamps (receive format 0x010) beside the capture's clock.
+    """The controller's time stamps (receive format 0x010), compared with the capture's clock.
 
     Attributes:
-        stamps: how many there were.
-        microseconds: their unit is µs, not ms.
-        unit_known_by: "slvRecvFormat", or "the pace of the stamps" where that was not seen.
-        drift_ppm: how much faster the controller's clock runs; None for less than a second of stamps.
-        jitter: by how much the delay changed from one reply to the next; None for fewer than two.
-        step: from one stamp to the next; None likewise.
-        missing: periods of the controller without a stamp between the first and the last.
-        repeated: stamps equal to the one before.
-        backwards: stamps before the one before, but for wraps.
-        wraps: how often the 32-bit number wrapped.
+        stamps: Number of stamps.
+        microseconds: True if their unit is µs, not ms.
+        unit_known_by: "slvRecvFormat", or "the pace of the stamps" if that call was not seen.
+        drift_ppm: How much faster the controller's clock runs, ppm; None for less than a second of stamps.
+        jitter: Change of the delay from one reply to the next; None for fewer than two stamps.
+        step: Difference of successive stamps; None for fewer than two.
+        missing: Number of controller periods without a stamp, between the first and the last.
+        repeated: Number of stamps equal to the previous one.
+        backwards: Number of stamps before the previous one, apart from wraps.
+        wraps: Number of times the 32-bit number wrapped.
     """
 
     stamps: int
@@ -50,16 +53,16 @@ class ClockFacts:
 
 
 class ControllerClock:
-    """Takes pairs of the controller's stamp and the time at which its reply was seen.
+    """Compares the controller's stamps with the times at which the replies were captured.
 
-    Stamps are a signed 32-bit number, in ms or µs as the client asks (DENSORobot/denso_robot_ros2
-    denso_robot_core); in µs it turns negative after 36 minutes and wraps each 72. The reply is seen later
-    than it was stamped by the time that the network takes; a straight line through all pairs finds how fast
-    one clock runs against the other, since that time is nearly the same for all.
+    A stamp is a signed 32-bit number, in ms or µs as the client requests (DENSORobot/denso_robot_ros2
+    denso_robot_core). In µs it turns negative after 36 minutes and wraps every 72 minutes. The network delays
+    each reply after it is stamped. That delay is nearly constant, so a straight line through all pairs gives
+    the drift of one clock against the other.
     """
 
     def __init__(self, microseconds: bool | None) -> None:
-        """Take the unit of the stamps as the receive format says; None where that was not seen."""
+        """Create a clock; `microseconds` is the unit in the receive format, None if unknown."""
         self._unit_known = microseconds is not None
         self._microseconds = microseconds
         self._first: tuple[int, int] | None = None  # stamp and time
@@ -67,11 +70,11 @@ class ControllerClock:
         self._raw_last = 0
         self._ticks = 0  # of the last stamp, since the first, without wraps
         self._count = self._repeated = self._backwards = self._wraps = self._missing = 0
-        self._sums = np.zeros(4)  # of controller's time, of what the capture is ahead, of x², of xy
+        self._sums = np.zeros(4)  # of controller time, of the lead of the capture, of x², of xy
         self._jitter, self._step = Histogram(), Histogram()
 
     def add(self, stamps: Floats, times: NDArray[np.int64]) -> None:
-        """Take in stamps in the order of their replies, and the times of those in nanoseconds."""
+        """Add stamps in the order of their replies, with the times of the replies in ns."""
         if not len(stamps):
             return
         raw = stamps.astype(np.int64)
@@ -95,11 +98,11 @@ class ControllerClock:
 
     @property
     def microseconds(self) -> bool:
-        """The stamps so far are in µs, not ms."""
+        """Whether the stamps so far are in µs, not ms."""
         return bool(self._microseconds)
 
     def facts(self) -> ClockFacts | None:
-        """Tell what was found; None where there were no stamps."""
+        """Return the facts so far; None without stamps."""
         if not self._count:
             return None
         return ClockFacts(
@@ -130,7 +133,7 @@ class ControllerClock:
         self._sums += own.sum(), ahead.sum(), (own * own).sum(), (own * ahead).sum()
 
     def _drift(self) -> float | None:
-        """Return by how many millionths the controller's clock is faster, by least squares."""
+        """Return how much faster the controller's clock is, in ppm, by least squares."""
         own, ahead, own_squared, product = self._sums.tolist()
         spread = self._count * own_squared - own * own
         if self._count < 3 or abs(self._last[0]) < _LONG_ENOUGH_MS or spread <= 0:
@@ -140,7 +143,7 @@ class ControllerClock:
 
 
 def _counts_microseconds(ticks: NDArray[np.int64], seen: Floats) -> bool | None:
-    """Tell the unit by how many ticks there are to a millisecond; None where no time has passed yet."""
+    """Return whether the stamps are in µs, from the ticks per ms; None if no time has passed."""
     passed = float(seen[-1] - seen[0])
     counted = abs(int(ticks[-1]) - int(ticks[0]))
     return counted / passed >= _US_AT_LEAST if passed > 0 and counted else None

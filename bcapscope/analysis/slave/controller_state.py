@@ -1,4 +1,4 @@
-"""What is learnt about a controller, whichever of its clients it is learnt from."""
+"""State of a controller, learnt from the calls of all its clients."""
 
 from __future__ import annotations
 
@@ -20,26 +20,26 @@ from bcapscope.protocol.slave_mode.poses import pose_numbers
 from bcapscope.traffic.call import Call
 
 MAX_CALLS = 1024
-"""Calls that are no set points, remembered for each controller."""
+"""Calls other than set points that are kept for each controller."""
 
 MAX_BYTES = 1 << 20
-"""Bytes of their frames."""
+"""Total size of these calls in bytes."""
 
 MAX_PENDING = 16
-"""Stays without set points, of each controller."""
+"""Slave-mode sessions without set points that are kept for each controller."""
 
 _POSITIONS = {"curjnt": PoseType.J, "curpos": PoseType.P, "curtrn": PoseType.T}
 
 
 class ControllerState:
-    """One controller.
+    """State of one controller.
 
     Attributes:
-        clue: to its generation.
-        recent_calls: the latest that are no set points, in the order in which they settled.
-        pending_sessions: stays that have begun and have no set points yet.
-        unanswered_entry: slvChangeMode that was not answered, as far as was seen.
-        reported_mode: what slvGetMode said while no stay was known, and that it did.
+        clue: Clue to its generation.
+        recent_calls: Latest calls other than set points, in the order in which they were completed.
+        pending_sessions: Slave-mode sessions that have begun and have no set points yet.
+        unanswered_entry: slvChangeMode without a captured reply.
+        reported_mode: Mode that slvGetMode reported while no slave-mode session was known, with its source.
     """
 
     def __init__(self) -> None:
@@ -54,26 +54,30 @@ class ControllerState:
         self._position: KnownPosition | None = None
 
     def slave_setup(self, mode: tuple[int | None, str]) -> SlaveSetup:
-        """Return what is known now, for a stay in this mode."""
+        """Return what is known now, for a slave-mode session in this mode."""
         value, known_by = mode
         return SlaveSetup(value, known_by, self.clue, self._send, self._receive, self._position)
 
     def remember_call(self, call: Call) -> None:
-        """Keep a call that is no set point; the oldest are forgotten where there are too many."""
+        """Keep a call that is no set point; drop the oldest calls beyond the limits."""
         self.recent_calls.append(call)
         self._bytes_kept += call.memory_bytes
         while self.recent_calls and (len(self.recent_calls) > MAX_CALLS or self._bytes_kept > MAX_BYTES):
             self._bytes_kept -= self.recent_calls.popleft().memory_bytes
 
     def calls_between(self, begin: int, end: int) -> list[Call]:
-        """Return the calls that were asked at that time or answered in it, in order of time."""
+        """Return the calls with a request or reply between two times, in order of time."""
         found = [
             call for call in self.recent_calls if call.request.time <= end and call.last_activity >= begin
         ]
         return sorted(found, key=lambda call: call.request.time)
 
     def add_pending(self, key: SessionKey, builder: SlaveSessionBuilder) -> SlaveSessionBuilder | None:
-        """Keep a stay until its first set point; return one that there is no more room for."""
+        """Keep a slave-mode session until its first set point.
+
+        Returns:
+            The slave-mode session that was dropped for lack of room; None if there was room.
+        """
         dropped = (
             self.pending_sessions.pop(next(iter(self.pending_sessions)))
             if len(self.pending_sessions) >= MAX_PENDING
@@ -83,7 +87,10 @@ class ControllerState:
         return dropped
 
     def claim_pending(self, key: SessionKey) -> SlaveSessionBuilder | None:
-        """Return the stay that a set point belongs to: that which its client began, or another did."""
+        """Return the slave-mode session of a set point.
+
+        It is the one that its client began, or else the oldest of any client; None if there is none.
+        """
         if not self.pending_sessions:
             return None
         course = self.pending_sessions.pop(key, None) or self.pending_sessions.pop(
@@ -93,7 +100,7 @@ class ControllerState:
         return course
 
     def claim_unanswered_entry(self) -> CallFact | None:
-        """Return the slvChangeMode without reply that must have been taken; only once."""
+        """Return the unanswered slvChangeMode, which a set point shows to have succeeded; None afterwards."""
         tried, self.unanswered_entry = self.unanswered_entry, None
         if tried is None:
             return None
@@ -101,7 +108,7 @@ class ControllerState:
         return call_fact(tried)
 
     def record_format(self, call: Call, command: str) -> None:
-        """Note a format that was accepted."""
+        """Record an accepted format."""
         parameter = execute_parameter(call.request.item)
         found = None if parameter is None else parse_format_parameter(parameter)
         if found is None:
@@ -113,7 +120,7 @@ class ControllerState:
             self._receive = format_
 
     def record_position(self, call: Call, command: str) -> None:
-        """Note where the robot stands, if that is what was asked."""
+        """Record the position of the robot, if the call requested it."""
         pose_type, reply = _POSITIONS.get(command), call.reply
         if pose_type is None or reply is None or not reply.item.arguments:
             return
@@ -124,7 +131,7 @@ class ControllerState:
 
 
 def requested_mode(call: Call) -> int | None:
-    """Return the mode that slvChangeMode asks for; None for other calls and where it cannot be read."""
+    """Return the mode that slvChangeMode requests; None for other calls and for an unreadable mode."""
     command = call.kind.command
     if command is None or command.casefold() != "slvchangemode":
         return None
@@ -133,7 +140,7 @@ def requested_mode(call: Call) -> int | None:
 
 
 def call_fact(call: Call) -> CallFact:
-    """Sum up a call."""
+    """Return a summary of a call."""
     reply = call.reply
     return CallFact(
         call=call.number,

@@ -1,4 +1,4 @@
-"""Whether a way to a controller is fast enough for slave mode, judged by round trips."""
+"""Judge by round trips whether a connection to a controller is fast enough for slave mode."""
 
 from __future__ import annotations
 
@@ -7,19 +7,19 @@ from typing import NamedTuple
 from bcapscope.analysis.statistics.distribution import DistributionSummary
 
 SYNC_MS, ASYNC_MS = 8.0, 1.0
-"""Between set points (DENSO Wave 2009, How to use the Slave mode): 8 ms in Sync, 1 ms in Async modes."""
+"""Periods of set points (DENSO Wave 2009, How to use the Slave mode): 8 ms in Sync, 1 ms in Async modes."""
 
 MAX_LOST = 0.01
-"""Share of packets that retries make good: a Sync slvMove has seven of them, 2 ms apart."""
+"""Share of lost packets that retries make good: a Sync slvMove has seven retries, 2 ms apart."""
 
 
 class Fitness(NamedTuple):
-    """A verdict.
+    """Verdict for one period of set points.
 
     Attributes:
-        period_ms: between set points, ms.
-        fit: it is fast enough.
-        reason: one clause.
+        period_ms: Period of the set points, ms.
+        fit: True if the connection is fast enough.
+        reason: Reason, one clause.
     """
 
     period_ms: float
@@ -28,12 +28,12 @@ class Fitness(NamedTuple):
 
 
 def fitness(round_trips: DistributionSummary | None, lost: int, broken: bool = False) -> tuple[Fitness, ...]:
-    """Judge a way to a controller for set points each 8 ms and each 1 ms.
+    """Judge a connection for set points every 8 ms and every 1 ms.
 
     Args:
-        round_trips: ms of the calls that were answered; None where none was.
-        lost: calls that were not.
-        broken: the connection did not last.
+        round_trips: Round trips of the answered calls, ms; None if no call was answered.
+        lost: Number of unanswered calls.
+        broken: True if the connection broke.
     """
     periods = (SYNC_MS, ASYNC_MS)
     if broken:

@@ -1,7 +1,6 @@
-"""Which generation a controller is of, by what passes between it and its clients.
+"""Infer the generation of a controller from the traffic.
 
-The same slave mode means different things to different generations, and nothing says outright which one a
-controller is of.
+The same slave mode differs between generations, and no message names the generation.
 """
 
 from __future__ import annotations
@@ -21,12 +20,12 @@ _CONTROLLER_EXECUTE = ID["Controller_Execute"]
 
 
 class GenerationClue(NamedTuple):
-    """Something that tells a generation.
+    """A clue to the generation of a controller.
 
     Attributes:
-        strength: the heavier one is believed; 0 where nothing told.
-        generation: what it tells.
-        reason: one clause.
+        strength: The stronger clue wins; 0 if there is no clue.
+        generation: Generation that it points to.
+        reason: Why, one clause.
     """
 
     strength: int
@@ -40,7 +39,7 @@ _RC7, _RC8 = Generation.RC7, Generation.RC8
 _PROOF, _STRONG, _FAIR, _WEAK = 4, 3, 2, 1
 
 _PROVIDERS = (
-    # orin_bcap samples; NetwoRC is ORiN's provider for RC7, which takes any name all the same
+    # orin_bcap samples. NetwoRC is ORiN's provider for RC7, which nevertheless accepts any name.
     ("caoprov.denso.vrc", GenerationClue(_FAIR, _RC8, "the client asks for provider CaoProv.DENSO.VRC")),
     (
         "caoprov.denso.networc",
@@ -57,12 +56,12 @@ _COMMANDS = {
 
 
 def stronger_clue(known: GenerationClue, found: GenerationClue) -> GenerationClue:
-    """Return the heavier clue; of equal ones the one known first."""
+    """Return the stronger clue; of equal ones the known one."""
     return found if found.strength > known.strength else known
 
 
 def clue_of_set_point(parameter: Variant) -> GenerationClue:
-    """Tell by the numbers of a set point: doubles to RC8 and later, single precision to RC7."""
+    """Return the clue in the numbers of a set point: RC8 and later take doubles, RC7 single precision."""
     value = parameter.value
     if parameter.vt == ARRAY | VT.VARIANT and isinstance(value, tuple) and value:
         first = value[0]
@@ -77,7 +76,7 @@ def clue_of_set_point(parameter: Variant) -> GenerationClue:
 
 
 def clue_of_call(call: Call) -> GenerationClue:
-    """Tell by any other call that was answered with success; `NO_CLUE` for most."""
+    """Return the clue in any other successful call; `NO_CLUE` for most."""
     if call.reply is None or is_failure(call.reply.item.code):
         return NO_CLUE
     function_id, command = call.kind

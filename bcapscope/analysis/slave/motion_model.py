@@ -1,7 +1,7 @@
-"""Where set points lead: steps, velocities and accelerations axis by axis, and what comes back.
+"""Motion that set points command: steps, velocities and accelerations per axis, and the returned poses.
 
-A controller takes one set point each period, whenever it came: so velocity and acceleration are those of one
-step a period, not of the times at which the set points were sent.
+A controller takes one set point per period, whenever the set point arrived. Velocity and acceleration are
+therefore computed from one step per period, not from the times at which the client sent the set points.
 """
 
 from __future__ import annotations
@@ -22,22 +22,28 @@ from bcapscope.protocol.slave_mode.modes import PoseType
 from bcapscope.protocol.slave_mode.poses import Axis
 
 JUMP_TIMES = 5.0
-"""A step is a jump if it is so many times as large as both beside it: at 8 ms no robot changes its speed so,
-and a motion that only begins or ends has a small step on one side at the most."""
+"""A step is a jump if it is this many times as large as the steps on both sides.
+
+At 8 ms no robot changes its speed that fast. A motion that only begins or ends has a small step on one side
+at most.
+"""
 
 SMALLEST_JUMP = 0.2
-"""Degrees or mm in one step, 25 of them a second: below that a jump is rounding or noise."""
+"""Degrees or mm in one step, 25 of them per second. A smaller step is rounding or noise, not a jump."""
 
 LARGEST_STEP = 180.0
-"""Degrees or mm in one step, whatever is before and behind it: at 8 ms 22,500 of them a second, and 22 m/s.
-No paper says where it ends for every axis; this is meant to be well beyond all of them."""
+"""Degrees or mm in one step. A larger step is a jump, whatever its neighbours are.
+
+At 8 ms this is 22,500 degrees per second, or 22 m/s. No source gives a limit for every axis; this value is
+meant to be well beyond all of them.
+"""
 
 _FIGURE = "Fig"
 _TURN = 360.0
 
 
 class Peak(NamedTuple):
-    """The largest value and the frame of the request it belongs to."""
+    """The largest value, and the frame number of the request that it belongs to."""
 
     value: float
     frame: int
@@ -45,24 +51,26 @@ class Peak(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class AxisMotion:
-    """One axis over a stay, as commanded; velocity and acceleration reckon with one set point each `grid_ms`.
+    """Commanded motion of one axis in a slave-mode session.
+
+    Velocity and acceleration assume one set point every `grid_ms`.
 
     Attributes:
-        name: J1, X, Rx and so on.
-        unit: deg, mm, or empty.
-        least: smallest commanded position.
-        most: largest.
-        step: size of each step between set points that follow each other; None for fewer than two.
-        velocity: the same in units a second.
-        acceleration: change of velocity, in units a second squared; None for fewer than three.
-        largest_step: with its frame.
-        largest_velocity: with its frame.
-        largest_acceleration: with its frame.
-        difference: commanded less returned in the same call, without sign; None where no such pose came
-            back.
-        largest_difference: with its frame.
-        lag_cycles: set points by which the returned pose is behind, where they agree best; an estimate, None
-            where the axis does not move enough for one.
+        name: Axis, such as J1, X or Rx.
+        unit: "deg", "mm", or empty.
+        least: Smallest commanded position.
+        most: Largest commanded position.
+        step: Absolute step between successive set points; None for fewer than two.
+        velocity: Step per period, in units per second; None for fewer than two set points.
+        acceleration: Change of velocity, in units per second squared; None for fewer than three set points.
+        largest_step: Largest step, with its frame.
+        largest_velocity: Largest velocity, with its frame.
+        largest_acceleration: Largest acceleration, with its frame.
+        difference: Absolute difference of commanded and returned position in the same call; None if no pose
+            of the same type was returned.
+        largest_difference: Largest difference, with its frame.
+        lag_cycles: Number of set points by which the returned pose lags behind, where both agree best. An
+            estimate; None if the axis moves too little for one.
     """
 
     name: str
@@ -81,25 +89,28 @@ class AxisMotion:
 
 
 class JumpKind(Enum):
-    """What tells a jump from motion."""
+    """How a jump differs from motion."""
 
     ISOLATED = auto()
-    """It is far larger than the steps on both sides of it."""
+    """The step is far larger than the steps on both sides."""
     OUTLIER = auto()
-    """So are it and the next one together, which goes the other way: one set point is off the path."""
+    """One set point is off the path.
+
+    This step and the next one, which goes back, are far larger than the steps on both sides.
+    """
     IMPLAUSIBLE = auto()
-    """It is larger than `LARGEST_STEP`."""
+    """The step is larger than `LARGEST_STEP`."""
 
 
 class Jump(NamedTuple):
     """A step that no robot is meant to make.
 
     Attributes:
-        frame: of the request that commands it.
-        time: of that.
-        axis: the axis of the largest one.
-        step: on that axis, with sign.
-        kind: how it is known.
+        frame: Number of the request frame that commands it.
+        time: Time of that request, ns.
+        axis: Axis with the largest step.
+        step: Step on that axis, with sign.
+        kind: Why it counts as a jump.
     """
 
     frame: int
@@ -111,29 +122,29 @@ class Jump(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class MotionFacts:
-    """What the set points command and what came back.
+    """Motion that the set points of a slave-mode session command, and the returned poses.
 
-    Set points refused since the buffer was full are left out: the same point is sent again.
+    Set points that were refused because the buffer was full are left out: the client sends the same point
+    again.
 
     Attributes:
-        read: set points whose pose could be read.
-        unread: set points whose pose could not, or is of another type.
-        not_finite: set points with a NaN or an infinity; in neither of the others' figures.
-        not_finite_frames: the first of them.
-        pose_type_guessed: the pose type was worked out from the count of numbers.
-        axes: axis by axis; () where no pose could be read.
-        returned: replies with a pose of the same type.
-        repeated: set points equal to the one before.
-        stutters: of them, those between two that move: the robot is told to stop for one period.
-        stutter_frames: the first of them, by frame of the request.
-        jumps: steps far larger than those on both sides, alone or as two out and back, or than any axis
-            follows.
-        jump_list: the first of them.
-        figure_changes: how often Fig changed; 0 for joints.
-        lag_cycles: of all axes, an estimate; None where none has one.
-        first_distance: first set point less the position known then, by axis; () where none is known.
-        first_distance_known_by: what told that position, one clause; "" where nothing did.
-        first_distance_frames: that prove both; () likewise.
+        read: Number of set points with a readable pose.
+        unread: Number of set points with an unreadable pose or a pose of another type.
+        not_finite: Number of set points with a NaN or an infinity; other figures do not include them.
+        not_finite_frames: Frames of the first of them.
+        pose_type_guessed: The pose type was inferred from the count of numbers.
+        axes: Motion of each axis; () if no pose could be read.
+        returned: Number of replies with a pose of the same type.
+        repeated: Number of set points equal to the previous one.
+        stutters: Number of repeated set points between two that move: the robot has to stop for one period.
+        stutter_frames: Request frames of the first of them.
+        jumps: Number of jumps of all kinds, see `JumpKind`.
+        jump_list: The first jumps.
+        figure_changes: Number of changes of Fig; 0 for joints.
+        lag_cycles: Estimated lag of all axes; None if no axis has one.
+        first_distance: First set point minus the position known then, per axis; () if none is known.
+        first_distance_known_by: Source of that position, one clause; "" if none is known.
+        first_distance_frames: Frames that prove both; () if none is known.
     """
 
     read: int
@@ -157,15 +168,15 @@ class MotionFacts:
 
 @dataclass(frozen=True, slots=True)
 class PoseTable:
-    """Poses of successive set points, a row each.
+    """Poses of successive set points, one row per set point.
 
     Attributes:
-        commanded: NaN where one could not be read.
-        readable: rows of `commanded` that could be read.
-        returned: NaN where none came back.
-        has_returned: rows of `returned` in which one came back.
-        frames: of the first requests.
-        times: of those, nanoseconds.
+        commanded: Commanded pose; NaN if unreadable.
+        readable: True where `commanded` could be read.
+        returned: Returned pose; NaN without one.
+        has_returned: True where a pose was returned.
+        frames: Frame number of the first request.
+        times: Time of the first request, ns.
     """
 
     commanded: Floats
@@ -177,12 +188,12 @@ class PoseTable:
 
 
 class StartDistance(NamedTuple):
-    """How far the first set point is from where the robot stood.
+    """Distance of the first set point from the position of the robot.
 
     Attributes:
-        distance: by axis; () where that is not known.
-        known_by: what told where it stood; "" likewise.
-        frames: that prove it; () likewise.
+        distance: Distance per axis; () if unknown.
+        known_by: Source of the robot's position; "" if unknown.
+        frames: Frames that prove it; () if unknown.
     """
 
     distance: tuple[float, ...] = ()
@@ -214,7 +225,7 @@ class _LargestByAxis:
 
 
 class MotionModel:
-    """Takes the poses of a stay, in order."""
+    """Computes motion from the poses of a slave-mode session, in order."""
 
     def __init__(self, axes: Sequence[Axis], pose_type: PoseType | None, guessed: bool) -> None:
         self._axes = axes
@@ -236,12 +247,13 @@ class MotionModel:
         self._largest_step, self._largest_change = _LargestByAxis(count), _LargestByAxis(count)
         self._largest_difference = _LargestByAxis(count)
         self._lag = AxisLag(count)
-        # the last four set points of the rows before: a step, or two, are judged by those on both sides
+        # The last four set points of the previous rows: a step, or two, is judged by its neighbours on both
+        # sides.
         self._tail = np.empty((0, count))
         self._tail_frames = self._tail_times = np.empty(0, np.int64)
 
     def add(self, poses: PoseTable) -> None:
-        """Take in the poses of set points that follow those taken in before."""
+        """Add the poses of the next set points."""
         finite: Bools = np.logical_and.reduce(np.isfinite(poses.commanded), axis=1)
         good = poses.readable & finite
         self._count_bad(poses, finite)
@@ -294,7 +306,7 @@ class MotionModel:
         self._tail, self._tail_frames, self._tail_times = points[-4:], frames[-4:], times[-4:]
 
     def _find_stutters(self, moves: Bools, frames: NDArray[np.int64], new: int) -> None:
-        """Find steps of nothing between two that move, the last of which is new."""
+        """Find repeated set points between two that move. The last of the three steps must be new."""
         first = max(new - 2, 0)
         still = ~moves[1:-1] & moves[:-2] & moves[2:]
         found = frames[2:-1][first:][still[first:]].tolist()
@@ -304,7 +316,7 @@ class MotionModel:
     def _find_jumps(
         self, steps: Floats, frames: NDArray[np.int64], times: NDArray[np.int64], new: int
     ) -> None:
-        """Find jumps; each kind in the rows that are known to be or not to be one since the `new` steps."""
+        """Find jumps of each kind that the `new` steps decide; neighbours on both sides count."""
         sizes = np.abs(steps[:, self._measured])
         absurd = sizes > LARGEST_STEP
         counted = np.logical_or.reduce(absurd, axis=1)  # no row counts twice
@@ -312,7 +324,7 @@ class MotionModel:
         alone[1:-1] = _stands_out(sizes[1:-1], np.maximum(sizes[:-2], sizes[2:]))
         alone[counted] = False
         counted |= np.logical_or.reduce(alone, axis=1)
-        counted[:-1] |= counted[1:]  # the way there is no stray one if the way back counts
+        counted[:-1] |= counted[1:]  # the way out is no outlier if the way back counts already
         beside = np.maximum(sizes[:-3], sizes[3:])
         turns = np.signbit(steps[1:-2, self._measured]) != np.signbit(steps[2:-1, self._measured])
         stray[1:-2] = _stands_out(sizes[1:-2], beside) & _stands_out(sizes[2:-1], beside) & turns
@@ -331,14 +343,14 @@ class MotionModel:
                 found.append(Jump(int(frames[row + 1]), int(times[row + 1]), name, step, kind))
 
     def _shortest(self, steps: Floats) -> Floats:
-        """Take the short way round for angles that turn: 179 and -179 degrees are two apart."""
+        """Take the shorter way for angles that wrap: 179 and -179 degrees are two degrees apart."""
         if self._turns.any():
             turning = steps[:, self._turns]
             steps[:, self._turns] = turning - _TURN * np.rint(turning / _TURN)
         return steps
 
     def facts(self, grid_ms: float, start: StartDistance) -> MotionFacts:
-        """Tell what was found, with one set point each `grid_ms`."""
+        """Return the facts so far, assuming one set point every `grid_ms`."""
         return MotionFacts(
             read=self._read,
             unread=self._unread,
@@ -382,6 +394,6 @@ class MotionModel:
 
 
 def _stands_out(sizes: Floats, beside: Floats) -> Bools:
-    """Tell which steps are far larger than those beside them."""
+    """Return True for steps that are far larger than their neighbours."""
     far: Bools = (sizes > JUMP_TIMES * beside) & (sizes > SMALLEST_JUMP)
     return far

@@ -1,4 +1,4 @@
-"""Set points that stand out: the first few of those that a finding or a table names."""
+"""Notable set points: those that a finding or a table names."""
 
 from __future__ import annotations
 
@@ -9,20 +9,20 @@ from bcapscope.analysis.slave.set_point_table import SetPointTable
 from bcapscope.analysis.statistics.distribution import Floats
 
 MAX_LISTED = 64
-"""Entries of each list of moments, the first ones; the worst ones where it says so."""
+"""Entries of each list of notable set points: the first ones, or the worst ones where stated."""
 
 
 class SetPointFact(NamedTuple):
-    """A set point that stands out.
+    """A notable set point.
 
     Attributes:
-        call: number of its call.
-        request_frame: frame of its first request.
-        time: of that.
-        reply_frame: frame of the accepted reply; None where there is none.
-        hresult: in that reply; None likewise.
-        latency_ms: from the first request to the reply; None likewise.
-        cycle_ms: since the first request of the set point before; None for the first.
+        call: Call number.
+        request_frame: Frame of the first request.
+        time: Time of the first request, ns since 1970.
+        reply_frame: Frame of the accepted reply; None without one.
+        hresult: Result code of the accepted reply; None without one.
+        latency_ms: Time from the first request to the accepted reply, ms; None without one.
+        cycle_ms: Time since the first request of the previous set point, ms; None for the first.
     """
 
     call: int
@@ -35,7 +35,7 @@ class SetPointFact(NamedTuple):
 
 
 def set_point_fact(rows: SetPointTable, row: int, cycles: Floats) -> SetPointFact:
-    """Tell about one set point; `cycles` is the time before each in ms, NaN where there is none."""
+    """Return the facts of one set point; `cycles` holds the time before each in ms, NaN for the first."""
     answered, cycle = bool(rows.answered[row]), float(cycles[row])
     return SetPointFact(
         call=rows.calls[row],

@@ -1,4 +1,4 @@
-"""Enough of a long stay for a picture of it."""
+"""Samples of a slave-mode session for plots, bounded for long sessions."""
 
 from __future__ import annotations
 
@@ -10,26 +10,27 @@ from numpy.typing import NDArray
 from bcapscope.analysis.statistics.distribution import Floats
 
 MAX_SAMPLES = 2048
-"""More than a plot on a large screen is wide."""
+"""More samples than a plot on a large screen is pixels wide."""
 
-# Columns: those of which the first counts, then those that are added, least and most; poses follow.
+# Columns of a run: time and frame of the first set point, number of set points, extremes; poses follow.
 _TIME, _FRAME, _POINTS, _CYCLE_LEAST, _CYCLE_MOST, _LATENCY_MOST, _SLACK_LEAST = range(7)
 _HEAD = 7
 
 
 class PlotSample(NamedTuple):
-    """A run of successive set points, for plots: enough of them for a picture, however long the stay.
+    """A run of successive set points, summarised for plots.
 
     Attributes:
-        time: of the first.
-        frame: of its request.
-        points: how many.
-        cycle_least: shortest cycle in the run, ms; NaN where there is none.
-        cycle_most: longest.
-        latency_most: longest latency, ms; NaN where nothing was answered.
-        slack_least: as `BufferFacts.smallest_slack_ms`; NaN for the very first set point.
-        commanded: pose of the first; NaN where it could not be read.
-        returned: pose in the reply to it; NaN likewise.
+        time: Time of the first set point.
+        frame: Request frame of the first set point.
+        points: Number of set points.
+        cycle_least: Shortest cycle in the run, ms; NaN without one.
+        cycle_most: Longest cycle in the run, ms; NaN without one.
+        latency_most: Longest latency, ms; NaN without a reply.
+        slack_least: Smallest slack, ms, as in `BufferFacts.smallest_slack_ms`; NaN for the very first set
+            point.
+        commanded: Commanded pose of the first set point; NaN if unreadable.
+        returned: Pose in the reply to the first set point; NaN if there is none.
     """
 
     time: int
@@ -44,10 +45,13 @@ class PlotSample(NamedTuple):
 
 
 class PlotSampler:
-    """Keeps runs of set points, each summed up in a row; when there are too many, they grow twice as long."""
+    """Summarises runs of set points, one row per run.
+
+    When there are too many runs, it doubles their length.
+    """
 
     def __init__(self, axes: int, origin: int) -> None:
-        """Take the number of axes and the time, in nanoseconds, from which rows are counted."""
+        """Create a sampler for `axes` axes; times count from `origin` in ns."""
         self._axes = axes
         self._origin = origin
         self._runs = np.empty((0, _HEAD + 2 * axes))
@@ -61,19 +65,19 @@ class PlotSampler:
         figures: tuple[Floats, Floats, Floats],
         poses: tuple[Floats, Floats],
     ) -> None:
-        """Take in set points.
+        """Add set points.
 
         Args:
-            times: since the origin, nanoseconds.
-            frames: of their requests.
-            figures: cycles, latencies and slacks in ms; NaN where there is none.
-            poses: commanded and returned.
+            times: Times since the origin, ns.
+            frames: Frames of the requests.
+            figures: Cycles, latencies and slacks in ms; NaN where there is none.
+            poses: Commanded and returned poses.
         """
         cycles, latencies, slacks = figures
         ones = np.ones(len(times))
         head = np.column_stack((times, frames, ones, cycles, cycles, latencies, slacks))
         rows: Floats = np.hstack((head, *poses))
-        into = -self._total % self._length  # rows that still belong to the last run
+        into = -self._total % self._length  # rows that belong to the last run
         starts = np.arange(into, len(rows), self._length)
         if into:
             starts = np.concatenate(([0], starts))
@@ -106,7 +110,7 @@ class PlotSampler:
 
 
 def _sum_up_runs(rows: Floats, starts: NDArray[np.int64]) -> Floats:
-    """Make one row of each run of rows; runs begin at `starts`."""
+    """Summarise each run of rows in one row; runs begin at `starts`."""
     runs = rows[starts]
     runs[:, _POINTS] = np.add.reduceat(rows[:, _POINTS], starts)
     for column in (_CYCLE_LEAST, _SLACK_LEAST):

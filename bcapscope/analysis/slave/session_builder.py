@@ -1,4 +1,4 @@
-"""A stay in slave mode in the making: takes set points in, keeps figures."""
+"""Build the facts of one slave-mode session from its set points."""
 
 from __future__ import annotations
 
@@ -41,10 +41,10 @@ from bcapscope.traffic.call import Call
 from bcapscope.traffic.observation import Conversation, Transport
 
 BATCH_SIZE = 4096
-"""Set points that are looked at together: enough for columns to pay, a MB or two of them."""
+"""Set points that are processed together: enough to make columns worthwhile, one or two MB of them."""
 
 MAX_CODES = 256
-"""Different HRESULTs of refused set points that are counted apart; further ones count under 0."""
+"""Different HRESULTs of refused set points that are counted separately; further ones count under 0."""
 
 _PARAMETER = 2
 _RESULT = 0
@@ -57,13 +57,13 @@ SessionKey: TypeAlias = "tuple[Conversation, bytes]"
 
 
 class KnownPosition(NamedTuple):
-    """Where the robot stood, as the controller said before.
+    """Position of the robot that the controller reported earlier.
 
     Attributes:
-        pose_type: of the pose.
-        values: its numbers.
-        known_by: what told it, one clause.
-        frames: request and reply.
+        pose_type: Type of the pose.
+        values: Numbers of the pose.
+        known_by: Source of the position, one clause.
+        frames: Request and reply frame.
     """
 
     pose_type: PoseType
@@ -73,15 +73,15 @@ class KnownPosition(NamedTuple):
 
 
 class SlaveSetup(NamedTuple):
-    """What was agreed before the first set point.
+    """What client and controller agreed on before the first set point.
 
     Attributes:
-        mode_value: of the mode; None where it was not seen.
-        known_by: what told it.
-        generation_clue: to the controller's generation.
-        send_format: accepted send format; None where none was seen.
-        receive_format: likewise.
-        position: where the robot stood; None where that is not known.
+        mode_value: Value of the slave mode; None if unknown.
+        known_by: Source of that value.
+        generation_clue: Clue to the controller's generation.
+        send_format: Accepted send format; None if none was seen.
+        receive_format: Accepted receive format; None if none was seen.
+        position: Position of the robot; None if unknown.
     """
 
     mode_value: int | None
@@ -93,19 +93,20 @@ class SlaveSetup(NamedTuple):
 
 
 class SlaveSessionBuilder:
-    """A stay that may go on.
+    """Builds a slave-mode session while it may still go on.
 
     Attributes:
-        number: of the stay.
-        key: whose set points these are; of one that has none yet, who began it.
-        mode: value, and what told it.
-        entry_call: what began it; None where that was not seen.
-        entered_at: when, by the reply to that.
-        batch: set points that wait to be looked at.
-        slave_setup: fixed when the first set points are looked at.
-        after_end: set points refused as a consequence, or not answered.
-        last_accepted: when the latest of the set points looked at that were accepted was sent; None as long
-            as there is none.
+        number: Number of the slave-mode session.
+        key: Client that sends the set points, and its robot; before the first set point, the client that
+            entered slave mode.
+        mode: Value of the mode, and its source.
+        entry_call: The slvChangeMode that began it; None if that was not seen.
+        entered_at: Time of the reply to `entry_call`, ns since 1970.
+        batch: Set points that wait to be processed.
+        slave_setup: Fixed when the first set points are processed.
+        after_end: Number of set points refused as a consequence of the end, or not answered after it.
+        last_accepted: Send time of the latest processed set point that was accepted, ns since 1970; None
+            without one.
     """
 
     def __init__(
@@ -136,25 +137,26 @@ class SlaveSessionBuilder:
 
     @property
     def conversation(self) -> Conversation:
-        """Whose set points these are."""
+        """Conversation of the client that sends the set points."""
         return self.key[0]
 
     @property
     def handle(self) -> bytes:
-        """The first argument of the set points, as it stands in their frames."""
+        """First argument of the set points, as raw bytes."""
         return self.key[1]
 
     @property
     def last_activity(self) -> int:
-        """When the latest set point was answered or else sent, not before the stay was entered; 0 if unknown.
+        """Time when the latest set point was answered, or else sent, ns since 1970; 0 if unknown.
 
-        A client that does not wait for the reply to slvChangeMode has set points before that.
+        It is never before `entered_at`. A client that does not wait for the reply to slvChangeMode sends set
+        points before that time.
         """
         last = max(self.batch[-1].time, self.batch[-1].reply_time) if self.batch else self._last_activity
         return max(last, self.entered_at or 0)
 
     def began_at(self, ended_at: int) -> int:
-        """Return when it began; where nothing tells, when it ended."""
+        """Return the start time, ns since 1970; `ended_at` if it is unknown."""
         if self.entered_at is not None:
             return self.entered_at
         if self._first_set_point is not None:
@@ -162,7 +164,7 @@ class SlaveSessionBuilder:
         return self.batch[0].time if self.batch else ended_at
 
     def process_batch(self, slave_setup: SlaveSetup) -> None:
-        """Look at the set points that wait; `slave_setup` counts where none were looked at before."""
+        """Process the waiting set points. `slave_setup` counts only for the first batch."""
         batch = self.batch
         if not batch:
             return
@@ -207,7 +209,7 @@ class SlaveSessionBuilder:
     def finish(
         self, exit_: SessionExit, slave_setup: SlaveSetup, other_calls: tuple[CallFact, ...]
     ) -> SlaveSession:
-        """Tell all that is known; nothing is taken in afterwards."""
+        """Return the finished slave-mode session; add nothing afterwards."""
         self.process_batch(slave_setup)
         slave_setup = self.slave_setup or slave_setup
         figures = self._models or _SessionModels(
@@ -247,7 +249,7 @@ def _handle_value(argument: bytes) -> int | None:
 
 
 def known_mode(slave_setup: SlaveSetup, pose_type: PoseType | None) -> KnownMode:
-    """Say what a mode means on this controller, as far as that is known."""
+    """Return what a mode means on this controller, as far as known."""
     value, generation = slave_setup.mode_value, slave_setup.generation_clue.generation
     meaning = None if value is None else slave_mode_by_number(value, generation or Generation.RC8)
     return KnownMode(
@@ -262,7 +264,7 @@ def known_mode(slave_setup: SlaveSetup, pose_type: PoseType | None) -> KnownMode
 
 
 class _SessionModels:
-    """All models of a stay, fed together."""
+    """Feeds all models of one slave-mode session."""
 
     def __init__(
         self, transport: Transport, setting: SlaveSetup, batch: SetPointBatch, window: int | None
@@ -291,7 +293,7 @@ class _SessionModels:
         self._has_set_points = False
         self._command_columns = ColumnReader(NumberPicker(_PARAMETER, self._pick_command))
         self._result_columns = ColumnReader(NumberPicker(_RESULT, self._pick_result))
-        self._last_poses = np.full((2, len(self.axes)), np.nan)  # the last two poses commanded
+        self._last_poses = np.full((2, len(self.axes)), np.nan)  # the last two commanded poses
         self._sent = self._accepted = self._unanswered = self._open = self._not_followed = (
             self._buffer_full
         ) = 0
@@ -414,7 +416,7 @@ class _SessionModels:
     def _start_distance(
         self, rows: SetPointTable, commanded: PoseColumns, returned: PoseColumns
     ) -> StartDistance:
-        """Compare the first set point with the pose in its reply, else with what was asked before."""
+        """Compare the first set point with the pose in its reply, or else with the position known before."""
         goal, position = commanded.poses[0], self._slave_setup.position
         if not self._axes or not np.isfinite(goal).all():
             return StartDistance()
@@ -448,7 +450,7 @@ def _pose_type(slave_setup: SlaveSetup) -> PoseType | None:
 
 
 def _poses_in(batch: SetPointBatch, slave_setup: SlaveSetup) -> Iterator[Pose]:
-    """Yield the poses of the first set points that have one of a known type."""
+    """Yield the readable poses of known type among the first 16 set points."""
     send, receive = _formats(slave_setup)
     pose_type = _pose_type(slave_setup)
     for place in range(min(len(batch), 16)):
@@ -460,6 +462,6 @@ def _poses_in(batch: SetPointBatch, slave_setup: SlaveSetup) -> Iterator[Pose]:
 
 
 def execute_parameter(request: Frame) -> Variant | None:
-    """Return vntParam of an ..._Execute request; None where there is none."""
+    """Return vntParam of an ..._Execute request; None if it is missing."""
     arguments = request.arguments
     return arguments[_PARAMETER].variant if len(arguments) > _PARAMETER else None

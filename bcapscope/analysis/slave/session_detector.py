@@ -1,4 +1,4 @@
-"""Stays in slave mode, found in calls as they settle."""
+"""Find slave-mode sessions in completed calls."""
 
 from __future__ import annotations
 
@@ -32,30 +32,34 @@ from bcapscope.traffic.call_kind import CallKind
 from bcapscope.traffic.observation import Conversation, Endpoint
 
 SLAVE_MODE_OFF_CODES = frozenset((E_NOT_IN_SLAVE_MODE, 0x83501033, 0x8120184E))
-"""A set point, or another command that needs slave mode, came while it is off."""
+"""Result codes of a set point, or of another command that needs slave mode, while slave mode is off."""
 
 HOLD_BACK_NS = 6_000_000_000
-"""How long a stay that ended is held back: calls of other clients may settle so much later, and one of them
-may be what ended it."""
+"""Delay before a slave-mode session that ended is returned.
+
+A call of another client may have ended it, and such calls may be completed this much later.
+"""
 
 SILENCE_NS = 1_000_000_000
-"""A client without set points for so long before the capture ends has stopped sending them."""
+"""A client without set points for this long before the capture ends has stopped sending them."""
 
 SUSPECT_WITHIN_NS = 2_000_000_000
-"""A call of anyone that failed so long before slave mode was found off may be why."""
+"""A call of any client that failed within this time before slave mode was found off may be the cause."""
 
 STILL_TAKING_NS = 200_000_000
-"""How long a controller may go on taking set points after the error that makes it leave slave mode. No paper
-says; 25 cycles leave room for one that stops on its path first."""
+"""How long a controller may accept set points after the error that makes it leave slave mode.
+
+No source gives a value. 25 cycles leave room for a controller that first stops on its path.
+"""
 
 BEFORE_NS, AFTER_NS = 1_000_000_000, 500_000_000
-"""How long before and after a stay other calls are told with it."""
+"""How long before and after a slave-mode session other calls are listed with it."""
 
 MAX_SESSIONS = 64
-"""Stays that go on at a time; of more, the one that was silent longest ends."""
+"""Slave-mode sessions that are open at a time. Beyond that, the one that was silent longest ends."""
 
 MAX_HELD_BACK = 256
-"""Stays held back; of more, the oldest is given out at once."""
+"""Ended slave-mode sessions that are held back. Beyond that, the oldest is returned at once."""
 
 MAX_CONTROLLERS = 64
 
@@ -70,7 +74,7 @@ _NOTHING_EXPECTED: _Expected = (None, None, SetPointBatch())
 
 
 class _EndedSession(NamedTuple):
-    """A stay that ended and is held back."""
+    """A slave-mode session that ended and is held back."""
 
     builder: SlaveSessionBuilder
     exit: SessionExit
@@ -78,17 +82,17 @@ class _EndedSession(NamedTuple):
 
 
 class SlaveSessionDetector:
-    """Finds stays in slave mode; takes calls as a tracker gives them out.
+    """Finds slave-mode sessions in calls, in the order in which a tracker completes them.
 
-    Memory is bounded by the stays that go on at a time, each by its figures, not by how long they last.
+    Memory depends on the number of open slave-mode sessions, not on their duration.
     """
 
     def __init__(self, window: int | None = None, on_set_points: SetPointHandler | None = None) -> None:
-        """Begin.
+        """Create a detector.
 
         Args:
-            window: length of a slice of time in nanoseconds, where figures by time are wanted.
-            on_set_points: is given the set points as they are looked at, for who wants each of them.
+            window: Length of a time slice in ns, for figures per slice; None for no slices.
+            on_set_points: Receives the set points when they are processed.
         """
         self._window = window
         self._on_set_points = on_set_points
@@ -96,17 +100,17 @@ class SlaveSessionDetector:
         self._active: dict[SessionKey, SlaveSessionBuilder] = {}
         self._ended_by_error: dict[
             SlaveSessionBuilder, SessionExit
-        ] = {}  # an error ended it, unless a set point is accepted after all
+        ] = {}  # an error ended it, unless a later set point is accepted
         self._recently_ended: dict[SessionKey, SlaveSessionBuilder] = {}
         self._held_back: deque[_EndedSession] = deque()
         self._session_count = 0
         self._latest_time = 0
-        # The stay of the last set point, and what tells the next one of it at a glance.
+        # Slave-mode session of the last set point, and a cheap test for the next set point of it.
         self._expected_session: SlaveSessionBuilder | None = None
         self._expected = _NOTHING_EXPECTED
 
     def add_call(self, call: Call) -> Sequence[SlaveSession]:
-        """Take in a call that settled; return the stays of which no more is to be expected."""
+        """Add a completed call; return the slave-mode sessions that are finished."""
         question, conversation, batch = self._expected
         reply = call.reply
         if (
@@ -120,7 +124,7 @@ class SlaveSessionDetector:
         return self._process_call(call)
 
     def _process_call(self, call: Call, kept: bool = False) -> Sequence[SlaveSession]:
-        """Take in a call of any kind, or one that is `kept` already."""
+        """Process any call. If `kept` is true, the batch of the expected session already contains it."""
         if kept and self._expected_session is not None:
             self._process_batch(self._expected_session)
         elif is_set_point(call):
@@ -131,7 +135,7 @@ class SlaveSessionDetector:
         return self._release_ended(self._latest_time - HOLD_BACK_NS) if self._held_back else ()
 
     def close_conversation(self, conversation: Conversation) -> tuple[SlaveSession, ...]:
-        """Return the stays of a client that were not given out yet, and forget it: it is gone."""
+        """End and return the slave-mode sessions of a closed conversation, and forget that conversation."""
         for course in [each for each in self._unfinished if each.conversation is conversation]:
             self._end_session(course, SessionExit(ExitReason.SILENT, course.last_activity, (), None, None))
         for key in [key for key in self._recently_ended if key[0] is conversation]:
@@ -143,10 +147,11 @@ class SlaveSessionDetector:
         return tuple(self._finish_session(each) for each in found)
 
     def finish(self, ended_at: int = 0) -> tuple[SlaveSession, ...]:
-        """Return the stays that were not given out yet; the traffic has ended.
+        """Return the remaining slave-mode sessions after the traffic has ended.
 
         Args:
-            ended_at: when, nanoseconds since 1970; the last frame of a call at the earliest.
+            ended_at: Time when the traffic ended, ns since 1970; the last frame of a call counts if it is
+                later.
         """
         courses = self._unfinished
         ends = [course.last_activity for course in courses]
@@ -158,7 +163,7 @@ class SlaveSessionDetector:
 
     @property
     def _unfinished(self) -> Sequence[SlaveSessionBuilder]:
-        """The stays that have not ended, and after them those that have no set point so far."""
+        """Slave-mode sessions that have not ended, followed by those without a set point."""
         waiting = (
             course for known in self._controllers.values() for course in known.pending_sessions.values()
         )
@@ -192,7 +197,7 @@ class SlaveSessionDetector:
             self._process_batch(course)
 
     def _is_outside_session(self, key: SessionKey, call: Call, failed: bool) -> bool:
-        """Tell whether a set point that belongs to no stay begins none either."""
+        """Return whether a set point without a slave-mode session does not begin one either."""
         if self._controller(call).pending_sessions or not (failed or call.reply is None):
             return False
         over = self._recently_ended.get(key)
@@ -238,7 +243,10 @@ class SlaveSessionDetector:
             builder.after_end += 1
 
     def _expect_next(self, builder: SlaveSessionBuilder | None, call: Call) -> None:
-        """Expect the next set point to be one of `builder`; a compressed one has its handle elsewhere."""
+        """Expect the next set point to belong to `builder`.
+
+        Expect nothing after a compressed set point: its handle is in another place.
+        """
         raw = call.request.item.raw
         if builder is not None and call.request.item.body is raw:
             self._expected_session = builder
@@ -318,7 +326,7 @@ class SlaveSessionDetector:
             course.mode = controller.reported_mode
 
     def _on_disconnect(self, call: Call, handle: bytes | None) -> None:
-        """End the stays of a client, or of one of its robots."""
+        """End the slave-mode sessions of a client, or of one of its robots."""
         waiting = self._controller(call).pending_sessions
         for course in (*self._active.values(), *waiting.values()):
             if course.conversation is call.conversation and handle in (None, course.handle):
@@ -331,7 +339,7 @@ class SlaveSessionDetector:
     # ends
 
     def _end_session(self, builder: SlaveSessionBuilder, exit_: SessionExit) -> None:
-        """End a stay; where an error had ended it already, that stays the reason."""
+        """End a slave-mode session. If an error ended it earlier, that error is the reason."""
         exit_ = self._ended_by_error.pop(builder, exit_)
         controller = self._controllers.get(builder.conversation.server) or ControllerState()
         self._active.pop(builder.key, None)
@@ -346,7 +354,7 @@ class SlaveSessionDetector:
         self._held_back.append(_EndedSession(builder, exit_, setting))
 
     def _release_ended(self, before: int | None) -> list[SlaveSession]:
-        """Give out the stays that ended before a moment; all where it is None."""
+        """Return the slave-mode sessions that ended until `before`; all of them if it is None."""
         stays = []
         ended = self._held_back
         while ended and (before is None or ended[0].exit.time <= before or len(ended) > MAX_HELD_BACK):
@@ -378,21 +386,24 @@ class SlaveSessionDetector:
 
 
 class SelectedSlaveSessions:
-    """Finds the stays of chosen set points; what begins and ends a stay is followed all the same."""
+    """Finds the slave-mode sessions of selected set points.
+
+    All other calls still count for the start and end of these sessions.
+    """
 
     def __init__(self, is_selected: Callable[[Call], bool] | None, window: int | None = None) -> None:
-        """Begin.
+        """Create a detector.
 
         Args:
-            is_selected: tells which set points are asked for; None for all, and for stays without any as
-                well.
-            window: as of `SlaveSessionDetector`.
+            is_selected: Returns whether a set point is selected; None for all set points, and for slave-mode
+                sessions without set points.
+            window: Length of a time slice, as in `SlaveSessionDetector`.
         """
         self._is_selected = is_selected
         self._detector = SlaveSessionDetector(window)
 
     def add_call(self, call: Call) -> Sequence[SlaveSession]:
-        """Take in a call that settled; return the stays of which no more is to be expected."""
+        """Add a completed call; return the slave-mode sessions that are finished."""
         chosen = self._is_selected
         if chosen is None:
             return self._detector.add_call(call)
@@ -401,7 +412,7 @@ class SelectedSlaveSessions:
         return _with_set_points(self._detector.add_call(call))
 
     def finish(self, ended_at: int = 0) -> Sequence[SlaveSession]:
-        """Return the stays that were not given out yet; `ended_at` as of `SlaveSessionDetector`."""
+        """Return the remaining slave-mode sessions; `ended_at` as in `SlaveSessionDetector.finish`."""
         stays = self._detector.finish(ended_at)
         return stays if self._is_selected is None else _with_set_points(stays)
 
@@ -411,7 +422,7 @@ def _with_set_points(stays: Sequence[SlaveSession]) -> Sequence[SlaveSession]:
 
 
 def is_set_point(call: Call) -> bool:
-    """Tell whether a call is slvMove."""
+    """Return whether a call is slvMove."""
     function_id, command = call.kind
     return function_id == _ROBOT_EXECUTE and command is not None and command.casefold() == "slvmove"
 
@@ -425,7 +436,7 @@ def _call_frames(call: Call) -> tuple[int, ...]:
 
 
 def _find_exit_cause(ended: _EndedSession, controller: ControllerState) -> SessionExit:
-    """Look for what ended a stay of which the set points do not tell it."""
+    """Look in other calls for the end of a slave-mode session that its set points do not show."""
     course, exit_, _ = ended
     if exit_.reason not in (ExitReason.FOUND_OFF, ExitReason.SILENT, ExitReason.CAPTURE_ENDED):
         return exit_
@@ -448,6 +459,6 @@ def _exit_by(reason: ExitReason, call: Call, told: SessionExit) -> SessionExit:
 
 
 def _switches_off(call: Call, builder: SlaveSessionBuilder) -> bool:
-    """Tell whether a call of another client switches slave mode off."""
+    """Return whether a call of another client switches slave mode off."""
     foreign = call.conversation is not builder.conversation
     return foreign and call.hresult is not None and not is_failure(call.hresult) and requested_mode(call) == 0

@@ -1,4 +1,4 @@
-"""Figures of a stay for each slice of time."""
+"""Figures of a slave-mode session for each slice of time."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ from bcapscope.analysis.statistics.distribution import DistributionSummary, Floa
 from bcapscope.protocol.tables.hresult import is_failure
 
 MAX_SLICES = 10_000
-"""Slices kept of one stay: nearly three hours of seconds. What is left off is counted."""
+"""Slices kept for one slave-mode session: nearly three hours of seconds. Further ones are counted."""
 
 
 class SessionSlice(NamedTuple):
     """Figures of one slice of time.
 
     Attributes:
-        begin: when it begins.
-        sent: set points in it.
-        retries: of them.
-        refused: of them.
-        unanswered: of them, those left out that were open when the capture ended or that were let go.
-        cycle: None where there was none.
-        latency: None likewise.
-        smallest_slack_ms: as in `BufferFacts`; None likewise.
+        begin: Start of the slice, ns since 1970.
+        sent: Number of set points.
+        retries: Number of retries.
+        refused: Number of refused set points.
+        unanswered: Number of unanswered set points, without those that were evicted or still open at the end.
+        cycle: Cycle times, ms; None without any.
+        latency: Latencies, ms; None without any.
+        smallest_slack_ms: Smallest slack, ms, as in `BufferFacts`; None without any.
     """
 
     begin: int
@@ -40,7 +40,7 @@ class SessionSlice(NamedTuple):
 
 
 class _OpenSlice:
-    """The slice that set points fall into now."""
+    """The slice that is being filled."""
 
     __slots__ = ("cycle", "latency", "number", "refused", "retries", "sent", "slack", "unanswered")
 
@@ -52,10 +52,10 @@ class _OpenSlice:
 
 
 class SessionSlicer:
-    """Cuts a stay into slices of equal length, from its origin on."""
+    """Divides a slave-mode session into slices of equal length, starting at its origin."""
 
     def __init__(self, window: int, origin: int) -> None:
-        """Take the length of a slice and the beginning of the first, in nanoseconds."""
+        """Create a slicer; `window` is the length of a slice, `origin` the start of the first, both in ns."""
         self.left_off = 0
         self._window = window
         self._origin = origin
@@ -63,9 +63,9 @@ class SessionSlicer:
         self._open: _OpenSlice | None = None
 
     def add(self, rows: SetPointTable, cycles: Floats, slacks: Floats) -> None:
-        """Take in set points; `cycles` and `slacks` in ms, NaN where there is none.
+        """Add set points; `cycles` and `slacks` are in ms, NaN where there is none.
 
-        One that was seen before an earlier one counts with the slice that is open.
+        A set point that was captured before an earlier one counts in the open slice.
         """
         numbers = np.maximum.accumulate(rows.times // self._window)
         if self._open is not None:
@@ -77,7 +77,7 @@ class SessionSlicer:
             self._fill(self._open, rows, np.flatnonzero(numbers == number), cycles, slacks)
 
     def finish(self) -> tuple[SessionSlice, ...]:
-        """Return all slices that hold a set point, the last one perhaps not over."""
+        """Return all slices with set points; the last one may be incomplete."""
         self._close()
         return tuple(self._finished)
 

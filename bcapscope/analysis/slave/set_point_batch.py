@@ -1,4 +1,4 @@
-"""Set points that wait until many are looked at together, in as little memory as they take."""
+"""Set points that wait to be processed together, stored in little memory."""
 
 from __future__ import annotations
 
@@ -14,23 +14,26 @@ from bcapscope.protocol.codec.frame import Frame
 from bcapscope.traffic.call import Call, FrameObservation
 
 LARGE_FRAME = 2048
-"""Bytes; a set point has a tenth. Larger ones are kept aside."""
+"""Size in bytes. A set point has a tenth of this; larger frames are kept separately."""
 
 LATEST_TIME = (1 << 62) - 1
-"""Nanoseconds since 1970, in the year 2116: the difference of two times no further off fits 64 bits. What a
-damaged capture claims beyond counts as this."""
+"""Latest time, ns since 1970; in the year 2116.
+
+The difference of two times up to this fits into 64 bits. Later times, which only a damaged capture has, are
+set to this value.
+"""
 
 HANDLE_VALUE_BYTES = slice(25, 29)
-"""Where a request that is not compressed has the value of its first argument."""
+"""Position of the first argument's value in a request that is not compressed."""
 
 
 class FrameBytes:
-    """Frames of one direction, one behind the other.
+    """Frames of one direction, stored one after another.
 
     Attributes:
-        size: of each in `data`; 0 as long as there is none.
-        data: the frames, with zeros in the place of each that has another size.
-        odd_sized: those, by place; b"" for one that is missing.
+        size: Size of each frame in `data`, in bytes; 0 while there is none.
+        data: The frames. Zeros replace each frame of another size.
+        odd_sized: Frames of another size, by index; b"" for a missing frame.
     """
 
     __slots__ = ("data", "odd_sized", "size")
@@ -43,7 +46,7 @@ class FrameBytes:
             self.add(place, raw)
 
     def add(self, index: int, raw: bytes) -> None:
-        """Add a frame behind `index` others; the first that is not large decides about the size of most."""
+        """Add a frame at `index`; the first frame that is not large sets the common size."""
         if not self.size and 0 < len(raw) <= LARGE_FRAME:
             self.size = len(raw)
             self.data += bytes(self.size * index)
@@ -58,20 +61,20 @@ class FrameBytes:
         return bytes(self.data[index * self.size : (index + 1) * self.size]) if found is None else found
 
     def clear(self) -> None:
-        """Forget all; the size of most is expected to stay."""
+        """Remove all frames, but keep the common size."""
         self.data = bytearray()
         self.odd_sized = {}
 
 
 class SetPointRow(NamedTuple):
-    """What is kept of a set point besides its bytes.
+    """Data of a set point apart from its bytes.
 
     Attributes:
-        call: its number.
-        frame: of the first request.
-        time: of that, nanoseconds since 1970-01-01 UTC.
-        reply_frame: of the accepted reply; 0 where there is none.
-        reply_time: time of that; that of the request where there is none.
+        call: Call number.
+        frame: Frame of the first request.
+        time: Time of the first request, ns since 1970-01-01 UTC.
+        reply_frame: Frame of the accepted reply; 0 without one.
+        reply_time: Time of the accepted reply; time of the request without one.
     """
 
     call: int
@@ -90,12 +93,11 @@ class SetPointBatch:
     """Set points in the order in which they were sent.
 
     Attributes:
-        handle: value of the robot's handle, as it stands in the requests; set by who knows it.
-        row_data: a row each, as 64-bit integers.
-        requests: bytes of the first requests.
-        results: bytes of the accepted replies.
-        irregular: place and call of those that have more to tell: not answered, not with S_OK, or sent or
-            answered more than once.
+        handle: Value of the robot's handle as it appears in the requests; the owner of the batch sets it.
+        row_data: One row per set point, as 64-bit integers.
+        requests: Bytes of the first requests.
+        results: Bytes of the accepted replies.
+        irregular: Index and call of the set points that `add_plain` did not accept.
     """
 
     __slots__ = ("handle", "irregular", "requests", "results", "row_data")
@@ -117,7 +119,7 @@ class SetPointBatch:
         """Add a set point that was sent once and answered with S_OK, if it looks like the others.
 
         Returns:
-            False, with nothing done, where it has more to tell, another handle or another size.
+            False, without any change, if its handle or size differs, or if it was not answered with S_OK.
         """
         frame: int
         time: int
@@ -125,7 +127,7 @@ class SetPointBatch:
         replied: int
         item: Frame
         result: Frame
-        # Taken apart so in less time than attribute by attribute.
+        # Faster than reading the attributes one by one.
         frame, time, _, _, item, _ = call.request  # type: ignore[misc]  # a tuple behind its protocol
         reply_frame, replied, _, _, result, _ = reply  # type: ignore[misc]  # the same
         raw, answer, reserved = item.raw, result.raw, item.reserved
@@ -147,7 +149,7 @@ class SetPointBatch:
         return True
 
     def add(self, call: Call) -> None:
-        """Add a set point of any kind."""
+        """Add any set point."""
         place, request, reply = len(self), call.request, call.reply
         self.irregular.append((place, call))
         self.requests.add(place, request.item.raw)
@@ -159,12 +161,12 @@ class SetPointBatch:
         )
 
     def columns(self) -> NDArray[np.int64]:
-        """Return calls, frames, times, reply frames and times of replies, one behind the other."""
+        """Return five arrays: calls, frames, times, reply frames and times of replies."""
         rows = np.frombuffer(self.row_data, np.int64).reshape(-1, len(SetPointRow._fields))
         return np.ascontiguousarray(rows.T)
 
     def clear(self) -> None:
-        """Forget all set points; columns made of them stay as they are."""
+        """Remove all set points; arrays made from them stay valid."""
         self.row_data = bytearray()
         self.requests.clear()
         self.results.clear()

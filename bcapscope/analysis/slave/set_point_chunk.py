@@ -1,4 +1,4 @@
-"""Set points of a stay as they come, for whoever wants each of them and not only figures."""
+"""Chunks of set points, for callers that need each set point and not only figures."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ from bcapscope.traffic.observation import Conversation
 
 
 class SetPointChunk(NamedTuple):
-    """Set points that follow each other in one stay, refused ones among them.
+    """Successive set points of one slave-mode session, including refused ones.
 
     Attributes:
-        session_number: number of the stay.
-        conversation: whose they are.
-        robot: handle of the robot; None where it could not be read.
-        mode: as far as it was known at the first set point.
-        send_format: accepted send format; None where none was seen.
-        receive_format: likewise.
-        grid_ms: the period that the client should keep.
-        microseconds: unit of the controller's time stamps.
-        axes: of the poses; () where no pose could be read.
-        table: the calls.
-        commanded: poses of the requests, a row a call.
-        returned: poses of the same type and time stamps in the replies, a row a call.
+        session_number: Number of the slave-mode session.
+        conversation: Conversation of the client that sent the set points.
+        robot: Handle of the robot; None if unreadable.
+        mode: Slave mode, as far as known at the first set point.
+        send_format: Accepted send format; None if none was seen.
+        receive_format: Accepted receive format; None if none was seen.
+        grid_ms: Period that the client should keep, ms.
+        microseconds: True if the controller's time stamps are in µs, not ms.
+        axes: Axes of the poses; () if no pose could be read.
+        table: Calls of the set points.
+        commanded: Poses of the requests, one row per call.
+        returned: Poses of the same type and time stamps in the replies, one row per call.
     """
 
     session_number: int
@@ -45,4 +45,4 @@ class SetPointChunk(NamedTuple):
 
 
 SetPointHandler: TypeAlias = Callable[[SetPointChunk], None]
-"""Takes the set points of all stays in, some thousand at a time."""
+"""Receives the set points of all slave-mode sessions, some thousand at a time."""

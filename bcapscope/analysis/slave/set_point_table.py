@@ -1,4 +1,4 @@
-"""Set points as columns, so that a million of them are not looked at one by one."""
+"""Set points as columns, so that a million of them can be processed together."""
 
 from __future__ import annotations
 
@@ -17,23 +17,23 @@ from bcapscope.traffic.call import Call
 class SetPointTable:
     """Set points in the order in which they were sent.
 
-    Times are nanoseconds since an origin that is given, frames numbers of observations.
+    Times are ns since `origin`; frames are observation numbers.
 
     Attributes:
-        origin: nanoseconds since 1970-01-01 UTC.
-        calls: numbers of the calls.
-        times: of the first requests.
-        arrivals: of the requests that were answered; of the first ones where none was.
-        replies: of the accepted replies; equal to `times` where there is none.
-        answered: where there is a reply.
-        open: where there is none and one may have come that was not seen: the capture ended first, or the
-            call was let go.
-        codes: HRESULT of each, 0 where there is none.
-        frames: of the first requests.
-        reply_frames: 0 where there is none.
-        retries: of each.
-        irregular: place and call of those that have more to tell: not answered, not with S_OK, or sent or
-            answered more than once.
+        origin: Origin of the times, ns since 1970-01-01 UTC.
+        calls: Call numbers.
+        times: Times of the first requests.
+        arrivals: Times of the answered attempts; of the first requests where there is no reply.
+        replies: Times of the accepted replies; equal to `times` where there is none.
+        answered: True where there is a reply.
+        open: True where no reply was captured but one may have come: the capture ended first, or the call was
+            evicted.
+        codes: HRESULT of each reply, 0 where there is none.
+        frames: Frames of the first requests.
+        reply_frames: Frames of the accepted replies, 0 where there is none.
+        retries: Number of retries.
+        irregular: Index and call of the set points whose data is not all in the columns, as in
+            `SetPointBatch`.
     """
 
     origin: int
@@ -51,14 +51,14 @@ class SetPointTable:
 
     @property
     def latencies(self) -> Floats:
-        """Milliseconds from the first request to the reply; infinite where there is none."""
+        """Time from the first request to the reply, ms; infinite without a reply."""
         taken: Floats = (self.replies - self.times) / 1e6
         taken[~self.answered] = np.inf
         return taken
 
 
 def table_of(batch: SetPointBatch, origin: int) -> SetPointTable:
-    """Make columns of a batch, which holds at least one set point; `origin` is taken off all times."""
+    """Return the columns of a batch with at least one set point; `origin` is subtracted from all times."""
     calls, frames, times, reply_frames, replied = batch.columns()
     count = len(calls)
     rows = SetPointTable(

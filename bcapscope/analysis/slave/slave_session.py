@@ -1,7 +1,7 @@
-"""One stay in slave mode, as facts: plain fields for people, programs and rules to read.
+"""Facts about one slave-mode session: plain fields for people, programs and rules.
 
-Moments are nanoseconds since 1970-01-01 UTC, durations milliseconds; frames are numbers of observations.
-Lists that a bad capture could make long hold the first few and stand beside a count of all.
+Times are ns since 1970-01-01 UTC, durations are ms, and frames are observation numbers. Lists that a bad
+capture could make long hold the first few entries; a separate field counts all.
 """
 
 from __future__ import annotations
@@ -23,25 +23,25 @@ from bcapscope.traffic.observation import Conversation, Endpoint
 
 
 class FrameTime(NamedTuple):
-    """A frame and when it was seen."""
+    """A frame and the time when it was captured."""
 
     frame: int
     time: int
 
 
 class CallFact(NamedTuple):
-    """A call that bears on a stay.
+    """A call that is relevant to a slave-mode session.
 
     Attributes:
-        call: its number.
-        client: who asked.
-        function_id: of its function.
-        command: of an ..._Execute function.
-        request_frame: frame of its first request.
-        time: of that.
-        reply_frame: frame of the accepted reply; None where there is none.
-        reply_time: time of that; None likewise.
-        hresult: in that reply; None likewise.
+        call: Call number.
+        client: Conversation of the client.
+        function_id: Id of the function.
+        command: Command of an ..._Execute function.
+        request_frame: Frame of the first request.
+        time: Time of the first request.
+        reply_frame: Frame of the accepted reply; None without one.
+        reply_time: Time of the accepted reply; None without one.
+        hresult: Result code of the accepted reply; None without one.
     """
 
     call: int
@@ -59,14 +59,14 @@ class KnownMode(NamedTuple):
     """The slave mode, and how it is known.
 
     Attributes:
-        value: of slvChangeMode; None where that was not seen.
-        known_by: what told the value: "slvChangeMode", "slvGetMode", or "" where nothing did.
-        generation: of the controller; None where nothing told.
-        generation_known_by: what told it, one clause; "" where nothing did.
-        meaning: of the value on this generation, on an RC8 where that is not known; None for a value that has
-            none and where there is no value.
-        guessed: `meaning` is that of an RC8 though the generation is not known.
-        pose_type: of the set points, by the mode, else by how many numbers they have.
+        value: Argument of slvChangeMode; None if unknown.
+        known_by: Source of the value: "slvChangeMode", "slvGetMode", or "" if unknown.
+        generation: Generation of the controller; None if unknown.
+        generation_known_by: Source of the generation, one clause; "" if unknown.
+        meaning: Mode that the value stands for on this generation, or on an RC8 if the generation is unknown;
+            None for an undefined or unknown value.
+        guessed: `meaning` is that of an RC8 because the generation is unknown.
+        pose_type: Pose type of the set points, from the mode or else from the count of their numbers.
     """
 
     value: int | None
@@ -79,12 +79,12 @@ class KnownMode(NamedTuple):
 
 
 class AcceptedFormat(NamedTuple):
-    """A send or receive format that was accepted before or during the stay.
+    """A send or receive format that the controller accepted before or during the slave-mode session.
 
     Attributes:
-        value: its bits.
-        microseconds: unit of the time stamp.
-        frame: of the request.
+        value: Bits of the format.
+        microseconds: True if the unit of the time stamp is µs, not ms.
+        frame: Frame of the request.
     """
 
     value: int
@@ -93,36 +93,36 @@ class AcceptedFormat(NamedTuple):
 
 
 class ExitReason(StrEnum):
-    """How a stay ended."""
+    """How a slave-mode session ended."""
 
     LEFT = "left"
-    """slvChangeMode 0 by the client of the set points."""
+    """The client that sends the set points called slvChangeMode 0."""
     CHANGED = "changed"
-    """slvChangeMode to another mode, or again to the same."""
+    """slvChangeMode entered another mode, or the same mode again."""
     ERROR = "error"
     """A set point was refused with an error that ends slave mode."""
     OTHER_CALL = "other call"
-    """Found off, after another call of any client was refused with an error that ends slave mode."""
+    """Slave mode was found off after an error in another call, of any client, had ended it."""
     OTHER_CLIENT = "other client"
-    """slvChangeMode by another client of the controller."""
+    """Another client of the controller called slvChangeMode."""
     FOUND_OFF = "found off"
-    """A set point was refused since slave mode is off, and nothing that was seen had ended it."""
+    """A set point was refused because slave mode is off; no captured frame shows what ended it."""
     DISCONNECTED = "disconnected"
     """Robot_Release, Controller_Disconnect, Service_Stop, or a new Service_Start."""
     SILENT = "silent"
-    """No more set points, though the capture goes on: the client died, or the connection did."""
+    """The client sent no more set points although the capture goes on: the client or the connection died."""
     CAPTURE_ENDED = "capture ended"
 
 
 class SessionExit(NamedTuple):
-    """The end of a stay.
+    """The end of a slave-mode session.
 
     Attributes:
-        reason: how it ended.
-        time: when; of the reply that tells it, where there is one.
-        frames: that prove it: request and reply; () where nothing was seen.
-        hresult: of the error that ended it, or in the reply to what ended it; None without one.
-        by: the call that ended it or, for `FOUND_OFF`, that told it; None where there is none.
+        reason: How it ended.
+        time: Time of the end: that of the reply that shows it, if there is one.
+        frames: Request and reply frames that prove it; () if none was captured.
+        hresult: Code of the error that ended it, or of the reply to the call that ended it; None without one.
+        by: Call that ended it, or that found slave mode off for `FOUND_OFF`; None without one.
     """
 
     reason: ExitReason
@@ -134,23 +134,24 @@ class SessionExit(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class SetPointCounts:
-    """Set points of a stay, each once however often it was sent.
+    """Number of set points in a slave-mode session; each counts once, however often it was sent.
 
     Attributes:
-        sent: all.
-        accepted: answered with success.
-        refused: answered with a failure, by HRESULT.
-        unanswered: given up by the client without a reply, as far as was seen.
-        open: still waiting for a reply when the capture ended.
-        not_followed: still waiting for a reply when they were let go, since more was open than is kept.
-        buffer_full: answered with S_BUF_FULL; accepted as well.
-        after_end: refused or not answered after the end, as a consequence; in none of the other numbers.
-        retries: requests beyond the first of each.
-        by_retries: how many set points were sent again so often; 0 among the keys.
-        retries_forbidden: retries in a mode in which the newest point wins, over UDP: wasted bandwidth (DENSO
-            Wave 2009, How to use the Slave mode).
-        late_replies: replies that came after the client had sent another try.
-        lost_replies: replies that were seen, and yet the client asked again.
+        sent: All set points.
+        accepted: Set points answered with success.
+        refused: Set points answered with a failure, by HRESULT.
+        unanswered: Set points that the client gave up; no reply was captured.
+        open: Set points that waited for a reply when the capture ended.
+        not_followed: Set points evicted from memory before a reply arrived.
+        buffer_full: Set points answered with S_BUF_FULL; `accepted` includes them.
+        after_end: Set points refused or unanswered after the end, as a consequence; no other field includes
+            them.
+        retries: Retries of all set points.
+        by_retries: Number of set points by number of retries, including 0.
+        retries_forbidden: Retries over UDP in a mode in which the newest point wins; they waste bandwidth
+            (DENSO Wave 2009, How to use the Slave mode).
+        late_replies: Replies that came after the client had sent another attempt.
+        lost_replies: Replies that were captured, although the client retried afterwards.
     """
 
     sent: int
@@ -170,32 +171,32 @@ class SetPointCounts:
 
 @dataclass(frozen=True, slots=True)
 class SlaveSession:
-    """A stay in slave mode.
+    """A slave-mode session.
 
     Attributes:
-        number: 1 for the one that began first.
-        conversation: whose set points these are.
-        robot: handle of the robot; None where it could not be read.
-        entry_call: the slvChangeMode that began it; None where it began before the capture.
-        entered_at: when it began, by the reply; else by the first set point.
-        mode: what was asked for.
-        send_format: None where none was seen: not the same as 0.
-        receive_format: likewise.
-        first_set_point: first set point; None for a stay without.
-        last_set_point: last set point that belongs to it; None likewise.
-        exit: how it ended.
-        counts: set points.
-        timing: when they came.
-        buffer: what became of them in the controller, by a model.
-        clock: None where no time stamps came back.
-        motion: where they led; None for a stay without set points.
-        refused_set_points: set points that were refused, the first ones.
-        forbidden_retry_frames: frames of the first retries that the mode forbids.
-        other_calls: calls of any client to this controller that are no set points, from shortly before the
-            beginning to shortly after the end, the last ones, in order of time.
-        slices: figures by time, where asked for.
-        slices_left_off: slices beyond those in `slices`.
-        samples: for plots.
+        number: Number in the order of start times, counted from 1.
+        conversation: Conversation of the client that sent the set points.
+        robot: Handle of the robot; None if unreadable.
+        entry_call: The slvChangeMode that began it; None if it began before the capture.
+        entered_at: Start: time of the reply to `entry_call`, else of the first set point.
+        mode: Slave mode that the client requested.
+        send_format: Accepted send format; None if none was seen, which is not the same as 0.
+        receive_format: Accepted receive format; None if none was seen.
+        first_set_point: First set point; None without any.
+        last_set_point: Last set point; None without any.
+        exit: How it ended.
+        counts: Number of set points by result.
+        timing: Timing of the set points.
+        buffer: Model of the controller's buffer.
+        clock: Time stamps of the controller; None if none came back.
+        motion: Commanded motion; None without set points.
+        refused_set_points: The first refused set points.
+        forbidden_retry_frames: Frames of the first retries that the mode forbids.
+        other_calls: Other calls of any client to this controller, except set points, from shortly before the
+            start to shortly after the end. Holds the last ones, in order of time.
+        slices: Figures per slice of time, if requested.
+        slices_left_off: Number of slices beyond those in `slices`.
+        samples: Samples for plots.
     """
 
     number: int
@@ -223,10 +224,10 @@ class SlaveSession:
 
     @property
     def began_before_capture(self) -> bool:
-        """Whether the slvChangeMode that began it was not seen."""
+        """Whether the capture lacks the slvChangeMode that began it."""
         return self.entry_call is None
 
     @property
     def duration_ms(self) -> float:
-        """From the beginning to the end."""
+        """Time from start to end, ms."""
         return (self.exit.time - self.entered_at) / 1e6

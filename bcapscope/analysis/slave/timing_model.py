@@ -1,4 +1,4 @@
-"""When set points were sent and how soon they were answered."""
+"""When the client sent set points, and how fast the controller answered them."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from bcapscope.protocol.slave_mode.modes import PERIOD_MS, ModeKind, SlaveMode
 from bcapscope.traffic.observation import Transport
 
 FAST_GRID_MS = 1
-"""Recommended where the newest point wins (DENSO Wave 2009, How to use the Slave mode)."""
+"""Recommended period where the newest point wins (DENSO Wave 2009, How to use the Slave mode)."""
 
 FAST_BELOW_MS = 3.0
-"""A median cycle below this is nearer, as factors go, to 1 ms than to 8 ms."""
+"""A median cycle below this is nearer, in proportion, to 1 ms than to 8 ms."""
 
 MAX_SLOWEST = 16
 _ON_GRID = 0.1
@@ -31,13 +31,13 @@ class Deadline(NamedTuple):
     """A recommended time-out, and how many set points would have missed it.
 
     Attributes:
-        name: for people.
-        timeout_ms: of one try.
-        tries: at the most, the first one with them.
-        late: set points whose reply came later than one time-out after their first request, or never.
-        given_up: set points whose reply came later than all tries together take, or never.
-        applies: the one that is recommended for this mode and transport.
-        source: who recommends it.
+        name: Name for display.
+        timeout_ms: Time-out of one attempt, ms.
+        tries: Maximum number of attempts, including the first.
+        late: Number of set points without a reply within one time-out after the first request.
+        given_up: Number of set points without a reply within the time of all attempts.
+        applies: True if it is recommended for this mode and transport.
+        source: Source of the recommendation.
     """
 
     name: str
@@ -54,21 +54,21 @@ class TimingFacts:
     """When set points were sent and answered.
 
     Attributes:
-        cycle: between successive set points' first requests; None for fewer than two.
-        grid_ms: the period that the client should keep, 8 or 1.
-        grid_known_by: why this one, one clause.
-        jitter: how far each cycle is from the grid, up or down; None likewise.
-        on_grid: cycles no more than a tenth of the grid away from it.
-        skipped: cycles of one and a half periods or more.
-        backwards: set points that were seen earlier than the one before; left out of `cycle`.
-        rate_hz: set points a second over the whole stay; None for fewer than two.
-        latency: from the first request to the accepted reply; None without one.
-        rtt: from the request that was answered to the accepted reply; None likewise.
-        deadlines: recommended time-outs against `latency`.
-        slowest: the set points with the longest latency or with no reply in time, worst first.
-        slack_ms: what the controller's buffer can bridge when full, see `buffer_model.slack_ms`.
-        gaps: cycles longer than `slack_ms`, all of them.
-        gap_list: the first of them, each the set point behind the gap.
+        cycle: Time between the first requests of successive set points, ms; None for fewer than two.
+        grid_ms: Period that the client should keep, 8 or 1 ms.
+        grid_known_by: Reason for this period, one clause.
+        jitter: Absolute difference of each cycle from the period, ms; None for fewer than two set points.
+        on_grid: Number of cycles within a tenth of the period.
+        skipped: Number of cycles of one and a half periods or more.
+        backwards: Number of set points seen earlier than the previous one; `cycle` does not include them.
+        rate_hz: Set points per second over the whole slave-mode session; None for fewer than two.
+        latency: Time from the first request to the accepted reply, ms; None without a reply.
+        rtt: Time from the answered attempt to the accepted reply, ms; None without a reply.
+        deadlines: Recommended time-outs, compared with `latency`.
+        slowest: Set points with the longest latency or no reply in time, worst first.
+        slack_ms: Time that a full buffer can bridge, ms; see `buffer_model.slack_ms`.
+        gaps: Number of cycles longer than `slack_ms`.
+        gap_list: Set points after the first gaps.
     """
 
     cycle: DistributionSummary | None
@@ -92,12 +92,12 @@ class _RecommendedTimeout(NamedTuple):
     """A recommended time-out.
 
     Attributes:
-        name: for people.
-        timeout_ms: of one try.
-        tries: at the most.
-        kinds: of modes that it is meant for.
-        udp_only: for UDP alone.
-        source: who recommends it.
+        name: Name for display.
+        timeout_ms: Time-out of one attempt, ms.
+        tries: Maximum number of attempts, including the first.
+        kinds: Kinds of mode that it is meant for.
+        udp_only: True if it is meant for UDP only.
+        source: Source of the recommendation.
     """
 
     name: str
@@ -125,11 +125,11 @@ RECOMMENDED_TIMEOUTS = (
         _DRIVER,
     ),
 )
-"""What is recommended for slvMove."""
+"""Recommended time-outs for slvMove."""
 
 
 class _DeadlineMisses:
-    """Set points that a time-out would have been too short for."""
+    """Number of set points for which a time-out is too short."""
 
     __slots__ = ("given_up", "late")
 
@@ -142,7 +142,7 @@ class _DeadlineMisses:
 
 
 class CycleGrid(NamedTuple):
-    """The period that a client should keep, and why."""
+    """The period that a client should keep, and the reason."""
 
     ms: int
     known_by: str
@@ -152,8 +152,8 @@ def choose_grid(overwrites: bool | None, cycles: Floats) -> CycleGrid:
     """Choose between 8 ms and 1 ms.
 
     Args:
-        overwrites: the newest point wins; None where the mode is not known.
-        cycles: the first ones of a stay, ms.
+        overwrites: True if the newest point wins; None if the mode is unknown.
+        cycles: First cycles of a slave-mode session, ms.
     """
     pace = float(np.median(cycles)) if len(cycles) else float(PERIOD_MS)
     if overwrites is False:
@@ -165,7 +165,7 @@ def choose_grid(overwrites: bool | None, cycles: Floats) -> CycleGrid:
 
 
 class TimingModel:
-    """Takes set points in order."""
+    """Measures the timing of set points, added in order."""
 
     def __init__(self, mode: SlaveMode | None, transport: Transport, slots: int) -> None:
         self.grid = CycleGrid(PERIOD_MS, "")
@@ -181,7 +181,7 @@ class TimingModel:
         self._gaps: list[SetPointFact] = []
 
     def add(self, rows: SetPointTable) -> Floats:
-        """Take in set points; return the cycle before each in ms, NaN for the first of all."""
+        """Add set points; return the cycle before each in ms, NaN for the very first."""
         cycles = np.diff(rows.times, prepend=self._last) / 1e6
         if self._first is None:
             self._first = int(rows.times[0])
@@ -232,7 +232,7 @@ class TimingModel:
             self._gaps.append(set_point_fact(rows, row, cycles))
 
     def facts(self) -> TimingFacts:
-        """Tell what was found."""
+        """Return the timing so far."""
         return TimingFacts(
             cycle=self._cycle.distribution(bins=True),
             grid_ms=float(self.grid.ms),

@@ -1,4 +1,4 @@
-"""Figures of calls, by client and by command: how many, how often, how long, what went wrong."""
+"""Figures of calls by client and command: number, rate, duration, and what went wrong."""
 
 from __future__ import annotations
 
@@ -15,21 +15,25 @@ from bcapscope.traffic.call_verdict import Outcome
 from bcapscope.traffic.observation import Conversation, Endpoint, Transport
 
 MAX_KINDS = 4096
-"""Pairs of client and question that have figures of their own; calls of others are counted together as
-`OTHER_KINDS` of their client."""
+"""Pairs of client and call kind with figures of their own.
+
+Further ones count under `OTHER_KINDS` of their client.
+"""
 
 MAX_CODES = 16
-"""Result codes told apart for one kind of call, the first ones met."""
+"""Result codes that are counted separately for each kind of call: the first ones that occur."""
 
 GRACE_NS = 200_000_000_000
-"""How long after the end of a time slice its last calls may settle: a tracker keeps a silent call open for
-180 s (`conversation_pairing.EXECUTION_NS`)."""
+"""How long after the end of a time slice its last calls may be completed.
+
+A tracker keeps a silent call open for 180 s (`conversation_pairing.EXECUTION_NS`).
+"""
 
 OTHER_KINDS = CallKind(0, None)
-"""Stands for all that was asked beyond `MAX_KINDS`; 0 is no function's id."""
+"""Stands for all kinds of call beyond `MAX_KINDS`. No function has the id 0."""
 
 OTHER_CLIENTS = Conversation(Endpoint("others", 0), Endpoint("others", 0), Transport.UDP, "")
-"""Stands for all clients that came when twice `MAX_KINDS` pairs had figures of their own."""
+"""Stands for all clients that appear when twice `MAX_KINDS` pairs have figures of their own."""
 
 _FLUSH_AT = 512
 _MILLISECOND = 1_000_000
@@ -37,25 +41,25 @@ _MILLISECOND = 1_000_000
 
 @dataclass(frozen=True, slots=True)
 class CallFigures:
-    """What is known of the calls of one kind, of one client, or of all.
+    """Figures of the calls of one kind, of one client, or of all calls.
 
     Attributes:
-        calls: in all.
-        answered: with a result that is no failure.
-        refused: with a failure.
-        unanswered: given up by the client.
-        open: still open when the traffic ended.
-        not_followed: let go while they were open, as more was open than is kept.
-        retries: requests sent again.
-        retried_calls: calls that were sent more than once.
-        late_replies: replies that came too late.
-        executing: S_EXECUTING notices.
-        request_bytes: of all requests, retries included.
-        calls_per_second: calls a second over the time of the whole, None for a time of 0.
-        line_time_share: of the whole time during which the client waited for the reply to such a call; what
-            several conversations wait at once adds up.
-        latency: milliseconds from the first request to the accepted reply.
-        refusal_codes: failures by HRESULT, the most frequent first.
+        calls: Number of calls.
+        answered: Number of calls with a result that is no failure.
+        refused: Number of calls with a failure.
+        unanswered: Number of calls that the client gave up.
+        open: Number of calls still open when the traffic ended.
+        not_followed: Number of calls evicted while open, because too many calls were open.
+        retries: Number of retries.
+        retried_calls: Number of calls that were sent more than once.
+        late_replies: Number of late replies.
+        executing: Number of S_EXECUTING notices.
+        request_bytes: Size of all requests in bytes, including retries.
+        calls_per_second: Calls per second over the whole time; None if that is 0.
+        line_time_share: Sum of the latencies as a share of the whole time; None if that is 0. Concurrent
+            waits of several conversations add up.
+        latency: Time from the first request to the accepted reply, ms.
+        refusal_codes: Number of failures by HRESULT, the most frequent first.
     """
 
     calls: int
@@ -77,12 +81,12 @@ class CallFigures:
 
 @dataclass(frozen=True, slots=True)
 class StatisticsRow:
-    """Figures of one kind of call.
+    """Figures of one group of calls.
 
     Attributes:
-        conversation: of which client; None for all.
-        call_kind: function and command; None for all of the client.
-        figures: of these calls.
+        conversation: Conversation of the client; None for all clients.
+        call_kind: Function and command; None for all kinds.
+        figures: Figures of these calls.
     """
 
     conversation: Conversation | None
@@ -92,15 +96,15 @@ class StatisticsRow:
 
 @dataclass(frozen=True, slots=True)
 class Statistics:
-    """Figures of a time.
+    """Figures over a period of time.
 
     Attributes:
-        start: nanoseconds since 1970; of the first request, or where the slice begins.
-        end: of the last frame of a call, or where the slice ends.
-        total: of all calls.
-        clients: of each client, the one that called most first.
-        commands: of each kind of call of each client, the one that took most time first.
-        kinds: of each kind of call, all clients together, likewise.
+        start: Start, ns since 1970: the first request, or the start of the slice.
+        end: End, ns since 1970: the last frame of a call, or the end of the slice.
+        total: All calls.
+        clients: One row per client, the one with the most calls first.
+        commands: One row per kind of call and client, the one that took most time first.
+        kinds: One row per kind of call over all clients, the one that took most time first.
     """
 
     start: int
@@ -112,7 +116,7 @@ class Statistics:
 
 
 class _CallTally:
-    """Counts calls of one kind; smooth ones, nearly all, are counted many at once."""
+    """Counts calls of one kind. Nearly all are plain successes; those are counted many at once, for speed."""
 
     __slots__ = (
         "calls", "codes", "executing", "histogram", "late", "other_latencies",
@@ -159,7 +163,7 @@ class _CallTally:
             self.codes[code] += 1
 
     def flush(self) -> None:
-        """Count the smooth calls kept so far, and move all latencies into the histogram."""
+        """Count the plain successes kept so far, and move all latencies to the histogram."""
         self.calls += len(self.smooth_latencies)
         self.outcomes[Outcome.ANSWERED] += len(self.smooth_latencies)
         latencies = self.smooth_latencies + self.other_latencies
@@ -168,7 +172,7 @@ class _CallTally:
         self.smooth_latencies, self.other_latencies = [], []
 
     def merge(self, other: _CallTally) -> None:
-        """Take over what another tally counted, whose latencies are settled."""
+        """Add the counts of another tally; flush that one before."""
         for name in ("calls", "retries", "retried", "late", "executing", "request_bytes", "waited"):
             setattr(self, name, getattr(self, name) + getattr(other, name))
         self.outcomes.update(other.outcomes)
@@ -176,7 +180,7 @@ class _CallTally:
         self.histogram.merge(other.histogram)
 
     def figures(self, nanoseconds: int) -> CallFigures:
-        """Sum up over a time."""
+        """Return the figures over a duration in ns."""
         self.flush()
         seconds = nanoseconds / 1_000_000_000
         return CallFigures(
@@ -199,7 +203,7 @@ class _CallTally:
 
 
 class StatisticsBuilder:
-    """Counts calls as they settle; memory grows with the kinds of calls, not with their number."""
+    """Counts completed calls; memory grows with the number of call kinds, not of calls."""
 
     def __init__(self) -> None:
         self._tallies: dict[tuple[Conversation, CallKind], _CallTally] = {}
@@ -219,11 +223,11 @@ class StatisticsBuilder:
         self._end = max(self._end, call.last_activity)
 
     def statistics(self, start: int | None = None, end: int | None = None) -> Statistics | None:
-        """Sum up; None where there were no calls.
+        """Return the figures so far; None without calls.
 
         Args:
-            start: where the time begins that rates and shares are of; the first request if not given.
-            end: where it ends; the last frame of a call if not given.
+            start: Start of the period for rates and shares, ns since 1970; by default the first request.
+            end: End of the period, ns since 1970; by default the last frame of a call.
         """
         if self._start is None:
             return None
@@ -268,14 +272,14 @@ def _time_taken(row: StatisticsRow) -> tuple[float, int]:
 
 
 class SlicedStatistics:
-    """Statistics of one slice of time after the other; a call belongs to the slice in which it started.
+    """Figures per slice of time. A call belongs to the slice in which it started.
 
-    Where time goes back by more than `GRACE_NS`, as between captures read in another order, all slices before
-    that are over; a slice may then come twice, each time with other calls.
+    If time goes back by more than `GRACE_NS`, as between captures read in another order, all earlier slices
+    end. A slice may then be returned twice, each time with other calls.
     """
 
     def __init__(self, nanoseconds: int) -> None:
-        """Cut the time into slices of that length, the first one beginning with the first call."""
+        """Create slices of `nanoseconds` each; the first one begins with the first call."""
         self._length = nanoseconds
         self._origin: int | None = None
         self._latest = 0
@@ -283,7 +287,7 @@ class SlicedStatistics:
         self._builders: dict[int, StatisticsBuilder] = {}
 
     def add_call(self, call: Call) -> list[Statistics]:
-        """Count a call; return the slices to which nothing can be added any more, in order."""
+        """Count a call; return the slices that are complete, in order."""
         time = call.request.time
         if self._origin is None:
             self._origin = self._latest = time
@@ -304,7 +308,7 @@ class SlicedStatistics:
         return found
 
     def close(self) -> list[Statistics]:
-        """Return the slices that are left."""
+        """Return the remaining slices."""
         return self._finish_slices(list(self._builders))
 
     def _finish_slices(self, numbers: list[int]) -> list[Statistics]:

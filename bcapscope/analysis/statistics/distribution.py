@@ -1,4 +1,4 @@
-"""How values are spread: percentiles and a histogram, in memory that does not grow with their number."""
+"""Distribution of values: percentiles and a histogram, in bounded memory."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ Floats: TypeAlias = "NDArray[np.float64]"
 Bools: TypeAlias = "NDArray[np.bool_]"
 
 EXACT_UP_TO = 8192
-"""So many values are kept as they are; from then on they are counted in bins."""
+"""Number of values that are kept exactly; beyond that, values are counted in bins."""
 
 _PER_OCTAVE = 128
-"""Bins between a power of two and the next: the middle of a bin is less than 0.4% from all in it."""
+"""Bins per power of two. The middle of a bin is less than 0.4% away from every value in it."""
 
 _LOWEST, _HIGHEST = -24, 40
-"""Powers of two between which bins are told apart: from a micrometre's tenth in mm to decades in ms."""
+"""Range of the bins, as powers of two: from a tenth of a micrometre in mm to decades in ms."""
 
 _BINS = (_HIGHEST - _LOWEST) * _PER_OCTAVE
 
 
 @dataclass(frozen=True, slots=True)
 class Bin:
-    """How many values there are from `low`, itself included, to `high`."""
+    """Number of values from `low`, inclusive, to `high`."""
 
     low: float
     high: float
@@ -35,18 +35,20 @@ class Bin:
 
 @dataclass(frozen=True, slots=True)
 class DistributionSummary:
-    """How values are spread. A percentile is the smallest value that this share of all does not exceed.
+    """Summary of a distribution.
+
+    A percentile is the smallest value that this share of all values does not exceed.
 
     Attributes:
-        count: of values.
-        mean: of them, exact.
-        least: exact.
-        most: exact.
-        p50: exact for up to 8192 values, else within 0.4%, as all percentiles.
-        p90: likewise.
-        p99: likewise.
-        p999: likewise.
-        bins: in order, without empty ones, 128 to a power of two; () where nobody wants to draw them.
+        count: Number of values.
+        mean: Mean value, exact.
+        least: Smallest value, exact.
+        most: Largest value, exact.
+        p50: Median; exact for up to 8192 values, else within 0.4%, like all percentiles.
+        p90: 90th percentile.
+        p99: 99th percentile.
+        p999: 99.9th percentile.
+        bins: Bins in order, without empty ones, 128 per power of two; () unless requested.
     """
 
     count: int
@@ -60,27 +62,27 @@ class DistributionSummary:
     bins: tuple[Bin, ...] = ()
 
     def scaled(self, factor: float) -> DistributionSummary:
-        """Return that of the same values in another unit, without bins."""
+        """Return the summary in another unit: all values times `factor`, without bins."""
         points = (self.mean, self.least, self.most, self.p50, self.p90, self.p99, self.p999)
         mean, least, most, p50, p90, p99, p999 = (point * factor for point in points)
         return DistributionSummary(self.count, mean, least, most, p50, p90, p99, p999)
 
 
 class Histogram:
-    """Takes values, 0 or more, and tells how they are spread; what is negative or no number is left out."""
+    """Collects values of 0 or more. Negative values, NaN and infinity are left out."""
 
     __slots__ = ("_counts", "_first_bin", "_least", "_most", "_pending", "_pending_count", "_total")
 
     def __init__(self) -> None:
-        self._pending: list[Floats] = []  # values that are not counted in bins yet
+        self._pending: list[Floats] = []  # values not yet counted in bins
         self._pending_count = 0
         self._counts: NDArray[np.int64] | None = None
-        self._first_bin = 0  # number of the bin that the first of the counts is for
+        self._first_bin = 0  # bin number of the first count
         self._total = 0.0
         self._least, self._most = math.inf, 0.0
 
     def add(self, values: Floats) -> None:
-        """Take values in; they are not copied, so nobody must change them afterwards."""
+        """Add values. The array is not copied; do not change it afterwards."""
         if not len(values):
             return
         self._pending.append(values)
@@ -89,7 +91,7 @@ class Histogram:
             self._join_pending()
 
     def merge(self, other: Histogram) -> None:
-        """Take in all that another histogram took."""
+        """Add all values of another histogram."""
         if other._counts is not None:
             self._add_counts(other._first_bin, other._counts)
             self._total += other._total
@@ -98,7 +100,7 @@ class Histogram:
             self.add(values)
 
     def distribution(self, bins: bool = False) -> DistributionSummary | None:
-        """Tell how the values so far are spread; None where there is none."""
+        """Return the distribution so far; None without values."""
         if self._counts is not None:
             self._count_into_bins(self._pending_values())
             points = self._percentiles(self._counts)
@@ -173,9 +175,9 @@ def _rank(share: int, count: int) -> int:
 
 
 def _bin_counts(values: Floats) -> tuple[int, NDArray[np.int64]]:
-    """Count values in bins; return the number of the first bin and the counts from it on.
+    """Count values in bins; return the number of the first bin, and the counts from there on.
 
-    The upper bits of an IEEE 754 double, exponent and first bits of the mantissa, are the number of its bin.
+    The bin number is the upper bits of the IEEE 754 double: the exponent and the first bits of the mantissa.
     """
     bits = np.ascontiguousarray(values).view(np.int64)
     numbers = np.clip((bits >> _BIN_SHIFT) - _FIRST_BIN, 0, _BINS - 1)
@@ -184,7 +186,7 @@ def _bin_counts(values: Floats) -> tuple[int, NDArray[np.int64]]:
 
 
 def _bin_edge(number: int) -> float:
-    """Return the lower edge of a bin; that of the first is 0."""
+    """Return the lower edge of a bin; 0 for the first bin."""
     if number <= 0:
         return 0.0
     octave, part = divmod(number, _PER_OCTAVE)
