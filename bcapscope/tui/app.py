@@ -200,8 +200,7 @@ class BcapApp(KeyOrderApp):
         self.run_worker(self.action_quit(), exclusive=False)
 
     def add_closer(self, closer: Closer) -> None:
-        """Register a coroutine function that runs before the screen closes, in every case; the last added
-        runs first."""
+        """Register a coroutine function that always runs before the screen closes; the last runs first."""
         self._closers.append(closer)
 
     def get_line_filters(self) -> Sequence[LineFilter]:
@@ -235,8 +234,7 @@ class BcapApp(KeyOrderApp):
         self._halts.append(halt)
 
     def halt(self) -> bool:
-        """Stop everything that moves; return whether there was something to stop. Any thread may call
-        this."""
+        """Stop everything; return whether there was something to stop. Any thread may call this."""
         return any([each() for each in tuple(self._halts)])
 
     def _halt_by_key(self) -> None:

@@ -38,8 +38,7 @@ _INITIATOR_MARKS = {Initiator.USER: " ", Initiator.SCREEN: "·", Initiator.WATCH
 
 
 def history_line(record: HistoryRecord, palette: Palette) -> str:
-    """Return one line: number, time of day (UTC), initiator unless it is the user, call, subject, result,
-    time."""
+    """Return one line: number, time (UTC), initiator if not the user, call, subject, result, duration."""
     color = palette
     head = f"{record.number:>5} {utc_text(record.began)[11:23]} {_INITIATOR_MARKS[record.initiator]}"
     name = f"{call_name(record.function_id, record.arguments)}{_subject_text(record)}{_argument_text(record)}"

@@ -111,8 +111,7 @@ class ControllerSession:
         self._thread.start()
 
     async def run_in_loop(self, step: Coroutine[Any, Any, R]) -> R:
-        """Run a coroutine in this session's loop and wait for it; cancelling the caller cancels the
-        coroutine."""
+        """Run a coroutine in this session's loop and wait for it; cancellation reaches the coroutine."""
         return await asyncio.wrap_future(asyncio.run_coroutine_threadsafe(step, self._loop))
 
     def pause_polling(self, paused: bool) -> None:
@@ -122,8 +121,7 @@ class ControllerSession:
             self._halt_connection.pause_heartbeat(paused)
 
     def close(self) -> None:
-        """Release everything within `CLOSE_TIMEOUT` seconds and end the thread. Call it from another
-        thread."""
+        """Release everything within `CLOSE_TIMEOUT` seconds and end the thread. Call it in another thread."""
         done = asyncio.run_coroutine_threadsafe(self._shut_down(), self._loop)
         with suppress(TimeoutError, BcapError, OSError):
             done.result(CLOSE_TIMEOUT)
@@ -347,8 +345,7 @@ class ControllerSession:
     # HALT.
 
     def halt(self) -> bool:
-        """Stop the robot; return whether there is a connection. Any thread may call this; it returns at
-        once."""
+        """Stop the robot; return at once whether there is a connection. Any thread may call this."""
         self.arming.disarm()
         line = self._halt_connection
         if line is not None:

@@ -53,8 +53,7 @@ class LastSlaveSession:
         self.first_set_point: tuple[float, ...] = ()
 
     def on_record(self, record: HistoryRecord) -> None:
-        """Update from a call of any initiator. Refused calls are ignored: they show nothing about the
-        robot."""
+        """Update from a call of any initiator. A refused call shows nothing about the robot, so skip it."""
         if record.outcome is not RecordOutcome.ANSWERED or len(record.arguments) < 3:
             return
         command, parameter = command_of(record.function_id, record.arguments), record.arguments[2]

@@ -214,8 +214,7 @@ class HaltConnection:
         self._report(HaltUpdate(HaltState.READY, round_trip=took))
 
     async def _halt_robot(self, session: Session, handle: int) -> None:
-        """Halt the robot. On the first refusal reopen the connection: the controller may have forgotten
-        it."""
+        """Halt the robot. After a first refusal reopen the connection: the controller may not know it."""
         self._report(HaltUpdate(HaltState.HALTING))
         began = self._loop.time()
         try:

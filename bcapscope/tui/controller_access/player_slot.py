@@ -57,8 +57,7 @@ class PlayerSlot:
             self._player.stop()
 
     def halt(self) -> bool:
-        """Stop the robot at once; return whether a player is running. Any thread may call this; it returns at
-        once."""
+        """Stop the robot; return at once whether a player is running. Any thread may call this."""
         player = self._player
         if player is not None:
             player.halt()

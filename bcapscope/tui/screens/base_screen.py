@@ -51,8 +51,7 @@ class BaseScreen(Screen[None], PlainContainer):
         self.call_after_refresh(gc.freeze)
 
     def on_screen_resume(self, event: ScreenResume) -> None:
-        """Skip the style update: each widget has its styles from the start, and a new theme has been applied
-        by now."""
+        """Skip the style update: each widget already has its styles, also those of a new theme."""
         event.refresh_styles = False
 
     def content(self) -> ComposeResult:

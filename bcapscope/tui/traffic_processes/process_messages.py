@@ -1,5 +1,4 @@
-"""Messages between the screen and the processes that read, search and save, and their transport through
-pipes."""
+"""Messages between the screen and the processes that read, search and save, and how pipes carry them."""
 
 from __future__ import annotations
 

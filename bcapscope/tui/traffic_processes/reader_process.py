@@ -125,8 +125,7 @@ class TrafficReader:
                     return
 
     def _buffer_until_loaded(self, observation: Observation) -> None:
-        """Buffer observations until the diagnosis is loaded: loading the rules first would keep the screen
-        empty."""
+        """Buffer observations until the diagnosis is loaded: loading it first delays the first frames."""
         if self._diagnosis is None:
             self._undiagnosed.append(observation)
         else:
@@ -181,8 +180,7 @@ class TrafficReader:
         self._report_if_due()
 
     def _capture_time(self) -> int:
-        """Return the present time in ns by the packets' clock, which may be another machine's or long
-        past."""
+        """Return the present time in ns by the packets' clock, possibly another machine's or long past."""
         latest, now = self._observer.end_time, time.monotonic_ns()
         if latest != self._last_capture_time:
             self._last_capture_time, self._last_capture_seen_at = latest, now

@@ -200,8 +200,7 @@ class TrafficFeed:
             _pipe(self._reader.stdin).flush()
 
     def report_source_problem(self, reason: str) -> None:
-        """Report why no more traffic may follow, in one sentence; "" withdraws it. Any thread may call
-        this."""
+        """Report why no more traffic may follow (one sentence; "" withdraws it). Any thread may call."""
         self._publish(SourceProblem(reason))
 
     def close(self) -> None:
