@@ -74,7 +74,7 @@ class LastSlaveSession:
 async def read_errors(session: ControllerSession) -> list[tuple[int, str]]:
     """Read the controller's current errors, newest first: code and the controller's text.
 
-    Return none in slave mode, where no other call is safe (public issues of DENSORobot/denso_robot_ros).
+    Leave slave mode first, where no other call is safe (public issues of DENSORobot/denso_robot_ros).
 
     Raises:
         BcapError, OSError: As for `ControllerSession.call`.

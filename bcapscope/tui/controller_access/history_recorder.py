@@ -89,7 +89,7 @@ class HistoryRecorder:
             )
 
     def abandon_call(self, now: int) -> HistoryRecord | None:
-        """End the call under way without a reply, and return its record.
+        """End the call under way without a reply; return its record, or None if there is no such call.
 
         Args:
             now: ns since 1970-01-01 UTC.

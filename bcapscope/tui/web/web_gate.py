@@ -2,7 +2,8 @@
 
 The printed address contains a token. It opens a page that sets a cookie and forwards to a secret path.
 Everything else is below that path and needs the cookie. Browsers send a cookie to every port of a host, where
-another user's server could collect it. The secret path makes such a cookie useless.
+another user's server could collect it. This cookie is limited to the secret path, which keeps it from such
+servers.
 """
 
 from __future__ import annotations
