@@ -159,7 +159,7 @@ class ControllerSession:
         self.update_status(target=target)
 
     def open_halt_connection(self, robot: str) -> None:
-        """Open the HALT connection; reopen it if it is open for another robot."""
+        """Open the HALT connection for a robot; replace one that is open."""
         target = self.status.target
         if target is None:
             return
