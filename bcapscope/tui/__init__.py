@@ -2,5 +2,5 @@
 
 import os
 
-# Textual draws what a key did up to two of these turns after what it drew before, and reads this once.
+# Textual redraws up to two frames after the update that a key caused, and reads this variable only at import.
 os.environ.setdefault("TEXTUAL_FPS", "240")

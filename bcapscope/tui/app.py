@@ -1,4 +1,4 @@
-"""The application: its screens, colours, settings, and how it ends."""
+"""The Textual application: screens, themes, settings, HALT and orderly shutdown."""
 
 from __future__ import annotations
 
@@ -35,29 +35,32 @@ if TYPE_CHECKING:
     from bcapscope.tui.screens.base_screen import BaseScreen
 
 CLOSE_TIMEOUT = 10.0
-"""Seconds that all that is to be let go of may take; then the screen closes anyway."""
+"""Seconds that the closers may take in total; then the screen closes anyway."""
 
 HALT_KEY_WINDOW = 0.5
-"""Seconds in which a key that the driver has seen comes to us as well."""
+"""Seconds in which `action_halt` expects the key that the driver has already handled."""
 
 TERMINAL_CHECK_INTERVAL = 1.0
-"""Seconds from one look at the terminal to the next."""
+"""Seconds between two checks that the terminal still exists."""
 
 _GC_THRESHOLDS = (2_000, 20, 1000)
-"""How often to look for cycles, as no key is answered meanwhile: often among what is new, of which Textual's
-strips are many (1 ms; 30 ms if ten times as many have gathered), rarely among everything (50 ms)."""
+"""Thresholds of the garbage collector. No key is answered while it runs.
+
+New objects are collected often: Textual creates many strips, and a collection takes 1 ms (30 ms if ten times
+as many have gathered). A full collection takes 50 ms, so it is rare.
+"""
 
 Closer = Callable[[], Awaitable[None]]
 
 
 class ScreenEntry(NamedTuple):
-    """A screen that one can go to.
+    """A screen that the user can open.
 
     Attributes:
-        mode: its name for the program.
-        key: that goes there.
-        name: key of its name in the catalogue of words.
-        create: makes it when it is first gone to.
+        mode: Name of the Textual mode.
+        key: Key that opens the screen.
+        name: Key of its label in the catalogue of words.
+        create: Factory, called when the screen is first opened.
     """
 
     mode: str
@@ -67,18 +70,18 @@ class ScreenEntry(NamedTuple):
 
 
 class BcapApp(KeyOrderApp):
-    """The screen.
+    """The application.
 
     Attributes:
-        settings: what the user chose; `save_settings` writes it.
-        status: what stands at the right of the bar at all times: texts, each with the name of its ink or "".
-        text_styles: the styles of rendered lines under the theme.
+        settings: What the user chose; `save_settings` writes it.
+        status: Texts at the right of the top bar, each with the name of its ink or "".
+        text_styles: Styles of rendered lines under the current theme.
     """
 
     CSS_PATH = ["bcapscope.tcss", "tester.tcss"]  # noqa: RUF012 - as Textual has it
     TITLE = "bcapscope"
     ENABLE_COMMAND_PALETTE = False
-    """Textual's own offers what is Textual's; ours knows every action, see `BaseScreen`."""
+    """Off: `BaseScreen` opens a palette that lists the actions of bcapscope instead of Textual's."""
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("ctrl+q", "quit", "shell.quit", id="quit", priority=True, tooltip="shell.quit.tip"),
         Binding(HALT_KEYS[0], "halt", "shell.halt", id="halt", priority=True, tooltip="shell.halt.tip"),
@@ -95,16 +98,16 @@ class BcapApp(KeyOrderApp):
         settings_path: Path | None = None,
         language: Language | None = None,
     ) -> None:
-        """Take the screens, the first of them shown first.
+        """Register the screens; the first one is shown first.
 
         Args:
-            screen_entries: where one can go.
-            settings_path: where settings are kept; in the platform's place unless given.
-            language: of the labels, instead of what the settings or the environment say.
+            screen_entries: All screens that the user can open.
+            settings_path: Settings file; None selects the platform's default.
+            language: Language of the labels; None uses the settings, then the environment.
         """
-        # Not a blank screen at first, as Textual has it: all styles would be read for that one, too.
-        self.DEFAULT_MODE = screen_entries[0].mode  # type: ignore[misc]  # its place is the class, where there is one mode
-        self._halts: list[Callable[[], bool]] = []  # before the driver that uses it is made
+        # Textual first shows a blank default screen, and would read all styles for that one, too.
+        self.DEFAULT_MODE = screen_entries[0].mode  # type: ignore[misc]  # a class attribute in Textual
+        self._halts: list[Callable[[], bool]] = []  # must exist before the driver, which uses it
         self._last_halt = -math.inf, False
         self._control_char_filter = ControlCharFilter()
         super().__init__()
@@ -132,7 +135,7 @@ class BcapApp(KeyOrderApp):
         if self.is_running:
             self.theme = name
             return
-        # Not as it is done later: that reads all styles again, and there is nothing yet to draw anew.
+        # Assigning the theme would read all styles again, and nothing has been drawn yet.
         self.set_reactive(App.theme, name)
         is_dark = self.current_theme.dark
         self.set_class(is_dark, "-dark-mode", update=False)
@@ -153,16 +156,15 @@ class BcapApp(KeyOrderApp):
         self.text_styles = inks
 
     def on_load(self) -> None:
-        """Start tasks in turn on every Python.
+        """Start tasks lazily on every Python version.
 
-        From Python 3.12 on, Textual's `App.run_async` has each task run at once. The first screen is then
-        mounted before it is on the stack, and the first `Input` in it ends the program with a
-        ScreenStackError.
+        From Python 3.12 on, Textual's `App.run_async` runs each task eagerly. The first screen is then
+        mounted before it is on the stack, and its first `Input` ends the program with a ScreenStackError.
         """
         asyncio.get_running_loop().set_task_factory(None)
 
     def on_mount(self) -> None:
-        """Listen to signals, tell what was wrong with the settings."""
+        """Install signal handlers, and report a problem with the settings."""
         self._install_signal_handlers()
         self.app_resume_signal.subscribe(self, lambda _: self.refresh(layout=True))
         gc.set_threshold(*_GC_THRESHOLDS)
@@ -171,12 +173,12 @@ class BcapApp(KeyOrderApp):
             self.show_message(text, "warning")
 
     def on_unmount(self) -> None:
-        """Look for garbage as before, also in what the screens had set aside."""
+        """Restore the garbage collector, and unfreeze the objects of the screens."""
         gc.unfreeze()
         gc.set_threshold(*self._gc_thresholds)
 
     def _install_signal_handlers(self) -> None:
-        """Close in order when the terminal is closed or the program is asked to end."""
+        """Close in order on SIGHUP and SIGTERM, and when the terminal disappears."""
         if sys.platform == "win32":
             return
         loop = asyncio.get_running_loop()
@@ -186,9 +188,10 @@ class BcapApp(KeyOrderApp):
             self.set_interval(TERMINAL_CHECK_INTERVAL, self._quit_without_terminal)
 
     def _quit_without_terminal(self) -> None:
-        """Close in order when the terminal is gone: SIGHUP comes only to those whose own it was.
+        """Close in order when the terminal is gone.
 
-        Textual would go on reading the end of its input as fast as it can.
+        SIGHUP reaches only the processes that the terminal controls. Without this check, Textual would read
+        the end of its input in a busy loop.
         """
         if not os.isatty(sys.stdin.fileno()):
             self._request_quit()
@@ -197,55 +200,56 @@ class BcapApp(KeyOrderApp):
         self.run_worker(self.action_quit(), exclusive=False)
 
     def add_closer(self, closer: Closer) -> None:
-        """Have something done before the screen closes, however it is closed; the last is done first."""
+        """Register a coroutine function that always runs before the screen closes; the last runs first."""
         self._closers.append(closer)
 
     def get_line_filters(self) -> Sequence[LineFilter]:
-        """Return what every line passes through on its way to the terminal."""
+        """Return the filters that every line passes before it reaches the terminal."""
         before = tuple(super().get_line_filters())
         if before != self._control_char_filter.earlier_filters:
             self._control_char_filter = ControlCharFilter(before)
         return (self._control_char_filter,)
 
     def get_key_display(self, binding: Binding) -> str:
-        """Write a key as everywhere else: F5, not f5."""
+        """Return a key as the documentation writes it: F5, not f5."""
         key = super().get_key_display(binding)
         return key.upper() if key[1:].isdecimal() else key
 
     def get_driver_class(self) -> type[Driver]:
-        """Return the platform's driver or that of browsers, which knows the keys of HALT."""
+        """Return the platform's or the browser's driver, extended with the HALT keys."""
         driver = make_server_safe_driver(super().get_driver_class(), self._request_quit)
         return make_halt_driver(driver, self._halt_by_key)
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
-        """Offer HALT only where there is something to halt."""
+        """Offer HALT only where a callback can halt something."""
         return bool(self._halts) if action == "halt" else True
 
     def add_halt_callback(self, halt: Callable[[], bool]) -> None:
-        """Have something stopped by HALT.
+        """Register a callback for HALT.
 
         Args:
-            halt: called in any thread; returns at once whether there was something to stop; must not raise.
+            halt: Returns at once whether there was something to stop. Any thread may call it; it must not
+                raise.
         """
         self._halts.append(halt)
 
     def halt(self) -> bool:
-        """Stop everything that moves; return whether there was something. From any thread."""
+        """Stop everything; return whether there was something to stop. Any thread may call this."""
         return any([each() for each in tuple(self._halts)])
 
     def _halt_by_key(self) -> None:
-        """Halt as soon as the driver reads the key, which comes to `action_halt` as well."""
+        """Halt as soon as the driver reads the key. The same key reaches `action_halt` later."""
         self._last_halt = time.monotonic(), self.halt()
 
     def action_halt(self) -> None:
-        """Stop everything that moves, and say so; not twice where the driver has just done it."""
+        """Stop everything that moves, and confirm it. Skip the stop if the driver has just done it."""
         at, was_there = self._last_halt
         if time.monotonic() - at > HALT_KEY_WINDOW:
             was_there = self.halt()
         self.show_message(say("shell.halted" if was_there else "shell.halt.nothing"), "warning")
 
     async def action_quit(self) -> None:
-        """Let go of everything, then close."""
+        """Run the closers, then close the screen."""
         if self._is_ending:
             return
         self._is_ending = True
@@ -255,7 +259,7 @@ class BcapApp(KeyOrderApp):
             self.exit()
 
     async def _run_closers(self) -> None:
-        """Do all that is to be done at the end; an error in one keeps nobody from the others."""
+        """Run all closers within `CLOSE_TIMEOUT`; an error in one does not skip the others."""
         with suppress(TimeoutError):
             async with asyncio.timeout(CLOSE_TIMEOUT), AsyncExitStack() as stack:
                 for closer in self._closers:
@@ -266,21 +270,21 @@ class BcapApp(KeyOrderApp):
         """Run the screen until it is closed.
 
         Raises:
-            SystemExit: an error of ours ended it, which stands on the terminal.
+            SystemExit: A bug ended the screen; the traceback is on the terminal.
         """
         self.run()
         if self.return_code:
             raise SystemExit(self.return_code)
 
     async def run_async(self, **options: Any) -> None:
-        """Run, and let go of everything where an error of ours has ended it."""
+        """Run; release everything even if a bug ends the screen."""
         try:
             await super().run_async(**options)
         finally:
             await self._run_closers()
 
     def save_settings(self) -> None:
-        """Write the settings; tell if that is not possible."""
+        """Write the settings, or report why that failed."""
         try:
             write_settings(self.settings, self._settings_path)
         except OSError as error:
@@ -289,36 +293,36 @@ class BcapApp(KeyOrderApp):
             self.show_message(text, "warning")
 
     def copy_to_clipboard(self, text: str) -> None:
-        """Copy to the clipboard; half a character (a lone surrogate), which none takes, is written out."""
+        """Copy to the clipboard. A lone surrogate is escaped first, since no clipboard accepts it."""
         super().copy_to_clipboard(text.encode(errors="backslashreplace").decode())
 
     def show_message(self, text: str, severity: str = "information") -> None:
-        """Show a message for a while; `text` is never taken for markup."""
+        """Show a message for a while; markup in `text` has no effect."""
         kind = severity if severity in ("warning", "error") else "information"
         self.notify(text, severity=kind, markup=False)  # type: ignore[arg-type]  # it is one of the three
 
     def action_help_quit(self) -> None:
-        """Tell whoever presses Ctrl-C, which is a key like others here, how to end."""
+        """Answer Ctrl-C with the key that quits, since Ctrl-C is an ordinary key here."""
         self.show_message(say("shell.quit.hint"))
 
     def action_next_theme(self) -> None:
-        """Go on to the next theme."""
+        """Switch to the next theme."""
         names = [theme.name for theme in THEMES]
         self.action_theme(names[(names.index(self.theme) + 1) % len(names)])
 
     def action_theme(self, name: str) -> None:
-        """Choose a theme and remember it."""
+        """Switch to a theme and remember it."""
         self._select_theme(name)
         self.settings.theme = self.theme
         self.save_settings()
 
     def action_language(self, name: str) -> None:
-        """Remember the language, for the next start: what is shown was made in the present one."""
+        """Remember the language for the next start; texts on the screen keep the present one."""
         self.settings.language = name
         self.save_settings()
         self.show_message(say("shell.language.next"))
 
 
 def app_of(node: DOMNode) -> BcapApp:
-    """Return the application that a widget is shown by."""
+    """Return the application that shows a widget."""
     return cast(BcapApp, node.app)

@@ -1,4 +1,4 @@
-"""Drawing into a browser: the program ends in order when the viewer or the server goes."""
+"""Driver for browsers: the program ends in order when the viewer or the server disconnects."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from textual.drivers.web_driver import WebDriver
 
 
 def make_server_safe_driver(driver: type[Driver], on_end: Callable[[], object]) -> type[Driver]:
-    """Make a driver that survives its server; any other driver than that of browsers comes back as it is.
+    """Return a driver that survives the loss of its server; return any other driver unchanged.
 
-    Textual's own ends in a traceback when it writes to a server that has gone, or runs on unseen.
+    Textual's own browser driver raises when it writes to a server that has gone, or keeps running unseen.
 
     Args:
-        driver: what Textual has chosen.
-        on_end: called in the event loop when the viewer or the server has gone; ends the program in order.
+        driver: The driver that Textual chose.
+        on_end: Ends the program in order. Runs in the event loop when the viewer or the server has gone.
     """
     if not issubclass(driver, WebDriver):
         return driver
@@ -30,14 +30,14 @@ def make_server_safe_driver(driver: type[Driver], on_end: Callable[[], object]) 
             self._write = partial(_write_all, self.fileno)
 
         def on_meta(self, packet_type: str, payload: dict[str, object]) -> None:
-            """Take a message of the server; `quit` ends the program as Ctrl-Q does."""
+            """Handle a message from the server; `quit` ends the program as Ctrl-Q does."""
             if packet_type == "quit":
                 self._loop.call_soon_threadsafe(on_end)
             else:
                 super().on_meta(packet_type, payload)
 
         def run_input_thread(self) -> None:
-            """Read keys until the screen closes, or the server does."""
+            """Read keys until the screen closes or the server disconnects."""
             super().run_input_thread()
             if not self.exit_event.is_set():
                 self._loop.call_soon_threadsafe(on_end)
@@ -46,7 +46,7 @@ def make_server_safe_driver(driver: type[Driver], on_end: Callable[[], object]) 
 
 
 def _write_all(fileno: int, data: bytes) -> None:
-    """Write all of `data`, also if a signal comes in between; nothing once the server has gone."""
+    """Write all of `data`, even across signals; write nothing once the server has gone."""
     with suppress(OSError):
         while data:
             data = data[os.write(fileno, data) :]

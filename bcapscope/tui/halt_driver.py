@@ -1,7 +1,6 @@
-"""What Textual's way to the terminal has to do besides: HALT, and outlasting the terminal.
+"""Extends Textual's terminal driver: HALT keys, and survival of a lost terminal.
 
-HALT is seen in the thread that reads the keys, before the event loop, which may be busy or stuck, and does
-its work all the same.
+The thread that reads the keys detects HALT. HALT therefore works even if the event loop is busy or stuck.
 """
 
 from __future__ import annotations
@@ -16,15 +15,15 @@ from textual.events import Key
 from textual.message import Message
 
 HALT_KEYS = ("f12", "ctrl+backslash")
-"""Keys that stop the robot, from every screen."""
+"""Keys that stop the robot on every screen."""
 
 
 def make_halt_driver(driver: type[Driver], halt: Callable[[], object]) -> type[Driver]:
-    """Make a driver that calls `halt` as soon as one of the keys is read.
+    """Return a driver that calls `halt` as soon as it reads a HALT key.
 
     Args:
-        driver: that of the platform.
-        halt: called in the thread that reads the keys; returns at once and must not raise.
+        driver: The platform's driver.
+        halt: Called in the thread that reads the keys; returns at once and must not raise.
     """
 
     class HaltDriver(driver):  # type: ignore[valid-type, misc]  # which driver it is, the platform decides
@@ -42,26 +41,26 @@ def make_halt_driver(driver: type[Driver], halt: Callable[[], object]) -> type[D
             super().process_message(message)
 
         def _sigcont_application(self, *arguments: Any) -> None:
-            """Take the terminal again after a stop, if it is still there.
+            """Take the terminal over again after a stop, if it still exists.
 
-            A terminal that hangs up sends SIGCONT behind SIGHUP, and a program may be stopped without being
-            asked; Textual would read and write with two threads each, of which it then ends one.
+            A terminal that hangs up sends SIGCONT after SIGHUP, and another process can stop the program.
+            Textual would then use two threads each for reading and writing, and end only one of them.
             """
             if not os.isatty(self.fileno):
                 return
             if self._auto_restart and not self._must_signal_resume:
                 self.suspend_application_mode()
-                self._must_signal_resume = True  # has all drawn anew
+                self._must_signal_resume = True  # redraws everything
             super()._sigcont_application(*arguments)
 
     return HaltDriver
 
 
 class _HangupSafeFile:
-    """A terminal to write to that takes what is written when it is gone.
+    """An output file that discards data once the terminal is gone.
 
-    Else the thread that writes ends with an error, and whoever waits for it, the end of the program among
-    them, waits for ever.
+    Otherwise the writing thread would fail, and the program could not end: its shutdown waits for that
+    thread.
     """
 
     def __init__(self, file: IO[str]) -> None:

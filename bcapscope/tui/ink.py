@@ -1,7 +1,7 @@
-"""Colours of rendered lines: one character before a piece of text, which becomes a style of the theme.
+"""Ink marks in rendered lines: one control character before a piece of text selects a style of the theme.
 
-Renderers put the sequences of a `Palette` before pieces of text. Here each is a control character below a
-space, which no escaped text from the wire can hold, so that nothing a peer sends is ever taken for a style.
+Renderers put the sequences of a `Palette` before pieces of text. Here each sequence is one character below
+U+0020. Escaped text from the wire cannot contain such characters, so no sender can select a style.
 """
 
 from __future__ import annotations
@@ -19,10 +19,11 @@ from bcapscope.render.color_palette import Palette
 INK = Palette(
     number="\x01", name="\x02", hex="\x03", problem="\x04", good="\x05", bad="\x06", dim="\x07", reset="\x0e"
 )
-"""The palette for everything that a widget shows."""
+"""The palette for all widgets."""
 
 LIT, CURSOR = "\x0f", "\x10"
-"""Before bytes that are lit because the cursor is on them in the other view; before the one that it is on."""
+"""Marks before highlighted bytes: those of the field under the cursor in the other view, and the cursor's
+byte."""
 
 _STYLE_MARKS = re.compile("[\x01-\x07\x0e-\x10]")
 _STYLE_NAMES: Mapping[str, str] = MappingProxyType(
@@ -40,16 +41,16 @@ _STYLE_NAMES: Mapping[str, str] = MappingProxyType(
 )
 
 Styles = Mapping[str, Style]
-"""A style for each name that `style_names` lists."""
+"""A style for each name in `style_names`."""
 
 
 def style_names() -> tuple[str, ...]:
-    """Name the styles that a theme gives."""
+    """Return the names of the styles that a theme defines."""
     return tuple(_STYLE_NAMES.values())
 
 
 def styled_pieces(text: str) -> Iterator[tuple[str, str]]:
-    """Take a rendered line apart: names of styles, "" for none, each with its text."""
+    """Split a rendered line into pieces: the style name ("" for none) and the text of each."""
     name, at = "", 0
     for mark in _STYLE_MARKS.finditer(text):
         if mark.start() > at:
@@ -60,12 +61,12 @@ def styled_pieces(text: str) -> Iterator[tuple[str, str]]:
 
 
 def styled_segments(text: str, styles: Styles) -> list[Segment]:
-    """Make segments of a rendered line."""
+    """Return the Rich segments of a rendered line."""
     return [Segment(piece, styles.get(name)) for name, piece in styled_pieces(text)]
 
 
 def styled_text(text: str, styles: Styles) -> Text:
-    """Make a text of a rendered line, or of several."""
+    """Return the Rich text of one or more rendered lines."""
     made = Text()
     for name, piece in styled_pieces(text):
         made.append(piece, styles.get(name))
@@ -73,5 +74,5 @@ def styled_text(text: str, styles: Styles) -> Text:
 
 
 def strip_styles(text: str) -> str:
-    """Leave the marks out."""
+    """Return the text without ink marks."""
     return _STYLE_MARKS.sub("", text)

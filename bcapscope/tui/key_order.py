@@ -1,8 +1,8 @@
-"""Keys in their order: each goes where the one before has left the focus.
+"""Handles keys strictly in order: each key goes to the widget that the previous key focused.
 
-Textual gives a key to what has the focus when it is read, and answers it later, after it has gone from that
-widget through all that hold it. Of `/` and letters that come in one packet, as fast typists, pastes and
-terminals far away send them, all would go to the list, and none to the field that `/` opens.
+Textual assigns a key to the focused widget when it reads the key, but handles it later, after it has bubbled
+through the widget's parents. Fast typing, pasting and remote terminals can deliver `/` and letters in one
+packet. All of them would then go to the list, and none to the field that `/` opens.
 """
 
 from __future__ import annotations
@@ -18,37 +18,37 @@ from textual.message_pump import MessagePump
 from textual.widgets import Input
 
 STUCK_AFTER = 1.0
-"""Seconds that keys wait for the one before them, which may have gone to a widget that is no more."""
+"""Seconds that keys wait for the previous one, in case its widget no longer exists."""
 
 _MOUNT_POLL_INTERVAL = 0.02
-"""Seconds from one look at a screen that is being made to the next."""
+"""Seconds between two checks whether a new screen is mounted."""
 
 
 class KeyHandled(Message):
-    """Goes the way of a key, behind it: when this has come to the application, the key is answered."""
+    """Follows a key along the same path. When it reaches the application, the key has been handled."""
 
     def __init__(self, target: MessagePump, is_second: bool = False) -> None:
-        """Take what the key was given to, and whether this goes there for the second time.
+        """Store the key's target, and whether this marker takes the path for the second time.
 
-        Keys that wait let it: what the key has done there, such as to press a button, goes the same way.
+        The second pass covers events that the key itself caused there, such as a button press.
         """
         super().__init__()
         self.target, self.is_second = target, is_second
 
 
 class KeyOrderApp(App[None]):
-    """An application that answers one key after the other."""
+    """An application that handles keys one after the other."""
 
     _pending: KeyHandled | None = None
     _watched_key: KeyHandled | None = None
 
     def __init__(self) -> None:
-        """Begin with no key pressed."""
+        """Start without a pending key."""
         super().__init__()
         self._queued_events: deque[Event] = deque()
 
     async def on_event(self, event: Event) -> None:
-        """Let keys, and what is pasted, wait for the key before them; all else, and HALT, goes on."""
+        """Queue keys and pastes behind the key before them; pass HALT and all other events on at once."""
         if not isinstance(event, Key | Paste) or event.is_forwarded or self._is_urgent(event):
             await super().on_event(event)
         elif self._pending is None:
@@ -62,7 +62,7 @@ class KeyOrderApp(App[None]):
         return any(binding.priority for binding in bindings)
 
     async def _deliver_event(self, event: Event) -> None:
-        """Give out a key, and those that wait behind it as far as they are letters for the same field."""
+        """Deliver a key, and then queued keys while they are letters for the same input field."""
         while True:
             target = self.focused or self.screen
             await super().on_event(event)
@@ -82,10 +82,10 @@ class KeyOrderApp(App[None]):
     @on(KeyHandled)
     def _marker_returned(self, message: KeyHandled) -> None:
         message.stop()
-        self.call_later(self._deliver_next, message)  # behind what the key has put off, such as the focus
+        self.call_later(self._deliver_next, message)  # after what the key deferred, such as focus
 
     async def _deliver_next(self, marker: KeyHandled) -> None:
-        """Give out the next key, once the screen that the key before has opened is there."""
+        """Deliver the next key once the screen that the previous key opened is mounted."""
         if marker is not self._pending:
             return
         if not self._queued_events:
@@ -98,7 +98,7 @@ class KeyOrderApp(App[None]):
             await self._deliver_event(self._queued_events.popleft())
 
     def _start_stuck_timer(self) -> None:
-        """Look after a while whether keys wait for one that will never be answered."""
+        """Schedule a check for keys that wait for a key that is never handled."""
         if self._watched_key is None:
             self._watched_key = self._pending
             self.set_timer(STUCK_AFTER, self._deliver_if_stuck)

@@ -1,4 +1,4 @@
-"""What the screen remembers: a small YAML file in the place that the platform has for it."""
+"""Settings of the screen: a small YAML file in the platform's configuration folder."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ import platformdirs
 from bcapscope.faults.document import read_document
 
 MAX_RECENT = 20
-"""Recent files and hosts that are remembered."""
+"""Maximum number of recent files and of recent hosts."""
 
 
 class Settings(msgspec.Struct, omit_defaults=True):
-    """What the user chose, and what was used lately.
+    """What the user chose, and recent files and hosts.
 
     Attributes:
-        theme: name of a theme.
-        language: ``en`` or ``ja``; empty to go by LANG.
-        captures: capture files opened lately, the latest first.
-        hosts: controllers connected to lately, the latest first.
-        trajectories: files played lately, the latest first.
+        theme: Name of a theme.
+        language: ``en`` or ``ja``; empty to use LANG.
+        captures: Recently opened captures, latest first.
+        hosts: Recently connected controllers, latest first.
+        trajectories: Recently played files, latest first.
     """
 
     theme: str = "dark"
@@ -34,7 +34,7 @@ class Settings(msgspec.Struct, omit_defaults=True):
 
 
 def default_settings_path() -> Path:
-    """Say where the settings lie on this platform."""
+    """Return the platform's path of the settings file."""
     return platformdirs.user_config_path("bcapscope", appauthor=False) / "screen.yaml"
 
 
@@ -42,7 +42,7 @@ def read_settings(path: Path) -> tuple[Settings, str]:
     """Read the settings.
 
     Returns:
-        The settings, defaults where there are none, and why they could not be read, "" where they could.
+        The settings, or the defaults if there are none, and why they could not be read ("" if they could).
     """
     try:
         return read_document(path.read_text(encoding="utf-8"), Settings), ""
@@ -50,15 +50,15 @@ def read_settings(path: Path) -> tuple[Settings, str]:
         return Settings(), ""
     except OSError as error:
         return Settings(), error.strerror or str(error)
-    except ValueError as error:  # no UTF-8, or a `DocumentError`
+    except ValueError as error:  # not UTF-8, or a `DocumentError`
         return Settings(), " ".join(str(error).split())
 
 
 def write_settings(settings: Settings, path: Path) -> None:
-    """Write the settings whole or not at all.
+    """Write the settings atomically.
 
     Raises:
-        OSError: there is no room, or no right to.
+        OSError: The file cannot be written.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
@@ -72,9 +72,9 @@ def write_settings(settings: Settings, path: Path) -> None:
 
 
 def with_recent(item: str, recent: list[str]) -> list[str]:
-    """Return the list with `item` at its head, and what was used longest ago dropped.
+    """Return the list with `item` first, cut to `MAX_RECENT`.
 
-    A name of a file that is no text, with a lone surrogate in it, is not remembered: YAML does not hold it.
+    A file name with a lone surrogate is not remembered, since YAML cannot store it.
     """
     if any("\ud800" <= letter <= "\udfff" for letter in item):
         return recent

@@ -1,7 +1,7 @@
-"""Three themes: light, dark, and one whose colours people with any colour vision tell apart.
+"""Three themes: light, dark, and one for people with any kind of colour vision.
 
-The colours of the last are those of Okabe and Ito 2008, "Color Universal Design"; success and failure are
-blue and orange in it, and nothing is told by a colour alone in any of them.
+The third uses the colours of Okabe and Ito 2008, "Color Universal Design"; success is blue and failure is
+orange. No theme shows anything by colour alone.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ _STYLE_KEYS = ("number", "name", "hex", "problem", "good", "bad", "dim")
 
 
 def _style_variables(*colors: str) -> dict[str, str]:
-    """Name the colours of rendered lines, in the order of `_STYLE_KEYS`."""
+    """Return the theme variables for the colours of rendered lines, in the order of `_STYLE_KEYS`."""
     return {f"ink-{key}": value for key, value in zip(_STYLE_KEYS, colors, strict=True)}
 
 
@@ -99,7 +99,7 @@ THEMES = (
 )
 
 _MIN_CONTRAST = 4.5
-"""Contrast of letters that are read, WCAG 2.2."""
+"""Minimum contrast of text (WCAG 2.2)."""
 
 _BLEND_STEPS = 20
 
@@ -118,7 +118,7 @@ def theme_styles(theme: Theme) -> Styles:
 
 
 def readable_style(style: Style, background: Style) -> Style:
-    """Return an ink on another ground: as near to the ground's own letters as it must be to be read."""
+    """Return a style on a background, blended towards the background's text colour until it is readable."""
     both = background + style
     if (
         style.color is None

@@ -1,25 +1,25 @@
-"""Armed or not: whether calls that may energise or move a robot go out, and for how long."""
+"""Arming state: whether calls that may energise or move a robot may be sent, and for how long."""
 
 from __future__ import annotations
 
 DISARM_AFTER = 180_000_000_000
-"""ns after the last call that needed arming; after that, nobody is assumed to watch the robot."""
+"""ns after the last call that needed arming. After that, bcapscope assumes that nobody watches the robot."""
 
 
 class ArmingState:
-    """Armed by a person, disarmed by one or by the time; our own simulator needs none.
+    """Armed by the user; disarmed by the user or by timeout. The built-in simulator needs no arming.
 
     Attributes:
-        is_required: whether the peer is anything but our simulator.
+        is_required: Whether the controller is anything but the built-in simulator.
     """
 
     def __init__(self) -> None:
-        """Begin disarmed."""
+        """Start disarmed."""
         self.is_required = True
         self._armed_until: int | None = None
 
     def arm(self, now: int) -> None:
-        """Arm."""
+        """Arm at time `now` (ns)."""
         self._armed_until = now + DISARM_AFTER
 
     def disarm(self) -> None:
@@ -27,18 +27,18 @@ class ArmingState:
         self._armed_until = None
 
     def extend(self, now: int) -> None:
-        """Restart the time on a call that needs arming, since somebody is watching the robot."""
+        """Restart the timeout after a call that needs arming, since somebody evidently watches the robot."""
         if self.is_armed(now):
             self._armed_until = now + DISARM_AFTER
 
     def is_armed(self, now: int) -> bool:
-        """Tell whether it is armed."""
+        """Return whether the user has armed and the timeout has not expired."""
         return self._armed_until is not None and now < self._armed_until
 
     def allows_armed_calls(self, now: int) -> bool:
-        """Return whether calls that need arming go out."""
+        """Return whether calls that need arming may be sent."""
         return not self.is_required or self.is_armed(now)
 
     def remaining(self, now: int) -> int:
-        """Return ns until it lapses; 0 where it is not armed."""
+        """Return ns until the timeout; 0 if disarmed."""
         return max(0, self._armed_until - now) if self._armed_until is not None else 0

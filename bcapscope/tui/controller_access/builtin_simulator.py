@@ -1,6 +1,6 @@
-"""The built-in simulator: a process of its own on a free loopback port, so that the first start always works.
+"""The built-in simulator: a separate process on a free loopback port, so that the first start always works.
 
-It ends with the program that started it, however that ends: the pipe between them is closed then.
+The simulator also ends if its parent is killed, since the pipe between them closes then.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from bcapscope.simulator.simulator import Simulator
 from bcapscope.simulator.simulator_server import SimulatorServer
 
 DEFAULT_PROFILE = "rc7"
-"""The controller that the screen of b-CAP Tester shows (DENSO Wave 2009, How to use the Slave mode)."""
+"""Profile of the controller that b-CAP Tester's screen shows (DENSO Wave 2009, How to use the Slave mode)."""
 
 START_JOINTS: Joints = (
     12.422607421875,
@@ -34,10 +34,10 @@ START_JOINTS: Joints = (
     0.0,
     0.0,
 )
-"""Where the robot stands at first: where that of the same pages stands after its slvMove, as R4 tells it."""
+"""Joint angles at the start: those on the same pages after the slvMove, as R4 values."""
 
 END_TIMEOUT = 2.0
-"""Seconds that the simulator has to end by itself."""
+"""Seconds that the simulator has to end before it is killed."""
 
 _STEP = 0.2
 _HOST = "127.0.0.1"
@@ -45,12 +45,12 @@ _HOST = "127.0.0.1"
 
 @dataclass(frozen=True, slots=True)
 class BuiltInSimulator:
-    """Where the simulator listens, UDP and TCP.
+    """The address of the simulator, for UDP and TCP.
 
     Attributes:
-        host: loopback.
-        port: a free one.
-        process: that listens there.
+        host: Loopback address.
+        port: Port that was free at the start.
+        process: Process of the simulator.
     """
 
     host: str
@@ -59,7 +59,7 @@ class BuiltInSimulator:
 
     @property
     def has_ended(self) -> bool:
-        """Whether it has ended by itself, or was killed."""
+        """Whether the process has ended or was killed."""
         return self.process.poll() is not None
 
 
@@ -68,14 +68,14 @@ def run_builtin_simulator(profile: str = DEFAULT_PROFILE) -> Iterator[BuiltInSim
     """Run the simulator for the length of a block.
 
     Raises:
-        OSError: it does not start.
+        OSError: The simulator does not start.
     """
     process = subprocess.Popen(
         [sys.executable, "-m", __name__, profile],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
-        start_new_session=True,  # Ctrl-C is for the screen
+        start_new_session=True,  # Ctrl-C is a key of the screen
     )
     with process:
         assert process.stdin is not None
@@ -94,7 +94,7 @@ def run_builtin_simulator(profile: str = DEFAULT_PROFILE) -> Iterator[BuiltInSim
 
 
 def serve(profile: str) -> None:
-    """Serve until stdin ends; write the port to stdout first."""
+    """Write the port to stdout, then serve until stdin ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     now = time.monotonic_ns()
     start = InitialState(joints=START_JOINTS, motor=True, epoch=time.time_ns() - now)
@@ -109,7 +109,7 @@ def serve(profile: str) -> None:
     try:
         sys.stdout.write(f"{server.address[1]}\n")
         sys.stdout.flush()
-        with realtime_priority():  # a controller keeps its 8 ms, whatever else this machine has to do
+        with realtime_priority():  # a controller keeps its 8 ms cycle under any load
             while not ended.is_set():
                 server.step(_STEP)
     finally:

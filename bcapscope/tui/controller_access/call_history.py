@@ -1,4 +1,4 @@
-"""The history of calls: a line each, and which of them are wanted."""
+"""The history of calls: one line per call, and the filter."""
 
 from __future__ import annotations
 
@@ -24,21 +24,21 @@ from bcapscope.tui.controller_access.saved_requests import takes_handle
 from bcapscope.tui.words import told
 
 _PLAIN_WORDS = re.compile(r"[\w\s.@:-]*")
-"""Text without anything that an expression of the filter language cannot do without."""
+"""Text without any character that only an expression of the filter language needs."""
 
 _MAX_ARGUMENT_TEXT, _MAX_SUBJECT_TEXT = 18, 24
 
 _UNNAMED_SUBJECTS = (ObjectClass.CONTROLLER, ObjectClass.ROBOT)
-"""Of these one is as a rule in use at a time; their names would push the results out of sight."""
+"""Usually only one of each is in use at a time. Their names would push the results off the screen."""
 
 RecordFilter: TypeAlias = Callable[[HistoryRecord], bool]
-"""Tells whether a call is wanted."""
+"""Returns whether the filter selects a call."""
 
 _INITIATOR_MARKS = {Initiator.USER: " ", Initiator.SCREEN: "·", Initiator.WATCH: "~"}
 
 
 def history_line(record: HistoryRecord, palette: Palette) -> str:
-    """Write a call: number, time of day (UTC), who made it but for the user, call, subject, result, time."""
+    """Return one line: number, time (UTC), initiator if not the user, call, subject, result, duration."""
     color = palette
     head = f"{record.number:>5} {utc_text(record.began)[11:23]} {_INITIATOR_MARKS[record.initiator]}"
     name = f"{call_name(record.function_id, record.arguments)}{_subject_text(record)}{_argument_text(record)}"
@@ -54,7 +54,7 @@ def history_line(record: HistoryRecord, palette: Palette) -> str:
 
 
 def _subject_text(record: HistoryRecord) -> str:
-    """Name what a call was made of, where there are many and the arguments do not tell which."""
+    """Return the name of the call's object if there may be several and the arguments do not show which."""
     subject = record.subject
     if subject is None or subject.kind in _UNNAMED_SUBJECTS:
         return ""
@@ -63,7 +63,7 @@ def _subject_text(record: HistoryRecord) -> str:
 
 
 def _argument_text(record: HistoryRecord) -> str:
-    """Write what a call was given besides a handle and the name of a command, cut short where it is long."""
+    """Return the arguments without the handle and the command name, shortened if long."""
     function = FUNCTIONS.get(record.function_id)
     named = function is not None and takes_handle(function)
     first = named + (record.function_id in COMMAND_FUNCTIONS)
@@ -73,14 +73,14 @@ def _argument_text(record: HistoryRecord) -> str:
 
 
 def history_filter(text: str) -> RecordFilter:
-    """Return what tells which calls are wanted.
+    """Return a filter for calls.
 
     Args:
-        text: words that the line of a call must have, all of them, or an expression of the filter language;
-            with nothing the user's own calls are wanted, and not those of the screen.
+        text: Words that a line must contain, or an expression of the filter language. An empty text selects
+            only the user's own calls.
 
     Raises:
-        FilterError: it is an expression that makes no sense.
+        FilterError: The expression is invalid.
     """
     words = text.casefold().split()
     if not words:
@@ -92,7 +92,7 @@ def history_filter(text: str) -> RecordFilter:
 
 
 def call_of_record(record: HistoryRecord) -> Call | None:
-    """Return a call as those of captures are; None where no sound request was sent."""
+    """Return a record as the `Call` of a capture; None if no intact request was sent."""
     tracker = Tracker()
     settled = [each for seen in record.packets for each in tracker.observe(seen)]
     settled += tracker.close()

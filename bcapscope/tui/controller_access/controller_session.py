@@ -1,7 +1,7 @@
-"""The desk: one connection at a time, made and used in a thread of its own, and told of to the screen.
+"""The Tester's session: one connection at a time, run in its own thread, with updates for the screen.
 
-Its event loop is not the screen's, so that what is drawn does not delay a call, and times that are shown are
-those of the network. Coroutines here are for that loop; `run_in_loop` brings one there from the screen's.
+Its event loop is separate from the screen's. Drawing therefore delays no call, and the times shown are those
+of the network. Coroutines here run in that loop; `run_in_loop` starts one from the screen's loop.
 """
 
 from __future__ import annotations
@@ -52,33 +52,32 @@ from bcapscope.tui.words import say
 R = TypeVar("R")
 
 CLOSE_TIMEOUT = 8.0
-"""Seconds that `close` waits for everything to be let go."""
+"""Seconds that `close` waits until everything is released."""
 
 CLEANUP_PACE = RetryPolicy(300_000_000, 2)
-"""Tries of the calls that let go of things: nobody waits long for a controller that is gone."""
+"""Attempts of the calls that release objects. Few, so that closing is fast if the controller is gone."""
 
 _LEVEL_THAT_ENDS_SLAVE_MODE = 3
 
 
 class NotConnectedError(BcapError):
-    """There is no connection that a call could be made on."""
+    """No connection is open for the call."""
 
 
 class NotArmedError(BcapError):
-    """A call may energise or move the robot, and nobody has armed; it was not made."""
+    """The call may energise or move the robot, and the user has not armed. It was not sent."""
 
 
 class ControllerSession:
-    """A connection and all that is done with it.
+    """A connection to a controller, and everything the Tester does with it.
 
     Attributes:
-        arming: armed or not.
-        action_log: the action log.
-        status: what the screen shows; replaced whole, so that any thread may read it.
-        reply_monitor: when the controller was heard last.
-        client_session: the one in use; None while there is no connection.
-        polling_paused: nothing is read that nobody asked for, as it might end the slave mode of another
-            client.
+        arming: Arming state.
+        action_log: Log of the user's actions.
+        status: What the screen shows. It is replaced as a whole, so any thread may read it.
+        reply_monitor: When the controller last sent something.
+        client_session: The session in use; None without a connection.
+        polling_paused: Suspends automatic reads, which might end the slave mode of another client.
     """
 
     def __init__(
@@ -87,12 +86,12 @@ class ControllerSession:
         log_folder: Path,
         tap: Callable[[Observation], None] = lambda seen: None,
     ) -> None:
-        """Begin without a connection.
+        """Start without a connection.
 
         Args:
-            report: is told of everything that happens, in threads of the desk's.
-            log_folder: for the action log.
-            tap: sees every packet, in the same threads; returns at once and never raises.
+            report: Called for every update, in this session's threads.
+            log_folder: Folder of the action log.
+            tap: Called for every packet, in the same threads; returns at once and never raises.
         """
         self.report = report
         self._tap = tap
@@ -112,17 +111,17 @@ class ControllerSession:
         self._thread.start()
 
     async def run_in_loop(self, step: Coroutine[Any, Any, R]) -> R:
-        """Have a coroutine of ours run in our thread, and wait for it; cancelling ends both."""
+        """Run a coroutine in this session's loop and wait for it; cancellation reaches the coroutine."""
         return await asyncio.wrap_future(asyncio.run_coroutine_threadsafe(step, self._loop))
 
     def pause_polling(self, paused: bool) -> None:
-        """Read nothing that nobody asked for while another client, such as our player, is in slave mode."""
+        """Suspend automatic reads while another client, such as the player, is in slave mode."""
         self.polling_paused = paused
         if self._halt_connection is not None:
             self._halt_connection.pause_heartbeat(paused)
 
     def close(self) -> None:
-        """Release everything within `CLOSE_TIMEOUT` seconds and end the thread; call it from another one."""
+        """Release everything within `CLOSE_TIMEOUT` seconds and end the thread. Call it in another thread."""
         done = asyncio.run_coroutine_threadsafe(self._shut_down(), self._loop)
         with suppress(TimeoutError, BcapError, OSError):
             done.result(CLOSE_TIMEOUT)
@@ -133,23 +132,23 @@ class ControllerSession:
         self.action_log.close()
 
     async def _shut_down(self) -> None:
-        """Let go of everything, and wait for whoever is letting go already."""
+        """Release everything, and wait for releases that are already under way."""
         await self.disconnect()
         others = asyncio.all_tasks() - {asyncio.current_task()}
         if others:
             await asyncio.wait(others)
 
     def now(self) -> int:
-        """Return ns of a clock that does not go back."""
+        """Return monotonic time in ns."""
         return time.monotonic_ns()
 
     # The connection.
 
     async def open_link(self, target: ControllerTarget) -> None:
-        """Open the way to a controller; nothing is said yet.
+        """Open the transport to a controller; send nothing yet.
 
         Raises:
-            OSError: there is none.
+            OSError: The controller cannot be reached.
         """
         await self.disconnect()
         session = open_target_session(target, observer=self._on_packet, listener=self._on_event)
@@ -160,7 +159,7 @@ class ControllerSession:
         self.update_status(target=target)
 
     def open_halt_connection(self, robot: str) -> None:
-        """Open the line for HALT, anew where it is open for another robot."""
+        """Open the HALT connection for a robot; replace one that is open."""
         target = self.status.target
         if target is None:
             return
@@ -172,7 +171,7 @@ class ControllerSession:
             threading.Thread(target=old.close, daemon=True).start()
 
     async def disconnect(self) -> None:
-        """Leave slave mode, let go of everything, newest first, and close the connection."""
+        """Leave slave mode, release everything, newest first, and close the connection."""
         line, self._halt_connection = self._halt_connection, None
         stack, self._stack = self._stack, AsyncExitStack()
         INITIATOR.set(Initiator.SCREEN)
@@ -195,12 +194,12 @@ class ControllerSession:
                 self.report(self.status)
 
     async def handle_lost_connection(self, reason: str) -> None:
-        """Take notice that the connection is gone."""
+        """Record that the connection is lost, and report it."""
         await self.disconnect()
         self.report(ConnectionLost(reason))
 
     def update_status(self, **changes: Any) -> None:
-        """Change the status and tell it."""
+        """Change the status and report it."""
         self.status = replace(self.status, **changes)
         self.report(self.status)
 
@@ -208,10 +207,10 @@ class ControllerSession:
 
     @property
     def reach(self) -> ObjectOpener:
-        """What opens objects and makes calls.
+        """The opener of objects, which also makes calls.
 
         Raises:
-            NotConnectedError: there is no connection.
+            NotConnectedError: There is no connection.
         """
         if self._reach is None:
             raise NotConnectedError(say("tester.not_connected"))
@@ -220,13 +219,13 @@ class ControllerSession:
     async def call(
         self, function: Function, arguments: Sequence[Variant], initiator: Initiator = Initiator.USER
     ) -> HistoryRecord:
-        """Make a call, however it ends; return its record.
+        """Make a call, whatever its outcome; return its record.
 
         Raises:
-            NotConnectedError: there is no connection.
-            NotArmedError: it may energise or move the robot, and nobody has armed. Nothing was sent.
-            LocalProtocolError: it cannot be sent. Nothing was.
-            ConnectionError: the link is gone.
+            NotConnectedError: There is no connection.
+            NotArmedError: It may energise or move the robot, and the user has not armed. Nothing was sent.
+            LocalProtocolError: The call cannot be encoded. Nothing was sent.
+            ConnectionError: The link is lost.
         """
         reach = self.reach
         if self._needs_arming(function.id, arguments):
@@ -238,17 +237,17 @@ class ControllerSession:
     async def invoke(
         self, name: str, *values: Variant, initiator: Initiator = Initiator.USER
     ) -> HistoryRecord:
-        """As `call`, with the function's name."""
+        """Like `call`, with the name of the function."""
         function = function_by_name(name)
         assert function is not None, name
         return await self.call(function, values, initiator)
 
     async def send_raw(self, raw: bytes) -> HistoryRecord:
-        """Send bytes as they are and wait for what comes; return the record.
+        """Send bytes unchanged and wait for the reply; return the record.
 
         Raises:
-            NotArmedError: they may energise or move the robot, or are no sound frame.
-            NotConnectedError, ConnectionError: as `call`.
+            NotArmedError: They may energise or move the robot, or are not an intact frame.
+            NotConnectedError, ConnectionError: As for `call`.
         """
         session = self.reach.session
         caller = session.caller
@@ -262,10 +261,10 @@ class ControllerSession:
 
     @property
     def controller(self) -> ObjectHandle:
-        """The controller.
+        """The controller object.
 
         Raises:
-            NotConnectedError: there is no connection to one.
+            NotConnectedError: No controller object is open.
         """
         found = self._handle_table.open_handles(ObjectClass.CONTROLLER)
         if not found:
@@ -274,12 +273,12 @@ class ControllerSession:
 
     @property
     def last_record(self) -> HistoryRecord:
-        """The record of the call that ended last; there has been one."""
+        """The record of the call that ended last; there must have been one."""
         assert self._recorder.last_record is not None
         return self._recorder.last_record
 
     def subject_of(self, record: HistoryRecord) -> ObjectHandle | None:
-        """Return what a call was asked of; None where that is not open any more."""
+        """Return the object that a call was made on; None if it is no longer open."""
         return self._subject_of(record.function_id, record.arguments)
 
     def _subject_of(self, function_id: int, arguments: Sequence[Variant]) -> ObjectHandle | None:
@@ -290,7 +289,7 @@ class ControllerSession:
         return self._handle_table.find(function.owner, handle)
 
     def last_failure_text(self) -> str:
-        """Tell why the last call failed."""
+        """Return why the last call failed."""
         return failure_text(self.last_record)
 
     async def open_object(
@@ -301,7 +300,7 @@ class ControllerSession:
         option: str,
         initiator: Initiator = Initiator.USER,
     ) -> ObjectHandle | None:
-        """Open an object; None where that was refused or not answered, as the last record tells."""
+        """Open an object. Return None if it was refused or not answered; `last_record` has the reason."""
         values = (handle_argument(parent), Variant(VT.BSTR, name), Variant(VT.BSTR, option))
         record = await self.invoke(f"{parent.kind}_Get{kind}", *values, initiator=initiator)
         return (
@@ -311,7 +310,7 @@ class ControllerSession:
         )
 
     def select_robot(self, robot: ObjectHandle | None) -> None:
-        """Have commands of the robot go to this one."""
+        """Select the robot that receives robot commands."""
         self.update_status(robot=robot)
 
     def _needs_arming(self, function_id: int, arguments: Sequence[Variant]) -> bool:
@@ -331,7 +330,7 @@ class ControllerSession:
         self.arming.extend(self.now())
 
     async def _await_exchange(self, exchange: Coroutine[Any, Any, object]) -> None:
-        """Wait for an exchange; what was given up has its record, and what broke the link ends it."""
+        """Await a call. Record it if it is cancelled; report the connection as lost if the link fails."""
         try:
             await exchange
         except asyncio.CancelledError:
@@ -346,12 +345,12 @@ class ControllerSession:
     # HALT.
 
     def halt(self) -> bool:
-        """Stop the robot; return whether there is a connection. From any thread, at any time, at once."""
+        """Stop the robot; return at once whether there is a connection. Any thread may call this."""
         self.arming.disarm()
         line = self._halt_connection
         if line is not None:
             line.press()
-        with suppress(RuntimeError):  # our loop has ended
+        with suppress(RuntimeError):  # the loop of this session has ended
             self._loop.call_soon_threadsafe(self._start_halt_call)
         return line is not None or self.client_session is not None
 
@@ -360,7 +359,7 @@ class ControllerSession:
             self._loop.create_task(self._halt_on_session(self.status.robot))
 
     async def _halt_on_session(self, robot: ObjectHandle) -> None:
-        """Say it on the connection of the other calls, too, as soon as that is free, and leave slave mode."""
+        """Send HALT also on the main connection once it is free, then leave slave mode."""
         with suppress(BcapError, OSError):
             record = await self.invoke("Robot_Halt", handle_argument(robot), Variant(VT.BSTR, ""))
             if self._halt_connection is None:
@@ -371,7 +370,7 @@ class ControllerSession:
                 values = (handle_argument(robot), Variant(VT.BSTR, "slvChangeMode"), Variant(VT.I4, 0))
                 await self.invoke("Robot_Execute", *values, initiator=Initiator.SCREEN)
 
-    # What comes back.
+    # Results.
 
     def _on_event(self, event: RequesterEvent) -> None:
         self._recorder.on_event(event, time.time_ns())
@@ -391,7 +390,7 @@ class ControllerSession:
         self._tap(observation)
 
     def _log_packet(self, observation: Observation, initiator: Initiator) -> None:
-        """Log a packet, unless it is the screen's own reading."""
+        """Log a packet, unless it belongs to an automatic read."""
         item, connection = observation.item, LoggedConnection.of_conversation(observation.flow.conversation)
         if observation.flow.direction is Direction.RESPONSE:
             self.action_log.log_reply(connection, item, observation.time)
@@ -409,7 +408,7 @@ class ControllerSession:
         self.report(SessionProblem(f"{path}: {error_text(error)}"))
 
     def _on_record(self, record: HistoryRecord) -> None:
-        """Learn from a call that has ended, and hand its record on."""
+        """Update the state from a call that has ended, and report its record."""
         changes: dict[str, object] = {}
         function = FUNCTIONS.get(record.function_id)
         if record.outcome is RecordOutcome.ANSWERED and record.reply is not None and function is not None:
@@ -432,7 +431,7 @@ class ControllerSession:
 
 
 def _slave_mode_after(record: HistoryRecord) -> int | None:
-    """Tell the slave mode that the robot is in after a call; None where it tells nothing of that."""
+    """Return the slave mode after a call; None if the call does not show it."""
     command = command_of(record.function_id, record.arguments)
     if record.outcome is RecordOutcome.ANSWERED:
         if command == "slvchangemode" and len(record.arguments) > 2:
@@ -447,7 +446,7 @@ def _slave_mode_after(record: HistoryRecord) -> int | None:
 
 
 def handle_argument(opened: ObjectHandle) -> Variant:
-    """Make the first argument of a call that is made of an object."""
+    """Return the handle of an object as the first argument of a call."""
     return Variant(VT.I4, opened.handle)
 
 

@@ -1,4 +1,4 @@
-"""A call of the history as something to paste elsewhere."""
+"""A call of the history as text for the clipboard."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from bcapscope.tui.controller_access.history_record import HistoryRecord
 def copy_text(
     record: HistoryRecord, copy_format: str, target: ControllerTarget, subject: ObjectHandle | None
 ) -> str | None:
-    """Write a call as ``hex``, ``python`` or ``line``; None where it cannot be written so.
+    """Return a call as ``hex``, ``python`` or ``line``; None if that format cannot express it.
 
     Args:
-        record: the call.
-        copy_format: how.
-        target: the controller, and how it is reached.
-        subject: what its handle stands for; None where that is not known any more.
+        record: The call.
+        copy_format: Name of the format.
+        target: Address and transport of the controller.
+        subject: Object of the call's handle; None if it is no longer known.
     """
     if copy_format == "hex":
         return "\n".join(hex_text(seen.item.raw) for seen in record.packets) or None

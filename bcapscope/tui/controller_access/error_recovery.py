@@ -1,7 +1,7 @@
-"""After an error: what the controller shows, read before it is cleared, and the way back to slave mode.
+"""Recovery after an error: read the errors, clear them, and return to slave mode.
 
-The sequence is that of DENSO Wave 2009, How to use the Slave mode (Clearing errors): clear, start RobSlave
-again, go to the first position, change to slave mode. Clearing destroys the evidence, so reading comes first.
+The sequence is DENSO Wave 2009, How to use the Slave mode (Clearing errors): clear, start RobSlave again,
+move to the first position, enter slave mode. Clearing destroys the evidence, so reading comes first.
 """
 
 from __future__ import annotations
@@ -23,29 +23,29 @@ from bcapscope.tui.controller_access.history_record import HistoryRecord, Record
 from bcapscope.tui.words import say
 
 MAX_ERRORS = 20
-"""Errors that are read; the newest come first."""
+"""Maximum number of errors to read; the newest come first."""
 
 _PTP = Variant(VT.I4, 1)
 
 
 class RecoveryStep(StrEnum):
-    """A step of the sequence, in its order."""
+    """A step of the recovery, in order."""
 
     READ = "read"
     CLEAR = "clear"
     ROBSLAVE = "robslave"
     MOTOR = "motor"
-    """Errors of level 4 and above switch it off."""
+    """Errors of level 4 and above switch the motor off."""
     FIRST_POSITION = "first"
     MODE = "mode"
 
 
 class LastSlaveSession:
-    """The last stay in slave mode, which is what one wants back after an error.
+    """The last slave-mode session, which the user usually wants back after an error.
 
     Attributes:
-        mode: number of it; joints, Sync, until there was one.
-        first_set_point: its first set point; () until there was one.
+        mode: Number of the slave mode; joints, Sync, before the first session.
+        first_set_point: Its first set point; () before the first session.
     """
 
     def __init__(self) -> None:
@@ -53,7 +53,7 @@ class LastSlaveSession:
         self.first_set_point: tuple[float, ...] = ()
 
     def on_record(self, record: HistoryRecord) -> None:
-        """Learn from a call, whoever made it; one that was refused tells nothing of the robot."""
+        """Update from a call of any initiator. A refused call shows nothing about the robot, so skip it."""
         if record.outcome is not RecordOutcome.ANSWERED or len(record.arguments) < 3:
             return
         command, parameter = command_of(record.function_id, record.arguments), record.arguments[2]
@@ -64,7 +64,7 @@ class LastSlaveSession:
 
     @property
     def move_position(self) -> str:
-        """The set point as Robot_Move takes a position, to be reached exactly; "" where there is none."""
+        """The set point as a position for Robot_Move, to be reached exactly; "" if there is none."""
         kind = pose_type_of_mode(self.mode)
         if kind is None or not self.first_set_point:
             return ""
@@ -72,12 +72,12 @@ class LastSlaveSession:
 
 
 async def read_errors(session: ControllerSession) -> list[tuple[int, str]]:
-    """Read the errors that the controller shows, newest first: code and its own text.
+    """Read the controller's current errors, newest first: code and the controller's text.
 
-    In slave mode nothing else may be asked (public issues of DENSORobot/denso_robot_ros), so that is left.
+    Leave slave mode first, where no other call is safe (public issues of DENSORobot/denso_robot_ros).
 
     Raises:
-        BcapError, OSError: as `ControllerSession.call`.
+        BcapError, OSError: As for `ControllerSession.call`.
     """
     if session.status.slave_mode and session.status.robot is not None:
         await run_recovery_step(session, RecoveryStep.MODE, "", 0)
@@ -92,16 +92,16 @@ async def read_errors(session: ControllerSession) -> list[tuple[int, str]]:
 async def run_recovery_step(
     session: ControllerSession, recovery_step: RecoveryStep, first_position: str, mode: int
 ) -> HistoryRecord:
-    """Do one step; return the record of its call.
+    """Run one step; return the record of its call.
 
     Args:
-        session: that is connected.
-        recovery_step: step.
-        first_position: position to go to, as Robot_Move takes it.
-        mode: of slvChangeMode.
+        session: Connected session.
+        recovery_step: Step to run.
+        first_position: Target position in the notation of Robot_Move.
+        mode: Mode number for slvChangeMode.
 
     Raises:
-        BcapError, OSError: as `ControllerSession.call`.
+        BcapError, OSError: As for `ControllerSession.call`.
     """
     if recovery_step is RecoveryStep.CLEAR:
         return await _execute_on_controller(session, "ClearError")
@@ -134,7 +134,7 @@ def _first_value(record: HistoryRecord) -> Value:
 
 
 def _parse_error_info(info: Value) -> tuple[int, str]:
-    """Read code and text out of what GetCurErrorInfo returns."""
+    """Return code and text from a result of GetCurErrorInfo."""
     items = [item.value for item in info if isinstance(item, Variant)] if isinstance(info, tuple) else []
     code = items[0] if items and isinstance(items[0], int) else 0
     text = items[1] if len(items) > 1 and isinstance(items[1], str) else describe_hresult(code).text

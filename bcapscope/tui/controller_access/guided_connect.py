@@ -1,4 +1,4 @@
-"""The guided connect: one step after the other, each with what was found or why it failed."""
+"""The guided connect: runs the steps in order, each with its result or the reason of its failure."""
 
 from __future__ import annotations
 
@@ -20,31 +20,31 @@ from bcapscope.tui.controller_access.session_updates import ConnectStep, Connect
 from bcapscope.tui.words import say, told
 
 ROBSLAVE = "RobSlave"
-"""The program that RC7 needs for slave mode (DENSO Wave 2009, How to use the Slave mode)."""
+"""The program that an RC7 needs for slave mode (DENSO Wave 2009, How to use the Slave mode)."""
 
 _UNKNOWN_PROVIDER_CODES = (0x80070057, 0x80000201)
-"""What a controller answers to the name of a provider that it does not have: E_INVALIDARG (RC8), and the CAO
-engine's own code (orin_bcap C/include/bcap_common.h)."""
+"""Result codes for an unknown provider name: E_INVALIDARG (RC8), and the CAO engine's own code (orin_bcap
+C/include/bcap_common.h)."""
 
 
 class ConnectStepError(BcapError):
-    """A step failed; it has been told which and why."""
+    """A step failed; the step and the reason have been reported."""
 
 
 async def connect(
     session: ControllerSession, target: ControllerTarget, providers: Sequence[str], robot: str, option: str
 ) -> bool:
-    """Walk all steps, up to the first that fails.
+    """Run the steps until one fails.
 
     Args:
-        session: that connects.
-        target: the controller.
-        providers: to be tried one after the other.
-        robot: name of the robot to open; empty to leave that for later.
-        option: for opening it.
+        session: Session to connect.
+        target: The controller.
+        providers: Provider names to try, in order.
+        robot: Name of the robot to open; empty to open none.
+        option: Option for opening the robot.
 
     Returns:
-        Whether all succeeded. After a failure before the controller was connected to, the link is closed.
+        Whether all steps succeeded. If the controller was not connected, the link is closed.
     """
     INITIATOR.set(Initiator.SCREEN)
     try:
@@ -70,10 +70,10 @@ async def connect(
 
 
 async def add_robot(session: ControllerSession, robot: str, option: str) -> HistoryRecord:
-    """Open a robot, choose it, learn its type, and have HALT ready for it; return the record of its opening.
+    """Open and select a robot, read its type, and prepare HALT for it; return the record of the opening call.
 
     Raises:
-        BcapError, OSError: as `ControllerSession.call`.
+        BcapError, OSError: As for `ControllerSession.call`.
     """
     INITIATOR.set(Initiator.USER)
     opened = await session.open_object(session.controller, ObjectClass.ROBOT, robot, option)
@@ -92,10 +92,10 @@ async def add_robot(session: ControllerSession, robot: str, option: str) -> Hist
 
 
 async def start_robslave(session: ControllerSession) -> HistoryRecord:
-    """Open the task RobSlave unless it is open, start it for one cycle; return the record of the last call.
+    """Start the task RobSlave for one cycle, opened first if needed; return the record of the last call.
 
     Raises:
-        BcapError, OSError: as `ControllerSession.call`.
+        BcapError, OSError: As for `ControllerSession.call`.
     """
     found = [
         one for one in session.status.open_objects if one.kind is ObjectClass.TASK and one.label == ROBSLAVE
@@ -136,7 +136,7 @@ async def _start_service(session: ControllerSession) -> str:
 async def _connect_controller(
     session: ControllerSession, target: ControllerTarget, providers: Sequence[str]
 ) -> str:
-    """Connect with the first provider that the controller has."""
+    """Connect with the first provider that the controller knows."""
     for provider in providers:
         tried = replace(target, provider=provider)
         try:
@@ -161,7 +161,7 @@ async def _open_robot(session: ControllerSession, name: str, option: str) -> str
 
 
 async def identify_controller(session: ControllerSession) -> str:
-    """Learn what the peer is: our simulator, or what it says of itself."""
+    """Read what the controller is: the built-in simulator, or a controller with name and version."""
     simulator = await session.reach.is_simulator()
     version = await _read_variable(session, session.controller, "@VERSION")
     session.arming.is_required = not simulator
@@ -171,7 +171,7 @@ async def identify_controller(session: ControllerSession) -> str:
 
 
 async def read_robot_type(session: ControllerSession, robot: ObjectHandle) -> str:
-    """Read the robot's type, which is to be looked at before the first motion (DENSO Wave 2009)."""
+    """Read the robot's type; the user should check it before the first motion (DENSO Wave 2009)."""
     name = await _read_variable(session, robot, "@TYPE_NAME")
     number = await _read_variable(session, robot, "@TYPE")
     session.update_status(identity=replace(session.status.identity, type_name=name, type_number=number))
@@ -179,7 +179,7 @@ async def read_robot_type(session: ControllerSession, robot: ObjectHandle) -> st
 
 
 async def _read_variable(session: ControllerSession, owner: ObjectHandle, name: str) -> str:
-    """Read a variable once; "" where there is none."""
+    """Read a variable once; "" if there is none."""
     variable = await session.open_object(owner, ObjectClass.VARIABLE, name, "", initiator=Initiator.SCREEN)
     if variable is None:
         return ""

@@ -1,9 +1,9 @@
-"""The line that HALT goes out on: thread, event loop and session of its own, ready before it is needed.
+"""The HALT connection: its own thread, event loop and session, ready before it is needed.
 
-A call under way blocks the connection that it was made on until it ends, and DENSO's C server answers
-whatever else comes there with busy (orin_bcap C/src/bCAPServer/bcap_server.c). So HALT has a connection that
-nothing else uses, with the robot open on it, and needs neither the screen's event loop nor that of the other
-calls: whoever presses the key only sets a flag of this thread's loop.
+A call blocks its connection until it ends. DENSO's C server answers anything else there with busy (orin_bcap
+C/src/bCAPServer/bcap_server.c). HALT therefore uses a connection of its own, with the robot already open. It
+does not depend on the event loops of the screen or of the other calls: a key press only sets a flag in this
+thread's loop.
 """
 
 from __future__ import annotations
@@ -26,46 +26,46 @@ from bcapscope.protocol.tables.hresult import E_HANDLE, E_NOT_CONNECTED
 from bcapscope.tui.controller_access.history_record import error_text
 
 HEARTBEAT = 2.0
-"""Seconds between two calls that prove the line alive."""
+"""Seconds between two heartbeat calls."""
 
 RETRY_WITHIN = 3.0
-"""Seconds for which a line that is lost is opened again and again once HALT is pressed."""
+"""Seconds after a press of HALT in which a lost connection is reopened repeatedly."""
 
 _REOPEN_DELAY = 0.05
 
 _STALE_CONNECTION_CODES = (E_HANDLE, E_NOT_CONNECTED)
-"""What a controller answers that knows the line no more, as over UDP after the pendant's Reset."""
+"""Result codes of a controller that has forgotten the connection, as over UDP after the pendant's Reset."""
 
 CLOSE_TIMEOUT = 3.0
-"""Seconds that `close` waits for the line to let go of what it has open."""
+"""Seconds that `close` waits for the connection to release its objects."""
 
 DEFAULT_ROBOT = "Arm"
-"""Name of the robot that is opened where none was given: most controllers have one."""
+"""Robot to open if no name was given; most controllers have it."""
 
 
 class HaltState(StrEnum):
     """What pressing HALT would do, or has done."""
 
     CLOSED = "closed"
-    """There is no controller to halt."""
+    """No controller is connected."""
     OPENING = "opening"
     READY = "ready"
     LOST = "lost"
-    """The controller does not answer on this line, or did not let it be opened."""
+    """The controller does not answer on this connection, or refused to open it."""
     HALTING = "halting"
     HALTED = "halted"
     FAILED = "failed"
-    """HALT was sent, and no answer came, or a refusal."""
+    """HALT was sent, but was refused or not answered."""
 
 
 @dataclass(frozen=True, slots=True)
 class HaltUpdate:
-    """The line has changed.
+    """The state of the HALT connection has changed.
 
     Attributes:
-        state: of the line from now on.
-        reason: why, where that is no success; else empty.
-        round_trip: ns of the call that told; 0 where none did.
+        state: New state.
+        reason: Why it failed; empty otherwise.
+        round_trip: Round trip of the call that showed it, ns; 0 if none did.
     """
 
     state: HaltState
@@ -74,7 +74,7 @@ class HaltUpdate:
 
 
 class HaltConnection:
-    """One line to one controller, from its construction to `close`."""
+    """One HALT connection to one controller, open from construction to `close`."""
 
     def __init__(
         self,
@@ -84,14 +84,14 @@ class HaltConnection:
         robot: str = DEFAULT_ROBOT,
         heartbeat: float = HEARTBEAT,
     ) -> None:
-        """Open the line; nothing is waited for.
+        """Start to open the connection, and return at once.
 
         Args:
-            target: the controller; a name of Controller_Connect is not used twice.
-            report: is told of every change, in the line's own thread.
-            observer: sees every packet, likewise.
-            robot: name of the robot to halt.
-            heartbeat: seconds between two proofs that the line is alive.
+            target: The controller. The same name of Controller_Connect is not used twice.
+            report: Called for every change, in this connection's thread.
+            observer: Called for every packet, in the same thread.
+            robot: Name of the robot to halt.
+            heartbeat: Seconds between two heartbeat calls.
         """
         self._target = replace(target, name=f"{target.name}-halt" if target.name else "")
         self._report = report
@@ -108,7 +108,7 @@ class HaltConnection:
         self._thread.start()
 
     def press(self) -> None:
-        """Halt the robot. From any thread, at any time; returns at once."""
+        """Halt the robot. Any thread may call this at any time; it returns at once."""
 
         def press() -> None:
             self._retry_until = self._loop.time() + RETRY_WITHIN
@@ -118,17 +118,17 @@ class HaltConnection:
         self._call_in_loop(press)
 
     def pause_heartbeat(self, paused: bool) -> None:
-        """Send nothing but HALT while `paused`: what other clients send may end slave mode."""
+        """While `paused`, send only HALT: other calls may end another client's slave mode."""
         self._heartbeat_paused = paused
 
     def report_only_halts(self) -> None:
-        """Tell of nothing but HALT from now on: how the line does is told by the one that takes its place."""
+        """Report only results of HALT from now on. The replacement connection reports its own state."""
         tell = self._report
         told = (HaltState.HALTED, HaltState.FAILED)
         self._report = lambda news: tell(news) if news.state in told else None
 
     def close(self) -> None:
-        """Let go of the line and wait for that, `CLOSE_TIMEOUT` seconds at most."""
+        """Close the connection; wait at most `CLOSE_TIMEOUT` seconds."""
 
         def end() -> None:
             self._closing = True
@@ -138,7 +138,7 @@ class HaltConnection:
         self._thread.join(CLOSE_TIMEOUT)
 
     def _call_in_loop(self, action: Callable[[], None]) -> None:
-        with suppress(RuntimeError):  # the line has ended, and its loop with it
+        with suppress(RuntimeError):  # the thread has ended, and its loop with it
             self._loop.call_soon_threadsafe(action)
 
     def _run(self) -> None:
@@ -157,9 +157,10 @@ class HaltConnection:
                 await self._handle_loss(error_text(error))
 
     async def _handle_loss(self, reason: str) -> None:
-        """Wait before the line is opened again: not long while HALT waits for it.
+        """Wait before the connection is reopened: only briefly while a HALT is pending.
 
-        Nobody wants a HALT minutes later, in the midst of another motion: it has failed then.
+        A pending HALT fails after `RETRY_WITHIN` seconds. Sent minutes later, it could interrupt another
+        motion.
         """
         if self._pressed.is_set() and self._loop.time() < self._retry_until:
             await asyncio.sleep(_REOPEN_DELAY)
@@ -171,7 +172,7 @@ class HaltConnection:
         await self._wait_for_press(self._heartbeat)
 
     async def _serve_session(self, session: Session) -> None:
-        """Open what HALT needs, then wait for it."""
+        """Open the robot, then wait for HALT."""
         self._report(HaltUpdate(HaltState.OPENING))
         reach = ObjectOpener(
             session, self._target.service, self._target.connect, {ObjectClass.ROBOT: self._robot}
@@ -194,7 +195,7 @@ class HaltConnection:
                 await self._pressed.wait()
 
     async def _send_heartbeat(self, session: Session, handle: int) -> None:
-        """Prove the line alive; HALT does not wait for the answer."""
+        """Check that the connection works; a press of HALT cancels the check."""
         began = self._loop.time()
         call = asyncio.ensure_future(session.invoke("Robot_GetAttribute", handle))
         pressed = asyncio.ensure_future(self._pressed.wait())
@@ -206,14 +207,14 @@ class HaltConnection:
             return
         try:
             call.result()
-        except ControllerError as error:  # an answer, too, unless nobody knows the robot
+        except ControllerError as error:  # also proves the connection, unless the robot's handle is unknown
             if error.hresult in _STALE_CONNECTION_CODES:
                 raise
         took = round((self._loop.time() - began) * 1e9)
         self._report(HaltUpdate(HaltState.READY, round_trip=took))
 
     async def _halt_robot(self, session: Session, handle: int) -> None:
-        """Halt; a line that it is refused on may have been forgotten, and is opened anew for it."""
+        """Halt the robot. After a first refusal reopen the connection: the controller may not know it."""
         self._report(HaltUpdate(HaltState.HALTING))
         began = self._loop.time()
         try:

@@ -1,4 +1,4 @@
-"""A call that was made, with all that belongs to it, as the history keeps it."""
+"""A call in the history, with its packets and outcome."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ class RecordOutcome(StrEnum):
     REFUSED = "refused"
     UNANSWERED = "unanswered"
     ABANDONED = "given up"
-    """By us, before an answer came: cancelled, or the link is gone."""
+    """Cancelled by the client before a reply came, or the link was lost."""
 
 
 class Initiator(StrEnum):
-    """Who wanted a call."""
+    """Who started a call."""
 
     USER = "user"
     SCREEN = "screen"
-    """The program itself: to learn what the peer is, to recover, to let go."""
+    """bcapscope itself: to identify the controller, to recover, to release objects."""
     WATCH = "watch"
 
 
@@ -39,19 +39,19 @@ class HistoryRecord:
     """One call.
 
     Attributes:
-        number: from 1, in the order in which they began.
-        initiator: wanted it.
-        began: when its first try went out, ns since 1970-01-01 UTC.
-        function_id: what was called.
-        arguments: of the request.
-        outcome: how it ended.
-        reply: the one that counted; None where there was none.
-        took: ns from the first try to the reply, or to the end.
-        attempts: all tries.
-        packets: everything sent and received for it, in order.
-        notices: how often S_EXECUTING came.
-        late_replies: replies that did not count.
-        subject: what it was made of, such as a variable; None where that was not open.
+        number: Number from 1, in the order of their starts.
+        initiator: Who started it.
+        began: Time of the first attempt, ns since 1970-01-01 UTC.
+        function_id: Id of the called function.
+        arguments: Arguments of the request.
+        outcome: How it ended.
+        reply: The accepted reply; None without one.
+        took: Time from the first attempt to the reply or the end, ns.
+        attempts: All attempts.
+        packets: All packets sent and received for it, in order.
+        notices: Number of S_EXECUTING notices.
+        late_replies: Replies that were not accepted.
+        subject: Object of the call, such as a variable; None if it was not open.
     """
 
     number: int
@@ -70,34 +70,34 @@ class HistoryRecord:
 
     @property
     def size(self) -> int:
-        """Bytes of the packets."""
+        """Bytes in all packets."""
         return sum(len(each.item.raw) for each in self.packets)
 
     @property
     def sent_packets(self) -> tuple[Observation, ...]:
-        """What went out."""
+        """Packets that the client sent."""
         return tuple(each for each in self.packets if each.flow.direction is Direction.REQUEST)
 
     @property
     def received_packets(self) -> tuple[Observation, ...]:
-        """What came in."""
+        """Packets that the client received."""
         return tuple(each for each in self.packets if each.flow.direction is Direction.RESPONSE)
 
     @property
     def retries(self) -> int:
-        """Tries after the first."""
+        """Number of attempts after the first."""
         return max(0, len(self.sent_packets) - 1)
 
 
 def error_text(error: BcapError | OSError) -> str:
-    """Tell in one line what broke; the tries of a time-out stand in the record of its call."""
+    """Return an error in one line; the record of a call shows the attempts of a time-out."""
     if isinstance(error, OSError) and not isinstance(error, BcapError):
         return told(os_error_text(error))
     return told(str(error).partition("\n")[0])
 
 
 def failure_text(record: HistoryRecord) -> str:
-    """Tell in a clause how a call ended that did not succeed."""
+    """Return in one clause why a call failed."""
     if record.outcome is RecordOutcome.REFUSED and record.reply is not None:
         code = record.reply.code
         return f"{hresult_name(code)}, {told(describe_hresult(code).text)}"

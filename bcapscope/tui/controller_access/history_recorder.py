@@ -1,6 +1,6 @@
-"""Makes records of calls out of what a session lets its observer and its listener know.
+"""Builds the records of calls from what a session reports to its observer and listener.
 
-Whoever makes the calls, the user or the program itself, they end up here, since all pass the same link.
+Calls of the user and of bcapscope itself share the link, so both are recorded.
 """
 
 from __future__ import annotations
@@ -25,17 +25,17 @@ from bcapscope.traffic.observation import Direction, Observation
 from bcapscope.tui.controller_access.history_record import HistoryRecord, Initiator, RecordOutcome
 
 INITIATOR: ContextVar[Initiator] = ContextVar("who", default=Initiator.SCREEN)
-"""Who makes the calls of the running task."""
+"""Initiator of the calls in the running task."""
 
 MAX_PACKETS = 256
-"""Packets that a record keeps: a peer that floods us shall not fill the memory."""
+"""Packets per record, so that a controller that floods the client cannot fill the memory."""
 
 
 class HistoryRecorder:
-    """Follows one session, in which one call comes after the other.
+    """Records one session, in which calls follow one another.
 
     Attributes:
-        last_record: the call that ended last.
+        last_record: Record of the call that ended last.
     """
 
     def __init__(
@@ -44,12 +44,12 @@ class HistoryRecorder:
         subject_of: Callable[[int, Sequence[Variant]], ObjectHandle | None],
         first_number: int = 1,
     ) -> None:
-        """Give each record to `on_record` as soon as its call has ended.
+        """Pass each record to `on_record` as soon as its call has ended.
 
         Args:
-            on_record: is given the records.
-            subject_of: tells what a call was made of, by its function and its arguments.
-            first_number: of the first record.
+            on_record: Called with each record.
+            subject_of: Returns the object of a call from its function id and arguments.
+            first_number: Number of the first record.
         """
         self._on_record = on_record
         self._subject_of = subject_of
@@ -58,7 +58,7 @@ class HistoryRecorder:
         self._call: _CallInProgress | None = None
 
     def on_packet(self, observation: Observation) -> None:
-        """Take a packet that goes out or came in."""
+        """Add a packet that was sent or received."""
         call = self._call
         if observation.flow.direction is Direction.REQUEST and call is None:
             call = self._call = _CallInProgress(observation, INITIATOR.get())
@@ -66,10 +66,10 @@ class HistoryRecorder:
             call.add_packet(observation)
 
     def on_event(self, event: RequesterEvent, now: int) -> None:
-        """Take what happened.
+        """Handle an event of the session.
 
         Args:
-            event: as the session tells it.
+            event: Event from the requester.
             now: ns since 1970-01-01 UTC.
         """
         call = self._call
@@ -89,7 +89,7 @@ class HistoryRecorder:
             )
 
     def abandon_call(self, now: int) -> HistoryRecord | None:
-        """End the call under way: nobody waits for its answer any more.
+        """End the call under way without a reply; return its record, or None if there is no such call.
 
         Args:
             now: ns since 1970-01-01 UTC.
@@ -101,7 +101,7 @@ class HistoryRecorder:
         return self.last_record
 
     def complete_raw_call(self, now: int) -> None:
-        """End a call that was sent as raw bytes: its reply is the frame that came last, if any came.
+        """End a call that was sent as raw bytes. The last frame received, if any, is its reply.
 
         Args:
             now: ns since 1970-01-01 UTC.
@@ -151,8 +151,6 @@ class HistoryRecorder:
 
 
 class _CallInProgress:
-    """A call under way."""
-
     def __init__(self, first: Observation, initiator: Initiator) -> None:
         self.began = first.time
         self.initiator = initiator

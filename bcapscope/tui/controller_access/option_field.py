@@ -1,6 +1,6 @@
-"""The Option field of the connection: ``Timeout=300`` and the like, as b-CAP Tester has it.
+"""The Option field of the connection: ``Timeout=300`` and similar, as in b-CAP Tester.
 
-What stands there is for us, for Service_Start or for Controller_Connect; its key tells which.
+The key of each pair decides who gets it: bcapscope, Service_Start or Controller_Connect.
 """
 
 from __future__ import annotations
@@ -16,24 +16,24 @@ _UDP_CONVENTIONS = (ReservedConvention.SEED, ReservedConvention.OWN, ReservedCon
 _TCP_CONVENTIONS = (ReservedConvention.TCP0, ReservedConvention.TCP1)
 
 AUTOMATIC_PROVIDERS = ("CaoProv.DENSO.VRC", "CaoProv.DENSO.VRC9", "")
-"""Providers that are tried one after the other where none is named: that of RC8 and COBOTTA, that of RC9 and
-COBOTTA PRO, none. RC7 takes the first, as it ignores the name."""
+"""Providers to try in order if none is named: RC8 and COBOTTA, RC9 and COBOTTA PRO, none. RC7 accepts the
+first, since it ignores the name."""
 
 
 def read_option_field(text: str, host: str, port: int, tcp: bool) -> tuple[ControllerTarget, tuple[str, ...]]:
-    """Read the field.
+    """Parse the Option field.
 
     Args:
-        text: pairs of key and value, commas between; empty for the usual.
-        host: of the controller.
-        port: of the controller.
+        text: Comma-separated pairs of key and value; empty for the defaults.
+        host: Host of the controller.
+        port: Port of the controller.
         tcp: TCP instead of UDP.
 
     Returns:
-        The target, and the providers to be tried.
+        The target, and the providers to try.
 
     Raises:
-        ValueError: with the part that makes no sense, and what is expected.
+        ValueError: A part is invalid; names the part and what is expected.
     """
     target = ControllerTarget(host, port, tcp, name="")
     providers: tuple[str, ...] = AUTOMATIC_PROVIDERS

@@ -1,4 +1,4 @@
-"""Parameters as they are typed: a type chosen from a list, a value beside it, checked at once."""
+"""Typed parameters: a type from a list and a value as text, checked at once."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ PARAMETER_TYPES: tuple[int, ...] = (
     *(int(vt) for vt in VT if vt is not VT.VARIANT),
     *(ARRAY | vt for vt in VT if vt not in (VT.EMPTY, VT.NULL)),
 )
-"""Every type that b-CAP carries, scalars first."""
+"""Every type that b-CAP can carry, scalars first."""
 
 
 def type_label(vt: int) -> str:
-    """Name a type as b-CAP Tester does: ``I4``, ``ARRAY | R4``."""
+    """Return a type's name as in b-CAP Tester: ``I4``, ``ARRAY | R4``."""
     name = vt_name(vt & ~ARRAY).removeprefix("VT_")
     return f"ARRAY | {name}" if vt & ARRAY else name
 
@@ -27,16 +27,16 @@ _BY_NAME = {vt_name(vt): vt for vt in PARAMETER_TYPES}
 
 
 def type_number(name: str) -> int | None:
-    """Return the number of a type such as ``VT_R4|VT_ARRAY``; None for ``VARIANT``, which is any."""
+    """Return the number of a type such as ``VT_R4|VT_ARRAY``; None for ``VARIANT``, which allows any type."""
     return _BY_NAME.get(name)
 
 
 class CheckedText(NamedTuple):
-    """What typed text comes to.
+    """The result of parsing typed text.
 
     Attributes:
-        value: None where the text does not go with the type.
-        problem: what is expected then; else empty.
+        value: The value; None if the text does not fit the type.
+        problem: What is expected; empty if the text is valid.
     """
 
     value: Variant | None
@@ -44,7 +44,7 @@ class CheckedText(NamedTuple):
 
 
 def check_text(vt: int, text: str) -> CheckedText:
-    """Read what was typed for a type."""
+    """Parse text as a value of a type."""
     typed = text if vt == VT.BSTR else text.strip()
     try:
         return CheckedText(parse_variant(f"{type_word(vt)}:{typed}"), "")
@@ -53,7 +53,7 @@ def check_text(vt: int, text: str) -> CheckedText:
 
 
 def expected_input(vt: int) -> str:
-    """Say what is to be typed for a type."""
+    """Return a hint on what to type for a type."""
     if vt in (VT.EMPTY, VT.NULL):
         return say("desk.expected.nothing")
     what = say(f"desk.expected.{VT(vt & ~ARRAY).name}")
@@ -62,11 +62,11 @@ def expected_input(vt: int) -> str:
 
 
 class CommandHint(NamedTuple):
-    """What the catalogue says of a command.
+    """What the command table contains for a command.
 
     Attributes:
-        types: of its parameter, the most usual first.
-        text: what it does and what its parameter holds.
+        types: Types of its parameter, the most usual first.
+        text: What it does and what its parameter contains.
     """
 
     types: tuple[int, ...]
@@ -74,7 +74,7 @@ class CommandHint(NamedTuple):
 
 
 def command_hint(function_id: int, name: str) -> CommandHint | None:
-    """Look a command up; None for one that is not known."""
+    """Look up a command; None if it is unknown."""
     known = find_command(function_id, name.strip())
     if known is None:
         return None

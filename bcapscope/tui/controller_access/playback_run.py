@@ -1,6 +1,6 @@
-"""A player at work as the screen sees it: what it has told so far, and what to answer.
+"""The state of a running player, as the screen shows it, and the answers to its questions.
 
-The player is a process of its own; here its messages are only taken note of.
+The player is a separate process. This module only records its messages.
 """
 
 from __future__ import annotations
@@ -28,24 +28,24 @@ from bcapscope.player.trajectory import Trajectory
 from bcapscope.protocol.slave_mode.modes import PERIOD_MS, Generation, SlaveMode, slave_mode_by_number
 
 MAX_SAMPLES = 600
-"""Readings that the plots show at most: half a minute at twenty a second."""
+"""Readings in the plots: half a minute at twenty per second."""
 
 
 @dataclass(slots=True)
 class PlaybackRun:
-    """What is known of one run.
+    """Everything known about one run.
 
     Attributes:
-        plan: what is played.
-        trajectory: its set points with where they are from.
-        progress: told last.
-        samples: elapsed seconds with set point and pose that came back, of the last readings.
-        peer: who is there; None until that is known.
-        preflight: against who is there; None until then.
-        readiness: what the system allows, in words.
-        troubles: what went wrong.
-        question: that waits for an answer; None while there is none.
-        ended: how it ended; None while it is at work.
+        plan: What is played.
+        trajectory: Its set points and their source.
+        progress: Latest progress.
+        samples: Elapsed seconds, set point and returned pose, for the latest readings.
+        peer: The controller; None until it is known.
+        preflight: Pre-flight check against that controller; None until then.
+        readiness: Real-time settings that the system allows, as text.
+        troubles: What went wrong.
+        question: Question of the player that waits for an answer; None without one.
+        ended: How the run ended; None while it runs.
     """
 
     plan: PlayPlan
@@ -62,7 +62,7 @@ class PlaybackRun:
     ended: PlayEnded | None = None
 
     def on_message(self, message: PlayerMessage) -> str | None:
-        """Take note of a message; return the answer to a question that the user need not be asked."""
+        """Record a message; return the answer to a question that needs no user."""
         if isinstance(message, PlayProgress):
             before = self.progress
             told = message if message.of or before is None else structs.replace(before, state=message.state)
@@ -85,18 +85,18 @@ class PlaybackRun:
 
     @property
     def mode(self) -> SlaveMode | None:
-        """The slave mode that is played in; None until the controller's generation is known."""
+        """The slave mode of the run; None until the controller's generation is known."""
         if self.peer is None:
             return None
         return slave_mode_by_number(self.peer.mode, Generation(self.peer.generation))
 
     @property
     def buffer_margin(self) -> tuple[int, float, float] | None:
-        """Say how near the controller's buffer came to running empty, by a model: it takes a point each 8 ms.
+        """Modelled margin of the controller's buffer, which consumes a set point each 8 ms.
 
         Returns:
-            Slots, ms that a full buffer lasts, and ms of that which were left at the longest pause so far;
-            None where a pause is no error, or nothing was sent yet.
+            Buffer slots, ms that a full buffer lasts, and ms that remained at the longest pause so far. None
+            if underflow is no error in this mode, or before the first set point.
         """
         mode, progress = self.mode, self.progress
         if mode is None or progress is None or not progress.cycle or mode.underflow_is_error is False:
@@ -106,7 +106,7 @@ class PlaybackRun:
         return mode.buffer_slots, whole, whole - max(0.0, longest - PERIOD_MS)
 
     def _check_peer(self, peer: ControllerInfo) -> None:
-        """Check the trajectory against what is there."""
+        """Run the pre-flight check against the connected controller."""
         self.peer = peer
         self.preflight = run_preflight(
             self.trajectory,

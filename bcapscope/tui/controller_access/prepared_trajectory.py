@@ -1,4 +1,4 @@
-"""A trajectory made ready: read, brought to the pace, checked; all that can be said before it is played."""
+"""A trajectory that was read, resampled and checked before it is played."""
 
 from __future__ import annotations
 
@@ -21,17 +21,17 @@ from bcapscope.tui.words import told
 
 @dataclass(frozen=True, slots=True)
 class PlaybackSettings:
-    """What the user wants played.
+    """What the user wants to play.
 
     Attributes:
-        path: of the file or project.
-        index: which of several trajectories in it, from 1.
+        path: File or project.
+        index: Number of the trajectory in the file, from 1.
         mode: ``sync``, ``async`` or a number for slvChangeMode.
-        interval: ms from one set point to the next.
-        speed: share of the file's speed.
-        rounds: how often; 0 until told to stop.
-        always_resample: resample even where speed and interval are those of the file.
-        limits: of the arm, as `player.arm_limits.with_limits` takes them.
+        interval: Cycle time, ms.
+        speed: Fraction of the file's speed.
+        rounds: Number of repetitions; 0 repeats until stopped.
+        always_resample: Resample even if speed and interval are those of the file.
+        limits: Arm limits in the notation of `player.arm_limits.with_limits`.
     """
 
     path: str
@@ -46,13 +46,13 @@ class PlaybackSettings:
 
 @dataclass(frozen=True, slots=True)
 class PreparedTrajectory:
-    """A trajectory that is ready.
+    """A trajectory that is ready to play.
 
     Attributes:
-        settings: what was wanted.
-        all_trajectories: all trajectories in the file.
-        trajectory: the one that is played.
-        preflight: what speaks against it, without knowing where the robot is.
+        settings: What the user chose.
+        all_trajectories: All trajectories in the file.
+        trajectory: The one to play.
+        preflight: Problems found without knowledge of the robot's position.
     """
 
     settings: PlaybackSettings
@@ -61,7 +61,7 @@ class PreparedTrajectory:
     preflight: PreflightResult
 
     def summary_lines(self, palette: Palette, width: int) -> Iterator[str]:
-        """Say how the file was read, what is in it, and what speaks against playing it."""
+        """Yield how the file was read, its content, and problems with playing it."""
         yield from source_lines(self.trajectory, told, width)
         if len(self.all_trajectories) > 1:
             yield from (
@@ -72,13 +72,13 @@ class PreparedTrajectory:
         yield from PreflightRenderer(palette, width, told).lines(self.preflight)
 
     def make_plan(self, target: ControllerTarget, robot: str, armed: bool, record: Path) -> PlayPlan:
-        """Make the plan for the player.
+        """Return the plan for the player.
 
         Args:
-            target: the controller.
-            robot: its name.
-            armed: the user knows that a robot will move.
-            record: of all that is said, a new capture.
+            target: The controller.
+            robot: Name of the robot.
+            armed: Whether the user confirmed that a robot will move.
+            record: New capture for the whole conversation.
         """
         wish, trajectory = self.settings, self.trajectory
         return PlayPlan(
@@ -96,15 +96,15 @@ class PreparedTrajectory:
 
 
 def prepare_trajectory(settings: PlaybackSettings, type_name: str) -> PreparedTrajectory:
-    """Read the file, bring it to the pace, and check it. Takes its time.
+    """Read, resample and check a trajectory. This can take long.
 
     Args:
-        settings: what is to be played.
-        type_name: of the robot; empty where it is not known.
+        settings: What to play.
+        type_name: Type of the robot; empty if unknown.
 
     Raises:
-        TrajectoryError: there is nothing to play.
-        ValueError: the limits make no sense.
+        TrajectoryError: There is nothing to play.
+        ValueError: The limits are invalid.
     """
     found = read_trajectories(settings.path)
     if not 1 <= settings.index <= len(found):

@@ -1,36 +1,36 @@
-"""Whether the controller is still there, as far as what comes from it tells."""
+"""Detects a silent controller from its traffic."""
 
 from __future__ import annotations
 
 REPLY_OVERDUE_AFTER = 1_500_000_000
-"""Nanoseconds for which an answer may be owed: longer than any other call than a motion takes."""
+"""ns after which a reply is overdue: longer than any call takes except a motion."""
 
 
 class ReplyMonitor:
-    """When the controller was heard last, on any of the lines to it, and whether it owes an answer.
+    """When the controller last sent something, on any connection, and whether a reply is due.
 
-    What is sent and received tells, in any thread; times are ns of one clock. Where nothing is asked, nothing
-    is known: a silence counts only from a request on.
+    Requests and received packets update it, in any thread. Times are ns of one clock. Silence counts only
+    from a request on: without a request, nothing is expected.
     """
 
     def __init__(self, now: int) -> None:
-        """Begin with a controller that was asked nothing yet."""
+        """Start without a pending request."""
         self._last_received = now
         self._waiting_since = 0
 
     def on_request(self, now: int) -> None:
-        """Take notice of a request; what is asked once more is owed since the first time."""
+        """Note a request; a retry does not restart the waiting time."""
         self._waiting_since = self._waiting_since or now
 
     def on_received(self, now: int) -> None:
-        """Take notice of anything that came."""
+        """Note that something was received."""
         self._last_received, self._waiting_since = now, 0
 
     def silence(self, now: int) -> int:
-        """Return for how long nothing has come."""
+        """Return ns since the last packet received."""
         return now - self._last_received
 
     def is_reply_overdue(self, now: int) -> bool:
-        """Tell whether an answer is owed for longer than it should take."""
+        """Return whether a reply has been due for longer than `REPLY_OVERDUE_AFTER`."""
         asked = self._waiting_since
         return asked > 0 and now - asked > REPLY_OVERDUE_AFTER

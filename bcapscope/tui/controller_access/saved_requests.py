@@ -1,4 +1,4 @@
-"""Saved requests: a small YAML file each, which a team can keep in git.
+"""Saved requests: one small YAML file each, which a team can keep in git.
 
     function: Robot_Execute
     arguments:
@@ -6,7 +6,7 @@
     - i4:2
     note: slave mode with joints
 
-The handle is left out: a request goes to whatever object of its class is chosen when it is made.
+The handle is left out: the request goes to the object of its class that is selected when it is sent.
 """
 
 from __future__ import annotations
@@ -31,14 +31,14 @@ from bcapscope.tui.controller_access.history_record import error_text
 from bcapscope.tui.words import say, told
 
 MAX_FILE_SIZE = 100_000
-"""Bytes of a file; a request of b-CAP that people write by hand is far smaller."""
+"""Maximum size of a file; a b-CAP request written by hand is far smaller."""
 
 _UNSAFE = re.compile(r"[^\w .-]+")
 _SUFFIX = ".yaml"
 
 
 class SavedRequestError(BcapError):
-    """A file holds no request, or cannot be read or written."""
+    """A file contains no request, or cannot be read or written."""
 
 
 class _RequestFile(msgspec.Struct, forbid_unknown_fields=True, omit_defaults=True):
@@ -51,10 +51,10 @@ class SavedRequest(NamedTuple):
     """A request without its handle.
 
     Attributes:
-        name: of the file, without its ending.
-        function: to call.
-        values: its arguments; the handle is not among them.
-        note: what it is for.
+        name: File name without its extension.
+        function: Function to call.
+        values: Arguments without the handle.
+        note: Purpose of the request.
     """
 
     name: str
@@ -64,17 +64,17 @@ class SavedRequest(NamedTuple):
 
 
 def default_requests_folder() -> Path:
-    """Say where requests are kept on this platform unless another folder is chosen."""
+    """Return the platform's default folder for saved requests."""
     return platformdirs.user_data_path("bcapscope", appauthor=False) / "requests"
 
 
 def takes_handle(function: Function) -> bool:
-    """Tell whether the first argument of a function is a handle."""
+    """Return whether the first argument of a function is a handle."""
     return bool(function.params) and function.params[0].name.startswith("h")
 
 
 def list_requests(folder: Path) -> list[tuple[str, SavedRequest | str]]:
-    """List the requests in a folder by name, each as it is or why it cannot be read."""
+    """Return the requests in a folder by name, each as a request or as the reason why it cannot be read."""
     try:
         paths = sorted(folder.glob(f"*{_SUFFIX}"))
     except OSError:
@@ -93,7 +93,7 @@ def load_request(path: Path) -> SavedRequest:
     """Read one file.
 
     Raises:
-        SavedRequestError: there is none, or it holds no request; with the field that makes no sense.
+        SavedRequestError: The file is missing or contains no request; names the invalid field.
     """
     try:
         with path.open("rb") as file:
@@ -103,7 +103,7 @@ def load_request(path: Path) -> SavedRequest:
         found = read_document(content.decode("utf-8"), _RequestFile)
     except OSError as error:
         raise SavedRequestError(f"{path.name}: {error_text(error)}") from None
-    except ValueError as error:  # no UTF-8, or a `DocumentError`
+    except ValueError as error:  # not UTF-8, or a `DocumentError`
         raise SavedRequestError(f"{path.name}: {told(' '.join(str(error).split()))}") from None
     function = function_by_name(found.function)
     if function is None:
@@ -128,17 +128,17 @@ def _parse_argument(path: Path, param: Param, given: str | int | float | bool) -
 def save_request(
     folder: Path, name: str, function_id: int, arguments: Sequence[Variant], note: str = ""
 ) -> Path:
-    """Write a request, whole or not at all; return its file.
+    """Write a request atomically; return its file.
 
     Args:
-        folder: made where it does not exist.
-        name: by which people find it; becomes the file's.
-        function_id: what is called.
-        arguments: all of them, the handle first where there is one.
-        note: what it is for.
+        folder: Target folder; created if missing.
+        name: Name of the request, from which the file name is made.
+        function_id: Id of the function.
+        arguments: All arguments, with the handle first if there is one.
+        note: Purpose of the request.
 
     Raises:
-        SavedRequestError: the request has no notation, the name is empty, or there is no room or no right.
+        SavedRequestError: The request has no notation, the name is empty, or the file cannot be written.
     """
     function = FUNCTIONS.get(function_id)
     if function is None or len(function.params) != len(arguments):

@@ -1,4 +1,7 @@
-"""What the desk tells the screen, in the desk's own threads: the screen brings it to its own."""
+"""Updates from the session to the screen, sent in the session's threads.
+
+The screen forwards them to its own thread.
+"""
 
 from __future__ import annotations
 
@@ -24,12 +27,12 @@ class ConnectStep(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class ConnectStepUpdate:
-    """A step of the guided connect begins or has ended.
+    """A step of the guided connect has started or ended.
 
     Attributes:
-        step: which.
-        done: how it ended; None while it runs.
-        text: what was found, or why it failed.
+        step: The step.
+        done: Whether it succeeded; None while it runs.
+        text: What it found, or why it failed.
     """
 
     step: ConnectStep
@@ -39,13 +42,13 @@ class ConnectStepUpdate:
 
 @dataclass(frozen=True, slots=True)
 class ControllerIdentity:
-    """What the controller says of itself.
+    """What the controller reports about itself.
 
     Attributes:
-        is_simulator: it is our own.
-        version: of its software; empty where it does not say.
-        type_name: of the robot; empty until a robot is open, and where it does not say.
-        type_number: likewise, value of @TYPE.
+        is_simulator: Whether it is the built-in simulator.
+        version: Version of its software; empty if not reported.
+        type_name: Type of the robot; empty if not reported or no robot is open.
+        type_number: Value of @TYPE; empty likewise.
     """
 
     is_simulator: bool = False
@@ -56,16 +59,16 @@ class ControllerIdentity:
 
 @dataclass(frozen=True, slots=True)
 class SessionStatus:
-    """All that the screen shows at all times.
+    """The state that the screen always shows.
 
     Attributes:
-        target: the controller; None while there is no connection.
-        identity: of the controller.
-        open_objects: what is open, in the order in which it was opened.
-        robot: the one that commands go to.
-        slave_mode: number of the mode that the robot is in as far as our own calls tell.
-        holds_arm: our TakeArm was answered, and no GiveArm since; an error may have taken the arm back.
-        round_trip: ns, of the last call that was answered.
+        target: The controller; None without a connection.
+        identity: What the controller reports about itself.
+        open_objects: Open objects in the order of opening.
+        robot: The robot that receives commands.
+        slave_mode: Slave mode of the robot, derived from this client's own calls.
+        holds_arm: TakeArm succeeded and no GiveArm followed. An error may still have released the arm.
+        round_trip: Round trip of the last answered call, ns.
     """
 
     target: ControllerTarget | None = None
@@ -84,19 +87,19 @@ class SessionStatus:
 
 @dataclass(frozen=True, slots=True)
 class ConnectionLost:
-    """The connection is gone without our doing; why, in words."""
+    """The connection was lost; carries the reason as text."""
 
     reason: str
 
 
 @dataclass(frozen=True, slots=True)
 class WatchUpdate:
-    """Watched variables have been read."""
+    """Watched variables were read."""
 
 
 @dataclass(frozen=True, slots=True)
 class SessionProblem:
-    """Something of the desk's own does not work, such as the action log; in words."""
+    """A function of the session failed, such as the action log; carries the reason as text."""
 
     text: str
 

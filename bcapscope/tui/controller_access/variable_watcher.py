@@ -1,4 +1,4 @@
-"""Reads the watched variables, one after the other, as long as there are any."""
+"""Reads the watched variables in turn while there are any."""
 
 from __future__ import annotations
 
@@ -15,25 +15,25 @@ from bcapscope.tui.controller_access.watched_variable import WatchedVariable
 from bcapscope.tui.words import say
 
 READ_INTERVAL = 0.5
-"""Seconds from one reading to the next."""
+"""Seconds between two reads."""
 
 
 class VariableWatcher:
-    """Watches variables of one desk.
+    """Watches variables through one session.
 
     Attributes:
-        variables: what is read, in the order in which it was added; the desk's thread changes it.
+        variables: Watched variables in the order of adding; only the session's thread changes it.
     """
 
     def __init__(self, session: ControllerSession, interval: float = READ_INTERVAL) -> None:
-        """Watch nothing yet."""
+        """Start without variables."""
         self._session = session
         self._interval = interval
         self._task: asyncio.Task[None] | None = None
         self.variables: list[WatchedVariable] = []
 
     async def add(self, variable: ObjectHandle) -> None:
-        """Watch a variable, too."""
+        """Add a variable."""
         if all(each.handle != variable.handle for each in self.variables):
             parent = variable.parent
             label = f"{parent.label}.{variable.label}" if parent and parent.parent else variable.label
@@ -42,12 +42,12 @@ class VariableWatcher:
             self._task = asyncio.get_running_loop().create_task(self._run(), name="watch")
 
     async def remove(self, handle: int) -> None:
-        """Watch a variable no more."""
+        """Stop watching a variable."""
         self.variables[:] = [each for each in self.variables if each.handle != handle]
         self._session.report(WatchUpdate())
 
     async def reset(self) -> None:
-        """Forget extremes and courses."""
+        """Clear extremes and recent readings."""
         for each in self.variables:
             each.reset_extremes()
         self._session.report(WatchUpdate())
@@ -62,7 +62,7 @@ class VariableWatcher:
         self._session.report(WatchUpdate())
 
     async def _read_variable(self, variable: WatchedVariable) -> None:
-        """Read one; in slave mode none, as other calls than set points may end it."""
+        """Read one variable; skip it in slave mode, which any call but a set point may end."""
         if self._session.polling_paused:
             variable.set_problem(say("desk.resting"))
             return

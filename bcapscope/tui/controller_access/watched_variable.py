@@ -1,4 +1,4 @@
-"""Variables that are read again and again: the latest value, its rate of change, extremes, recent course."""
+"""Watched variables: latest value, rate of change, extremes and recent readings."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from bcapscope.protocol.codec.variant import ARRAY, VT, Variant
 from bcapscope.render.sparkline import sparkline
 
 MAX_READINGS = 120
-"""Readings that the course shows at most."""
+"""Readings in the sparkline."""
 
 _SECOND = 1_000_000_000
 _FRACTIONAL_TYPES = frozenset({VT.R4, VT.R8, VT.DATE})
@@ -17,11 +17,11 @@ _FRACTIONAL_TYPES = frozenset({VT.R4, VT.R8, VT.DATE})
 
 @dataclass(slots=True)
 class WatchSeries:
-    """One number of a variable over time: the variable itself, or an element of an array.
+    """One number over time: a variable, or one element of an array.
 
     Attributes:
-        minimum: since the beginning, or since `reset_extremes`.
-        maximum: likewise.
+        minimum: Minimum since the start or the last `reset_extremes`.
+        maximum: Maximum over the same time.
     """
 
     readings: deque[tuple[int, float]] = field(default_factory=lambda: deque(maxlen=MAX_READINGS))
@@ -29,7 +29,7 @@ class WatchSeries:
     maximum: float | None = None
 
     def add(self, time: int, value: float) -> None:
-        """Take a reading; times are ns of one clock."""
+        """Add a reading; times are ns of one clock."""
         self.readings.append((time, value))
         self.minimum = value if self.minimum is None else min(self.minimum, value)
         self.maximum = value if self.maximum is None else max(self.maximum, value)
@@ -41,27 +41,27 @@ class WatchSeries:
 
     @property
     def rate(self) -> float | None:
-        """Change a second between the last two readings; None where there are not two."""
+        """Change per second between the last two readings; None with fewer readings."""
         if len(self.readings) < 2:
             return None
         (before, was), (now, value) = self.readings[-2], self.readings[-1]
         return (value - was) * _SECOND / (now - before) if now > before else None
 
     def sparkline_text(self, width: int) -> str:
-        """Draw the last readings, one character each."""
+        """Return the last readings as one character each."""
         return sparkline([value for _, value in self.readings][-width:])
 
 
 @dataclass(slots=True)
 class WatchedVariable:
-    """A variable that is watched.
+    """A watched variable.
 
     Attributes:
-        label: as the user knows it, such as `Gundam.@CURRENT_ANGLE`.
-        handle: of the variable.
-        value: read last; None before the first time.
-        problem: why it could not be read the last time; else empty.
-        series: a `WatchSeries` for each number in it; empty for text.
+        label: Name for the user, such as `Gundam.@CURRENT_ANGLE`.
+        handle: Handle of the variable.
+        value: Last value; None before the first read.
+        problem: Why the last read failed; else empty.
+        series: A `WatchSeries` for each number in it; empty for text.
     """
 
     label: str
@@ -72,11 +72,11 @@ class WatchedVariable:
 
     @property
     def decimals(self) -> int:
-        """Places behind the point of its numbers, five as b-CAP Tester has them; none of whole ones."""
+        """Decimal places: five, as in b-CAP Tester; none for integers."""
         return 5 if self.value is not None and self.value.vt & ~ARRAY in _FRACTIONAL_TYPES else 0
 
     def add_reading(self, value: Variant, time: int) -> None:
-        """Take a reading."""
+        """Add a reading at `time` (ns)."""
         self.value, self.problem = value, ""
         numbers = _numbers(value)
         if len(numbers) != len(self.series):
@@ -85,11 +85,11 @@ class WatchedVariable:
             series.add(time, number)
 
     def set_problem(self, reason: str) -> None:
-        """Take notice that it could not be read."""
+        """Record why a read failed."""
         self.problem = reason
 
     def reset_extremes(self) -> None:
-        """Forget extremes and course."""
+        """Clear extremes and recent readings."""
         self.series = [WatchSeries() for _ in self.series]
 
 

@@ -1,4 +1,4 @@
-"""Editing a message that waits: values of arguments, or all of its bytes."""
+"""Editing a held message: argument values, or all bytes."""
 
 from __future__ import annotations
 
@@ -18,22 +18,22 @@ _BARE = re.compile(r'[^\s"]+')
 
 
 def edited_message(data: bytes, flow: Flow, text: str) -> bytes:
-    """Return what becomes of a message.
+    """Return a held message with an edit applied.
 
     Args:
-        data: the message.
-        flow: who says it to whom.
-        text: all bytes in hex, or what follows ``rewrite`` in a fault: ``set arg[2]=0 serial 7``.
+        data: The message.
+        flow: Its sender and receiver.
+        text: All bytes in hex, or the part of a fault after ``rewrite``: ``set arg[2]=0 serial 7``.
 
     Raises:
-        ValueError: it makes no sense, or changes nothing; says why.
+        ValueError: The edit is invalid or changes nothing; says why.
     """
     if not text.strip():
         raise ValueError(say("proxy.edit.empty"))
     if _HEX.fullmatch(text):
         return _from_hex(text)
     fault = read_fault(f"rewrite {text}")
-    if not isinstance(fault, RewriteFault):  # the line begins with its action
+    if not isinstance(fault, RewriteFault):  # the line begins with the name of its action
         raise ValueError(say("proxy.edit.empty"))
     rewriter = Rewriter(fault)
     made = b"".join(
@@ -52,9 +52,9 @@ def _from_hex(text: str) -> bytes:
 
 
 def proposed_edit(data: bytes, offset: int) -> str:
-    """Return what to type to leave the argument at an offset as it is, or the last one: to be changed.
+    """Return the text that sets the argument at an offset to its present value, as a template for an edit.
 
-    "" where there is no argument that can be typed.
+    Without an argument at the offset, use the last one. Return "" if no argument has a text form.
     """
     for item in parse_datagram(data)[:1]:
         if isinstance(item, Frame) and not item.problems:
@@ -73,6 +73,6 @@ def _argument_edit(frame: Frame, offset: int) -> str:
 
 
 def _typeable_text(text: str) -> str:
-    """Write a text as one would type it; what is not plainly visible is escaped."""
+    """Return text as the user would type it; characters that are not visible are escaped."""
     is_plain = text.isprintable()
     return text if is_plain and _BARE.fullmatch(text) else json.dumps(text, ensure_ascii=not is_plain)

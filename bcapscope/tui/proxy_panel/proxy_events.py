@@ -1,4 +1,4 @@
-"""What threads that ask a proxy, or listen to it, tell its screen."""
+"""Messages to the proxy screen from threads that query the proxy or read its output."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from bcapscope.tui.proxy_panel.proxy_state import ProxyState
 
 
 class ProxyStateRead(Message):
-    """The proxy has told how it stands, or why it does not answer."""
+    """The proxy has reported its state, or why it does not answer."""
 
     def __init__(self, state: ProxyState | None, problem: str = "") -> None:
         super().__init__()
@@ -18,12 +18,12 @@ class ProxyStateRead(Message):
 
 
 class OrderDone(Message):
-    """The proxy has done what it was told, or said why not.
+    """The proxy has carried out an order, or refused it with a reason.
 
-    A message and no call, since the thread that asked must not wait for a screen that is being closed.
+    This is a message, not a call: the thread must not wait for a screen that is being closed.
 
     Attributes:
-        callback: what is to be done in the screen's thread.
+        callback: What the screen's thread must do next.
     """
 
     def __init__(self, callback: Callable[[], None]) -> None:
@@ -32,7 +32,7 @@ class OrderDone(Message):
 
 
 class ProxyOutput(Message):
-    """The proxy said something, or ended; then `text` are its last words."""
+    """The proxy printed a line, or ended; then `text` is its last output."""
 
     def __init__(self, text: str, is_end: bool) -> None:
         super().__init__()

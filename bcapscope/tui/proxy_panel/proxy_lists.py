@@ -1,4 +1,4 @@
-"""The lists of a proxy's screen: clients, rules, messages that wait, what the proxy told."""
+"""The lists of the proxy screen: clients, rules, held messages, and the proxy's log."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from bcapscope.tui.widgets.lines import Lines
 from bcapscope.tui.words import say
 
 _SILENT_AFTER = 1.0
-"""Seconds without an answer to the last request after which that is said."""
+"""Seconds without a reply to the last request after which the list shows the controller as silent."""
 
 _MAX_MESSAGES = 5000
 
@@ -21,7 +21,7 @@ T = TypeVar("T", ClientStatus, FaultStatus, HeldStatus)
 
 
 class ItemList(Lines, Generic[T]):
-    """Shows items that are told anew from time to time; the cursor stays on the same one."""
+    """A list of items that is refreshed from time to time; the cursor stays on the same item."""
 
     EMPTY = ""
 
@@ -30,7 +30,7 @@ class ItemList(Lines, Generic[T]):
         self.items: list[T] = []
 
     def key_of(self, item: T) -> object:
-        """Return what an item is known by."""
+        """Return the identity of an item."""
         raise NotImplementedError
 
     def item_line(self, item: T) -> str:
@@ -55,32 +55,32 @@ class ItemList(Lines, Generic[T]):
 
     @property
     def current_item(self) -> T | None:
-        """The item under the cursor."""
+        """The item under the cursor; None if there is none."""
         return self.items[self.cursor] if self.cursor < len(self.items) else None
 
     @property
     def count(self) -> int:
-        """How many lines there are; one says that there are no items."""
+        """Number of lines; an empty list has one line that says so."""
         return max(len(self.items), 1)
 
     def line(self, index: int) -> str:
-        """Write a line."""
+        """Return a line."""
         if index < len(self.items):
             return self.item_line(self.items[index])
         return f"{INK.dim} {say(self.EMPTY)}{INK.reset}"
 
 
 class ClientList(ItemList[ClientStatus]):
-    """Shows who is there."""
+    """Shows the connected clients."""
 
     EMPTY = "proxy.empty.clients"
 
     def key_of(self, item: ClientStatus) -> object:
-        """Return the number."""
+        """Return the client's number."""
         return item.number
 
     def header(self) -> str:
-        """Return what stands above the columns."""
+        """Return the column header."""
         return (
             f" {_left_aligned(say('proxy.head.client'), 21)} {_left_aligned(say('proxy.head.transport'), 4)}"
             f" {_right_aligned(say('proxy.head.since'), 7)} {_right_aligned(say('proxy.head.up'), 8)}"
@@ -89,7 +89,7 @@ class ClientList(ItemList[ClientStatus]):
         )
 
     def item_line(self, item: ClientStatus) -> str:
-        """Write a client."""
+        """Return the line of a client."""
         heard = "" if item.heard_s is None else f"{item.heard_s:.1f} s"
         connected = _duration_text(item.since_s)
         text = f"{item.client:<21} {item.transport:<4} {connected:>7} {item.up:>8,} {item.down:>8,}"
@@ -97,7 +97,7 @@ class ClientList(ItemList[ClientStatus]):
 
 
 def _upstream_text(client: ClientStatus) -> str:
-    """Say how the controller does, as this client sees it."""
+    """Return the controller's state as this client sees it."""
     heard, answered = client.heard_s, client.answered_s
     if client.upstream in ("refused", "connecting"):
         return f"{INK.bad}{say(f'proxy.upstream.{client.upstream}')}{INK.reset}"
@@ -115,16 +115,16 @@ class RuleList(ItemList[FaultStatus]):
     EMPTY = "proxy.empty.rules"
 
     def key_of(self, item: FaultStatus) -> object:
-        """Return the name."""
+        """Return the fault's name."""
         return item.name
 
     def header(self) -> str:
-        """Return what stands above the columns."""
+        """Return the column header."""
         name, struck = _left_aligned(say("proxy.head.rule"), 16), _right_aligned(say("proxy.head.struck"), 8)
         return f"       {name} {struck}  {say('proxy.head.what')}"
 
     def item_line(self, item: FaultStatus) -> str:
-        """Write a fault."""
+        """Return the line of a fault."""
         state = f"{INK.good}●{INK.reset}" if item.on else f"{INK.dim}○{INK.reset}"
         word = _left_aligned(say("proxy.on" if item.on else "proxy.off"), 4)
         struck = f"{INK.number}{item.struck:>8,}{INK.reset}"
@@ -133,23 +133,23 @@ class RuleList(ItemList[FaultStatus]):
 
 
 class HeldList(ItemList[HeldStatus]):
-    """Shows the messages that wait."""
+    """Shows the held messages."""
 
     EMPTY = "proxy.empty.held"
 
     def key_of(self, item: HeldStatus) -> object:
-        """Return the number."""
+        """Return the message's number."""
         return item.number
 
     def header(self) -> str:
-        """Return what stands above the columns."""
+        """Return the column header."""
         return (
             f" {_right_aligned('#', 4)} {_left_aligned(say('proxy.head.client'), 21)} {_left_aligned('', 8)}"
             f" {_right_aligned(say('proxy.head.left'), 7)}  {say('proxy.head.message')}"
         )
 
     def item_line(self, item: HeldStatus) -> str:
-        """Write a message."""
+        """Return the line of a message."""
         what = " ".join(filter(None, (item.function, item.command)))
         left = f"{item.left_s:.0f} s"
         text = f"{item.number:>4} {item.client:<21} {item.direction:<8} {left:>7}"
@@ -157,14 +157,14 @@ class HeldList(ItemList[HeldStatus]):
 
 
 class ProxyLog(Lines):
-    """Shows what the proxy said, the last of it in sight."""
+    """Shows the proxy's log, scrolled to the end."""
 
     def __init__(self, *, id: str | None = None) -> None:
         super().__init__(id=id)
         self._messages: list[str] = []
 
     def add_message(self, text: str) -> None:
-        """Show one more line."""
+        """Add a line."""
         if len(self._messages) < _MAX_MESSAGES:
             self._messages.append(printable(text))
             if self.message_count == 1:
@@ -174,17 +174,17 @@ class ProxyLog(Lines):
 
     @property
     def follows_end(self) -> bool:
-        """A cursor on the last line goes along."""
+        """Whether a cursor on the last line follows new lines: yes."""
         return True
 
     @property
     def message_count(self) -> int:
-        """How many there are."""
+        """Number of messages."""
         return len(self._messages)
 
     @property
     def count(self) -> int:
-        """How many lines are shown; one says that there are none."""
+        """Number of lines; an empty log has one line that says so."""
         return max(len(self._messages), 1)
 
     def line(self, index: int) -> str:
@@ -203,6 +203,6 @@ def _right_aligned(text: str, width: int) -> str:
 
 
 def _duration_text(seconds: float) -> str:
-    """Write a length of time in few characters."""
+    """Return a duration in few characters."""
     whole = round(seconds)
     return f"{whole // 60}:{whole % 60:02}" if whole < 3600 else f"{whole // 3600}h{whole // 60 % 60:02}"

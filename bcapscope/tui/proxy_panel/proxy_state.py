@@ -8,7 +8,7 @@ from bcapscope.proxy.control_answers import ClientStatus, FaultStatus, HeldStatu
 
 
 class ProxyState(msgspec.Struct, frozen=True):
-    """All of it."""
+    """All replies to one poll."""
 
     clients: list[ClientStatus]
     rules: list[FaultStatus]

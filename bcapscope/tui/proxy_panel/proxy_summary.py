@@ -1,4 +1,4 @@
-"""What is said above the lists of a proxy's screen: how long it holds what passes, and what was lost."""
+"""The summary above the lists of the proxy screen: forwarding delay and lost packets."""
 
 from __future__ import annotations
 
@@ -12,12 +12,10 @@ from bcapscope.tui.words import say
 
 
 def summary_lines(figures: ProxyStats) -> list[str]:
-    """Write at most five lines; with marks of `INK`."""
+    """Return at most five lines, with marks of `INK`."""
     held = figures.held_up_ns
     passed, wrong = list(_traffic_counts(figures)), list(_problem_counts(figures))
-    counts = (
-        [passed, wrong] if len(passed) > 1 else [passed + wrong]
-    )  # narrow terminals have room for it then
+    counts = [passed, wrong] if len(passed) > 1 else [passed + wrong]  # leaves room on narrow terminals
     lines = [
         _delay_line("proxy.held.up", (held.p50_up, held.p99_up, held.p999_up, held.most_up)),
         _delay_line("proxy.held.down", (held.p50_down, held.p99_down, held.p999_down, held.most_down)),
@@ -33,7 +31,7 @@ def _delay_line(key: str, times: tuple[int, int, int, int]) -> str:
 
 def _traffic_counts(figures: ProxyStats) -> Iterator[str]:
     is_tcp = figures.bytes_up or figures.bytes_down
-    if figures.came_up or figures.came_down or not is_tcp:  # there is no room for what is not used
+    if figures.came_up or figures.came_down or not is_tcp:  # no room for a transport that is not used
         up, down = f"{figures.came_up:,}/{figures.left_up:,}", f"{figures.came_down:,}/{figures.left_down:,}"
         yield say("proxy.datagrams", up=up, down=down)
     if is_tcp:
@@ -63,7 +61,7 @@ def _slow_warning(held: RelayDelays) -> str:
 
 
 def intercept_line(figures: ProxyStats) -> str:
-    """Say what is being held, harmless and with marks of `INK`."""
+    """Return the line that shows which messages are held, escaped and with marks of `INK`."""
     if figures.intercept is None:
         return f"{INK.dim} {say('proxy.intercept.none')}{INK.reset}"
     return f" {say('proxy.intercept.is')} {INK.name}{printable(figures.intercept)}{INK.reset}"

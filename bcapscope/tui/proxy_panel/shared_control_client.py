@@ -1,4 +1,4 @@
-"""Asking a proxy how it stands, and telling it what to do: both wait, so the screen's own thread must not."""
+"""A control client for several threads. Its calls block, so the screen's own thread must not make them."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ from bcapscope.tui.words import say
 
 
 class SharedControlClient:
-    """Asks one question at a time, whichever thread it is from."""
+    """Sends one request at a time, from any thread."""
 
     def __init__(self, address: str) -> None:
-        """Take the address of the proxy's control socket."""
+        """Store the address of the proxy's control socket."""
         self._client = ControlClient(address)
         self._lock = threading.Lock()
 
     def read_state(self) -> ProxyState:
-        """Ask how the proxy stands.
+        """Query the proxy's state.
 
         Raises:
-            ControlError: it does not answer, or is none of this version.
-            ControlRefused: it does not tell.
+            ControlError: The proxy does not answer, or has another version.
+            ControlRefused: The proxy refused to answer.
         """
         with self._lock:
             ask = self._client.request
@@ -42,11 +42,11 @@ class SharedControlClient:
                 raise ControlError(say("proxy.strange")) from error
 
     def send_order(self, order: Mapping[str, object]) -> ControlAnswer:
-        """Have the proxy do something.
+        """Send an order to the proxy; return its answer.
 
         Raises:
-            ControlError: it does not answer.
-            ControlRefused: it did not do it.
+            ControlError: The proxy does not answer.
+            ControlRefused: The proxy refused the order.
         """
         with self._lock:
             return self._client.request(order)

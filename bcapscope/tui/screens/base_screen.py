@@ -1,4 +1,4 @@
-"""What every screen has: the bar above, the keys below, help, the list of commands, and a name."""
+"""Base of all screens: top bar, key bar, help, command palette and name."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ from bcapscope.tui.words import say
 
 
 class BaseScreen(Screen[None], PlainContainer):
-    """A screen that one can go to; its content is what `content` yields.
+    """A screen that the user can open; `content` yields its widgets.
 
     Attributes:
-        NAME: key of its name in the catalogue of words.
-        ABOUT: key of what is said of it under F1.
+        NAME: Key of its name in the catalogue of words.
+        ABOUT: Key of its description for F1.
     """
 
     NAME: ClassVar[str]
@@ -39,7 +39,7 @@ class BaseScreen(Screen[None], PlainContainer):
     ]
 
     def compose(self) -> ComposeResult:
-        """Put the content, styled for this size at once, between the two bars."""
+        """Put the content between the two bars, with the styles for this size from the start."""
         classes = self._get_breakpoint_classes(self.app.size.width, self.HORIZONTAL_BREAKPOINTS or [])
         self.set_class(True, *classes, update=False)
         yield TopBar()
@@ -47,11 +47,11 @@ class BaseScreen(Screen[None], PlainContainer):
         yield KeyBar()
 
     def on_mount(self) -> None:
-        """Once all is there, look no more for garbage in it: that would delay keys."""
+        """Freeze the mounted widgets for the garbage collector, since scanning them would delay keys."""
         self.call_after_refresh(gc.freeze)
 
     def on_screen_resume(self, event: ScreenResume) -> None:
-        """Keep the styles: each widget had its own from the first, and a new theme is taken before this."""
+        """Skip the style update: each widget already has its styles, also those of a new theme."""
         event.refresh_styles = False
 
     def content(self) -> ComposeResult:
@@ -59,16 +59,16 @@ class BaseScreen(Screen[None], PlainContainer):
         raise NotImplementedError
 
     def commands(self) -> Iterator[tuple[str, str, str]]:
-        """Yield what the list of commands has beyond the keys: a name, an explanation, an action."""
+        """Yield the palette's commands without a key: name, explanation, action."""
         yield from ()
 
     async def action_palette(self) -> None:
-        """Open the list of commands."""
+        """Open the command palette."""
         palette = CommandPalette(providers=[ScreenCommandProvider], placeholder=say("shell.palette.hint"))
         await self.app.push_screen(palette)
 
     async def action_help(self) -> None:
-        """Tell what this screen is, and all of its keys."""
+        """Show the description of this screen and all of its keys."""
         keys = [
             (command.key, command.name, command.tip)
             for command in all_commands(self, app_of(self))

@@ -1,4 +1,4 @@
-"""What belongs to a frame, in words, as numbers and as a filter: for the screen that goes there."""
+"""The relations of a frame: description, partner, related frames and filters for them."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ from bcapscope.tui.words import say
 from bcapscope.tui.words import told as spoken
 
 _SECONDS_PATTERN = re.compile(r"([0-9]+(?:\.[0-9]*)?)\s*s")
-_MAX_SECONDS = 1e9  # seconds after the start, 30 years
+_MAX_SECONDS = 1e9  # 30 years after the start
 _MAX_FRAMES_IN_FILTER = 64
 
 
 def call_frames(settled: PairingResult | None) -> frozenset[int]:
-    """Number the frames of a call."""
+    """Return the numbers of all frames of a call."""
     if not isinstance(settled, Call):
         return frozenset()
     return frozenset(event.observation.number for event in settled.frames)
 
 
 def frame_description(frame: AnnotatedFrame, settled: PairingResult | None, note: str | None) -> str:
-    """Say in one line what a frame is."""
+    """Return one line that describes a frame."""
     number = frame.observation.number
     parts = []
     if isinstance(settled, Call):
@@ -53,7 +53,7 @@ def frame_description(frame: AnnotatedFrame, settled: PairingResult | None, note
 
 
 def find_partner(settled: PairingResult | None, number: int) -> tuple[int | None, str]:
-    """Find the reply to a request, or the request of a reply; or the key of why there is none."""
+    """Return the number of a request's reply or a reply's request, or None and the key of the reason."""
     if not isinstance(settled, Call):
         return None, "traffic.no_call" if settled is None else "traffic.no_request"
     asked = [seen.number for seen in settled.attempts]
@@ -64,12 +64,12 @@ def find_partner(settled: PairingResult | None, number: int) -> tuple[int | None
 
 
 def related_filter(relation: str, frame: AnnotatedFrame, settled: PairingResult | None) -> str | None:
-    """Write the filter for all that has to do with a frame; None where there is nothing.
+    """Return the filter for everything related to a frame; None if nothing is.
 
     Args:
-        relation: client, handle, chain or kind.
-        frame: the frame.
-        settled: its call.
+        relation: ``client``, ``handle``, ``chain`` or ``kind``.
+        frame: The frame.
+        settled: Its call.
     """
     client = f"client == {frame.observation.flow.conversation.client}"
     if relation == "client":
@@ -110,10 +110,10 @@ def _handle_of(settled: PairingResult | None) -> int | None:
 
 
 def find_frame(text: str, journal: ObservationStore) -> int | None:
-    """Find the frame with a number, or the first from so many seconds after the start on, as in ``12.5s``.
+    """Return the frame with a number, or the first one at a time in seconds after the start, as in ``12.5s``.
 
     Returns:
-        Its number, the last one's where the journal ends before; None where the text is neither.
+        Its number, or the last frame's if the journal ends earlier; None if the text is neither.
     """
     text = text.strip()
     number = parse_integer(text, 0, 1 << 63)
@@ -135,7 +135,7 @@ def find_frame(text: str, journal: ObservationStore) -> int | None:
 
 
 def notes_by_packet(marks: Mapping[int, str], read_frame: Callable[[int], AnnotatedFrame]) -> dict[int, str]:
-    """Put notes on frames on the packets that completed these; several on one packet are joined."""
+    """Move notes from frames to the packets that completed the frames; join several notes on one packet."""
     notes: dict[int, str] = {}
     for number, note in sorted(marks.items()):
         seen = read_frame(number).observation

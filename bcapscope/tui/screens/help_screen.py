@@ -1,4 +1,4 @@
-"""Help: what the screen is, and all of its keys."""
+"""Help: description of a screen, and all of its keys."""
 
 from __future__ import annotations
 
@@ -18,30 +18,30 @@ from bcapscope.tui.app import app_of
 from bcapscope.tui.words import say
 
 HelpKeys = list[tuple[str, str, str]]
-"""A key as people write it, what it does, and an explanation or ""."""
+"""A key as the documentation writes it, what it does, and an explanation or ""."""
 
 
 class HelpScreen(ModalScreen[None]):
-    """Shows a text and a table of keys, until it is closed."""
+    """Shows a text and a table of keys until it is closed."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("escape,q,f1", "dismiss", "shell.close", key_display="esc", tooltip="shell.close.tip"),
     ]
 
     def __init__(self, name: str, text: str, keys: HelpKeys) -> None:
-        """Take the name of the screen that it is about, its text and its keys."""
+        """Store the screen's name, its text and its keys."""
         super().__init__()
         self._title, self._text, self._keys = name, text, keys
 
     def compose(self) -> ComposeResult:
-        """Show it all in one page that scrolls."""
+        """Put text and table into one page that scrolls."""
         with VerticalScroll(id="help") as page:
             page.border_title = Text(say("shell.help.title", name=self._title)).markup
             page.border_subtitle = say("shell.close.hint")
             yield Static(self._page(), id="help-text")
 
     def on_mount(self) -> None:
-        """Let the keys scroll."""
+        """Focus the page, so that keys scroll it."""
         self.query_one("#help").focus()
 
     def _page(self) -> RenderableType:
@@ -55,7 +55,7 @@ class HelpScreen(ModalScreen[None]):
         table = Table.grid(padding=(0, 2))
         table.add_column(no_wrap=True)
         table.add_column(no_wrap=True)
-        table.add_column(overflow="fold")  # Japanese has no blanks to break a line at
+        table.add_column(overflow="fold")  # Japanese text has no spaces to break a line at
         for key, what, tip in self._keys:
             table.add_row(Text(key, style=inks["number"]), Text(what, style=inks["name"]), Text(tip))
         yield table

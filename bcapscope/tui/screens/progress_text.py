@@ -1,4 +1,4 @@
-"""How far reading and searching have come, in the few words that a bar has room for."""
+"""Progress of reading and searching, short enough for the view bar."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ _BAR = 12
 def progress_texts(
     progress: ReadProgress, source_problem: str, searched: int | None, title: str
 ) -> tuple[str, ...]:
-    """Say how reading and searching go, the longest way first.
+    """Return texts on reading and searching, longest first.
 
     Args:
-        progress: what the process that reads told last.
-        source_problem: why nothing more may come although it would be read; "" where it may.
-        searched: percent of what is there that was searched; None while nothing is left to be searched.
-        title: of what is read.
+        progress: Latest progress of the reader process.
+        source_problem: Why the source may have ended although reading continues; "" otherwise.
+        searched: Percentage of rows searched; None if no row is left to search.
+        title: Name of the source.
     """
     long, short = [], []
     if searched is not None:
@@ -40,13 +40,13 @@ def progress_texts(
 
 
 def count_text(number: int, brief: bool) -> str:
-    """Write a count, in a narrow place rounded down to three digits."""
+    """Return a count; if `brief`, rounded down to three digits."""
     if not brief or number < 10_000:
         return f"{number:,}"
     return f"{number // 1000}k" if number < 1_000_000 else f"{number // 100_000 / 10}M"
 
 
 def _progress_bar(percent: int) -> str:
-    """Draw how far reading has come."""
+    """Return a progress bar for reading."""
     full = _BAR * percent // 100
     return f"{'━' * full}{'╌' * (_BAR - full)}"

@@ -1,4 +1,4 @@
-"""One question, answered in one line."""
+"""A dialog with one question and one input line."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ from bcapscope.tui.words import say
 
 
 class Prompt(ModalScreen[str | None]):
-    """Asks for a text; gives it, or None where the user thought better of it."""
+    """Asks for a text. The result is None if the user cancels."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("escape", "cancel", "prompt.cancel", key_display="esc"),
     ]
 
     def __init__(self, title: str, hint: str, value: str = "") -> None:
-        """Take what is asked, what kind of answer is wanted, and what stands there at first."""
+        """Store the question, a hint on the answer, and the initial text."""
         super().__init__()
         self._question, self._hint, self._value = title, hint, value
 
     def compose(self) -> ComposeResult:
-        """Show the question above the field, and below it what is wanted."""
+        """Put the field between the question and the hint."""
         with Vertical(id="prompt"):
             yield Static(Text(self._question), id="prompt-title")
             yield Input(self._value, id="prompt-input")
@@ -37,9 +37,9 @@ class Prompt(ModalScreen[str | None]):
             )
 
     def on_input_submitted(self, event: Input.Submitted) -> None:
-        """Give the answer."""
+        """Return the text."""
         self.dismiss(event.value)
 
     def action_cancel(self) -> None:
-        """Give none."""
+        """Return None."""
         self.dismiss(None)

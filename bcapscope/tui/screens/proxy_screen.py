@@ -1,4 +1,4 @@
-"""Proxy: who is there, faults on and off, messages held and changed, how long it holds what passes."""
+"""The proxy screen: clients, faults on and off, held and edited messages, forwarding delay."""
 
 from __future__ import annotations
 
@@ -42,14 +42,14 @@ from bcapscope.tui.widgets.view_bar import ViewBar
 from bcapscope.tui.words import say, told
 
 POLL_INTERVAL = 0.5
-"""Seconds between two questions how the proxy stands."""
+"""Seconds between two queries of the proxy's state."""
 
 _RULE_ACTIONS = frozenset({"switch", "remove"})
 _HELD_ACTIONS = frozenset({"forward", "drop", "edit", "bytes"})
 
 
 class ProxyScreen(ViewsScreen):
-    """Shows a proxy and tells it what to do."""
+    """Shows a proxy and controls it."""
 
     NAME = "proxy"
     ABOUT = "proxy.about"
@@ -81,14 +81,14 @@ class ProxyScreen(ViewsScreen):
         child: ChildProcess | None = None,
         note: str = "",
     ) -> None:
-        """Take the proxy.
+        """Connect the screen to a proxy.
 
         Args:
-            address: of its control socket.
-            route: where it listens and where that leads, for people.
-            feed: what passes, where that is shown: it is told when nothing more will.
-            child: the proxy itself, where the screen has started it.
-            note: what is to be said at first; "" for nothing.
+            address: Address of its control socket.
+            route: Listening address and controller, as text.
+            feed: The traffic on the traffic screen, if any; it is notified when the proxy stops.
+            child: The proxy's process, if the screen started it.
+            note: Warning to show at the start; "" for none.
         """
         super().__init__()
         self._control_client = SharedControlClient(address)
@@ -103,7 +103,7 @@ class ProxyScreen(ViewsScreen):
         self._shown_message: int | None = None
 
     def content(self) -> ComposeResult:
-        """Yield what is true of all of it, then the lists."""
+        """Yield the summary, then the lists."""
         yield InkedText(id="summary")
         yield self.make_view_bar()
         yield Static(id="head")
@@ -119,7 +119,7 @@ class ProxyScreen(ViewsScreen):
             yield CheckedInput("change", self._edited_bytes, say("proxy.edit.hint"))
 
     def on_mount(self) -> None:
-        """Begin to ask."""
+        """Start to query the proxy."""
         if self._child is not None:
             self._child.subscribe_output(lambda text: self._post_output(text, False))
             self._child.subscribe_end(lambda text: self._post_output(text, True))
@@ -131,30 +131,30 @@ class ProxyScreen(ViewsScreen):
         self._poll()
 
     def _post_output(self, text: str, is_end: bool) -> None:
-        """Take what the proxy says in another thread."""
+        """Forward the proxy's output from another thread."""
         self.post_message(ProxyOutput(text, is_end))
 
     async def _close(self) -> None:
         self._control_client.close()
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
-        """Offer what has to do with a rule or a message only where one is."""
+        """Offer actions on a rule or a message only where there is one."""
         if action in _RULE_ACTIONS:
             return self.view == "rules" and self.rules.current_item is not None
         if action in _HELD_ACTIONS:
             return self.view == "held" and self.held.current_item is not None
         return True
 
-    # asking and telling
+    # queries and orders
 
     @work(thread=True, group="poll", exclusive=True)
     def _poll(self) -> None:
-        """Ask how the proxy stands."""
+        """Query the proxy's state."""
         if not self._has_ended:
             self.post_message(self._read_state())
 
     def _read_state(self) -> ProxyStateRead:
-        """Ask; in a thread, as it may wait."""
+        """Query the state in a thread, since the query blocks."""
         try:
             return ProxyStateRead(self._control_client.read_state())
         except BcapError as error:
@@ -162,7 +162,7 @@ class ProxyScreen(ViewsScreen):
 
     @work(thread=True, group="order")
     def _send_order(self, order: Mapping[str, object], done: Callable[[ControlAnswer], None]) -> None:
-        """Have the proxy do something; `done` is called when it has."""
+        """Send an order to the proxy; call `done` with its answer."""
         try:
             self.post_message(OrderDone(partial(done, self._control_client.send_order(order))))
         except ControlRefused as error:
@@ -173,12 +173,12 @@ class ProxyScreen(ViewsScreen):
         self.post_message(self._read_state())
 
     def on_order_done(self, message: OrderDone) -> None:
-        """Do what is next."""
+        """Run the callback of the order."""
         message.stop()
         message.callback()
 
     def on_proxy_state_read(self, message: ProxyStateRead) -> None:
-        """Show how the proxy stands."""
+        """Show the proxy's state."""
         message.stop()
         if self._has_ended:
             return
@@ -199,12 +199,12 @@ class ProxyScreen(ViewsScreen):
         self.show_state()
 
     def _report_source_problem(self, reason: str) -> None:
-        """Let whoever looks at what passes know why nothing more may."""
+        """Notify the traffic screen that no more traffic may follow."""
         if self._feed is not None:
             self._feed.report_source_problem(reason)
 
     def on_proxy_output(self, message: ProxyOutput) -> None:
-        """Show what the proxy said."""
+        """Show a line of the proxy's output."""
         message.stop()
         if message.is_end:
             reason = printable(told(message.text)) or say("proxy.no_words")
@@ -218,7 +218,7 @@ class ProxyScreen(ViewsScreen):
             self.query_one(ProxyLog).add_message(told(message.text))
         self.show_state()
 
-    # what is shown
+    # display
 
     @property
     def clients(self) -> ClientList:
@@ -232,11 +232,11 @@ class ProxyScreen(ViewsScreen):
 
     @property
     def held(self) -> HeldList:
-        """The list of messages that wait."""
+        """The list of held messages."""
         return self.query_one(HeldList)
 
     def show_state(self) -> None:
-        """Show how the proxy stands, and the message under the cursor."""
+        """Show the proxy's state and the message under the cursor."""
         app, standing = app_of(self), self._state
         key, ink = ("proxy.not_here", "bad") if self._problem else ("proxy.here", "good")
         waiting = (
@@ -256,7 +256,7 @@ class ProxyScreen(ViewsScreen):
                 "held": f"{len(standing.held) or ''}",
             }
             self.query_one("#intercepts", InkedText).show_text(intercept_line(standing.figures))
-        if lines != self._summary_lines:  # its height may be another, which is to lay out the screen anew
+        if lines != self._summary_lines:  # a new height may need a new layout
             self._summary_lines = lines
             self.query_one("#summary", InkedText).show_text("\n".join(lines))
         self.query_one(ViewBar).show_counts(self.view, counts, ())
@@ -264,7 +264,7 @@ class ProxyScreen(ViewsScreen):
         self.refresh_bindings()
 
     def _show_message(self) -> None:
-        """Show the message under the cursor, if it is another one than before."""
+        """Show the message under the cursor, if it is not shown already."""
         held = self.held.current_item
         number = None if held is None else held.number
         if number != self._shown_message:
@@ -273,7 +273,7 @@ class ProxyScreen(ViewsScreen):
             self._show_bytes(held, b"" if held is None else held.data)
 
     def _show_bytes(self, held: HeldStatus | None, data: bytes) -> None:
-        """Show a message as it is or as it would be; the first of its frames."""
+        """Show a message in its present or edited form; only its first frame."""
         items = parse_datagram(data) if held is not None else ()
         if held is None or not items:
             self.query_one(PacketView).show_packet(None)
@@ -282,7 +282,7 @@ class ProxyScreen(ViewsScreen):
         self.query_one(PacketView).show_packet(seen, held.call_kind)
 
     def on_resize(self, event: Resize) -> None:
-        """Give the message what the list can spare."""
+        """Adapt the height of the message to the screen."""
         self.query_one("#message").styles.height = max(9, min(30, event.size.height // 2))
 
     @on(Lines.Moved)
@@ -291,7 +291,7 @@ class ProxyScreen(ViewsScreen):
             self._show_message()
 
     def show_view(self) -> None:
-        """Show what is above the columns, and below them what belongs to them."""
+        """Show the column header, and the widgets that belong to the list."""
         self.query_one("#fault-line").display = self.view == "rules"
         self.query_one("#message").display = self.view == "held"
         shown = self.shown_list
@@ -307,13 +307,13 @@ class ProxyScreen(ViewsScreen):
             self._send_order({"do": "off" if rule.on else "on", "name": rule.name}, _ignore_answer)
 
     def action_remove(self) -> None:
-        """Take the fault under the cursor away."""
+        """Remove the fault under the cursor."""
         rule = self.rules.current_item
         if rule is not None:
             self._send_order({"do": "remove", "name": rule.name}, _ignore_answer)
 
     def action_add(self) -> None:
-        """Go to the line where a fault is typed."""
+        """Focus the line for a new fault."""
         self.action_view("rules")
         self.set_focus(self.query_one("#fault"))
 
@@ -326,11 +326,11 @@ class ProxyScreen(ViewsScreen):
         self.query_one("#fault-line", CheckedInput).set_text("")
         self.set_focus(self.shown_list)
 
-    # messages that wait
+    # held messages
 
     @work
     async def action_intercept(self) -> None:
-        """Ask which messages are to be held."""
+        """Ask which messages to hold."""
         self.action_view("held")
         known = self._state.figures.intercept if self._state is not None else None
         prompt = Prompt(say("proxy.intercept.title"), say("proxy.intercept.hint"), known or "")
@@ -340,7 +340,7 @@ class ProxyScreen(ViewsScreen):
             self._send_order({"do": "intercept", **wanted}, _ignore_answer)
 
     def action_forward(self) -> None:
-        """Send the message under the cursor on."""
+        """Forward the message under the cursor."""
         self._send_decision("forward", "proxy.sent")
 
     def action_drop(self) -> None:
@@ -358,13 +358,13 @@ class ProxyScreen(ViewsScreen):
         self.set_focus(self.shown_list)
 
     def action_edit(self) -> None:
-        """Propose a change of the argument that the cursor of the tree is on."""
+        """Propose an edit of the argument under the tree's cursor."""
         held = self.held.current_item
         if held is not None:
             self._propose_change(proposed_edit(held.data, self.query_one(FieldTree).offset_in_frame))
 
     def action_bytes(self) -> None:
-        """Propose all bytes in hex."""
+        """Propose an edit of all bytes in hex."""
         held = self.held.current_item
         if held is not None:
             self._propose_change(held.data.hex(" ").upper())
@@ -374,17 +374,17 @@ class ProxyScreen(ViewsScreen):
         return self.query_one("#change-line", CheckedInput)
 
     def _propose_change(self, text: str) -> None:
-        self._change_line.set_text(text)  # what is proposed changes nothing yet
+        self._change_line.set_text(text)  # the proposal changes nothing yet
         self.set_focus(self._change_line.field)
 
     def _edited_bytes(self, text: str) -> bytes | None:
-        """Return what becomes of the message by what was typed; None where there is no message any more."""
+        """Return the edited message; None if it is no longer held."""
         held = self.held.current_item
         return None if held is None else edited_message(held.data, held.flow, text)
 
     @on(CheckedInput.Typed, "#change-line")
     def _change_typed(self, message: CheckedInput.Typed) -> None:
-        """Show what would become of the message."""
+        """Show the message as edited."""
         held, made = self.held.current_item, message.parsed
         if held is not None:
             self._show_bytes(held, made if isinstance(made, bytes) else held.data)
@@ -396,4 +396,4 @@ class ProxyScreen(ViewsScreen):
 
 
 def _ignore_answer(answer: ControlAnswer) -> None:
-    """Do nothing more: the list tells."""
+    """Do nothing: the next poll updates the list."""

@@ -1,4 +1,4 @@
-"""The list of commands: every action of a screen by its name."""
+"""The command palette: every action of a screen by its name."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from bcapscope.tui.words import CATALOGUE, Language, say
 
 
 class ScreenCommand(NamedTuple):
-    """Something that can be done.
+    """An action of the palette.
 
     Attributes:
-        name: what it is called.
-        tip: what it does.
-        action: as in a binding.
-        node: whose action it is.
-        key: that does it as well, as people write it; "" for none.
+        name: Name of the action.
+        tip: What it does.
+        action: Action string, as in a binding.
+        node: Node that runs the action.
+        key: Key for the same action as the documentation writes it; "" for none.
     """
 
     name: str
@@ -36,7 +36,7 @@ class ScreenCommand(NamedTuple):
 
 
 def node_commands(node: DOMNode, app: BcapApp) -> Iterator[ScreenCommand]:
-    """Yield what the keys of one node do, each action once."""
+    """Yield the commands of one node's key bindings, each action once."""
     for kind in type(node).__mro__:
         for binding in vars(kind).get("BINDINGS", ()):
             if isinstance(binding, Binding) and binding.description in CATALOGUE:
@@ -48,7 +48,7 @@ def node_commands(node: DOMNode, app: BcapApp) -> Iterator[ScreenCommand]:
 
 
 def all_commands(screen: DOMNode, app: BcapApp) -> Iterator[ScreenCommand]:
-    """Yield everything that can be done on a screen, each once."""
+    """Yield all commands of a screen, each once."""
     known: set[tuple[str, str]] = set()
     widgets = [widget for widget in screen.query(Widget) if widget.display]
     for node in (screen, *widgets, app):
@@ -76,20 +76,20 @@ def _app_commands(app: BcapApp) -> Iterator[ScreenCommand]:
 
 
 class ScreenCommandProvider(Provider):
-    """Gives the palette every action of the screen that it was opened on."""
+    """Provides all commands of the present screen to the palette."""
 
     def _available_commands(self) -> Iterator[ScreenCommand]:
         return filter(_is_available, all_commands(self.screen, cast(BcapApp, self.app)))
 
     async def discover(self) -> Hits:
-        """Yield all of them."""
+        """Yield all commands."""
         for command in self._available_commands():
             yield DiscoveryHit(
                 _command_label(command), self._command_runner(command), command.name, command.tip or None
             )
 
     async def search(self, query: str) -> Hits:
-        """Yield those whose name fits."""
+        """Yield the commands whose name matches the query."""
         matcher = self.matcher(query)
         for command in self._available_commands():
             score = matcher.match(command.name)

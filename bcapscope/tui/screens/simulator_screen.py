@@ -1,4 +1,4 @@
-"""The traffic of a simulator that the screen has started."""
+"""The traffic of a simulator that the screen started."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from bcapscope.tui.words import say, told
 
 
 class SimulatorEnded(Message):
-    """The simulator has ended by itself; `text` are its last words."""
+    """The simulator ended unexpectedly; `text` is its last output."""
 
     def __init__(self, text: str) -> None:
         super().__init__()
@@ -21,29 +21,29 @@ class SimulatorEnded(Message):
 
 
 class SimulatorScreen(TrafficScreen):
-    """Shows traffic, and where the simulator listens."""
+    """Shows traffic and the simulator's address."""
 
     def __init__(self, feed: TrafficFeed, address: str, child: ChildProcess) -> None:
-        """Take what is read, where the simulator listens, and its process."""
+        """Show a feed, the simulator's address, and watch its process."""
         super().__init__(feed, address)
         self._address = address
         self._child = child
 
     def on_mount(self) -> None:
-        """Tell where it listens."""
+        """Show the address."""
         self._show_address("good", "●")
         app_of(self).show_message(say("simulator.listens", address=printable(self._address)))
         self._child.subscribe_end(self._post_end)
 
     def _post_end(self, text: str) -> None:
-        """Hear of the end in another thread."""
+        """Forward the end of the process from another thread."""
         self.post_message(SimulatorEnded(text))
 
     def _show_address(self, ink: str, sign: str) -> None:
         app_of(self).status = ((f"{sign} {printable(self._address)} ", ink),)
 
     def on_simulator_ended(self, message: SimulatorEnded) -> None:
-        """Tell that it is gone; what was seen stays."""
+        """Report that the simulator has ended; its traffic stays on the screen."""
         message.stop()
         reason = say("simulator.ended", reason=printable(told(message.text)) or say("proxy.no_words"))
         self.feed.stop_reading()

@@ -1,4 +1,4 @@
-"""Slave Mode, as the button of b-CAP Tester has it: choose a log, look at it, Start; watch; Stop."""
+"""Slave Mode, like the button of b-CAP Tester: choose a log, inspect it, start, watch, stop."""
 
 from __future__ import annotations
 
@@ -57,14 +57,14 @@ _MODES: tuple[tuple[str, SlaveModePacing | int], ...] = (
     *((f"0x{number:03X} {pose_type_of_mode(number)}", number) for number in _MODE_NUMBERS),
 )
 _CHECK_DELAY = 0.4
-"""Seconds after the last change before a file is read."""
+"""Seconds between the last change of a field and reading the file."""
 
 
 _MAX_ROUNDS = 1_000_000_000
 
 
 class SlaveScreen(BaseScreen):
-    """Plays a trajectory. The player is a process of its own: what is drawn here holds up no set point."""
+    """Plays a trajectory. The player is a separate process, so drawing delays no set point."""
 
     NAME = "tester.slave"
     ABOUT = "tester.slave.about"
@@ -83,14 +83,14 @@ class SlaveScreen(BaseScreen):
         recordings: Path,
         path: str = "",
     ) -> None:
-        """Take what to play with.
+        """Prepare the screen.
 
         Args:
-            session: that is connected.
-            player_slot: where the player works.
-            ask_to_arm: asks the user to arm.
-            recordings: folder for captures of all that is said.
-            path: of a file to begin with.
+            session: Connected session.
+            player_slot: Holds the running player.
+            ask_to_arm: Asks the user to arm.
+            recordings: Folder for captures of the whole conversation.
+            path: File to show first.
         """
         super().__init__()
         self._session, self._player_slot, self._ask_to_arm, self._recordings = (
@@ -106,11 +106,11 @@ class SlaveScreen(BaseScreen):
 
     @property
     def playback(self) -> PlaybackRun | None:
-        """The run that is watched, or was last; None before the first."""
+        """The present or last run; None before the first."""
         return self._playback
 
     def content(self) -> ComposeResult:
-        """Put the choice above what is known of it."""
+        """Put the settings above the report and the running view."""
         with Vertical(id="slave"):
             with Horizontal(classes="row"):
                 yield Caption("tester.file")
@@ -142,7 +142,7 @@ class SlaveScreen(BaseScreen):
                 yield PlaybackView(id="live")
 
     def on_mount(self) -> None:
-        """Begin with the file that was given."""
+        """Load the initial file."""
         self._schedule_check()
         self.query_one("#file", Input).focus()
 
@@ -155,7 +155,7 @@ class SlaveScreen(BaseScreen):
         self._schedule_check()
 
     def _schedule_check(self) -> None:
-        """Read and check anew, a little later, unless something else is typed by then."""
+        """Schedule a check; further typing postpones it."""
         self._prepared = None
         self.query_one("#start", Button).disabled = True
         self._show_state("")
@@ -168,7 +168,7 @@ class SlaveScreen(BaseScreen):
             await self._check_trajectory()
 
     async def _check_trajectory(self) -> None:
-        """Read and check what is wished, and show what was found."""
+        """Read and check the chosen trajectory, and show the result."""
         wish = self._read_fields()
         if isinstance(wish, str):
             self._show_report([f"{INK.dim}{wish}{INK.reset}"])
@@ -176,13 +176,13 @@ class SlaveScreen(BaseScreen):
         self._show_report([f"{INK.dim}{say('tester.reading')}{INK.reset}"])
         try:
             ready = await asyncio.to_thread(prepare_trajectory, wish, self._session.status.identity.type_name)
-        except ValueError as error:  # what is wrong with the file, or with the limits
+        except ValueError as error:  # a problem with the file or the limits
             self._show_report([f"{INK.bad}{printable(told(str(error)))}{INK.reset}"])
             return
         self._prepared = ready
         lines = list(ready.summary_lines(INK, self.query_one("#before").size.width - 2))
         self._show_report(lines)
-        self._show_state(lines[-1])  # the verdict, which a low terminal has no room for below all the rest
+        self._show_state(lines[-1])  # the verdict, since a low terminal has no room for it below the report
         self.query_one("#start", Button).disabled = (
             not ready.preflight.is_playable or self._player_slot.is_playing
         )
@@ -191,7 +191,7 @@ class SlaveScreen(BaseScreen):
         app.save_settings()
 
     def _read_fields(self) -> PlaybackSettings | str:
-        """Return what the fields ask for, or what is wrong with them."""
+        """Return the settings in the fields, or what is wrong with them."""
         path = self.query_one("#file", Input).value.strip()
         if not path:
             return say("tester.file.missing")
@@ -242,7 +242,7 @@ class SlaveScreen(BaseScreen):
 
     @on(Button.Pressed, "#start")
     def action_start(self) -> None:
-        """Play; where nothing was read yet, say so."""
+        """Start playing, or report that no trajectory is ready."""
         if self._prepared is None and not self._player_slot.is_playing:
             self._show_state(f"{INK.bad}{say('tester.start.none')}")
         elif (
@@ -285,7 +285,7 @@ class SlaveScreen(BaseScreen):
                 self._set_playing(False)
 
     async def _release_controller(self, status: SessionStatus) -> bool:
-        """Leave slave mode, and give the arm back: the player is a client of its own, and needs both."""
+        """Leave slave mode and give the arm back, since the player is a separate client and needs both."""
         desk = self._session
         try:
             if status.slave_mode:
@@ -323,7 +323,7 @@ class SlaveScreen(BaseScreen):
         self._show_end(run)
 
     def _ask_user(self, run: PlaybackRun) -> None:
-        """Let the user answer a question of the player's, while what it tells is read on."""
+        """Show a question of the player, while its messages are still read."""
         question, run.question = run.question, None
         assert question is not None
         if question.topic is QuestionTopic.ARM and self._session.arming.is_armed(self._session.now()):
@@ -342,7 +342,7 @@ class SlaveScreen(BaseScreen):
     def _show_end(self, run: PlaybackRun) -> None:
         assert run.ended is not None
         if self._question_dialog is not None and self._question_dialog.is_current:
-            self._question_dialog.dismiss(None)  # nobody waits for the answer any more
+            self._question_dialog.dismiss(None)  # the run has ended, and with it the question
         if run.preflight is not None and not run.preflight.is_playable:
             width = self.query_one("#before").size.width - 2
             self._show_report(list(PreflightRenderer(INK, width, told).lines(run.preflight)))
@@ -376,7 +376,7 @@ class SlaveScreen(BaseScreen):
         app_of(self).action_halt()
 
     def action_leave(self) -> None:
-        """Let the robot come to rest if it moves, else go back."""
+        """Bring the robot to rest if it moves; otherwise go back."""
         if self._player_slot.is_playing:
             self._player_slot.stop()
         else:

@@ -1,4 +1,4 @@
-"""Going from part to part of the Tester by keys: connection, forms in tabs, packets and calls in views."""
+"""Keyboard navigation in the Tester: connection, forms in tabs, packets and calls in views."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from bcapscope.tui.words import say
 _PART_SELECTOR = "#left .box, #function, #raw, #right"
 _FOCUS_SELECTOR = "Input, HexView, Lines, Button"
 _SKIP_SELECTOR = "#slave-mode, #clear, #history-filter"
-"""They stand above what their part is for."""
+"""Widgets that precede the main widget of their part, and are skipped."""
 
 
 class TesterNavigation(BaseScreen):
-    """A screen of parts, among them `FormTabs` and a `PacketPane`; which keys go there, a subclass says."""
+    """A screen with parts, among them `FormTabs` and a `PacketPane`; a subclass binds the keys."""
 
     def commands(self) -> Iterator[tuple[str, str, str]]:
-        """Yield the tabs and the views, which else are some keys away."""
+        """Yield commands for the tabs and views, which otherwise take several keys."""
         for tab in TABS:
             yield say("tester.tab", name=say(f"tester.tab.{tab}")), say("tester.tab.tip"), f"tab('{tab}')"
         for view in VIEWS:
@@ -32,11 +32,11 @@ class TesterNavigation(BaseScreen):
             )
 
     def action_next_part(self) -> None:
-        """Go to the next part: connection, each of the forms in sight, packets."""
+        """Focus the next part: connection, each visible form, packets."""
         self._focus_other_part(1)
 
     def action_part_before(self) -> None:
-        """Go to the part before."""
+        """Focus the previous part."""
         self._focus_other_part(-1)
 
     def _focus_other_part(self, by: int) -> None:
@@ -57,17 +57,17 @@ class TesterNavigation(BaseScreen):
         self.action_view(VIEWS[(VIEWS.index(here) + 1) % len(VIEWS)])
 
     def action_tab(self, name: str) -> None:
-        """Show a tab, and go to its first field."""
+        """Show a tab and focus its first field."""
         self.query_one(FormTabs).show_tab(name)
         self.call_after_refresh(self._focus_first_in, self.query_one("#panels"))
 
     def action_view(self, name: str) -> None:
-        """Show one of the views of packets and calls, and go there."""
+        """Show a view of packets and calls, and focus it."""
         self.query_one(PacketPane).show_view(name)
         self.call_after_refresh(self._focus_first_in, self.query_one(f"#{name}"))
 
     def _focus_first_in(self, part: Widget) -> bool:
-        """Focus what can be done first in a part of the screen; return whether there is anything."""
+        """Focus the first usable widget in a part of the screen; return whether there is one."""
         among = (part, *part.query(_FOCUS_SELECTOR).exclude(_SKIP_SELECTOR))
         shown = (each for each in among if all(node.display for node in each.ancestors_with_self))
         found = next((each for each in shown if each.focusable), None)

@@ -1,6 +1,6 @@
 """The Tester: b-CAP Tester's window in the terminal.
 
-The widgets say what they want; here it is done, at the desk, and what comes back is given to them.
+Widgets post what the user wants. This screen passes it to the session and returns the result to the widgets.
 """
 
 from __future__ import annotations
@@ -72,17 +72,17 @@ _EXECUTE_CONTROLLER = 17
 
 
 class TesterOptions(NamedTuple):
-    """What the Tester begins with.
+    """Initial state of the Tester.
 
     Attributes:
-        host: of the controller; empty for the built-in simulator.
-        port: of the controller.
+        host: Host of the controller; empty for the built-in simulator.
+        port: Port of the controller.
         tcp: TCP instead of UDP.
-        option: as in the field.
-        profile: of the built-in simulator.
-        requests_folder: folder of saved requests.
-        log_folder: folder of the action log.
-        tap: sees every packet, in another thread.
+        option: Text of the Option field.
+        profile: Profile of the built-in simulator.
+        requests_folder: Folder of saved requests.
+        log_folder: Folder of the action log.
+        tap: Called for every packet, in another thread.
     """
 
     requests_folder: Path
@@ -96,7 +96,7 @@ class TesterOptions(NamedTuple):
 
 
 class SessionUpdated(Message):
-    """Something happened at the desk."""
+    """The session sent an update."""
 
     def __init__(self, update: SessionUpdate) -> None:
         super().__init__()
@@ -104,7 +104,7 @@ class SessionUpdated(Message):
 
 
 class TesterScreen(TesterNavigation):
-    """Connects to a controller, makes calls, shows what went over the wire."""
+    """Connects to a controller, makes calls, and shows their packets."""
 
     NAME = "tester.name.screen"
     ABOUT = "tester.about"
@@ -125,7 +125,7 @@ class TesterScreen(TesterNavigation):
     ]
 
     def __init__(self, tester_options: TesterOptions) -> None:
-        """Take what to begin with."""
+        """Store the initial state."""
         super().__init__()
         self._options = tester_options
         self.session = ControllerSession(self._post_update, tester_options.log_folder, tester_options.tap)
@@ -145,7 +145,7 @@ class TesterScreen(TesterNavigation):
         return self._halt_update.state
 
     def content(self) -> ComposeResult:
-        """Lay it out as b-CAP Tester is laid out."""
+        """Arrange the widgets like b-CAP Tester."""
         start = self._options
         with Horizontal(id="desk"):
             with VerticalScroll(id="left", can_focus=False):
@@ -157,7 +157,7 @@ class TesterScreen(TesterNavigation):
             yield PacketPane(start.requests_folder, id="right")
 
     def on_mount(self) -> None:
-        """Begin: HALT is at hand, and without a host the built-in simulator starts."""
+        """Register HALT; without a host, start the built-in simulator."""
         for name, title in (
             ("controller-box", "tester.box.controller"),
             ("execute-box", "tester.box.execute"),
@@ -179,7 +179,7 @@ class TesterScreen(TesterNavigation):
             self.run_worker(self._start_simulator(), group="simulator")
 
     async def _start_simulator(self) -> None:
-        """Start the built-in simulator, anew where it has ended, and put its place into the fields."""
+        """Start or restart the built-in simulator, and fill in its address."""
         panel = self.query_one(ConnectionPanel)
         panel.wait_for_address()
         await asyncio.to_thread(self._simulator_stack.close)
@@ -194,18 +194,18 @@ class TesterScreen(TesterNavigation):
         panel.fill_address(self._simulator.host, self._simulator.port)
 
     async def _close(self) -> None:
-        """Let go of everything; an error in one step keeps nobody from the others."""
+        """Release everything; an error in one step does not skip the others."""
         async with AsyncExitStack() as stack:
             stack.push_async_callback(asyncio.to_thread, self._simulator_stack.close)
             stack.push_async_callback(asyncio.to_thread, self.session.close)
             stack.push_async_callback(self.player_slot.end_player)
-            if self.is_running:  # else an error of ours has ended the screen, and its workers
+            if self.is_running:  # otherwise a bug has ended the screen and its workers
                 self.workers.cancel_group(self, "call")
 
-    # What the desk tells.
+    # Updates from the session.
 
     def _post_update(self, update: SessionUpdate) -> None:
-        """Bring news from a thread of the desk's to our event loop."""
+        """Forward an update from a thread of the session to the screen's event loop."""
         self.post_message(SessionUpdated(update))
 
     @on(SessionUpdated)
@@ -251,7 +251,7 @@ class TesterScreen(TesterNavigation):
         line = status_pieces(desk.status, desk.arming, desk.now(), self._halt_update, desk.reply_monitor)
         app_of(self).status = tuple(line)
 
-    # What the widgets want.
+    # Requests of the widgets.
 
     def _run_in_group(self, step: Coroutine[Any, Any, object], group: str = "call") -> None:
         self.run_worker(step, group=group)
@@ -265,7 +265,7 @@ class TesterScreen(TesterNavigation):
             self._run_in_group(self._connect_controller(message), "connect")
 
     async def _reconnect_simulator(self) -> None:
-        """Connect to the built-in simulator, which has ended."""
+        """Restart the built-in simulator, which has ended, and connect to it."""
         await self._start_simulator()
         wish = self.query_one(ConnectionPanel).wanted_connection()
         if isinstance(wish, ConnectWanted):
@@ -287,12 +287,12 @@ class TesterScreen(TesterNavigation):
                 settings.hosts = with_recent(wanted.host, settings.hosts)
                 app_of(self).save_settings()
         finally:
-            if panel.children:  # else the screen is being closed
+            if panel.children:  # otherwise the screen is being closed
                 self._set_connecting(panel, False)
                 panel.show_status(self.session.status)
 
     def _focus_next_form(self, panel: ConnectionPanel) -> None:
-        """Go to what is done next, unless the user has gone somewhere else meanwhile."""
+        """Focus the next form to use, unless the user has moved the focus elsewhere."""
         if self.focused is None or panel in self.focused.ancestors:
             self._focus_first_in(self.query_one("#robot-forms")) or self._focus_first_in(
                 self.query_one("#panels")
@@ -378,10 +378,10 @@ class TesterScreen(TesterNavigation):
         self.app.copy_to_clipboard(text)
         app_of(self).show_message(say("tester.copied", text=printable(text.partition("\n")[0])[:200]))
 
-    # What keys do.
+    # Keys.
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
-        """Offer to connect or to disconnect, as the buttons do."""
+        """Offer to connect or to disconnect, whichever the buttons offer."""
         if action in ("connect", "disconnect"):
             return (action == "disconnect") == (self._is_connected or self._is_connecting)
         return super().check_action(action, parameters)
@@ -391,7 +391,7 @@ class TesterScreen(TesterNavigation):
         self.query_one(ConnectionPanel).request_connect()
 
     def action_disconnect(self) -> None:
-        """Disconnect, or connect no further."""
+        """Disconnect, or cancel an attempt to connect."""
         self._disconnect_wanted()
 
     def action_robslave(self) -> None:
@@ -407,24 +407,24 @@ class TesterScreen(TesterNavigation):
         )
 
     def action_recover(self) -> None:
-        """Open the way out of an error."""
+        """Open the recovery dialog."""
         stay = self._last_slave_session
         self.app.push_screen(RecoveryDialog(self.session, self._ask_to_arm, stay.move_position, stay.mode))
 
     def action_digits(self) -> None:
-        """Show all digits of all results, or five behind the point where one shows all."""
+        """Show all digits of all results, or five decimals if any result shows all."""
         views = self.query(ResultView)
         full = not any(view.shows_all_digits for view in views)
         for view in views:
             view.show_digits(full)
 
     def action_cancel(self) -> None:
-        """Give up the calls under way."""
+        """Cancel the calls under way."""
         for group in ("call", "connect"):
             self.workers.cancel_group(self, group)
 
     def action_arm(self) -> None:
-        """Arm, or disarm."""
+        """Arm or disarm."""
         if self.session.arming.is_armed(self.session.now()):
             self.session.arming.disarm()
             self._show_status()
@@ -432,7 +432,7 @@ class TesterScreen(TesterNavigation):
             self.run_worker(self._ask_to_arm())
 
     async def _ask_to_arm(self) -> bool:
-        """Ask the user to arm; return whether it is armed then."""
+        """Ask the user to arm; return whether the session is armed then."""
         status = self.session.status
         if status.target is None:
             app_of(self).show_message(say("tester.not_connected"), "warning")

@@ -1,4 +1,4 @@
-"""Traffic: frames, calls, findings, slave mode and statistics of a file, an interface or another screen."""
+"""Traffic of a file, an interface or another screen: frames, calls, findings, slave mode, statistics."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _CLOCKS = (TimeFormat.RELATIVE, TimeFormat.DELTA, TimeFormat.UTC)
 
 
 class NotesSaved(Message):
-    """A file was written, or not all of it; then `reason` says why."""
+    """A file was saved. If that failed or is incomplete, `reason` says why."""
 
     def __init__(self, target: str, reason: str) -> None:
         super().__init__()
@@ -38,7 +38,7 @@ class NotesSaved(Message):
 
 
 class TrafficScreen(TrafficViews):
-    """Goes from a frame to all that belongs to it, marks and saves what matters, and opens other captures."""
+    """Navigates between related frames, marks and saves packets, and opens other captures."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         *view_keys(TrafficViews.VIEWS, "traffic.view.tip"),
@@ -88,7 +88,7 @@ class TrafficScreen(TrafficViews):
         self._evidence_frames: list[int] = []
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
-        """Offer what has to do with a frame only where there is one, to stop only what goes on."""
+        """Offer frame actions only where there is a frame, and stop only while a capture runs."""
         if action in _FRAME_ACTIONS:
             return self.view in RECORD_KINDS
         if action == "proof":
@@ -101,24 +101,24 @@ class TrafficScreen(TrafficViews):
     # filter and time
 
     def action_filter(self) -> None:
-        """Go to the filter."""
+        """Focus the filter."""
         self.set_focus(self.query_one("#filter"))
 
     def action_back(self) -> None:
-        """Go from the filter to the list; from the list, end the filter."""
+        """Return from the filter to the list; in the list, clear the filter."""
         if self.shown_list.has_focus and self.query_one(CheckedInput).field.value:
             self.set_filter("")
         super().action_back()
 
     def action_clock(self) -> None:
-        """Tell the time in another way."""
+        """Show times in the next format."""
         self.clock = _CLOCKS[(_CLOCKS.index(self.clock) + 1) % len(_CLOCKS)]
         self.update_line_format()
 
-    # going places
+    # navigation
 
     def go_to_frame(self, number: int) -> None:
-        """Show a frame in the list of frames, ending a filter that hides it."""
+        """Select a frame in the list of frames; clear a filter that hides it."""
         if self.view != "frames":
             self.action_view("frames")
         index = self.frames.rows.index(number)
@@ -129,7 +129,7 @@ class TrafficScreen(TrafficViews):
         self.frames.move_cursor_to(index)
 
     def action_partner(self) -> None:
-        """Go from a reply to its request, and back."""
+        """Go from a reply to its request, or back."""
         number, calls = self.frame_number, self.feed.calls
         if number is None or calls is None:
             return
@@ -143,7 +143,7 @@ class TrafficScreen(TrafficViews):
             self.go_to_frame(other)
 
     def action_call(self) -> None:
-        """Go from a frame to its call, and back."""
+        """Go from a frame to its call, or back."""
         number, calls = self.frame_number, self.feed.calls
         if number is None or calls is None:
             return
@@ -160,7 +160,7 @@ class TrafficScreen(TrafficViews):
             self.calls.go_to_call(row + 1)
 
     def action_why(self) -> None:
-        """Go to the finding that names this frame; from a finding to its cause."""
+        """Go from a frame to the finding that names it, or from a finding to its cause."""
         page, findings = self.query_one(FindingPage), self.analysis.findings
         if self.view == "findings":
             number = page.current_finding()
@@ -186,7 +186,7 @@ class TrafficScreen(TrafficViews):
 
     @on(FindingPage.Chosen)
     def _line_chosen(self, message: Lines.Chosen) -> None:
-        """Go to the first frame that proves a finding; from a frame to its fields."""
+        """Go to the first frame that proves a finding, or from a frame to its fields."""
         if isinstance(message.lines, FindingPage):
             number = message.lines.current_finding()
             if number is not None and self.analysis.findings[number - 1].frames:
@@ -203,7 +203,7 @@ class TrafficScreen(TrafficViews):
                 self.go_to_frame(number)
 
     def action_proof(self, by: int) -> None:
-        """Go to another frame that proves the finding chosen."""
+        """Go to another frame that proves the selected finding."""
         number = self.frame_number
         if by > 0:
             later = [each for each in self._evidence_frames if number is None or each > number]
@@ -213,7 +213,7 @@ class TrafficScreen(TrafficViews):
             self.go_to_frame((earlier or self._evidence_frames)[-1])
 
     def action_follow(self, what: str) -> None:
-        """Show only what has to do with the frame under the cursor."""
+        """Show only frames related to the frame under the cursor."""
         number, calls = self.frame_number, self.feed.calls
         if number is None or calls is None:
             return
@@ -231,7 +231,7 @@ class TrafficScreen(TrafficViews):
 
     @work
     async def action_goto(self) -> None:
-        """Ask for a frame or a moment, and go there."""
+        """Ask for a frame number or a time, and go there."""
         journal = self.feed.journal
         answer = await self.app.push_screen_wait(Prompt(say("traffic.goto.title"), say("traffic.goto.hint")))
         if not answer or journal is None or not len(journal):
@@ -245,7 +245,7 @@ class TrafficScreen(TrafficViews):
     # marks, notes, saving
 
     def action_mark(self) -> None:
-        """Mark the frame, or unmark it."""
+        """Mark or unmark the frame."""
         number = self.frame_number
         if number is None:
             return
@@ -256,7 +256,7 @@ class TrafficScreen(TrafficViews):
 
     @work
     async def action_note(self) -> None:
-        """Write a note on the frame."""
+        """Edit the note on the frame."""
         number = self.frame_number
         if number is None:
             return
@@ -274,7 +274,7 @@ class TrafficScreen(TrafficViews):
 
     @work
     async def action_save(self) -> None:
-        """Save the packets with marks and notes in a new file."""
+        """Save the packets, with marks and notes, in a new file."""
         packets = self.feed.progress.packets
         if not packets or self.feed.journal is None:
             app_of(self).show_message(say("traffic.nothing_to_save"), "warning")
@@ -294,7 +294,7 @@ class TrafficScreen(TrafficViews):
         self.post_message(NotesSaved(job.target, self.feed.save(job)))
 
     def on_notes_saved(self, message: NotesSaved) -> None:
-        """Tell how it went."""
+        """Report the result."""
         message.stop()
         path = printable(message.target)
         if message.reason:
@@ -304,14 +304,14 @@ class TrafficScreen(TrafficViews):
             app_of(self).show_message(say("traffic.saved", path=path))
 
     def commands(self) -> Iterator[tuple[str, str, str]]:
-        """Offer the captures that were opened lately."""
+        """Yield commands for recently opened captures."""
         if self.check_action("open", ()):
             for number, path in enumerate(app_of(self).settings.captures):
                 name = say("traffic.open.recent", path=printable(path))
                 yield name, say("traffic.open.tip"), f"open_recent({number})"
 
     def action_open_recent(self, number: int) -> None:
-        """Show a capture that was opened lately instead."""
+        """Replace the shown capture with a recent one."""
         self._open_capture(app_of(self).settings.captures[number])
 
     @work
@@ -326,7 +326,7 @@ class TrafficScreen(TrafficViews):
     def _open_capture(self, path: str) -> None:
         try:
             is_there = Path(path).is_file()
-        except OSError:  # a name that no file can have
+        except OSError:  # no file can have this name
             is_there = False
         if not is_there:
             app_of(self).show_message(say("traffic.open.none", path=printable(path)), "warning")
@@ -339,5 +339,5 @@ class TrafficScreen(TrafficViews):
             self.replace_feed(feed, Path(path).name)
 
     def action_stop(self) -> None:
-        """Capture no more."""
+        """Stop capturing."""
         self.feed.stop_reading()

@@ -1,4 +1,4 @@
-"""What is shown of traffic: frames, calls, what is thought of them, and the frame under the cursor."""
+"""Views of traffic: frames, calls, the analysis, and the frame under the cursor."""
 
 from __future__ import annotations
 
@@ -45,14 +45,14 @@ from bcapscope.tui.words import say
 from bcapscope.tui.words import told as spoken
 
 RECORD_KINDS = {"frames": RecordKind.FRAME, "calls": RecordKind.CALL}
-"""Views of which each line is a frame, or stands for one, by what their filter tells of."""
+"""Views whose lines are frames or calls, with the kind of record that their filter tests."""
 
 _NARROW_WIDTH = 100
-"""Columns below which large counts are rounded."""
+"""Terminal width in columns below which large counts are rounded."""
 
 
 class FeedUpdated(Message):
-    """One of the processes of a feed told something."""
+    """A process of the feed sent an update."""
 
     def __init__(self, feed: TrafficFeed, update: FeedUpdate) -> None:
         super().__init__()
@@ -61,11 +61,11 @@ class FeedUpdated(Message):
 
 
 class TrafficViews(ViewsScreen):
-    """Shows what a feed reads.
+    """Shows the traffic of a feed.
 
     Attributes:
-        feed: what is shown.
-        clock: how the time is told.
+        feed: The feed.
+        clock: Format of times.
     """
 
     NAME = "traffic"
@@ -80,7 +80,7 @@ class TrafficViews(ViewsScreen):
     }
 
     def __init__(self, feed: TrafficFeed, title: str) -> None:
-        """Take what is read, and its name for people."""
+        """Show a feed under a title."""
         super().__init__()
         self.clock = TimeFormat.RELATIVE
         self._generation = 0
@@ -88,7 +88,7 @@ class TrafficViews(ViewsScreen):
         self._set_feed(feed, title)
 
     def _set_feed(self, feed: TrafficFeed, title: str) -> None:
-        """Begin with a feed of which nothing is known yet."""
+        """Reset the state for a new feed."""
         self.feed = feed
         self._title = title
         self._source_problem = ""
@@ -115,7 +115,7 @@ class TrafficViews(ViewsScreen):
             yield PacketView(id="packet")
 
     def on_mount(self) -> None:
-        """Begin to listen."""
+        """Subscribe to the feed."""
         app_of(self).add_closer(self._close)
         for target in (self.frames, self.calls):
             self.watch(target, "cursor", self._cursor_moved, init=False)
@@ -126,19 +126,19 @@ class TrafficViews(ViewsScreen):
         if path and not self.feed.job.follow:
             settings = app_of(self).settings
             settings.captures = with_recent(str(Path(path).absolute()), settings.captures)
-            self.call_after_refresh(app_of(self).save_settings)  # what is read is shown first
+            self.call_after_refresh(app_of(self).save_settings)  # show the traffic first
         self.feed.subscribe(partial(self._post_update, self.feed))
         self.show_state()
 
     def _post_update(self, feed: TrafficFeed, update: FeedUpdate) -> None:
-        """Take what is told in another thread."""
+        """Forward an update from another thread."""
         self.post_message(FeedUpdated(feed, update))
 
     async def _close(self) -> None:
         self._close_feed()
 
     def _close_feed(self) -> None:
-        """Close the feed; nothing that is shown or still to be heard needs it any more."""
+        """Close the feed; nothing on the screen needs it any more."""
         for target in (self.frames, self.calls):
             target.clear_source()
         self.feed.close()
@@ -151,10 +151,10 @@ class TrafficViews(ViewsScreen):
         self.action_view("frames")
         self._subscribe_feed()
 
-    # what is told
+    # updates
 
     def on_feed_updated(self, message: FeedUpdated) -> None:
-        """Take in what one of the processes told."""
+        """Apply an update from a process of the feed."""
         message.stop()
         told = message.update
         if message.feed is not self.feed or message.feed.is_closed:
@@ -191,7 +191,7 @@ class TrafficViews(ViewsScreen):
             self.refresh_bindings()
 
     def _show_growth(self) -> None:
-        """Show that there is more in the list that is seen; the other one is asked when it is shown."""
+        """Show new rows in the visible list; the other list updates when it is shown."""
         target = self.shown_list
         if isinstance(target, FrameList | CallList):
             target.lines_added()
@@ -213,7 +213,7 @@ class TrafficViews(ViewsScreen):
             target.rows.matches.extend(rows)
             target.lines_added()
 
-    # what is shown
+    # display
 
     @property
     def frames(self) -> FrameList:
@@ -226,7 +226,7 @@ class TrafficViews(ViewsScreen):
         return self.query_one(CallList)
 
     def update_line_format(self) -> None:
-        """Tell times, and name clients where there are several."""
+        """Set the format of times, and show client names if there are several clients."""
         journal = self.feed.journal
         first = journal.time_of(1) if journal is not None and len(journal) else 0
         several = self.feed.progress.clients > 1
@@ -239,7 +239,7 @@ class TrafficViews(ViewsScreen):
             self.query_one("#head", Static).update(Text(text), layout=False)
 
     def show_state(self) -> None:
-        """Show how much there is, and how reading and searching go."""
+        """Show the counts of the views, and the progress of reading and searching."""
         journal, calls, brief = self.feed.journal, self.feed.calls, self.size.width < _NARROW_WIDTH
         counts = {"findings": str(len(self.analysis.findings) or "")}
         if journal is not None and calls is not None:
@@ -251,7 +251,7 @@ class TrafficViews(ViewsScreen):
         self.query_one(ViewBar).show_counts(self.view, counts, told)
 
     def _search_percent(self) -> int | None:
-        """Tell how much of what is there was searched; None where there is nothing left to search."""
+        """Return the percentage of rows searched; None if no row is left to search."""
         source = {"frames": self.feed.journal, "calls": self.feed.calls}.get(self.view)
         if source is None or not self.expressions[self.view] or self._searched >= len(source):
             return None
@@ -259,18 +259,18 @@ class TrafficViews(ViewsScreen):
 
     @on(Lines.Moved)
     def _list_moved(self, message: Lines.Moved) -> None:
-        """Show the frame under the cursor, where others are listed than before."""
+        """Show the frame under the cursor if the visible list has changed."""
         if message.lines is self.shown_list:
             self._cursor_moved()
 
     def _cursor_moved(self) -> None:
-        """Show the frame under the cursor; called at once, so that list and frame are drawn together."""
+        """Show the frame under the cursor. Called directly, so that list and frame are drawn together."""
         if self.view in RECORD_KINDS and self.frame_number != self._shown_frame:
             self.show_frame()
 
     @property
     def frame_number(self) -> int | None:
-        """Number of the frame under the cursor; None where there is none."""
+        """Number of the frame under the cursor; None if there is none."""
         if self.view == "calls":
             current = self.calls.current_call
             return None if current is None else current[1]
@@ -290,7 +290,7 @@ class TrafficViews(ViewsScreen):
         self._show_about(told)
 
     def _show_about(self, frame: AnnotatedFrame) -> None:
-        """Tell which call a frame belongs to, as soon as that has settled."""
+        """Show which call a frame belongs to, once that call has settled."""
         calls, number = self.feed.calls, frame.observation.number
         if calls is None:
             return
@@ -302,14 +302,14 @@ class TrafficViews(ViewsScreen):
         self.query_one("#about", Static).update(Text(about, no_wrap=True, overflow="ellipsis"), layout=False)
 
     def on_resize(self, event: Resize) -> None:
-        """Give the frame what the list can spare."""
+        """Adapt the height of the frame to the screen."""
         height = event.size.height
         self.query_one("#detail").styles.height = max(8, min(26, height * 2 // 5))
 
     # views and filter
 
     def show_view(self) -> None:
-        """Show the filter and the frame where there are frames."""
+        """Show the filter, and the frame in views that list frames."""
         of_frames = self.view in RECORD_KINDS
         for name in ("#filter-line", "#head", "#detail"):
             self.query_one(name).display = of_frames
@@ -321,22 +321,22 @@ class TrafficViews(ViewsScreen):
             self.show_frame()
 
     def _check_filter(self, expression: str) -> object:
-        """Make a filter for the view, as a check."""
+        """Compile a filter for the view; raises for an invalid expression."""
         return compile_filter(expression, RECORD_KINDS.get(self.view, RecordKind.FRAME))
 
     def set_filter(self, expression: str) -> None:
-        """Show only what an expression is true for; "" for all."""
+        """Apply a filter expression; "" shows all rows."""
         self.query_one(CheckedInput).set_text(expression)
         self._apply_filter(expression)
 
     @on(CheckedInput.Typed)
     def _filter_typed(self, message: CheckedInput.Typed) -> None:
-        """Search for what was typed at once."""
+        """Start a search as soon as a valid expression is typed."""
         self._apply_filter(message.text)
 
     @on(CheckedInput.Entered)
     def _filter_entered(self) -> None:
-        """Go from the filter to what it lets pass."""
+        """Focus the list of matches."""
         self.set_focus(self.shown_list)
 
     def _apply_filter(self, expression: str) -> None:
@@ -345,7 +345,7 @@ class TrafficViews(ViewsScreen):
             self._search()
 
     def _search(self) -> None:
-        """Search for the expression of this view from the start, or show all."""
+        """Search for the view's expression from the start, or show all rows."""
         target, expression = self.shown_list, self.expressions[self.view]
         if not isinstance(target, FrameList | CallList):
             return

@@ -1,4 +1,4 @@
-"""A screen of several lists, of which one is seen at a time."""
+"""A screen with several lists, one of which is visible."""
 
 from __future__ import annotations
 
@@ -15,22 +15,20 @@ from bcapscope.tui.widgets.view_bar import ViewBar
 
 
 def view_keys(views: Mapping[str, str], tip: str) -> Iterator[Binding]:
-    """Give each view of a screen its number as a key; `tip` is the key of what is said of that."""
+    """Yield a number key for each view of a screen; `tip` is the key of the explanation."""
     for number, (view, name) in enumerate(views.items(), 1):
         yield Binding(f"{number}", f"view('{view}')", name, show=False, tooltip=tip)
 
 
 class ViewsScreen(BaseScreen):
-    """Shows one of its lists; number keys and the bar lead from one to another.
+    """Shows one of its lists; number keys and the view bar switch between them.
 
-    The content of a subclass has the bar that `make_view_bar` makes, and a `Switcher` with a `Lines` for each
-    of
-    `VIEWS`, whose id is the view.
+    The content of a subclass contains the bar from `make_view_bar`, and a `Switcher`. The switcher holds a
+    `Lines` widget for each of `VIEWS`, with the view's name as id.
 
     Attributes:
-        VIEWS: names of the views for the program, each with the key of its name for people, the first of them
-            seen first.
-        view: the one that is seen.
+        VIEWS: Names of the views, each with the key of its label; the first is visible at first.
+        view: Name of the visible view.
     """
 
     VIEWS: ClassVar[Mapping[str, str]]
@@ -40,12 +38,12 @@ class ViewsScreen(BaseScreen):
         self.view = next(iter(self.VIEWS))
 
     def make_view_bar(self) -> ViewBar:
-        """Make the bar that names the views."""
+        """Return the bar with the names of the views."""
         return ViewBar(tuple(self.VIEWS.items()), id="views")
 
     @property
     def shown_list(self) -> Lines:
-        """The list that is seen."""
+        """The visible list."""
         found = self.query_one(f"#{self.view}")
         assert isinstance(found, Lines)
         return found
@@ -64,13 +62,13 @@ class ViewsScreen(BaseScreen):
         self.show_state()
 
     def show_view(self) -> None:
-        """Show what belongs to the view besides its list, and nothing else."""
+        """Show the widgets that belong to the view, and hide those of other views."""
         raise NotImplementedError
 
     def show_state(self) -> None:
-        """Show how much is in each view, and all else that is true of the screen at this moment."""
+        """Show the counts of all views and the present state of the screen."""
         raise NotImplementedError
 
     def action_back(self) -> None:
-        """Go to the list."""
+        """Focus the list."""
         self.set_focus(self.shown_list)

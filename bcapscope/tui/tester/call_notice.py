@@ -1,4 +1,4 @@
-"""Answers that have no field of their own are shown as messages for a while."""
+"""Shows the results of calls that have no result field as temporary messages."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ _MAX_TEXT = 300
 
 
 class CallNotice:
-    """Shows how a call ended."""
+    """Shows the outcome of a call as a message."""
 
     def __init__(self, app: BcapApp) -> None:
         self._app = app
 
     def show_pending(self) -> None:
-        """Say nothing yet."""
+        """Show nothing: the message appears when the call ends."""
 
     def show_record(self, record: HistoryRecord) -> None:
         """Show how the call ended."""
@@ -31,5 +31,5 @@ class CallNotice:
             self._app.show_message(f"{name}: {failure_text(record)}", "error")
 
     def show_error(self, reason: str) -> None:
-        """Show why nothing was sent, or what broke."""
+        """Show why nothing was sent, or which error occurred."""
         self._app.show_message(reason[:_MAX_TEXT], "error")

@@ -1,4 +1,4 @@
-"""Does at the desk what the widgets want, and tells them what became of it."""
+"""Carries out the widgets' requests through the session, and reports the results to the widgets."""
 
 from __future__ import annotations
 
@@ -28,19 +28,19 @@ _RELEASES = {function.releases: function for function in FUNCTIONS.values() if f
 
 
 class ObjectMissingError(BcapError):
-    """What a call is to be made of is not open."""
+    """The object that a call needs is not open."""
 
 
 class CallRunner:
-    """Between the screen and the desk; its coroutines are for the screen's event loop."""
+    """Connects the screen to the session. Its coroutines run in the screen's event loop."""
 
     def __init__(self, session: ControllerSession, ask_to_arm: Callable[[], Awaitable[bool]]) -> None:
-        """Take the desk, and what asks the user to arm."""
+        """Store the session and the coroutine function that asks the user to arm."""
         self._session = session
         self._ask_to_arm = ask_to_arm
 
     async def make_wanted_call(self, wanted: CallWanted) -> None:
-        """Make a call."""
+        """Make the call that a widget requested."""
         await self.make_call(wanted.result_display, wanted.function, wanted.values, wanted.subject)
 
     async def make_call(
@@ -50,7 +50,7 @@ class CallRunner:
         values: tuple[Variant, ...],
         subject: ObjectHandle | None = None,
     ) -> None:
-        """Make a call with arguments that have no handle yet."""
+        """Make a call with arguments that do not include the handle."""
 
         async def step() -> HistoryRecord:
             handle = (self._handle_for(function, subject),) if takes_handle(function) else ()
@@ -59,7 +59,7 @@ class CallRunner:
         await self._run_reported(result_display, step)
 
     async def repeat_call(self, result_display: ResultDisplay, record: HistoryRecord) -> None:
-        """Make a call once more as it was, its handle included."""
+        """Repeat a call unchanged, with the same handle."""
         function = FUNCTIONS.get(record.function_id)
         if function is None:
             await self.send_raw(
@@ -69,15 +69,15 @@ class CallRunner:
         await self._run_reported(result_display, lambda: self._session.call(function, record.arguments))
 
     async def make_saved_call(self, result_display: ResultDisplay, saved: SavedRequest) -> None:
-        """Make a saved request."""
+        """Send a saved request."""
         await self.make_call(result_display, saved.function, saved.values)
 
     async def send_raw(self, result_display: ResultDisplay, raw: bytes) -> None:
-        """Send bytes as they are."""
+        """Send bytes unchanged."""
         await self._run_reported(result_display, lambda: self._session.send_raw(raw))
 
     async def open_object(self, wanted: OpenWanted) -> bool:
-        """Open an object; a robot is chosen then, and its type read."""
+        """Open an object; return whether the call was made, with any outcome. A robot is also selected."""
         desk = self._session
 
         async def step() -> HistoryRecord:
@@ -90,7 +90,7 @@ class CallRunner:
         return await self._run_reported(wanted.result_display, step)
 
     async def release_object(self, wanted: OpenWanted) -> None:
-        """Release the object of that name."""
+        """Release the open object with the requested name."""
         name = wanted.name.casefold()
         found = [one for one in self._session.status.open_objects if one.kind is wanted.kind]
         subject = next((one for one in reversed(found) if one.label.casefold() == name), None)
@@ -104,7 +104,7 @@ class CallRunner:
         await self._run_reported(result_display, lambda: start_robslave(self._session))
 
     def _handle_for(self, function: Function, subject: ObjectHandle | None) -> Variant:
-        """Return the handle of what is chosen, or of the latest of its class."""
+        """Return the handle of the selected object, or of the latest open object of its class."""
         owner, status = function.owner, self._session.status
         if subject is None and owner is ObjectClass.ROBOT:
             subject = status.robot
@@ -126,10 +126,10 @@ class CallRunner:
         return found
 
     async def _run_reported(self, result_display: ResultDisplay, step: CallStep) -> bool:
-        """Do something and tell whoever wanted it; arm first where that is needed.
+        """Run a step and report its outcome to the widget; ask the user to arm first if needed.
 
         Returns:
-            Whether it was done, however it ended.
+            Whether the step ran, with any outcome.
         """
         result_display.show_pending()
         try:

@@ -1,4 +1,4 @@
-"""A caption before a widget, as the forms of the Tester have them."""
+"""A caption before a widget in the forms of the Tester."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from bcapscope.tui.words import say
 
 
 class Caption(Label):
-    """A word before a field; `key` is that of the word in the catalogue."""
+    """A word before a field; `key` is its key in the catalogue of words."""
 
     def __init__(self, key: str) -> None:
         super().__init__(say(key), markup=False)

@@ -1,4 +1,4 @@
-"""A row of names, one of which is chosen: left and right, or a click."""
+"""A row of names for a choice by arrow keys or a click."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from bcapscope.tui.words import say
 
 
 class ChoiceRow(Widget, can_focus=True):
-    """Shows names of which one is chosen.
+    """Shows names, one of which is chosen.
 
     Attributes:
-        chosen: the value that is chosen.
+        chosen: The chosen value.
     """
 
     BINDINGS: ClassVar[list[BindingType]] = [
@@ -31,7 +31,7 @@ class ChoiceRow(Widget, can_focus=True):
     chosen: reactive[str] = reactive("", init=False)
 
     class Chosen(Message):
-        """Another one was chosen."""
+        """The user chose another value."""
 
         def __init__(self, choice: ChoiceRow, value: str) -> None:
             super().__init__()
@@ -39,21 +39,21 @@ class ChoiceRow(Widget, can_focus=True):
 
         @property
         def control(self) -> ChoiceRow:
-            """The row."""
+            """The row that sent the message."""
             return self.choice
 
     def __init__(self, options: Sequence[tuple[str, str]], *, id: str | None = None) -> None:
-        """Take values, each with the key of its name in the catalogue of words; the first is chosen."""
+        """Store the values, each with the key of its label in the catalogue of words; the first is chosen."""
         super().__init__(id=id)
         self._options = tuple(options)
         self.set_reactive(ChoiceRow.chosen, self._options[0][0])
 
     def watch_chosen(self, value: str) -> None:
-        """Tell."""
+        """Post `Chosen`."""
         self.post_message(self.Chosen(self, value))
 
     def render(self) -> RenderResult:
-        """Write the row."""
+        """Render the row."""
         text = Text(no_wrap=True, end="")
         for value, name in self._options:
             kind = "choice--chosen" if value == self.chosen else "choice--other"
@@ -61,12 +61,12 @@ class ChoiceRow(Widget, can_focus=True):
         return text
 
     def action_step(self, by: int) -> None:
-        """Choose the one beside."""
+        """Choose a neighbour."""
         values = [value for value, _ in self._options]
         self.chosen = values[(values.index(self.chosen) + by) % len(values)]
 
     def on_click(self, event: Click) -> None:
-        """Choose what was clicked."""
+        """Choose the clicked name."""
         at = 0
         for value, name in self._options:
             width = Text(f" {say(name)} ").cell_len

@@ -1,4 +1,4 @@
-"""Execute as b-CAP Tester has it: Command, Type, Parameter, Result."""
+"""Execute, as in b-CAP Tester: Command, Type, Parameter, Result."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ from bcapscope.tui.words import say
 
 
 class CommandForm(Vertical):
-    """Makes calls of one of the ..._Execute functions; the catalogue completes the command as it is typed."""
+    """Makes calls of one ..._Execute function, with completion of command names."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("f4", "pick", "tester.pick", id="command.pick", tooltip="tester.pick.tip"),
     ]
 
     def __init__(self, function_id: int, *, id: str | None = None) -> None:
-        """Take the function: Controller_Execute, Robot_Execute and the like."""
+        """Store the function: Controller_Execute, Robot_Execute and similar."""
         super().__init__(id=id)
         self.function = FUNCTIONS[function_id]
         self._sent_parameters: dict[str, tuple[int, str]] = {}
@@ -58,9 +58,9 @@ class CommandForm(Vertical):
 
     @on(Input.Changed, ".command")
     def _show_suggestion(self, message: Input.Changed) -> None:
-        """Choose the type that the command has, and say what it does.
+        """Select the type of the command's parameter and show what the command does.
 
-        The parameter that was sent with another command goes; what was sent with this one comes back.
+        Clear a parameter of another command; restore the one that was last sent with this command.
         """
         message.stop()
         found = command_hint(self.function.id, message.value)
@@ -90,9 +90,9 @@ class CommandForm(Vertical):
 
     @on(Input.Submitted, ".command")
     def _submit_command(self, message: Input.Submitted) -> None:
-        """Complete a name that was begun; execute one that is known, or that nothing known begins with.
+        """Complete a partly typed name. Execute a known command, or a name that no known command begins with.
 
-        Where the parameter of it is still to be typed, go there.
+        If its parameter is missing, focus the parameter instead.
         """
         begun = message.value.strip().casefold()
         names = [
@@ -119,14 +119,14 @@ class CommandForm(Vertical):
         elif checked.value is None:
             result.show_problem(checked.problem)
         else:
-            if command_hint(self.function.id, name) is not None:  # else it may be a slip of the pen
+            if command_hint(self.function.id, name) is not None:  # an unknown name may be a typing error
                 self._last_parameter = self._sent_parameters[name.casefold()] = self.query_one(
                     TypedValue
                 ).typed
             self.post_message(CallWanted(result, self.function, (Variant(VT.BSTR, name), checked.value)))
 
     def action_pick(self) -> None:
-        """Choose from all commands that are known."""
+        """Choose from all known commands."""
 
         def take(name: str | None) -> None:
             if name:

@@ -1,4 +1,4 @@
-"""Controller: where it is, how it is reached, Connect and Disconnect, and each step of connecting."""
+"""The controller's address and transport, Connect and Disconnect, and the steps of connecting."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _STEP_MARKS = {None: "◌", True: "●", False: "✗"}
 
 
 class ConnectionPanel(Vertical):
-    """The fields of a connection; Enter in any of them connects."""
+    """The fields of a connection; Enter in any field connects."""
 
     def __init__(self, host: str, port: int, tcp: bool, option: str, *, id: str | None = None) -> None:
         super().__init__(id=id)
@@ -37,7 +37,7 @@ class ConnectionPanel(Vertical):
         self._is_connect_pending = False
 
     def compose(self) -> ComposeResult:
-        """Put the fields above the buttons and the steps, and below what was found."""
+        """Put the fields above the buttons and steps, and the result below."""
         host, port, tcp, option = self._initial_fields
         with Horizontal(classes="row"):
             yield Caption("tester.ip")
@@ -54,17 +54,17 @@ class ConnectionPanel(Vertical):
         yield InkedText(id="found")
 
     def on_mount(self) -> None:
-        """Say what to do first."""
+        """Show the first instruction."""
         self._update_texts()
 
     def wait_for_address(self) -> None:
-        """Take notice that where the controller is will be told; connect not before."""
+        """Defer connecting until `fill_address` supplies the address."""
         self._is_address_pending, self._is_connect_pending = True, False
         self._problem = ""
         self._update_texts()
 
     def fill_address(self, host: str, port: int) -> None:
-        """Fill in where the controller is, and connect if that is wanted by now."""
+        """Fill in the address, and connect if the user has already asked for it."""
         self.query_one("#host", Input).value = host
         self.query_one("#port", Input).value = str(port)
         self._is_address_pending = False
@@ -73,7 +73,7 @@ class ConnectionPanel(Vertical):
             self.request_connect()
 
     def wanted_connection(self) -> ConnectWanted | str:
-        """Return what the fields ask for, or what is wrong with them."""
+        """Return the connection in the fields, or what is wrong with them."""
         host, port = self._host_and_port()
         tcp = not self.query_one("#udp", TickBox).value
         option = self.query_one("#option", Input).value
@@ -89,12 +89,12 @@ class ConnectionPanel(Vertical):
         return ConnectWanted(host, number, tcp, option)
 
     def _host_and_port(self) -> tuple[str, str]:
-        """Return host and port as they stand there; a port behind the host counts, as in `host:5007`."""
+        """Return host and port; a port in the host field takes precedence, as in `host:5007`."""
         host, port = split_host_port(self.query_one("#host", Input).value.strip())
         return host, port or self.query_one("#port", Input).value.strip()
 
     def clear_steps(self) -> None:
-        """Forget the steps of the connection before."""
+        """Clear the steps of the previous connection."""
         self._steps = {}
         self._problem = ""
         self._update_texts()
@@ -120,7 +120,7 @@ class ConnectionPanel(Vertical):
             self._update_texts()
 
     def set_connecting(self, connecting: bool) -> None:
-        """Let Disconnect end an attempt to connect."""
+        """Let Disconnect cancel an attempt to connect."""
         self.query_one("#disconnect", Button).disabled = not connecting
         self.query_one("#connect", Button).disabled = connecting
 
@@ -160,7 +160,7 @@ class ConnectionPanel(Vertical):
         self.request_connect()
 
     def request_connect(self) -> None:
-        """Ask for the connection, or say what is wrong with the fields."""
+        """Request the connection, or show what is wrong with the fields."""
         if self._is_address_pending:
             self._is_connect_pending = True
             return

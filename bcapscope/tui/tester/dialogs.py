@@ -1,4 +1,4 @@
-"""Small dialogs: a question with two answers, and a question for a name."""
+"""Small dialogs: a question with answers to choose from, and a request for a name."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ _ARROW_BINDINGS = (
     Binding("left", "app.focus_previous", show=False),
     Binding("right", "app.focus_next", show=False),
 )
-"""Answers stand side by side, and arrows are how people go from one to the other."""
+"""The answers are side by side, so arrow keys move between them."""
 
 
 class ArmDialog(ModalScreen[bool]):
-    """Asks whether to arm; says what would move. The answer that does nothing has the focus."""
+    """Asks whether to arm, and shows what could move. The answer "no" has the focus."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("escape,n", "dismiss(False)", "tester.arm.no", key_display="esc"),
@@ -30,7 +30,7 @@ class ArmDialog(ModalScreen[bool]):
     ]
 
     def __init__(self, facts: list[str]) -> None:
-        """Take what is known of the controller and the robot, a line each, harmless already."""
+        """Store what is known about controller and robot: escaped lines."""
         super().__init__()
         self._facts = facts
 
@@ -45,7 +45,7 @@ class ArmDialog(ModalScreen[bool]):
                 yield Button(say("tester.arm.yes"), compact=True, variant="error", id="yes")
 
     def on_mount(self) -> None:
-        """Let Enter do nothing."""
+        """Focus the harmless answer, so that Enter does nothing."""
         self.query_one("#no").focus()
 
     @on(Button.Pressed)
@@ -54,7 +54,7 @@ class ArmDialog(ModalScreen[bool]):
 
 
 class ChoiceDialog(ModalScreen[str | None]):
-    """Asks the user to choose; the first choice, which does nothing, has the focus."""
+    """Asks the user to choose. The first choice, which does nothing, has the focus."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("escape", "dismiss(None)", "shell.close", key_display="esc"),
@@ -62,7 +62,7 @@ class ChoiceDialog(ModalScreen[str | None]):
     ]
 
     def __init__(self, facts: list[str], choices: Sequence[str]) -> None:
-        """Take what there is to decide, harmless already, and the choices."""
+        """Store the escaped facts and the choices."""
         super().__init__()
         self._facts, self._choices = facts, tuple(choices)
 
@@ -77,7 +77,7 @@ class ChoiceDialog(ModalScreen[str | None]):
                     )
 
     def on_mount(self) -> None:
-        """Let Enter do nothing."""
+        """Focus the harmless choice, so that Enter does nothing."""
         self.query_one("#choice0").focus()
 
     @on(Button.Pressed)

@@ -1,4 +1,4 @@
-"""Chooses a file: those used lately, and the folders of this machine."""
+"""A file chooser: recent files, and the folders of this machine."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from bcapscope.tui.words import say
 
 
 class FilePicker(ModalScreen[str | None]):
-    """Lists files used lately above a tree of folders."""
+    """Shows recent files above a tree of folders."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("escape", "dismiss(None)", "shell.close", key_display="esc"),
@@ -28,14 +28,14 @@ class FilePicker(ModalScreen[str | None]):
     ]
 
     def __init__(self, title: str, recent: Sequence[str], folder: Path) -> None:
-        """Take the title, files used lately, and the folder to begin in."""
+        """Store the title, recent files and the initial folder."""
         super().__init__()
         self._title = title
         self._recent = [path for path in recent if Path(path).exists()]
-        self._folder = folder.absolute()  # a relative one has no name to show, and none above it
+        self._folder = folder.absolute()  # a relative path has no name to show and no parent
 
     def compose(self) -> ComposeResult:
-        """Put what was used lately above the tree."""
+        """Put the recent files above the tree."""
         with Vertical(classes="dialog -tall") as box:
             box.border_title = self._title
             box.border_subtitle = say("tester.browse.hint")
@@ -46,7 +46,7 @@ class FilePicker(ModalScreen[str | None]):
             yield DirectoryTree(self._folder, id="tree")
 
     def action_up(self) -> None:
-        """Show the folder above."""
+        """Show the parent folder."""
         tree = self.query_one(DirectoryTree)
         tree.path = Path(tree.path).parent
         tree.focus()

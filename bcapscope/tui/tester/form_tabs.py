@@ -28,15 +28,15 @@ TABS = ("robot", "variable", "task", "function", "raw")
 
 
 class FormTabs(Vertical):
-    """Shows one of them at a time; puts calls that were made before into a form."""
+    """Shows one tab at a time; fills forms with earlier calls."""
 
     def __init__(self, initial_function: Function, *, id: str | None = None) -> None:
-        """Take the function whose form is shown first."""
+        """Store the function whose form is shown first."""
         super().__init__(id=id)
         self._initial_function = initial_function
 
     def compose(self) -> ComposeResult:
-        """Put the choice above what is chosen."""
+        """Put the tab names above the selected tab."""
         yield ChoiceRow([(tab, f"tester.tab.{tab}") for tab in TABS], id="tabs")
         with ContentSwitcher(initial=TABS[0], id="panels"):
             yield RobotPanel(id="robot")
@@ -46,35 +46,35 @@ class FormTabs(Vertical):
             yield RawForm(id="raw")
 
     def set_open_objects(self, open_objects: Sequence[ObjectHandle]) -> None:
-        """Take note of what is open."""
+        """Update the open objects."""
         for panel in self.query(VariablePanel):
             panel.set_open_objects(open_objects)
         self.query_one(TaskPanel).set_open_objects(open_objects)
 
     def variable_opened(self, owner: ObjectClass, name: str) -> None:
-        """Take note that the user has opened a variable."""
+        """Prepare the form for a variable that the user has opened."""
         for panel in self.query(VariablePanel):
             panel.variable_opened(owner, name)
 
     @property
     def current_tab(self) -> str:
-        """The tab that is shown."""
+        """The visible tab."""
         return self.query_one("#tabs", ChoiceRow).chosen
 
     def show_tab(self, tab: str) -> None:
-        """Show one of the tabs."""
+        """Show a tab."""
         self.query_one("#tabs", ChoiceRow).chosen = tab
         self.query_one("#panels", ContentSwitcher).current = tab
 
     async def fill_function(self, function: Function, values: tuple[Variant, ...]) -> FunctionForm:
-        """Show the form of a function with arguments, the handle not among them; return it."""
+        """Fill the form of a function with arguments, without the handle; return the form."""
         self.show_tab("function")
         form = await self.query_one(FunctionPanel).show_function(function)
         form.fill_values(values, tuple(untyped_text(value) or "" for value in values))
         return form
 
     async def edit_call(self, record: HistoryRecord) -> None:
-        """Put a call into a form: that of its function, or raw bytes where there is none."""
+        """Fill the form of a call's function, or the raw form if the function has none."""
         function = FUNCTIONS.get(record.function_id)
         if function is None or len(function.params) != len(record.arguments):
             self.show_tab("raw")

@@ -1,4 +1,4 @@
-"""Any function, by a form that is built from its signature."""
+"""A form for any function, built from its signature."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _NAMED_VALUES: dict[tuple[str, str], Mapping[int, str]] = {
 
 
 class FunctionForm(Vertical):
-    """A row for each argument but the handle; text that does not go with its type is told at once."""
+    """One row per argument except the handle; text that does not fit its type is reported at once."""
 
     def __init__(self, function: Function, *, id: str | None = None) -> None:
         super().__init__(id=id)
@@ -37,7 +37,7 @@ class FunctionForm(Vertical):
         self.params = function.params[1:] if takes_handle(function) else function.params
 
     def compose(self) -> ComposeResult:
-        """Make the rows."""
+        """Create the rows."""
         for index, param in enumerate(self.params):
             last = index == len(self.params) - 1
             with Horizontal(classes="row"):
@@ -65,7 +65,7 @@ class FunctionForm(Vertical):
             yield TypedValue(vt, (vt,), id=f"field{index}")
 
     def focus_first(self) -> None:
-        """Go to the first field, or to the button where there is none."""
+        """Focus the first field, or the button if there is none."""
         found = [each for each in self.query("Input, Select, Button") if each.focusable]
         if found:
             found[0].focus()
@@ -80,7 +80,7 @@ class FunctionForm(Vertical):
                 field.value = value.value
 
     def argument_values(self) -> tuple[Variant, ...] | str:
-        """Return the arguments without the handle, or what is wrong with the first that makes no sense."""
+        """Return the arguments without the handle, or what is wrong with the first invalid one."""
         found: list[Variant] = []
         for index, param in enumerate(self.params):
             field = self.query_one(f"#field{index}")
@@ -133,7 +133,7 @@ class FunctionPanel(Vertical):
         """Show the form of another function."""
         button = self.query_one("#choose-function", Button)
         button.label = self._button_label(function)
-        button.refresh(layout=True)  # it is as wide as its label
+        button.refresh(layout=True)  # its width follows its label
         await self.query_one(FunctionForm).remove()
         form = FunctionForm(function)
         await self.mount(form)

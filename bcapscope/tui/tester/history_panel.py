@@ -1,4 +1,4 @@
-"""All calls with result and time: filtered, run again, changed and run, copied, saved."""
+"""The history: all calls with result and time. Filter, repeat, edit, copy or save them."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ from bcapscope.tui.widgets.lines import Lines
 from bcapscope.tui.words import say
 
 MAX_CALLS = 20_000
-"""Calls that are kept; the oldest go first."""
+"""Maximum number of calls; the oldest are dropped first."""
 
 
 MAX_BYTES = 32 << 20
-"""Bytes of their packets; beyond that a tenth of the calls is dropped, but never the latest."""
+"""Maximum size of their packets. Beyond it, a tenth of the calls is dropped, but never the latest."""
 
 
 class HistoryLines(Lines):
-    """The calls that are wanted, the latest last."""
+    """The calls that match the filter, the latest last."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("r", "want('again')", "tester.again", id="history.again", tooltip="tester.again.tip"),
@@ -46,13 +46,13 @@ class HistoryLines(Lines):
     ]
 
     class FilterWanted(Message):
-        """The filter is to be typed."""
+        """The user wants to type a filter."""
 
     class ActionWanted(Message):
-        """Something is to be done with a call.
+        """The user requested an action on a call.
 
         Attributes:
-            record: the call.
+            record: The call.
             what: ``again``, ``edit``, ``hex``, ``python``, ``line`` or ``save``.
         """
 
@@ -66,39 +66,39 @@ class HistoryLines(Lines):
 
     @property
     def count(self) -> int:
-        """How many calls are shown."""
+        """Number of calls shown."""
         return len(self._records)
 
     @property
     def follows_end(self) -> bool:
-        """The latest call stays in sight."""
+        """Whether a cursor on the last line follows new calls: yes."""
         return True
 
     @property
     def current_record(self) -> HistoryRecord | None:
-        """The call that the cursor is on."""
+        """The call under the cursor; None if there is none."""
         return self._records[self.cursor] if self._records else None
 
     def line(self, index: int) -> str:
-        """Write a call."""
+        """Return the line of a call."""
         return history_line(self._records[index], INK)
 
     def show_records(self, records: list[HistoryRecord]) -> None:
-        """Show other calls."""
+        """Show these calls."""
         self._records = records
         self.reset_lines(len(records) - 1)
 
     def add_record(self, record: HistoryRecord) -> None:
-        """Show one more."""
+        """Add a call."""
         self._records.append(record)
         self.lines_added()
 
     def action_filter(self) -> None:
-        """Go to the filter."""
+        """Focus the filter."""
         self.post_message(self.FilterWanted())
 
     def action_want(self, what: str) -> None:
-        """Have something done with the call."""
+        """Request an action on the call under the cursor."""
         if self.current_record is not None:
             self.post_message(self.ActionWanted(self.current_record, what))
 
@@ -107,7 +107,7 @@ class HistoryPanel(Vertical):
     """The history with its filter."""
 
     class RecordSelected(Message):
-        """The cursor is on a call, whose packets are to be shown."""
+        """The cursor is on a call; the screen shows its packets."""
 
         def __init__(self, record: HistoryRecord) -> None:
             super().__init__()
@@ -130,7 +130,7 @@ class HistoryPanel(Vertical):
         return count > MAX_CALLS or (self._bytes > MAX_BYTES and count > 1)
 
     def add_record(self, record: HistoryRecord) -> None:
-        """Take a call that has ended."""
+        """Add a call that has ended."""
         self._records.append(record)
         self._bytes += record.size
         if self._is_full:

@@ -1,4 +1,4 @@
-"""The catalogue of commands: what each does, what it takes, and whether it energises or moves something."""
+"""Pickers for commands and functions: purpose, parameters, and whether they energise or move anything."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _WARNINGS = {CallEffect.ENERGISES: "tester.energises", CallEffect.MOVES: "tester
 
 
 class ListPicker(ModalScreen[str | None]):
-    """A list to choose from, with a field that narrows it down."""
+    """A list to choose from, with a field that filters it."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("escape", "dismiss(None)", "shell.close", key_display="esc"),
@@ -42,15 +42,15 @@ class ListPicker(ModalScreen[str | None]):
             yield OptionList(markup=False)
 
     def on_mount(self) -> None:
-        """Show all."""
+        """Show all options."""
         self._show_matching("")
 
     def matching_options(self, words: list[str]) -> list[Option]:
-        """Return what to choose from, narrowed down to what holds all `words`, in small letters."""
+        """Return the options that contain all `words`, which are lower-case."""
         raise NotImplementedError
 
     def action_down(self) -> None:
-        """Go to the list."""
+        """Focus the list."""
         self.query_one(OptionList).focus()
 
     @on(Input.Changed)
@@ -76,14 +76,14 @@ class ListPicker(ModalScreen[str | None]):
 
 
 class CommandPicker(ListPicker):
-    """The commands of one of the ..._Execute functions."""
+    """The commands of one ..._Execute function."""
 
     def __init__(self, function_id: int) -> None:
         super().__init__(say("tester.catalogue", name=FUNCTIONS[function_id].name))
         self._commands = commands_of(function_id)
 
     def matching_options(self, words: list[str]) -> list[Option]:
-        """Show name, types, what moves, and what it does."""
+        """Return options with name, types, motion and purpose."""
         return [
             Option(self._command_text(each), id=each.name)
             for each in self._commands
@@ -108,7 +108,7 @@ class FunctionPicker(ListPicker):
         super().__init__(say("tester.functions"))
 
     def matching_options(self, words: list[str]) -> list[Option]:
-        """Show id, name and arguments."""
+        """Return options with id, name and arguments."""
         inks = app_of(self).text_styles
         return [
             Option(

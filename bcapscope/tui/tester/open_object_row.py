@@ -1,4 +1,4 @@
-"""Name and option of an object, Add and Release, as b-CAP Tester has them for robots, variables and tasks."""
+"""Name and option of an object, Add and Release, as in b-CAP Tester for robots, variables and tasks."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class OpenObjectRow(Horizontal):
     """A row that opens objects of one class."""
 
     class ReleaseWanted(OpenWanted):
-        """Release the object that has this name."""
+        """The user wants to release the object with this name."""
 
     def __init__(
         self,
@@ -32,15 +32,15 @@ class OpenObjectRow(Horizontal):
         *,
         id: str | None = None,
     ) -> None:
-        """Take what is opened of what.
+        """Describe the objects to open.
 
         Args:
-            parent: class of the object that it is asked of.
-            kind: what is opened.
-            name: what stands in the field at first.
-            known: names that complete what is typed.
-            result_display: shows what becomes of it.
-            id: of the widget.
+            parent: Class of the object that the new one belongs to.
+            kind: Class of the new object.
+            name: Initial name.
+            known: Names for completion.
+            result_display: Shows the result.
+            id: Id of the widget.
         """
         super().__init__(id=id, classes="row")
         self._parent_kind = parent
@@ -50,7 +50,7 @@ class OpenObjectRow(Horizontal):
         self._result_display = result_display
 
     def compose(self) -> ComposeResult:
-        """Put all into one row."""
+        """Put everything into one row."""
         yield Caption("tester.name")
         yield Input(
             self._initial_name, suggester=SuggestFromList(self._known, case_sensitive=False), classes="name"
@@ -62,7 +62,7 @@ class OpenObjectRow(Horizontal):
 
     @property
     def object_name(self) -> str:
-        """What stands in the field."""
+        """The name in the field."""
         return self.query_one(".name", Input).value.strip()
 
     def _make_message(self, kind: type[OpenWanted]) -> OpenWanted:

@@ -1,4 +1,4 @@
-"""SendData or ReceiveData: packets in hex with offsets, their fields beside them."""
+"""SendData or ReceiveData: packets in hex with offsets, with their fields beside them."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from bcapscope.tui.words import say
 
 MAX_PACKETS = 2000
 MAX_BYTES = 16 << 20
-"""Packets that are kept where they are not overwritten; the oldest go first."""
+"""Maximum size of the packets when Overwrite is off; the oldest are dropped first."""
 
 
 class PacketBox(Vertical):
-    """Shows one packet of those it has; ``[`` and ``]`` go to the ones before and after."""
+    """Shows one of its packets; ``[`` and ``]`` show the previous and the next."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding(
@@ -32,7 +32,7 @@ class PacketBox(Vertical):
     ]
 
     def __init__(self, name: str, *, id: str | None = None) -> None:
-        """Take the key of its title in the catalogue of words."""
+        """Store the key of the title in the catalogue of words."""
         super().__init__(id=id)
         self._title = name
         self._packets: list[tuple[Observation, CallKind | None]] = []
@@ -44,16 +44,16 @@ class PacketBox(Vertical):
         yield PacketView()
 
     def on_mount(self) -> None:
-        """Show that there is nothing yet."""
+        """Show that there is no packet yet."""
         self._show_packet()
 
     @property
     def shown_packet(self) -> Observation | None:
-        """The packet that is in sight."""
+        """The visible packet; None if there is none."""
         return self._packets[self._index][0] if self._packets else None
 
     def clear_packets(self) -> None:
-        """Forget all."""
+        """Remove all packets."""
         self._packets = []
         self._index = 0
         self._show_packet()
@@ -61,13 +61,13 @@ class PacketBox(Vertical):
     def add_packets(
         self, packets: tuple[Observation, ...], question: CallKind | None, overwrite: bool, show_first: bool
     ) -> None:
-        """Take packets and show one of them.
+        """Add packets and show one of them.
 
         Args:
-            packets: in the order of their times.
-            question: what they ask or answer.
-            overwrite: forget those before.
-            show_first: show the first of them, else the last.
+            packets: Packets in the order of their times.
+            question: Kind of the call that they belong to.
+            overwrite: Remove earlier packets first.
+            show_first: Show the first new packet instead of the last.
         """
         if overwrite:
             self._packets = []
@@ -79,7 +79,7 @@ class PacketBox(Vertical):
         self._show_packet()
 
     def action_step(self, by: int) -> None:
-        """Go to the packet before or after."""
+        """Show the previous or next packet."""
         if 0 <= self._index + by < len(self._packets):
             self._index += by
             self._show_packet()

@@ -1,4 +1,4 @@
-"""Packet as b-CAP Tester has it: SendData, ReceiveData, Overwrite, Clear; and all that was before."""
+"""Packets, as in b-CAP Tester: SendData, ReceiveData, Overwrite, Clear; also history and lists."""
 
 from __future__ import annotations
 
@@ -33,13 +33,13 @@ _MAX_ATTEMPT_LINES = 8
 
 
 class PacketPane(Vertical):
-    """What was sent and received last, and all that was before.
+    """The packets of the latest call, and the lists.
 
-    Where there is room, both packets are always in sight, and the choice is between the others.
+    On a wide screen both packets stay visible, and the choice is between the lists.
     """
 
     def __init__(self, requests: Path, *, id: str | None = None) -> None:
-        """Take the folder of saved requests."""
+        """Store the folder of saved requests."""
         super().__init__(id=id)
         self._requests = requests
 
@@ -57,17 +57,17 @@ class PacketPane(Vertical):
         yield SavedList(self._requests, id="saved")
 
     def on_mount(self) -> None:
-        """Begin with what was sent."""
+        """Show the sent packet first."""
         self._switch_view("sent")
 
     def add_record(self, record: HistoryRecord) -> None:
-        """Take a call that has ended: into the history, and its packets into sight if the user wanted it."""
+        """Add a call that has ended to the history; show its packets if the user started it."""
         self.query_one(HistoryPanel).add_record(record)
         if record.initiator is Initiator.USER:
             self.show_record(record, self.query_one("#overwrite", TickBox).value)
 
     def show_record(self, record: HistoryRecord, overwrite: bool = True) -> None:
-        """Show the packets of a call, and under them its tries."""
+        """Show the packets of a call, and its attempts below them."""
         text = next((each.value for each in record.arguments if isinstance(each.value, str)), None)
         question = CallKind(record.function_id, text)
         self.query_one("#sent", PacketBox).add_packets(record.sent_packets, None, overwrite, show_first=True)
@@ -78,16 +78,16 @@ class PacketPane(Vertical):
 
     @property
     def current_view(self) -> str:
-        """The view that is shown."""
+        """The visible view."""
         return self.query_one("#view", ChoiceRow).chosen
 
     def show_view(self, view: str) -> None:
-        """Show one of the views."""
+        """Show a view."""
         self.query_one("#view", ChoiceRow).chosen = view
         self._switch_view(view)
 
     def _show_attempts(self, record: HistoryRecord) -> None:
-        """Say what became of each try, where there is more to say than that the first was answered."""
+        """Show what became of each attempt, if there were retries, notices or late replies."""
         lines = []
         if record.retries or record.notices or record.late_replies:
             attempts = record.attempts
@@ -120,7 +120,7 @@ class PacketPane(Vertical):
 
     @on(HistoryLines.ActionWanted)
     def _save_record(self, message: HistoryLines.ActionWanted) -> None:
-        """Save a call as a file; all else that is wanted of a call is not ours."""
+        """Save a call as a file; other actions are handled elsewhere."""
         if message.what != "save":
             return
         message.stop()

@@ -1,4 +1,4 @@
-"""A run in slave mode while it lasts: curves of the axes, cycle times, lateness, buffer, elapsed and left."""
+"""A run in slave mode: axis curves, cycle times, lateness, buffer, elapsed and remaining time."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ from bcapscope.tui.widgets.inked_text import InkedText
 from bcapscope.tui.words import say, told
 
 _MIN_CHART_ROWS = 6
-"""Rows that one chart has at least."""
+"""Minimum height of a chart in rows."""
 
 
 class PlaybackView(Container, can_focus=True):
-    """Watches one run."""
+    """Shows one run."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("right", "axes(1)", "tester.axes", id="slave.axes", tooltip="tester.axes.tip"),
@@ -42,12 +42,12 @@ class PlaybackView(Container, can_focus=True):
         self._first_axis = 0
 
     def compose(self) -> ComposeResult:
-        """Put the curves beside the figures, or above them where there is no room."""
+        """Put the curves beside the figures, or above them on a narrow screen."""
         yield InkedText(id="curves")
         yield InkedText(id="figures")
 
     def show_run(self, run: PlaybackRun) -> None:
-        """Show what is known of a run by now."""
+        """Show the present state of a run."""
         self._playback = run
         self.query_one("#curves", InkedText).show_text("\n".join(self._curve_lines(run)), layout=False)
         self.query_one("#figures", InkedText).show_text("\n".join(self._figure_lines(run)), layout=False)
@@ -59,7 +59,7 @@ class PlaybackView(Container, can_focus=True):
             self.show_run(self._playback)
 
     def on_resize(self) -> None:
-        """Draw for the new size."""
+        """Redraw for the new size."""
         if self._playback is not None:
             self.show_run(self._playback)
 
@@ -79,7 +79,7 @@ class PlaybackView(Container, can_focus=True):
         )
 
     def _axes_by_travel(self, run: PlaybackRun) -> list[int]:
-        """List the axes, those that move most first."""
+        """Return the axes, largest travel first."""
         points = run.trajectory.points
         ways = [float(points[:, at].max() - points[:, at].min()) for at in range(points.shape[1])]
         names = AXES[run.trajectory.kind]
@@ -107,6 +107,6 @@ class PlaybackView(Container, can_focus=True):
 
 
 def _wrapped_lines(lines: Iterable[str], ink: str, width: int) -> Iterator[str]:
-    """Put lines into the language of the labels; break those that are longer than there is room."""
+    """Translate lines into the language of the labels, and wrap them."""
     for line in lines:
         yield from (f"{ink}{part}{INK.reset}" for part in wrap_text(told(line.strip()), max(20, width - 2)))

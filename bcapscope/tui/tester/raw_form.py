@@ -1,4 +1,4 @@
-"""Raw packets: bytes in hex, sent as they are, or with length and serial put right."""
+"""Raw packets: bytes in hex, sent unchanged or with corrected length and serial."""
 
 from __future__ import annotations
 
@@ -19,23 +19,23 @@ from bcapscope.tui.tester.wanted_messages import RawWanted
 from bcapscope.tui.words import say, told
 
 MAX_DATAGRAM = 65_507
-"""Bytes that one datagram carries at most."""
+"""Maximum payload of a datagram in bytes."""
 
 _EXAMPLE = "01 10 00 00 00 01 00 00 00 02 00 00 00 00 00 04"
 
 
 class BytesField(Input):
-    """A field for bytes, which are copied from places where they stand in several lines."""
+    """A field for bytes, which users often copy from several lines."""
 
     def _on_paste(self, event: Paste) -> None:
-        """Take all lines as one."""
+        """Join the pasted lines."""
         event.prevent_default()
         event.stop()
         super()._on_paste(Paste(" ".join(event.text.split())))
 
 
 class RawForm(Vertical):
-    """A field for bytes in hex; says what they are while they are typed."""
+    """A field for bytes in hex; shows what they are while the user types."""
 
     def compose(self) -> ComposeResult:
         """Put the field above its button."""
@@ -53,7 +53,7 @@ class RawForm(Vertical):
 
     @property
     def typed_bytes(self) -> bytes | str:
-        """The bytes, or what is wrong with what was typed."""
+        """The bytes, or what is wrong with the text."""
         text = self.query_one(Input).value
         try:
             raw = bytes.fromhex(text)
@@ -86,7 +86,7 @@ class RawForm(Vertical):
 
 
 def _frame_text(item: object) -> str:
-    """Say what bytes are: a frame of which function, and what is wrong with them."""
+    """Return a description of the bytes: the function of the frame, and its problems."""
     if isinstance(item, Frame):
         head = say("tester.raw.frame", name=function_name(item.code), serial=item.serial, count=item.argc)
         return ": ".join(filter(None, (head, _problem_text(item.problems))))

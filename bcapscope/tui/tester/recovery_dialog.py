@@ -1,4 +1,4 @@
-"""The way out of an error, one step after the other: read, clear, RobSlave, first position, slave mode."""
+"""Recovery after an error, step by step: read, clear, RobSlave, first position, slave mode."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _STEP_MARKS = {None: "○", True: "●", False: "✗"}
 
 
 class RecoveryDialog(ModalScreen[None]):
-    """Shows the steps; the errors are read at once, everything else is done when the user says so."""
+    """Shows the steps. The errors are read at once; the user starts every other step."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("escape", "dismiss", "shell.close", key_display="esc"),
@@ -47,7 +47,7 @@ class RecoveryDialog(ModalScreen[None]):
         first_position: str,
         mode: int,
     ) -> None:
-        """Take the desk, what asks to arm, and what is known of the first position and the mode."""
+        """Store the session, the arming question, the known first position and the mode."""
         super().__init__()
         self._session, self._ask_to_arm, self._initial_position, self._initial_mode = (
             session,
@@ -75,7 +75,7 @@ class RecoveryDialog(ModalScreen[None]):
                 yield Input(f"0x{self._initial_mode:03X}", id="mode", classes="number")
 
     def on_mount(self) -> None:
-        """Read the errors, before anything clears them."""
+        """Read the errors before anything clears them."""
         self.query_one("#do-clear").focus()
         self._show_step(RecoveryStep.READ, None, say("tester.waiting"))
         self.run_worker(self._read_errors(), group="recovery")
@@ -127,7 +127,7 @@ class RecoveryDialog(ModalScreen[None]):
         return await self._session.run_in_loop(run_recovery_step(self._session, which, first, mode))
 
     def _focus_next_step(self, which: RecoveryStep) -> None:
-        """Put the focus on the next step."""
+        """Focus the next step."""
         steps = list(RecoveryStep)
         at = steps.index(which) + 1
         if at < len(steps):

@@ -1,4 +1,4 @@
-"""What became of a call: its result, or what is wrong and what to do, or what is expected."""
+"""The outcome of a call: its result, or the problem and its remedy, or a hint on the input."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ from bcapscope.tui.words import say, told
 
 
 class ResultView(InkedText, can_focus=True):
-    """Shows one result, five decimals as b-CAP Tester does; ``d`` shows all digits.
+    """Shows one result with five decimals, as b-CAP Tester does; ``d`` shows all digits.
 
     Attributes:
-        shows_all_digits: all digits are shown.
+        shows_all_digits: Whether all digits are shown.
     """
 
     BINDINGS: ClassVar[list[BindingType]] = [
@@ -38,12 +38,12 @@ class ResultView(InkedText, can_focus=True):
 
     @property
     def text(self) -> str:
-        """What is shown, with the marks of its colours."""
+        """The shown text, with ink marks."""
         return self._line
 
     @property
     def record(self) -> HistoryRecord | None:
-        """The call that is shown; None where there is none, or something else is shown."""
+        """The shown call; None if there is none, or something else is shown."""
         return self._record
 
     def show_pending(self) -> None:
@@ -58,33 +58,33 @@ class ResultView(InkedText, can_focus=True):
         self._scroll_into_view()
 
     def show_error(self, reason: str) -> None:
-        """Show why nothing was sent, or what broke."""
+        """Show why nothing was sent, or which error occurred."""
         self._record = None
         self._show_line(f"{INK.bad}{printable(reason)}{INK.reset}")
         self._scroll_into_view()
 
     def show_hint(self, text: str) -> None:
-        """Show what is expected."""
+        """Show what input is expected."""
         self._record = None
         self._show_line(f"{INK.dim}{printable(text)}{INK.reset}" if text else "")
 
     def show_problem(self, text: str) -> None:
-        """Show what is wrong with what was typed."""
+        """Show what is wrong with the input."""
         self._record = None
         self._show_line(f"{INK.problem}{printable(text)}{INK.reset}")
 
     def action_digits(self) -> None:
-        """Show all digits, or five behind the point again."""
+        """Switch between all digits and five decimals."""
         self.show_digits(not self.shows_all_digits)
 
     def show_digits(self, full: bool) -> None:
-        """Show all digits, or five behind the point."""
+        """Show all digits or five decimals."""
         self.shows_all_digits = full
         if self._record is not None:
             self.show_record(self._record)
 
     def _scroll_into_view(self) -> None:
-        """Scroll what holds the forms, where the screen is too low for all of them."""
+        """Scroll the forms to this view, in case the screen is too low for all of them."""
         self.call_after_refresh(self.scroll_visible, animate=False)
 
     def _show_line(self, line: str) -> None:
@@ -113,10 +113,10 @@ def _record_text(record: HistoryRecord, full: bool) -> str:
 
 
 def _may_lack_robslave(record: HistoryRecord) -> bool:
-    """Tell whether slave mode is refused without a reason, as on an RC7 that does not run RobSlave.
+    """Return whether slave mode was refused without a reason, as on an RC7 without RobSlave.
 
-    It needs that program (DENSO Wave 2009, How to use the Slave mode); what it answers without it is not
-    documented.
+    An RC7 needs that program (DENSO Wave 2009, How to use the Slave mode). Its reply without the program is
+    not documented.
     """
     code = record.reply.code if record.reply is not None else S_OK
     asked = command_name(record.function_id, record.arguments).casefold() == "slvchangemode"
@@ -124,7 +124,7 @@ def _may_lack_robslave(record: HistoryRecord) -> bool:
 
 
 def _value_meaning(record: HistoryRecord) -> str:
-    """Tell what a number that came back stands for; "" where it is but a number."""
+    """Return the meaning of a returned number; "" if it is a plain number."""
     arguments = record.reply.arguments if record.reply is not None else ()
     value = arguments[0].variant.value if arguments else None
     function = FUNCTIONS.get(record.function_id)

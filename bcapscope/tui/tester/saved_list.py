@@ -1,4 +1,4 @@
-"""Saved requests: the files of a folder, run by Enter, or put into the forms."""
+"""Saved requests: the files of a folder. Enter sends one; another key puts it into a form."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ class SavedList(Lines):
     ]
 
     class RequestWanted(Message):
-        """A request is to be made, or to be put into the forms.
+        """The user wants to send or edit a saved request.
 
         Attributes:
-            saved: the request.
-            edit: put it into the forms.
+            saved: The request.
+            edit: Whether to put it into a form instead of sending it.
         """
 
         def __init__(self, saved: SavedRequest, edit: bool) -> None:
@@ -39,7 +39,7 @@ class SavedList(Lines):
             self.saved, self.edit = saved, edit
 
     def __init__(self, folder: Path, *, id: str | None = None) -> None:
-        """Take the folder."""
+        """Store the folder."""
         super().__init__(id=id)
         self.folder = folder
         self._requests: list[tuple[str, SavedRequest | str]] = []
@@ -55,11 +55,11 @@ class SavedList(Lines):
 
     @property
     def count(self) -> int:
-        """How many files there are, and a line that says where."""
+        """Number of lines: the files, and one line with the folder."""
         return len(self._requests) + 1
 
     def line(self, index: int) -> str:
-        """Write a request."""
+        """Return the line of a request."""
         if index == len(self._requests):
             return f"{INK.dim}{say('tester.saved.folder', path=printable(str(self.folder)))}{INK.reset}"
         name, found = self._requests[index]
@@ -71,12 +71,12 @@ class SavedList(Lines):
         return f"{head} {found.function.name} {INK.number}{values}{INK.reset}{note}"
 
     def on_lines_chosen(self, message: Lines.Chosen) -> None:
-        """Make the request."""
+        """Send the request."""
         message.stop()
         self._post_request(False)
 
     def action_edit(self) -> None:
-        """Put the request into the forms."""
+        """Put the request into a form."""
         self._post_request(True)
 
     def action_reload(self) -> None:

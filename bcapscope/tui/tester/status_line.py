@@ -1,4 +1,4 @@
-"""What is in sight at all times: connection, slave mode, armed or not, HALT."""
+"""The permanent status line: connection, slave mode, arming state, HALT."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _HALT_STYLES = {HaltState.READY: "good", HaltState.HALTED: "bad", HaltState.OPEN
 def status_pieces(
     status: SessionStatus, arming: ArmingState, now: int, halt: HaltUpdate, reply_monitor: ReplyMonitor
 ) -> list[StatusPiece]:
-    """Write the line, piece by piece."""
+    """Return the pieces of the line."""
     if status.target is None:
         return [(f" {say('tester.status.none')} ", "dim")]
     age = reply_monitor.silence(now)
@@ -31,7 +31,7 @@ def status_pieces(
             _peer_piece(status, "◌", "bad"),
             (f"{say('tester.status.silent', seconds=age // _SECOND)} ", "bad"),
         ]
-    elif age >= _LONG_SILENCE:  # nothing is asked, as in slave mode, so that it may be there or not
+    elif age >= _LONG_SILENCE:  # no request is due, as in slave mode, so the controller may be there or not
         pieces = [
             _peer_piece(status, "●", ""),
             (f"{say('tester.status.age', seconds=age // _SECOND)} ", "dim"),
@@ -67,7 +67,7 @@ def _arming_piece(arming: ArmingState, now: int) -> StatusPiece:
 
 
 def arming_facts(status: SessionStatus) -> list[str]:
-    """Say what is known of the controller and its robot, a line each, before anything moves."""
+    """Return lines on the controller and its robot, for the user to read before anything moves."""
     identity, robot = status.identity, status.robot
     unknown = say("tester.fact.unknown")
     return [

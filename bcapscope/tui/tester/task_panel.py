@@ -1,4 +1,4 @@
-"""The Task tab: add a task, start and stop it, read its state; RobSlave by one key."""
+"""The Task tab: add, start and stop a task, read its state; one key for RobSlave."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ _NO_OPTION = Variant(VT.BSTR, "")
 
 
 class TaskPanel(VerticalScroll, can_focus=False):
-    """What can be done with a task: that which has the name in the field."""
+    """The forms for the task whose name is in the field."""
 
     def __init__(self, *, id: str | None = None) -> None:
         super().__init__(id=id)
         self._open_tasks: tuple[ObjectHandle, ...] = ()
 
     def compose(self) -> ComposeResult:
-        """Put the name above what can be done."""
+        """Put the name above the actions."""
         result = ResultView(id="task-result")
         with Vertical(classes="box", id="task-box"):
             yield OpenObjectRow(ObjectClass.CONTROLLER, ObjectClass.TASK, "RobSlave", ["RobSlave"], result)
@@ -51,12 +51,12 @@ class TaskPanel(VerticalScroll, can_focus=False):
             yield CommandForm(_EXECUTE)
 
     def set_open_objects(self, open_objects: Sequence[ObjectHandle]) -> None:
-        """Take note of what is open."""
+        """Update the open objects."""
         self._open_tasks = tuple(one for one in open_objects if one.kind is ObjectClass.TASK)
 
     @property
     def selected_task(self) -> ObjectHandle | None:
-        """The open task that has the name in the field."""
+        """The open task with the name in the field; None if there is none."""
         name = self.query_one(OpenObjectRow).object_name.casefold()
         return next((one for one in reversed(self._open_tasks) if one.label.casefold() == name), None)
 

@@ -1,4 +1,4 @@
-"""A box to tick that tells without colour, too, whether it is ticked."""
+"""A check box whose state is visible without colour."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from textual.widgets import Checkbox
 
 
 class TickBox(Checkbox):
-    """Shows a cross if it is on, and nothing else."""
+    """Shows a cross if it is on, and nothing otherwise."""
 
     def __init__(self, label: str, value: bool = False, *, id: str | None = None) -> None:
         super().__init__(label, value, compact=True, id=id)

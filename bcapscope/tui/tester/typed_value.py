@@ -1,4 +1,4 @@
-"""A value of any type that b-CAP carries: its type from a list, its text checked while it is typed."""
+"""A value of any b-CAP type: the type from a list, the text checked while the user types."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ from bcapscope.tui.controller_access.parameter_input import (
 
 
 class TypedValue(Horizontal):
-    """A list of types and a field; tells when what is typed does not go with the type."""
+    """A list of types and a field; reports text that does not fit the type."""
 
     class Changed(Message):
-        """The user has changed type or text.
+        """The user changed type or text.
 
         Attributes:
-            problem: what is wrong with the text, and what is expected; empty where nothing stands there yet.
+            problem: What is wrong with the text and what is expected; empty if the text is empty.
         """
 
         def __init__(self, value: TypedValue, problem: str) -> None:
@@ -35,16 +35,16 @@ class TypedValue(Horizontal):
 
         @property
         def control(self) -> TypedValue:
-            """Where it was typed."""
+            """The widget that sent the message."""
             return self.value
 
     class Submitted(Message):
-        """Enter was pressed in the field."""
+        """The user pressed Enter in the field."""
 
     def __init__(
         self, vt: int = VT.EMPTY, types: Sequence[int] = PARAMETER_TYPES, *, id: str | None = None
     ) -> None:
-        """Begin with a type, and offer no others than `types`."""
+        """Start with a type; offer only the types in `types`."""
         super().__init__(id=id)
         self._types = types
         self._initial_type = int(vt)
@@ -53,34 +53,34 @@ class TypedValue(Horizontal):
         """Put the field behind the list."""
         options = [(type_label(vt), vt) for vt in self._types]
         select = Select(options, value=self._initial_type, allow_blank=False, compact=True, classes="type")
-        select.can_focus = len(options) > 1  # else there is nothing to choose
+        select.can_focus = len(options) > 1  # otherwise there is no choice
         yield select
         yield Input(classes="value")
 
     @property
     def vt(self) -> int:
-        """The type that is chosen."""
+        """The selected type."""
         value = self.query_one(Select).value
         return value if isinstance(value, int) else self._initial_type
 
     @property
     def typed(self) -> tuple[int, str]:
-        """Type and text as they stand there."""
+        """The type and the text."""
         return self.vt, self.query_one(Input).value
 
     @property
     def is_missing(self) -> bool:
-        """A value is to be typed, and none was."""
+        """Whether the type needs a value and the text is empty."""
         vt, text = self.typed
         return not text and vt not in (VT.EMPTY, VT.NULL, VT.BSTR)
 
     @property
     def checked_text(self) -> CheckedText:
-        """What stands there comes to."""
+        """The parsed text."""
         return check_text(self.vt, self.query_one(Input).value)
 
     def select_type(self, vt: int) -> None:
-        """Choose a type."""
+        """Select a type."""
         if vt in self._types:
             self.query_one(Select).value = int(vt)
 
@@ -91,7 +91,7 @@ class TypedValue(Horizontal):
 
     @property
     def variant(self) -> Variant | None:
-        """The value; None where the text does not go with the type."""
+        """The value; None if the text does not fit the type."""
         return self.checked_text.value
 
     @on(Input.Changed)

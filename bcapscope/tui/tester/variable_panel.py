@@ -25,10 +25,10 @@ _GET, _PUT = 101, 102
 
 
 class VariablePanel(Vertical):
-    """Variables of the controller, of the robot or of a task: that which has the name in the field."""
+    """The variables of controller, robot or task; actions apply to the name in the field."""
 
     def __init__(self, owner: ObjectClass, name: str, *, id: str | None = None) -> None:
-        """Take whose variables they are, and a name to begin with."""
+        """Store the class of the variables' owner, and an initial name."""
         super().__init__(id=id, classes="box")
         self._owner = owner
         self._initial_name = name
@@ -52,7 +52,7 @@ class VariablePanel(Vertical):
         yield result
 
     def set_open_objects(self, open_objects: Sequence[ObjectHandle]) -> None:
-        """Take note of what is open."""
+        """Update the open objects."""
         self._open_variables = tuple(
             one
             for one in open_objects
@@ -61,7 +61,7 @@ class VariablePanel(Vertical):
 
     @property
     def selected_variable(self) -> ObjectHandle | None:
-        """The open variable that has the name in the field; the latest of several."""
+        """The open variable with the name in the field; the latest if there are several."""
         name = self.query_one(OpenObjectRow).object_name.casefold()
         return next((one for one in reversed(self._open_variables) if one.label.casefold() == name), None)
 
@@ -101,7 +101,7 @@ class VariablePanel(Vertical):
             self.post_message(WatchWanted(found, True))
 
     def variable_opened(self, owner: ObjectClass, name: str) -> None:
-        """Choose the type of a variable that was just opened, if it is one of ours and its type is known."""
+        """Select the type of a newly opened variable, if it belongs here and its type is known."""
         if owner is not self._owner:
             return
         known = find_variable(self._owner, name)

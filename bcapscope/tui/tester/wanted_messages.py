@@ -1,4 +1,4 @@
-"""What the widgets of the Tester want done; the screen does it and gives the answer to whoever asked."""
+"""Requests of the Tester's widgets. The screen carries them out and passes the result to the sender."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ from bcapscope.tui.controller_access.history_record import HistoryRecord
 
 
 class ResultDisplay(Protocol):
-    """Shows what becomes of what it wanted."""
+    """A widget that shows the outcome of its request."""
 
     def show_pending(self) -> None:
-        """Show that it is being done."""
+        """Show that the request is under way."""
 
     def show_record(self, record: HistoryRecord) -> None:
         """Show how the call ended."""
 
     def show_error(self, reason: str) -> None:
-        """Show why nothing was sent, or what broke."""
+        """Show why nothing was sent, or which error occurred."""
 
 
 class ConnectWanted(Message):
-    """Connect to a controller."""
+    """The user wants to connect to a controller."""
 
     def __init__(self, host: str, port: int, tcp: bool, option: str) -> None:
         super().__init__()
@@ -34,17 +34,17 @@ class ConnectWanted(Message):
 
 
 class DisconnectWanted(Message):
-    """Let go of the controller."""
+    """The user wants to disconnect."""
 
 
 class CallWanted(Message):
-    """Make a call.
+    """The user wants to make a call.
 
     Attributes:
-        result_display: shows what becomes of it.
-        function: to call.
-        values: arguments, without the handle.
-        subject: what it is asked of; None for the object of that class that is chosen.
+        result_display: Shows the outcome.
+        function: Function to call.
+        values: Arguments without the handle.
+        subject: Object of the call; None for the selected object of its class.
     """
 
     def __init__(
@@ -64,14 +64,14 @@ class CallWanted(Message):
 
 
 class OpenWanted(Message):
-    """Open an object of the controller, or one of the robot that is chosen.
+    """The user wants to open an object of the controller or of the selected robot.
 
     Attributes:
-        result_display: shows what becomes of it.
-        parent: class of the object that it is asked of.
-        kind: what is to be opened.
-        name: its name.
-        option: for opening it.
+        result_display: Shows the outcome.
+        parent: Class of the object that the new one belongs to.
+        kind: Class of the new object.
+        name: Name of the new object.
+        option: Option for opening it.
     """
 
     def __init__(
@@ -88,7 +88,7 @@ class OpenWanted(Message):
 
 
 class RawWanted(Message):
-    """Send bytes as they are."""
+    """The user wants to send bytes unchanged."""
 
     def __init__(self, result_display: ResultDisplay, raw: bytes) -> None:
         super().__init__()
@@ -96,7 +96,7 @@ class RawWanted(Message):
 
 
 class RobSlaveWanted(Message):
-    """Open the task RobSlave and start it."""
+    """The user wants to open and start the task RobSlave."""
 
     def __init__(self, result_display: ResultDisplay) -> None:
         super().__init__()
@@ -104,11 +104,11 @@ class RobSlaveWanted(Message):
 
 
 class WatchWanted(Message):
-    """Read a variable again and again, or no more.
+    """The user wants to start or stop watching a variable.
 
     Attributes:
-        variable: an open variable.
-        on: whether to.
+        variable: An open variable.
+        on: Whether to start.
     """
 
     def __init__(self, variable: ObjectHandle, on: bool) -> None:

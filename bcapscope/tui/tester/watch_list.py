@@ -1,4 +1,4 @@
-"""Watched variables: value, rate, least, most, and their course; a row for each element of an array."""
+"""Watched variables: value, rate, minimum, maximum and recent readings; one row per array element."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from bcapscope.tui.words import say
 
 
 class ColumnWidths(NamedTuple):
-    """Columns that each part of a row takes."""
+    """Widths of the parts of a row, in columns."""
 
     name: int
     number: int
@@ -29,7 +29,7 @@ WIDE, NARROW = ColumnWidths(28, 12, 30), ColumnWidths(14, 11, 15)
 
 
 class WatchList(Lines):
-    """The variables that are watched."""
+    """The watched variables."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("delete", "remove", "tester.unwatch", id="watch.remove"),
@@ -37,14 +37,14 @@ class WatchList(Lines):
     ]
 
     class RemoveWanted(Message):
-        """A variable is to be watched no more."""
+        """The user wants to stop watching a variable."""
 
         def __init__(self, handle: int) -> None:
             super().__init__()
             self.handle = handle
 
     class ResetWanted(Message):
-        """Extremes are to be forgotten."""
+        """The user wants to clear the extremes."""
 
     def __init__(self, *, id: str | None = None) -> None:
         super().__init__(id=id)
@@ -52,11 +52,11 @@ class WatchList(Lines):
 
     @property
     def count(self) -> int:
-        """How many rows there are, that of the titles among them."""
+        """Number of rows, including the header."""
         return len(self._rows)
 
     def show_variables(self, watched: tuple[WatchedVariable, ...]) -> None:
-        """Show variables, or new readings of the same."""
+        """Show variables with their present readings."""
         rows: list[tuple[WatchedVariable | None, int]] = [(None, 0)]
         for each in watched:
             rows += [(each, index) for index in range(max(1, len(each.series)))]
@@ -70,7 +70,7 @@ class WatchList(Lines):
             self.repaint()
 
     def line(self, index: int) -> str:
-        """Write a row."""
+        """Return a row."""
         watched, at = self._rows[index]
         if watched is None:
             return _title_row(self._widths)
@@ -90,18 +90,18 @@ class WatchList(Lines):
         return WIDE if fits else NARROW
 
     def on_resize(self, event: Resize) -> None:
-        """Write the rows for the new width."""
+        """Redraw the rows for the new width."""
         super().on_resize(event)
         self.repaint()
 
     def action_remove(self) -> None:
-        """Watch the variable no more."""
+        """Stop watching the variable."""
         watched = self._rows[self.cursor][0] if self._rows else None
         if watched is not None:
             self.post_message(self.RemoveWanted(watched.handle))
 
     def action_reset(self) -> None:
-        """Forget extremes and courses."""
+        """Clear extremes and recent readings."""
         self.post_message(self.ResetWanted())
 
 

@@ -1,5 +1,5 @@
-"""Traffic in processes of its own: one reads it, one searches it, and the screen is told.
+"""Separate processes that read, search and save traffic, and report to the screen.
 
-Nothing here but `traffic_feed` belongs to the process of the screen, and nothing imports Textual, so that a
-process starts at once and its work never delays a key.
+Only `traffic_feed` runs in the screen's process. Nothing here imports Textual: a process starts at once, and
+its work never delays a key.
 """

@@ -1,4 +1,4 @@
-"""What a client of ours says and hears, written as a capture that can be shown while it grows."""
+"""Records the packets of bcapscope's own client as a capture that can be shown while it grows."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ from bcapscope.traffic.observation import Observation, Transport
 
 
 class ClientRecording:
-    """Writes observations; when that fails, the client goes on without."""
+    """Writes observations; the client continues even if writing fails."""
 
     def __init__(self, path: Path) -> None:
-        """Begin a new capture.
+        """Create a new capture.
 
         Raises:
-            OSError: it exists already, there is no room, or no right to.
+            OSError: The file exists already or cannot be created.
         """
         self._file = path.open("xb", buffering=0)
         self._recording: SocketRecording | None = SocketRecording(self._file)
         self._lock = threading.Lock()
 
     def write_observation(self, observation: Observation) -> None:
-        """Write what passed; may be called in any thread."""
+        """Write an observation; any thread may call this."""
         flow = observation.flow
         ends = (flow.src.host, flow.src.port), (flow.dst.host, flow.dst.port)
         with self._lock:
@@ -41,7 +41,7 @@ class ClientRecording:
                 self._recording = None
 
     def close(self) -> None:
-        """Write no more."""
+        """Stop writing."""
         with self._lock:
             self._recording = None
             self._file.close()

@@ -1,19 +1,20 @@
-"""The process that removes a folder once the screen that needs it has ended, however that came about.
+"""The process that removes a folder once the screen that needs it has ended for any reason.
 
-Run by its path, without site packages, as ``python -I -S folder_cleanup.py FOLDER``: it does nothing but wait
-for the end of its standard input, which the system closes even where the screen was killed.
+Run by its path, without site packages, as ``python -I -S folder_cleanup.py FOLDER``. It only waits for the
+end of its standard input, which the operating system closes even if the screen is killed.
 """
 
 import sys
 from time import sleep
 
 TRIES, PAUSE = 20, 0.25
-"""A file that a process still has open cannot be removed on every system: the others end soon after."""
+"""Attempts to remove the folder, and seconds between them. Some systems cannot remove a file that another
+process still has open; those processes end soon after."""
 
 
 def remove_folder(folder: str) -> None:
-    """Remove a folder and all in it."""
-    from os.path import exists  # noqa: PLC0415 - all of this is loaded only when the screen has ended
+    """Remove a folder and its content."""
+    from os.path import exists  # noqa: PLC0415 - loaded only once the screen has ended
     from shutil import rmtree  # noqa: PLC0415
 
     for _ in range(TRIES):

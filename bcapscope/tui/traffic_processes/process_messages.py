@@ -1,4 +1,4 @@
-"""What the processes that read and search tell the screen, and how it travels through a pipe."""
+"""Messages between the screen and the processes that read, search and save, and how pipes carry them."""
 
 from __future__ import annotations
 
@@ -18,21 +18,21 @@ _LENGTH_PREFIX = struct.Struct("<I")
 T = TypeVar("T")
 
 STOP_READING = b"."
-"""Sent after a job: its source has ended, so that what is there is all there will be."""
+"""Sent after a job: the source has ended, so the reader finishes with the data that exists."""
 
 
 class ReadJob(msgspec.Struct, frozen=True):
-    """What is to be read.
+    """What the reader process reads.
 
     Attributes:
-        folder: where the journal is to be kept; it exists and is empty.
-        path: a capture; "" for none.
-        interface: of this machine, to capture live on; "" for none.
-        follow: the capture is still being written.
-        ports: where servers listen; none for 5007.
-        leg: only what was captured on interfaces whose names begin so.
-        language: of rendered lines, ``en`` or ``ja``.
-        own_clients: the clients are our own, who are there as long as it is written.
+        folder: Folder for the journal; exists and is empty.
+        path: Capture file; "" for none.
+        interface: Network interface for a live capture; "" for none.
+        follow: Whether the capture is still being written.
+        ports: Ports of controllers; none selects 5007.
+        leg: Prefix of interface names; packets of other interfaces are skipped.
+        language: Language of rendered lines, ``en`` or ``ja``.
+        own_clients: Whether the clients are bcapscope's own, which stay present while the capture is written.
     """
 
     folder: str
@@ -49,14 +49,14 @@ class ReadProgress(msgspec.Struct, tag=True, frozen=True):
     """How far reading has come.
 
     Attributes:
-        position: bytes of the file read so far.
-        size: of the file; 0 where it has none, such as a capture that goes on.
-        ended: nothing more will come.
-        problem: why reading ended early; "" where it did not.
-        summary: what was found, in one line; "" until the end.
-        clients: conversations met so far.
-        packets: where the packets lie, as a capture that can be read; "" for none.
-        lost: packets of a live capture for which there was no room.
+        position: Bytes of the file read so far.
+        size: Size of the file in bytes; 0 if it has none, as in a live capture.
+        ended: Whether reading has ended.
+        problem: Why reading ended early; "" otherwise.
+        summary: Summary of the content in one line; "" until the end.
+        clients: Number of conversations so far.
+        packets: Capture file with the packets; "" for none.
+        lost: Packets of a live capture that were dropped for lack of buffer space.
     """
 
     position: int = 0
@@ -70,7 +70,7 @@ class ReadProgress(msgspec.Struct, tag=True, frozen=True):
 
 
 class ShownFinding(msgspec.Struct, frozen=True):
-    """A finding, its strings harmless; `consequence_of` counts from 1, 0 for none."""
+    """A finding with escaped strings; `consequence_of` counts from 1, 0 for none."""
 
     rule: str
     severity: str
@@ -82,13 +82,13 @@ class ShownFinding(msgspec.Struct, frozen=True):
 
 
 class TrafficAnalysis(msgspec.Struct, tag=True, frozen=True):
-    """What is to be thought of the traffic read so far.
+    """The analysis of the traffic read so far.
 
     Attributes:
-        findings: the first cause first.
-        examined: how much was looked at.
-        slave_sessions: about slave mode, rendered lines.
-        statistics: rendered lines.
+        findings: Findings, root cause first.
+        examined: Totals of the traffic examined.
+        slave_sessions: Rendered lines about slave-mode sessions.
+        statistics: Rendered lines of the statistics.
     """
 
     findings: tuple[ShownFinding, ...]
@@ -98,16 +98,16 @@ class TrafficAnalysis(msgspec.Struct, tag=True, frozen=True):
 
 
 NO_ANALYSIS = TrafficAnalysis((), TrafficTotals(0, 0, 0, 0), [], [])
-"""Before anything was seen."""
+"""The analysis before any traffic."""
 
 
 class SearchRequest(msgspec.Struct, frozen=True):
-    """What is to be searched for.
+    """A search.
 
     Attributes:
-        generation: counts the asks; answers repeat it.
+        generation: Number of the search; the matches repeat it.
         kind: ``frame`` or ``call``.
-        expression: in the filter language; "" to stop searching.
+        expression: Expression of the filter language; "" stops the search.
     """
 
     generation: int
@@ -116,12 +116,12 @@ class SearchRequest(msgspec.Struct, frozen=True):
 
 
 class SearchMatches(msgspec.Struct, frozen=True):
-    """What was found since the last answer.
+    """The matches found since the last report.
 
     Attributes:
-        generation: of the ask.
-        rows: numbers of frames, or indexes of calls plus 1, as 32-bit numbers in the machine's byte order.
-        searched: how many were looked at so far.
+        generation: Number of the search.
+        rows: Frame numbers, or call indexes plus 1, as 32-bit numbers in native byte order.
+        searched: Number of rows examined so far.
     """
 
     generation: int
@@ -130,13 +130,13 @@ class SearchMatches(msgspec.Struct, frozen=True):
 
 
 class SaveJob(msgspec.Struct, frozen=True):
-    """What is to be saved: the packets of a capture with notes, in a new file.
+    """What to save: packets of a capture and notes, in a new file.
 
     Attributes:
-        source: the capture.
-        target: the new file, which must not exist.
-        notes: by number of the packet.
-        max_packets: packets to take at most, since a capture may still grow; 0 for all.
+        source: Capture file.
+        target: New file, which must not exist.
+        notes: Notes by packet number.
+        max_packets: Maximum number of packets, since a capture may still grow; 0 for all.
     """
 
     source: str
@@ -146,10 +146,10 @@ class SaveJob(msgspec.Struct, frozen=True):
 
 
 def send_message(stream: BinaryIO, message: object) -> None:
-    """Write a message to a pipe at once.
+    """Write a message to a pipe and flush it.
 
     Raises:
-        OSError: nobody reads it any more.
+        OSError: The reader of the pipe has gone.
     """
     data = msgspec.msgpack.encode(message)
     stream.write(_LENGTH_PREFIX.pack(len(data)) + data)
@@ -165,13 +165,13 @@ def receive_messages(stream: BinaryIO | io.RawIOBase, kind: type[T]) -> Iterator
 
 
 def lower_priority() -> None:
-    """Let the screen go before this process where both want the processor."""
+    """Lower this process's priority below the screen's."""
     if sys.platform != "win32":
         os.nice(_NICE)
 
 
 def _read_exactly(stream: BinaryIO | io.RawIOBase, size: int) -> bytes:
-    """Read so many bytes, fewer only at the end; a pipe gives what it has."""
+    """Read `size` bytes, fewer only at the end of the stream; a single read of a pipe can return less."""
     data = b""
     while len(data) < size and (more := stream.read(size - len(data))):
         data += more

@@ -1,8 +1,8 @@
-"""The process that reads: packets go into a journal, calls beside it, and the screen is told what to think.
+"""The reader process: writes observations to a journal and calls to a call store, and reports its analysis.
 
-Run as ``python -m bcapscope.tui.traffic_processes.reader_process``; the job comes through standard input,
-reports go to standard output. What follows the job on standard input says that nothing more will be written
-to the capture; when it is closed, by the screen or by its death, reading ends at once.
+Run as ``python -m bcapscope.tui.traffic_processes.reader_process``. The job arrives on standard input;
+reports go to standard output. Any data after the job means that the capture will not grow further. When the
+screen closes standard input or dies, reading ends at once.
 """
 
 from __future__ import annotations
@@ -48,30 +48,30 @@ if TYPE_CHECKING:
     from bcapscope.tui.traffic_processes.running_diagnosis import RunningDiagnosis
 
 FLUSH_INTERVAL = 0.1
-"""Seconds between two moments at which the screen is told of new frames: what it draws then delays keys."""
+"""Seconds between two reports of new frames; drawing them delays keys."""
 
 ANALYSIS_INTERVAL = 1.5
-"""Seconds between two moments at which it is told what to think of them."""
+"""Seconds between two reports of the analysis."""
 
 _BATCH_MASK = 0xFF
-"""Frames between two looks at the clock, less 1: a fraction of a millisecond."""
+"""Mask of the frame number: the clock is checked every 256 frames, a fraction of a millisecond."""
 
 LIVE_FILE = "live.pcapng"
 
 
 class TrafficReader:
-    """One job."""
+    """Runs one job."""
 
     def __init__(
         self, job: ReadJob, reports: BinaryIO, ended: threading.Event, cancelled: threading.Event
     ) -> None:
-        """Begin.
+        """Prepare a job.
 
         Args:
-            job: what to read.
-            reports: where reports go.
-            ended: is set when what is there by then is all there will be.
-            cancelled: is set when nothing more is to be read, be it there or not.
+            job: What to read.
+            reports: Output for reports.
+            ended: Set when the source has ended: read the data that exists, then finish.
+            cancelled: Set when reading must end, even if data remains.
         """
         self._job = job
         self._reports = reports
@@ -92,7 +92,7 @@ class TrafficReader:
         self._last_capture_time = self._last_capture_seen_at = 0
 
     def run(self) -> None:
-        """Read to the end, or until nothing more is wanted."""
+        """Read to the end of the source, or until cancelled."""
         with closing(self._journal), closing(self._calls):
             trouble = ""
             try:
@@ -125,7 +125,7 @@ class TrafficReader:
                     return
 
     def _buffer_until_loaded(self, observation: Observation) -> None:
-        """Keep what is seen before there is a judge: loading all the rules would keep the screen empty."""
+        """Buffer observations until the diagnosis is loaded: loading it first delays the first frames."""
         if self._diagnosis is None:
             self._undiagnosed.append(observation)
         else:
@@ -133,7 +133,7 @@ class TrafficReader:
 
     def _load_diagnosis(self) -> RunningDiagnosis:
         if self._diagnosis is None:
-            from bcapscope.tui.traffic_processes.running_diagnosis import RunningDiagnosis  # noqa: PLC0415 - see _wait
+            from bcapscope.tui.traffic_processes.running_diagnosis import RunningDiagnosis  # noqa: PLC0415 - see _buffer_until_loaded
             from bcapscope.tui.words import Language, tongue  # noqa: PLC0415 - likewise
 
             self._diagnosis = RunningDiagnosis(tongue(Language(self._job.language)))
@@ -170,7 +170,7 @@ class TrafficReader:
             raise self._live.problem
 
     def _on_idle(self) -> None:
-        """Let calls settle as time passes; called while nothing new is seen."""
+        """Let calls time out while no new packets arrive."""
         if self._live is not None and self._live.problem is not None:
             self._source_ended.set()
         if self._journal.count:
@@ -180,7 +180,7 @@ class TrafficReader:
         self._report_if_due()
 
     def _capture_time(self) -> int:
-        """Tell the time by the clock that the packets have: another machine's maybe, or that of long ago."""
+        """Return the present time in ns by the packets' clock, possibly another machine's or long past."""
         latest, now = self._observer.end_time, time.monotonic_ns()
         if latest != self._last_capture_time:
             self._last_capture_time, self._last_capture_seen_at = latest, now
@@ -219,12 +219,12 @@ class TrafficReader:
 
 
 class _LiveCapture:
-    """Captures on an interface in a thread of its own and writes all packets to a file.
+    """Captures on an interface in its own thread and writes all packets to a file.
 
     Attributes:
-        path: of the file.
-        problem: why capturing ended; None while it goes on.
-        lost: packets for which there was no room.
+        path: Capture file.
+        problem: Why capturing ended; None while it continues.
+        lost: Packets dropped for lack of buffer space.
     """
 
     def __init__(self, interface: str, path: Path) -> None:
@@ -232,11 +232,11 @@ class _LiveCapture:
         self.problem: CaptureError | None = None
         self.lost = 0
         self._interface = interface
-        # What is not buffered is in the file at once, so that a kill loses nothing.
+        # Unbuffered: a kill loses no packet that was written.
         self._writer = PcapngWriter(path.open("xb", buffering=0))
 
     def start(self, ended: threading.Event) -> None:
-        """Begin."""
+        """Start the thread."""
         threading.Thread(target=self._run, args=(ended,), daemon=True, name="capture").start()
 
     def _run(self, ended: threading.Event) -> None:
@@ -254,10 +254,10 @@ class _LiveCapture:
 
 
 def main() -> None:
-    """Read as standard input says."""
+    """Run the job from standard input."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is a key of the screen
     lower_priority()
-    asked = io.FileIO(0, closefd=False)  # not sys.stdin, whose lock a thread would hold at the end
+    asked = io.FileIO(0, closefd=False)  # sys.stdin has a lock that a thread would still hold at the end
     job = next(receive_messages(asked, ReadJob), None)
     if job is None:
         return
@@ -271,10 +271,10 @@ def main() -> None:
 
     threading.Thread(target=wait_for_the_end, daemon=True, name="end").start()
     gc.freeze()
-    gc.set_threshold(20_000, 20, 100)  # frames and calls hold no cycles
+    gc.set_threshold(20_000, 20, 100)  # frames and calls contain no reference cycles
     try:
         TrafficReader(job, cast(BinaryIO, sys.stdout.buffer), ended, unwanted).run()
-    except BrokenPipeError:  # the screen is gone
+    except BrokenPipeError:  # the screen has gone
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 

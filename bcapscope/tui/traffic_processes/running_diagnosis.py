@@ -1,4 +1,4 @@
-"""What is to be thought of traffic while it is still being read."""
+"""The diagnosis of traffic that is still being read."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ from bcapscope.tui.ink import INK
 from bcapscope.tui.traffic_processes.process_messages import ShownFinding, TrafficAnalysis
 
 MAX_LINES = 20_000
-"""Lines about stays in slave mode that are kept."""
+"""Maximum number of lines about slave-mode sessions."""
 
 
 class RunningDiagnosis:
-    """Sees all calls and tells at any time what is to be thought of them."""
+    """Collects calls; `snapshot` returns the analysis at any time."""
 
     def __init__(self, tongue: Tongue = english) -> None:
-        """Begin.
+        """Start without calls.
 
         Args:
-            tongue: of the rendered lines; findings are told in English.
+            tongue: Language of the rendered lines; findings stay in English.
         """
         self._tongue = tongue
         self._diagnosis = Diagnosis(on_slave_session=self._on_slave_session)
@@ -36,17 +36,17 @@ class RunningDiagnosis:
         self.on_observation = self._diagnosis.on_observation
 
     def on_settled(self, settled: PairingResult) -> None:
-        """See a call that has settled, or a reply that belongs to none."""
+        """Add a settled call, or a reply that belongs to no call."""
         self._diagnosis.on_pairing_result(settled)
         if isinstance(settled, Call):
             self._summary.add_call(settled)
 
     def snapshot(self, ended: int, present: bool = False) -> TrafficAnalysis:
-        """Tell what is to be thought so far; more may be seen afterwards.
+        """Return the analysis so far; more calls can follow.
 
         Args:
-            ended: when the traffic ends, for now, in nanoseconds since 1970.
-            present: clients that fell silent are known to be still there.
+            ended: Assumed end of the traffic, ns since 1970.
+            present: Whether silent clients are known to be still connected.
         """
         end = copy.deepcopy(self)
         findings = end._diagnosis.finish(ended, present)
@@ -61,7 +61,7 @@ class RunningDiagnosis:
 
 
 def shown_finding(finding: Finding) -> ShownFinding:
-    """Make a finding ready to be shown."""
+    """Return a finding with escaped strings."""
     return ShownFinding(
         finding.rule,
         finding.severity.value,

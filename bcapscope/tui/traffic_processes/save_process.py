@@ -1,7 +1,7 @@
-"""The process that saves packets with notes in a new file; the original is never touched.
+"""The process that saves packets and notes in a new file; the original file is never changed.
 
-Run as ``python -m bcapscope.tui.traffic_processes.save_process``; what to save comes through standard input,
-and how it went, one sentence or nothing, goes to standard output.
+Run as ``python -m bcapscope.tui.traffic_processes.save_process``. The job arrives on standard input. Standard
+output gets one sentence if something failed, and nothing otherwise.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from bcapscope.tui.traffic_processes.process_messages import SaveJob, receive_me
 
 
 def save_packets(job: SaveJob) -> str:
-    """Write the new file; return why that was not possible or not all was there, "" where all went well."""
+    """Write the new file; return why that failed or is incomplete, "" on success."""
     target = Path(job.target)
     try:
         file = target.open("xb")
@@ -37,7 +37,7 @@ def save_packets(job: SaveJob) -> str:
 
 
 def main() -> None:
-    """Save as standard input says."""
+    """Run the job from standard input."""
     for wanted in receive_messages(io.FileIO(0, closefd=False), SaveJob):
         sys.stdout.write(printable(save_packets(wanted)))
         return

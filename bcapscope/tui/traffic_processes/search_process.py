@@ -1,8 +1,8 @@
-"""The process that searches: it goes through a journal with a filter and tells what fits.
+"""The search process: applies a filter to a journal and reports the matches.
 
-Run as ``python -m bcapscope.tui.traffic_processes.search_process FOLDER``; what is asked comes through
-standard input, what was found goes to standard output. A new ask ends the one before; one that was answered
-goes on with what is added.
+Run as ``python -m bcapscope.tui.traffic_processes.search_process FOLDER``. Requests arrive on standard input;
+matches go to standard output. A new request ends the previous one. A search that has reached the end
+continues with new rows.
 """
 
 from __future__ import annotations
@@ -33,17 +33,17 @@ from bcapscope.tui.traffic_processes.process_messages import (
 )
 
 REPORT_INTERVAL = 0.05
-"""Seconds between two moments at which the screen is told."""
+"""Seconds between two reports."""
 
 _BATCH = 128
-"""Rows between two looks whether something else is asked: some milliseconds."""
+"""Rows between two checks for a new request: some milliseconds."""
 
 
 class TrafficSearch:
-    """Answers one ask at a time, the latest."""
+    """Runs one search at a time, the latest requested."""
 
     def __init__(self, folder: Path, answers: BinaryIO) -> None:
-        """Take the folder of the journal, and where answers go."""
+        """Open the journal in `folder`; matches go to `answers`."""
         self._answers = answers
         self._journal = ObservationStore(folder)
         self._calls = CallStore(folder, self._journal)
@@ -51,14 +51,14 @@ class TrafficSearch:
         self._request_arrived = threading.Event()
 
     def read_requests(self, requests: io.RawIOBase) -> None:
-        """Take what is asked until nothing more is; then end the process."""
+        """Read requests until the stream ends, then end the process."""
         for ask in receive_messages(requests, SearchRequest):
             self._latest_request = ask
             self._request_arrived.set()
         os._exit(0)
 
     def run(self) -> None:
-        """Answer for ever."""
+        """Run searches forever."""
         while True:
             ask = self._latest_request
             if ask is not None and ask.expression:
@@ -68,15 +68,13 @@ class TrafficSearch:
             self._request_arrived.clear()
 
     def _answer_request(self, request: SearchRequest) -> None:
-        """Go through what there is, then through what is added, until something else is asked."""
+        """Search the existing rows, then new rows, until another request arrives."""
         fits, size = (
             self._frame_search(request) if request.kind == RecordKind.FRAME else self._call_search(request)
         )
         searched, rows, told = 0, array("I"), 0.0
         told_at = -1
-        while (
-            self._latest_request is request
-        ):  # which `_request_arrived` may tell only after that has been seen
+        while self._latest_request is request:  # checked here, since `_request_arrived` may be set only later
             there = size()
             stop = min(there, searched + _BATCH)
             rows.extend(row for row in range(searched + 1, stop + 1) if fits(row))
@@ -104,7 +102,7 @@ class TrafficSearch:
 
 
 def main() -> None:
-    """Search as standard input says."""
+    """Run searches from standard input."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is a key of the screen
     lower_priority()
     searching = TrafficSearch(Path(sys.argv[1]), cast(BinaryIO, sys.stdout.buffer))
@@ -112,7 +110,7 @@ def main() -> None:
     threading.Thread(target=searching.read_requests, args=(asks,), daemon=True, name="asks").start()
     try:
         searching.run()
-    except BrokenPipeError:  # the screen is gone
+    except BrokenPipeError:  # the screen has gone
         os._exit(0)
 
 

@@ -1,4 +1,4 @@
-"""Folders for what is needed as long as the screen is there: journals, recordings nobody asked to keep."""
+"""Temporary folders for the lifetime of the screen: journals, and recordings that the user does not keep."""
 
 from __future__ import annotations
 
@@ -18,28 +18,29 @@ from bcapscope.tui.traffic_processes import folder_cleanup
 
 _PREFIX = "traffic-"
 _REMOVE_TIMEOUT = 10.0
-"""Seconds that removing is waited for."""
+"""Seconds that `close` waits for the removal."""
 
 
 class TemporaryFolderError(BcapError):
-    """There can be no folder."""
+    """The folder cannot be created."""
 
 
 class TemporaryFolder:
-    """A folder that is gone when the screen is, even if that is killed; also a context manager.
+    """A folder that is removed when the screen ends, even if it is killed; also a context manager.
 
-    Its files have names, since several processes open them, the proxy's relay among them, and Windows removes
-    no file that is open. So a process beside the screen waits for its end and then removes them.
+    Its files need names, since several processes open them, such as the proxy's relay. Windows cannot remove
+    a file that is open. A separate process therefore waits for the end of the screen and then removes the
+    folder.
 
     Attributes:
-        path: where it is.
+        path: Path of the folder.
     """
 
     def __init__(self) -> None:
-        """Make one where the platform keeps what may be lost.
+        """Create a folder in the platform's cache.
 
         Raises:
-            TemporaryFolderError: there is no room, or no right to.
+            TemporaryFolderError: The folder cannot be created.
         """
         root = cache_root()
         try:
@@ -69,33 +70,33 @@ class TemporaryFolder:
         self.close()
 
     def close(self) -> None:
-        """Have it removed, and wait for that."""
+        """Start the removal and wait for it."""
         assert self._cleanup_process.stdin is not None
-        with suppress(OSError):  # it was killed
+        with suppress(OSError):  # the process was killed
             self._cleanup_process.stdin.close()
         with suppress(subprocess.TimeoutExpired):
             self._cleanup_process.wait(_REMOVE_TIMEOUT)
 
 
 def cache_root() -> Path:
-    """Say where the platform keeps what may be lost."""
+    """Return the platform's cache folder."""
     return platformdirs.user_cache_path("bcapscope", appauthor=False)
 
 
 def _remove_leftovers(root: Path) -> None:
-    """Remove what a power cut left."""
+    """Remove folders that survived, for example, a power failure."""
     for left in root.glob(f"{_PREFIX}*"):
         if not _is_used(left):
             shutil.rmtree(left, ignore_errors=True)
 
 
 def _is_used(folder: Path) -> bool:
-    """Tell whether the process that a folder is named after still runs."""
+    """Return whether the process in the folder's name still runs."""
     number = folder.name.removeprefix(_PREFIX).partition("-")[0]
     if not number.isdigit():
         return True
     if sys.platform == "win32":
-        return True  # os.kill would end it; what is left over is small and lies in a cache
+        return True  # os.kill would end the process; leftovers are small and in a cache
     try:
         os.kill(int(number), 0)
     except ProcessLookupError:

@@ -1,4 +1,4 @@
-"""The screen's side of the processes that read, search and save."""
+"""The screen's interface to the processes that read, search and save."""
 
 from __future__ import annotations
 
@@ -28,15 +28,15 @@ from bcapscope.tui.traffic_processes.temporary_folder import TemporaryFolder, ca
 from bcapscope.tui.words import spoken
 
 _END_TIMEOUT = 2.0
-"""Seconds that a process is given to end by itself."""
+"""Seconds that a process has to end before it is killed."""
 
 
 @dataclass(frozen=True, slots=True)
 class SourceProblem:
-    """Whether more will come is not known, or it will not.
+    """A source problem: it is unknown whether more traffic will follow, or none will.
 
     Attributes:
-        reason: one sentence; "" once there is no doubt any more.
+        reason: One sentence; "" withdraws an earlier problem.
     """
 
     reason: str
@@ -47,14 +47,14 @@ FeedListener = Callable[[FeedUpdate], None]
 
 
 class TrafficFeed:
-    """One source of traffic: starts reading at once, and hands on what is told in a thread of its own.
+    """One source of traffic. It starts to read at once and passes reports to listeners in its own thread.
 
     Attributes:
-        job: what is read.
-        journal: what was seen; None until there is anything.
-        calls: what settled; None until there is anything.
-        progress: what was told last.
-        is_closed: nothing of it can be read any more.
+        job: What is read.
+        journal: All observations; None before the first.
+        calls: All settled calls; None before the first.
+        progress: Latest progress.
+        is_closed: Whether the data can no longer be read.
     """
 
     def __init__(
@@ -67,7 +67,7 @@ class TrafficFeed:
         leg: str = "",
         own_clients: bool = False,
     ):
-        """Begin to read a capture, finished or still being written, or on an interface; see `ReadJob`."""
+        """Start to read a capture, finished or growing, or an interface; see `ReadJob`."""
         self._folder = TemporaryFolder()
         self.job = ReadJob(str(self._folder.path), path, interface, follow, ports, leg, spoken(), own_clients)
         self.journal: ObservationStore | None = None
@@ -98,18 +98,18 @@ class TrafficFeed:
 
     @property
     def is_live(self) -> bool:
-        """Whether more may be seen at any time."""
+        """Whether more traffic can follow at any time."""
         return bool(self.job.interface) or self.job.follow
 
     @property
     def display_path(self) -> Path:
-        """The capture that is read, for names of others; what lies where it will be removed has none."""
+        """The capture, as a basis for names of new files; ``live.pcapng`` for a temporary capture."""
         path = Path(self.job.path)
         lasts = self.job.path and not path.is_relative_to(cache_root())
         return path if lasts else Path("live.pcapng")
 
     def subscribe(self, listener: FeedListener) -> None:
-        """Have everything told to `listener`, in another thread; what came before is told now."""
+        """Pass all updates to `listener`, in another thread; past updates are passed at once."""
         with self._lock:
             self._listener = listener
             waiting, self._undelivered = self._undelivered, []
@@ -117,7 +117,7 @@ class TrafficFeed:
             listener(message)
 
     def open_journal(self) -> bool:
-        """Open the journal, if there is one by now."""
+        """Open the journal; return whether it exists yet."""
         if self.journal is None:
             try:
                 self.journal = ObservationStore(self._folder.path)
@@ -127,7 +127,7 @@ class TrafficFeed:
         return self.journal is not None
 
     def _read_reports(self) -> None:
-        """Hand on what the reader tells; tell if it ends without having said so."""
+        """Forward the reader's reports, and report if it ends without a final one."""
         ended = False
         kind = cast("type[ReadProgress | TrafficAnalysis]", ReadProgress | TrafficAnalysis)
         with _pipe(self._reader.stdout) as reports:
@@ -151,10 +151,10 @@ class TrafficFeed:
             tell(message)
 
     def search(self, kind: str, expression: str) -> int:
-        """Search for what fits an expression; "" ends the search.
+        """Search for rows that match an expression; "" ends the search.
 
         Returns:
-            The number that `SearchMatches` will have as their generation.
+            The generation that the search's `SearchMatches` will carry.
         """
         self._generation += 1
         ask = SearchRequest(self._generation, kind, expression)
@@ -166,7 +166,7 @@ class TrafficFeed:
                 return self._generation
             self._searcher = self._start_process("search_process", str(self._folder.path))
             self._start_thread(self._read_matches, self._searcher)
-        with suppress(OSError):  # it died in this moment; what is asked next begins it anew
+        with suppress(OSError):  # it died just now; the next search starts it again
             send_message(_pipe(self._searcher.stdin), ask)
         return self._generation
 
@@ -176,17 +176,17 @@ class TrafficFeed:
                 self._publish(message)
 
     def make_save_job(self, target: str, notes: dict[int, str]) -> SaveJob:
-        """Say what is to be saved: all packets seen by now, with notes by packet, in a new file."""
+        """Return the job that saves all packets seen so far with notes by packet number, in a new file."""
         most = 0
         if self.journal is not None and not self.progress.ended and len(self.journal):
             most = self.journal.read_frame(len(self.journal)).observation.packet
         return SaveJob(self.progress.packets, target, notes, most)
 
     def save(self, job: SaveJob) -> str:
-        """Save it; takes a while, so to be called in a thread of its own, unlike all else here.
+        """Run a save job. Unlike the other methods, this blocks: call it from a separate thread.
 
         Returns:
-            Why that was not possible, "" where it was.
+            Why it failed; "" on success.
         """
         process = self._start_process("save_process")
         send_message(_pipe(process.stdin), job)
@@ -194,13 +194,13 @@ class TrafficFeed:
         return out.decode() if process.returncode == 0 else self._last_error_line()
 
     def stop_reading(self) -> None:
-        """Wait for nothing more to come: what is there by now is read to its end, and stays."""
-        with suppress(OSError):  # it has ended
+        """Treat the source as ended; the reader still processes the data that exists."""
+        with suppress(OSError):  # the process has ended
             _pipe(self._reader.stdin).write(STOP_READING)
             _pipe(self._reader.stdin).flush()
 
     def report_source_problem(self, reason: str) -> None:
-        """Have told why nothing more may come, in one sentence; "" to take that back. From any thread."""
+        """Report why no more traffic may follow (one sentence; "" withdraws it). Any thread may call."""
         self._publish(SourceProblem(reason))
 
     def close(self) -> None:
@@ -231,12 +231,12 @@ def _end_process(process: subprocess.Popen[bytes]) -> None:
 
 
 def _close_stdin(process: subprocess.Popen[bytes]) -> None:
-    """Tell a process that nothing more is wanted."""
-    with suppress(OSError):  # it ended before it had read all
+    """Close a process's standard input, which asks it to end."""
+    with suppress(OSError):  # it ended before it had read everything
         _pipe(process.stdin).close()
 
 
 def _pipe(stream: IO[bytes] | None) -> Any:
-    """Return a pipe of a process that was started with one."""
+    """Return a process's pipe, which exists because the process was started with one."""
     assert stream is not None
     return stream

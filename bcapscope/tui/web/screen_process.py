@@ -23,11 +23,11 @@ _KILLED_WITHIN = 2.0
 
 
 class NoSeat(Exception):
-    """Every seat is taken by a viewer who is connected."""
+    """All seats are taken by connected viewers."""
 
 
 class ViewerSeats:
-    """As many viewers as may watch at a time."""
+    """The seats of a served screen; each viewer occupies one."""
 
     def __init__(self, count: int) -> None:
         self._free = asyncio.Semaphore(count)
@@ -35,10 +35,10 @@ class ViewerSeats:
 
     @asynccontextmanager
     async def taken(self) -> AsyncIterator[None]:
-        """Hold a seat for the length of the block.
+        """Occupy a seat for the length of the block.
 
         Raises:
-            NoSeat: none became free in time.
+            NoSeat: No seat became free in time.
         """
         if not await self._acquire(RELOAD_WITHIN) and not (
             self._ending and await self._acquire(ENDS_WITHIN + _KILLED_WITHIN)
@@ -51,7 +51,7 @@ class ViewerSeats:
 
     @asynccontextmanager
     async def ending(self) -> AsyncIterator[None]:
-        """Mark one seat as about to become free for the length of the block."""
+        """Announce that one seat becomes free soon, for the length of the block."""
         self._ending += 1
         try:
             yield
@@ -66,10 +66,10 @@ class ViewerSeats:
 
 
 class ScreenProcess(AppService):
-    """A `bcapscope tui` that draws into a websocket.
+    """A `bcapscope tui` process that draws into a websocket.
 
-    It belongs to a session of its own, so that Ctrl-C ends it through this process, which lets it release the
-    robot first.
+    It runs in its own process session. Ctrl-C therefore reaches only this parent process, which ends the
+    screen in order, so that it can release the robot first.
     """
 
     def __init__(
@@ -79,13 +79,14 @@ class ScreenProcess(AppService):
         write_str: Callable[[str], Awaitable[None]],
         close: Callable[[], Awaitable[object]],
     ) -> None:
-        """Take the command and where its output goes.
+        """Prepare the process.
 
         Args:
-            argv: the command, its program first.
-            write_bytes: draws; must not raise, since the process blocks when nobody reads what it draws.
-            write_str: likewise for messages to the page.
-            close: ends the viewer's connection.
+            argv: Command line, program first.
+            write_bytes: Sends drawing data. It must not raise, since the process blocks if its output is not
+                read.
+            write_str: Sends messages to the page; must not raise either.
+            close: Ends the viewer's connection.
         """
 
         async def closed() -> None:
@@ -101,7 +102,7 @@ class ScreenProcess(AppService):
         self._argv = tuple(argv)
 
     async def _open_app_process(self, width: int = 80, height: int = 24) -> Process:
-        """Start the command itself where textual-serve starts a shell, which no signal would pass."""
+        """Start the command directly. textual-serve would start a shell, which forwards no signals."""
         self._process = process = await asyncio.create_subprocess_exec(
             *self._argv,
             stdin=asyncio.subprocess.PIPE,
@@ -132,6 +133,6 @@ class ScreenProcess(AppService):
             with suppress(ProcessLookupError):
                 process.kill()
             await process.wait()
-        with suppress(TimeoutError):  # a program that it started may still hold its output open
+        with suppress(TimeoutError):  # a child of the process may still hold its output open
             async with asyncio.timeout(_KILLED_WITHIN):
                 await task

@@ -11,7 +11,7 @@ PROVES_WITHIN = 10.0
 """Seconds that a connection may last without a request that passes the gate."""
 
 MAX_UNPROVED = 64
-"""Such connections at a time; the oldest makes room. A browser opens six at most."""
+"""Maximum number of such connections; the oldest is closed first. A browser opens six at most."""
 
 
 class WebConnections:
@@ -22,7 +22,7 @@ class WebConnections:
         self._unproved: dict[RequestHandler, asyncio.TimerHandle] = {}
 
     def __call__(self) -> RequestHandler:
-        """Make the protocol of a new connection."""
+        """Return the protocol of a new connection."""
         if len(self._unproved) >= MAX_UNPROVED:
             self._abort(next(iter(self._unproved)))
         handler = self._server()
@@ -31,7 +31,7 @@ class WebConnections:
         return handler
 
     def mark_proved(self, handler: RequestHandler) -> None:
-        """Let a connection last whose request passed the gate."""
+        """Keep a connection whose request passed the gate."""
         timer = self._unproved.pop(handler, None)
         if timer is not None:
             timer.cancel()

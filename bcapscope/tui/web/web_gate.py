@@ -1,8 +1,9 @@
-"""Who may open the served screen: one check for every HTTP request, without I/O.
+"""Access check of the served screen: one check for every HTTP request, without I/O.
 
-The printed address carries a token. It opens a page that sets a cookie and goes on to a path that nobody can
-guess. Everything else is below that path and needs the cookie. Browsers send a cookie to every port of a
-host, where another user's server could collect it: the path keeps it from them.
+The printed address contains a token. It opens a page that sets a cookie and forwards to a secret path.
+Everything else is below that path and needs the cookie. Browsers send a cookie to every port of a host, where
+another user's server could collect it. This cookie is limited to the secret path, which keeps it from such
+servers.
 """
 
 from __future__ import annotations
@@ -20,21 +21,22 @@ TOKEN = "token"
 
 _HTTP_PORT = 80
 _NOT_FROM_OTHER_PAGES = ("", "none", "same-origin")
-"""What Sec-Fetch-Site says of a typed address, a bookmark or our own page; "" from browsers without it."""
+"""Accepted values of Sec-Fetch-Site: for a typed address, a bookmark, bcapscope's own page; "" from browsers
+that do not send it."""
 
 
 @dataclass(frozen=True, slots=True)
 class WebRequest:
-    """What an HTTP request shows about its sender.
+    """The parts of an HTTP request that identify its sender.
 
     Attributes:
-        path: decoded, without the query.
-        hosts: every Host header.
-        origins: every Origin header.
-        fetch_site: the Sec-Fetch-Site header, "" if missing.
-        token: the token in the query, "" if missing.
-        cookie: the value of `COOKIE`, "" if missing.
-        is_websocket: whether it asks for a websocket.
+        path: Decoded path without the query.
+        hosts: All Host headers.
+        origins: All Origin headers.
+        fetch_site: The Sec-Fetch-Site header, "" if missing.
+        token: The token in the query, "" if missing.
+        cookie: The value of `COOKIE`, "" if missing.
+        is_websocket: Whether it asks for a websocket.
     """
 
     path: str
@@ -50,17 +52,17 @@ class WebGate:
     """The secrets of one served screen.
 
     Attributes:
-        origin: `http://127.0.0.1:8000`, the only origin that may send requests.
-        entry_url: the address that the user opens, with the token.
-        base_path: the path of everything else, without a slash at the end.
-        cookie: the value of `COOKIE` that opens everything below `base_path`.
+        origin: The only origin that may send requests, such as `http://127.0.0.1:8000`.
+        entry_url: Address that the user opens, with the token.
+        base_path: Path of everything else, without a slash at the end.
+        cookie: Value of `COOKIE` that grants access below `base_path`.
     """
 
     def __init__(self, address: Endpoint) -> None:
-        """Choose new secrets.
+        """Generate new secrets.
 
         Args:
-            address: where the screen is served.
+            address: Address of the served screen.
         """
         self._authority = str(address).removesuffix(f":{_HTTP_PORT}")
         self._token = secrets.token_urlsafe()
@@ -71,7 +73,7 @@ class WebGate:
 
     @property
     def authority(self) -> str:
-        """The host and port, as Host headers have them."""
+        """The host and port in the form of Host headers."""
         return self._authority
 
     def refusal_reason(self, request: WebRequest) -> str:
@@ -84,7 +86,7 @@ class WebGate:
             return (
                 "" if _equal_in_constant_time(request.token, self._token) else "the token is missing or wrong"
             )
-        # Both are compared, so that the time does not show which of them was right.
+        # Always compare both, so that the response time does not show which one was right.
         below = _equal_in_constant_time(request.path[: len(self.base_path) + 1], f"{self.base_path}/")
         allowed = _equal_in_constant_time(request.cookie, self.cookie)
         if not below or not allowed:

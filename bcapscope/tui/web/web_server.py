@@ -1,4 +1,4 @@
-"""The HTTP server of the served screen: a few pages and a websocket, all behind the gate of `web_gate`."""
+"""The HTTP server of the served screen: a few pages and a websocket, all behind `web_gate`."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ from bcapscope.tui.web.web_connections import WebConnections
 from bcapscope.tui.web.web_gate import COOKIE, TOKEN, WebGate, WebRequest
 
 HEARTBEAT = 4.0
-"""Seconds between two pings to a viewer; one that does not answer within half of it has gone."""
+"""Seconds between two pings to a viewer. A viewer that does not answer within half of it is gone."""
 
 _LARGEST_MESSAGE = 1 << 20
-"""Bytes; the largest is what a user pastes."""
+"""Maximum size of a message in bytes; pasted text is the largest."""
 
 _LARGEST_SIZE = 1000
-"""Most columns or lines of a screen; no display shows more."""
+"""Maximum number of columns or lines; no display shows more."""
 
 _BUSY_PATH = "/busy"
 
@@ -47,16 +47,16 @@ class WebServer:
     """Serves one command's screen to viewers who know the address.
 
     Attributes:
-        gate: who may pass.
+        gate: Checks each request.
     """
 
     def __init__(self, argv: Sequence[str], listening: socket.socket, viewers: int) -> None:
-        """Take what is served.
+        """Prepare the server.
 
         Args:
-            argv: the command that draws the screen, its program first.
-            listening: listens on an address of loopback; `run` closes it.
-            viewers: how many may watch at a time, each with a process of their own.
+            argv: Command that draws the screen, program first.
+            listening: Socket that listens on loopback; `run` closes it.
+            viewers: Maximum number of viewers; each gets a separate process.
         """
         address = Endpoint(*listening.getsockname()[:2])
         self.gate = WebGate(address)
@@ -66,19 +66,18 @@ class WebServer:
         self._seats = ViewerSeats(viewers)
         self._websockets: set[web.WebSocketResponse] = set()
         self._connections: WebConnections | None = None
-        # textual-serve renders the page; this module decides who may open it, what runs it and what is
-        # logged.
+        # textual-serve renders the page. This module controls access, processes and logging.
         self._pages = Server("", address.host, address.port, "bcapscope", self.gate.origin)
 
     async def run(self, on_listening: Callable[[], None]) -> None:
         """Serve until SIGINT or SIGTERM, then end every screen in order.
 
         Args:
-            on_listening: called once the address can be opened.
+            on_listening: Called once the server accepts connections.
         """
         runner = web.AppRunner(
             self._application(),
-            access_log=None,  # it would print the token
+            access_log=None,  # the access log would contain the token
             logger=_one_line_logger(),
             shutdown_timeout=ENDS_WITHIN + 5,
         )
@@ -138,7 +137,7 @@ class WebServer:
         return await handler(request)
 
     async def _add_headers(self, request: web.Request, response: web.StreamResponse) -> None:
-        own = f"'self' ws://{self.gate.authority}"  # not every browser takes 'self' for websockets as well
+        own = f"'self' ws://{self.gate.authority}"  # some browsers do not accept 'self' for websockets
         response.headers.update(
             {
                 "Cache-Control": "no-store",
@@ -157,9 +156,9 @@ class WebServer:
         )
 
     async def _entry_page(self, request: web.Request) -> web.Response:
-        """Set the cookie and go on, which takes the token out of the address bar and the history.
+        """Set the cookie and forward, which removes the token from the address bar and the history.
 
-        Not by a redirect: after a link on another page browsers would not send the cookie with it.
+        A redirect would not work: after a link on another page browsers would not send the cookie with it.
         """
         head = f'<meta http-equiv="refresh" content="0; url={self.gate.base_path}/">'
         body = f'<p><a style="color: #9cf" href="{self.gate.base_path}/">Open the screen</a></p>'
@@ -181,7 +180,7 @@ class WebServer:
         )
 
     async def _serve_viewer(self, request: web.Request) -> web.WebSocketResponse:
-        """Run a screen for as long as the viewer is connected."""
+        """Run a screen while the viewer is connected."""
         websocket = web.WebSocketResponse(heartbeat=HEARTBEAT, max_msg_size=_LARGEST_MESSAGE)
         await websocket.prepare(request)
         self._websockets.add(websocket)
@@ -235,7 +234,7 @@ async def _close_after(screen: ScreenProcess, websocket: web.WebSocketResponse) 
 async def _handle_page_event(
     message: WSMessage, screen: ScreenProcess, websocket: web.WebSocketResponse
 ) -> None:
-    """Hand a viewer's key, or another event of the page, to the screen; ignore what is neither."""
+    """Pass a key or another event of the page to the screen; ignore anything else."""
     if message.type is not WSMsgType.TEXT:
         return
     try:
@@ -257,7 +256,7 @@ async def _handle_page_event(
 
 
 def _size(request: web.Request) -> tuple[int, int]:
-    """Read columns and lines from the query of a websocket."""
+    """Return columns and lines from the query of a websocket request."""
     return _number(request.query.get("width", ""), 80), _number(request.query.get("height", ""), 24)
 
 
@@ -275,7 +274,7 @@ def _page(body: str, head: str = "", status: int = 200) -> web.Response:
 
 
 async def _wait_for_end_signal() -> None:
-    """Wait for SIGINT or SIGTERM; where the loop takes no signals, Ctrl-C cancels the wait."""
+    """Wait for SIGINT or SIGTERM. If the event loop cannot handle signals, Ctrl-C cancels the wait."""
     asked = asyncio.Event()
     with suppress(NotImplementedError):
         for number in (signal.SIGINT, signal.SIGTERM):
@@ -284,7 +283,7 @@ async def _wait_for_end_signal() -> None:
 
 
 class _OneLineHandler(logging.Handler):
-    """Reports an error of the server in one line; ignores errors of clients."""
+    """Reports a server error in one line; ignores errors that clients cause."""
 
     def emit(self, record: logging.LogRecord) -> None:
         error = record.exc_info[1] if record.exc_info else None
@@ -293,7 +292,8 @@ class _OneLineHandler(logging.Handler):
 
 
 def _one_line_logger() -> logging.Logger:
-    """Give the loggers of aiohttp and asyncio our handler; the address with the token is never logged."""
+    """Attach the one-line handler to the loggers of aiohttp and asyncio; never log the address with the
+    token."""
     for name in ("aiohttp", "asyncio", "textual-serve"):
         logger = logging.getLogger(name)
         logger.handlers = [_OneLineHandler(logging.WARNING)]

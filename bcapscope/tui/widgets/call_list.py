@@ -1,4 +1,4 @@
-"""Calls of a journal, one a line, with the frames of a call folded under it."""
+"""The calls of a journal, one per line; a call unfolds to show its frames."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ from bcapscope.tui.words import say, told
 
 
 class CallList(Lines):
-    """Shows calls; `open_calls` gives it a journal.
+    """Shows calls; `open_calls` sets their source.
 
     Attributes:
-        rows: which of them are shown.
+        rows: Selects the calls to show.
     """
 
     BINDINGS: ClassVar[list[BindingType]] = [
@@ -55,17 +55,17 @@ class CallList(Lines):
         self._renderer = CallRenderer(palette=INK, write_endpoints=lambda flow: "", tongue=told)
 
     def open_calls(self, calls: CallStore, live: bool) -> None:
-        """Show the calls of a journal; of a `live` one from the end."""
+        """Show the calls of a store, from the end if it is `live`."""
         self._calls = calls
         self._live = live
 
     def clear_source(self) -> None:
-        """Show nothing, until those of another journal are opened."""
+        """Show nothing until another source is opened."""
         self.rows, self._calls = FilteredRows(), None
         self.show_rows()
 
     def set_line_format(self, clock: TimeFormat, with_client: bool, first: int) -> None:
-        """Choose how the time is told, relative ones since `first`, and whether lines name the client."""
+        """Set the time format, the origin of relative times, and whether lines show the client."""
         if (clock, with_client, first) == (self._clock, self._with_client, self._start_time):
             return
         self._clock, self._with_client, self._start_time = clock, with_client, first
@@ -75,24 +75,24 @@ class CallList(Lines):
 
     @property
     def follows_end(self) -> bool:
-        """Live traffic is followed as long as the cursor is on the last line."""
+        """Whether a cursor on the last line follows new calls: only for live traffic."""
         return self._live
 
     @property
     def count(self) -> int:
-        """How many lines there are, those of unfolded calls with them."""
+        """Number of lines, including the frames of unfolded calls."""
         return self._call_count() + sum(extra for _, extra in self._unfolded)
 
     def _call_count(self) -> int:
         return self.rows.shown_count(len(self._calls)) if self._calls is not None else 0
 
     def show_rows(self) -> None:
-        """Show other rows than before, all folded."""
+        """Redraw after a change of `rows`, with all calls folded."""
         self._unfolded.clear()
         self.reset_lines()
 
     def _locate_line(self, index: int) -> tuple[int, int]:
-        """Tell which call a line belongs to, and which of its frames it is, from 1; 0 for the call itself."""
+        """Return the call at a line, and the number of its frame from 1; 0 for the call's own line."""
         above = 0
         for position, extra in self._unfolded:
             line = position + above
@@ -107,13 +107,13 @@ class CallList(Lines):
         return position + sum(extra for each, extra in self._unfolded if each < position)
 
     def call_row(self, position: int) -> StoredCall:
-        """Read the call at a position."""
+        """Return the call at a position."""
         assert self._calls is not None
         return self._calls.read_call(self.rows.number(position) - 1)
 
     @property
     def current_call(self) -> tuple[StoredCall, int] | None:
-        """The call that the cursor is on, and the number of the frame that it is on."""
+        """The call under the cursor, and the number of the frame under the cursor."""
         if self.cursor >= self.count:
             return None
         position, part = self._locate_line(self.cursor)
@@ -127,7 +127,7 @@ class CallList(Lines):
         return row, row.settled.observation.number
 
     def go_to_call(self, row: int) -> bool:
-        """Go to a call by its row from 1; tell whether it is shown."""
+        """Select a call by its row from 1; return whether it is shown."""
         position = self.rows.index(row)
         if position is None or position >= self._call_count():
             return False
@@ -135,7 +135,7 @@ class CallList(Lines):
         return True
 
     def line(self, index: int) -> str:
-        """Write the line of a call, or of one of its frames."""
+        """Return the line of a call or of one of its frames."""
         position, part = self._locate_line(index)
         row = self.call_row(position)
         call = row.settled
@@ -158,7 +158,7 @@ class CallList(Lines):
         return any(each == position for each, _ in self._unfolded)
 
     def action_unfold(self, wanted: bool) -> None:
-        """Show the frames of the call, or hide them."""
+        """Show or hide the frames of the call."""
         if self.cursor >= self.count:
             return
         position, _ = self._locate_line(self.cursor)
@@ -174,7 +174,7 @@ class CallList(Lines):
         self.reset_lines(self._line_of(position))
 
     def action_turn(self) -> None:
-        """Show the frames of the call where they are hidden, hide them where they are shown."""
+        """Show the call's frames if they are hidden, else hide them."""
         if self.cursor < self.count:
             self.action_unfold(not self._is_unfolded(self._locate_line(self.cursor)[0]))
 
@@ -186,7 +186,7 @@ class CallList(Lines):
             self.action_turn()
 
     def header(self) -> str:
-        """Write what stands above the columns."""
+        """Return the column header."""
         client = f"{left_aligned(say('traffic.head.client'), 21)}   " if self._with_client else "   "
         call, time = right_aligned(say("traffic.head.call"), 6), right_aligned(say("traffic.head.time"), 12)
         return f" {call} {time} {client} {say('traffic.head.what')}"

@@ -1,4 +1,4 @@
-"""A line to type in; what is wrong with what was typed stands below it."""
+"""An input line that shows below itself what is wrong with its text."""
 
 from __future__ import annotations
 
@@ -15,15 +15,15 @@ from bcapscope.tui.words import told
 
 
 class CheckedInput(Vertical):
-    """Reads what is typed, and tells of it only where it makes sense."""
+    """Checks its text while the user types, and posts messages only for valid text."""
 
     class Typed(Message):
-        """Something that makes sense was typed, or all was taken away.
+        """The user typed valid text, or emptied the line.
 
         Attributes:
-            line: which line it is.
-            text: what stands there, without blanks at its ends.
-            parsed: what was made of it; None for an empty line.
+            line: The line.
+            text: Its text without spaces at the ends.
+            parsed: Result of parsing; None for an empty line.
         """
 
         def __init__(self, line: CheckedInput, text: str, parsed: object) -> None:
@@ -32,27 +32,27 @@ class CheckedInput(Vertical):
 
         @property
         def control(self) -> CheckedInput:
-            """The line."""
+            """The line that sent the message."""
             return self.line
 
     class Entered(Typed):
-        """Enter was pressed on what makes sense, or on an empty line; who heeds `Typed` is told as well."""
+        """The user pressed Enter on valid text or an empty line. Handlers of `Typed` receive it as well."""
 
     def __init__(self, name: str, parse: Callable[[str], object], hint: str, caption: str = "") -> None:
-        """Take what the line is for.
+        """Configure the line.
 
         Args:
-            name: id of the field; the line's own is the name with ``-line`` behind it.
-            parse: makes something of a text that is not empty; raises `ValueError`, whose text is shown,
-                where it makes no sense.
-            hint: what stands in an empty field.
-            caption: what stands before it; "" for nothing.
+            name: Id of the field; the id of the line is the name followed by ``-line``.
+            parse: Parses text that is not empty. For invalid text it raises `ValueError`, whose text is
+                shown.
+            hint: Placeholder of the empty field.
+            caption: Text before the field; "" for none.
         """
         super().__init__(id=f"{name}-line")
         self._field, self._parse, self._hint, self._caption = name, parse, hint, caption
 
     def compose(self) -> ComposeResult:
-        """Put the field above the place for what is wrong."""
+        """Put the field above the error text."""
         with Horizontal(classes="checked-row"):
             if self._caption:
                 yield Static(Text(f" {self._caption} "), classes="checked-caption")
@@ -61,11 +61,11 @@ class CheckedInput(Vertical):
 
     @property
     def field(self) -> Input:
-        """Where it is typed."""
+        """The input field."""
         return self.query_one(f"#{self._field}", Input)
 
     def set_text(self, text: str) -> None:
-        """Put a text there without telling of it: it is not what somebody typed."""
+        """Set the text without posting a message, since the user did not type it."""
         field = self.field
         with field.prevent(Input.Changed):
             field.value = text
@@ -73,12 +73,12 @@ class CheckedInput(Vertical):
         self._show_problem("")
 
     def on_input_changed(self, event: Input.Changed) -> None:
-        """Check what was typed at once."""
+        """Check the text after each change."""
         event.stop()
         self._check_text(event.value.strip(), self.Typed)
 
     def on_input_submitted(self, event: Input.Submitted) -> None:
-        """Check it once more: what it depends on may have changed."""
+        """Check the text again, since its validity can depend on other state."""
         event.stop()
         self._check_text(event.value.strip(), self.Entered)
 

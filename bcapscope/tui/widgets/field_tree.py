@@ -1,4 +1,4 @@
-"""The fields of a frame as a tree whose branches fold."""
+"""The fields of a frame as a tree with foldable branches."""
 
 from __future__ import annotations
 
@@ -15,21 +15,22 @@ from bcapscope.tui.widgets.lines import Lines
 from bcapscope.tui.words import told
 
 MAX_ROWS = 20_000
-"""Rows of one section: a frame of a megabyte can hold more than anyone reads."""
+"""Rows per section: a frame of a megabyte has more fields than a user can read."""
 
 _NAME_WIDTH = 18
 _NARROW_NAME, _NARROW = 14, 44
 _FOLDED_AT_FIRST = 6
-"""A branch with at most so many rows, such as a number or a short text, says on its own row what is in it."""
+"""Maximum number of rows in a branch that starts folded, such as a number or a short text. The branch's own
+row shows its content."""
 
 
 class _Entry(NamedTuple):
-    """A row of a section, or what stands above one.
+    """A row of a section, or the caption above a section.
 
     Attributes:
-        section: index of the section.
-        row: the row; None for the caption of the section.
-        stop: index behind the last entry that is under this one.
+        section: Index of the section.
+        row: The row; None for the caption.
+        stop: Index after the last entry below this one.
     """
 
     section: int
@@ -38,7 +39,7 @@ class _Entry(NamedTuple):
 
 
 class FieldTree(Lines):
-    """Shows the fields; left and right fold and unfold."""
+    """Shows the fields; the left and right keys fold and unfold."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("left", "fold", "tree.fold", id="tree.fold", show=False, tooltip="tree.fold.tip"),
@@ -48,7 +49,7 @@ class FieldTree(Lines):
     ]
 
     class FieldSelected(Message):
-        """The cursor is on other bytes: those from `begin` up to `end` of a section."""
+        """The cursor moved to other bytes: `begin` to `end` (exclusive) of a section."""
 
         def __init__(self, section: int, begin: int, end: int) -> None:
             super().__init__()
@@ -63,16 +64,16 @@ class FieldTree(Lines):
         self._full = False
 
     def show_sections(self, sections: tuple[FrameSection, ...]) -> None:
-        """Show the fields of some bytes."""
+        """Show the fields of the sections."""
         self._sections = sections
         self._full = False
         self._rebuild()
 
     def select_field_at(self, section: int, offset: int) -> tuple[int, int]:
-        """Go to the innermost field that holds a byte, without telling.
+        """Select the innermost field that contains a byte, without posting a message.
 
         Returns:
-            Where its bytes begin and end; both 0 where no field holds the byte.
+            Begin and end of its bytes; both 0 if no field contains the byte.
         """
         found = None
         for index, entry in enumerate(self._entries):
@@ -92,17 +93,17 @@ class FieldTree(Lines):
 
     @property
     def offset_in_frame(self) -> int:
-        """Where the bytes begin that the cursor is on; 0 where there are none."""
+        """Offset of the first byte of the field under the cursor; 0 if there is none."""
         row = self._entries[self._visible[self.cursor]].row if self._visible else None
         return 0 if row is None else row.start
 
     @property
     def count(self) -> int:
-        """How many rows are not folded away."""
+        """Number of visible rows."""
         return len(self._visible)
 
     def line(self, index: int) -> str:
-        """Write a row: the offset of its first byte, name and meaning."""
+        """Return a row: the offset of its first byte, name and meaning."""
         at = self._visible[index]
         section, row, stop = self._entries[at]
         if row is None:
@@ -119,7 +120,7 @@ class FieldTree(Lines):
         return f"{INK.dim}{place} {fold}{INK.reset} {indent}{row.name:<{width}} {colored_value(row, INK)}"
 
     def on_lines_moved(self, message: Lines.Moved) -> None:
-        """Tell which bytes the cursor is on."""
+        """Post the bytes of the field under the cursor."""
         if not self._visible:
             return
         section, row, _ = self._entries[self._visible[self.cursor]]
@@ -138,7 +139,7 @@ class FieldTree(Lines):
         self.reset_lines()
 
     def _is_short_branch(self, at: int) -> bool:
-        """Tell whether a row has so little under it that it need not be unfolded."""
+        """Return whether a branch is short enough to start folded, and without problems."""
         _, row, stop = self._entries[at]
         if row is None or row.depth or row.kind is not FieldRowKind.FIELD or stop - at - 1 > _FOLDED_AT_FIRST:
             return False
@@ -146,7 +147,7 @@ class FieldTree(Lines):
         return all(each is not None and each.kind is not FieldRowKind.PROBLEM for each in under)
 
     def _update_visible(self) -> None:
-        """List what is not folded away."""
+        """Update the list of visible rows."""
         self._visible = []
         at = 0
         while at < len(self._entries):
@@ -159,7 +160,7 @@ class FieldTree(Lines):
         self.reset_lines(self._visible.index(at))
 
     def action_fold(self) -> None:
-        """Fold the branch, or go to the one that holds the row."""
+        """Fold the branch, or select the parent of the row."""
         if not self._visible:
             return
         at = self._visible[self.cursor]
@@ -171,25 +172,25 @@ class FieldTree(Lines):
             self.move_cursor_to(self._visible.index(parents[-1]))
 
     def action_unfold(self) -> None:
-        """Show what is in the branch."""
+        """Unfold the branch."""
         if self._visible and self._visible[self.cursor] in self._folded:
             self._set_folded(self._visible[self.cursor], False)
 
     def action_turn(self) -> None:
-        """Fold the branch or show what is in it."""
+        """Fold or unfold the branch."""
         if self._visible:
             at = self._visible[self.cursor]
             if self._entries[at].stop > at + 1:
                 self._set_folded(at, at not in self._folded)
 
     def action_full(self) -> None:
-        """Show every element and every character, or the first of many again."""
+        """Switch between all elements and characters and the first of them."""
         self._full = not self._full
         self._rebuild()
 
 
 def _make_entries(section: int, found: list[FieldRow], first: int) -> list[_Entry]:
-    """Tell of each row what is under it; `first` is the index of the first of them."""
+    """Return entries for rows; `first` is the index of the first entry."""
     stops = [0] * len(found)
     open_rows: list[int] = []
     for index, row in enumerate(found):

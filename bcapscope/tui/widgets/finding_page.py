@@ -1,4 +1,4 @@
-"""Findings, each consequence under its cause; choosing one leads to its frames."""
+"""Findings, each consequence below its cause; choosing a finding leads to its frames."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _MAX_FRAMES = 12
 
 
 class FindingPage(Lines):
-    """Shows findings as paragraphs; up and down go from line to line, enter chooses the finding."""
+    """Shows findings as paragraphs; up and down move by lines, Enter chooses the finding."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("enter", "choose", "findings.choose", id="findings.choose", tooltip="findings.choose.tip"),
@@ -35,19 +35,19 @@ class FindingPage(Lines):
         self._lines: list[tuple[str, int]] = []
 
     def show_analysis(self, analysis: TrafficAnalysis) -> None:
-        """Show findings under the line that sums them up."""
+        """Show the findings below a summary line."""
         if analysis != self._analysis:
             self._analysis = analysis
             self._update_lines()
 
     def current_finding(self) -> int | None:
-        """Tell on which finding the cursor is, from 1; the first one where it is above them all."""
+        """Return the number, from 1, of the finding at the cursor; 1 above all, None without findings."""
         if not self._lines or not self._analysis.findings:
             return None
         return self._lines[self.cursor][1] or 1
 
     def go_to_finding(self, number: int) -> None:
-        """Go to a finding by its number from 1."""
+        """Select a finding by its number from 1."""
         for index, (_, each) in enumerate(self._lines):
             if each == number:
                 self.move_cursor_to(index)
@@ -55,7 +55,7 @@ class FindingPage(Lines):
 
     @property
     def count(self) -> int:
-        """How many lines there are."""
+        """Number of lines."""
         return len(self._lines)
 
     def line(self, index: int) -> str:
@@ -68,7 +68,7 @@ class FindingPage(Lines):
 
     @property
     def _columns(self) -> int:
-        """Columns for text: as many as there will be, while it is not seen yet."""
+        """Columns for text; the expected number if the widget has not been shown yet."""
         return self.size.width or self.app.size.width - self.scrollbar_size_vertical
 
     def _update_lines(self) -> None:

@@ -1,4 +1,4 @@
-"""Frames of a journal, one a line; any of a million is at hand."""
+"""The frames of a journal, one per line, with fast access to any of a million frames."""
 
 from __future__ import annotations
 
@@ -18,55 +18,56 @@ from bcapscope.tui.widgets.lines import Lines
 from bcapscope.tui.words import say, told
 
 MARKED, RELATED, EVIDENCE = "●", "┃", "◆"
-"""Before a frame: it was marked, it belongs to the call under the cursor, it proves the finding chosen."""
+"""Marks before a frame: marked by the user, part of the call under the cursor, evidence of the selected
+finding."""
 
 _MAX_CLIENT_LENGTH = 45
 
 
 def direction_arrow(flow: Flow) -> str:
-    """Tell who spoke, where there is one client only."""
+    """Return an arrow for the direction of a frame, for traffic of a single client."""
     return "→" if flow.direction is Direction.REQUEST else "←"
 
 
 def client_and_arrow(flow: Flow) -> str:
-    """Tell who spoke, and which client it is."""
+    """Return the client and an arrow for the direction of a frame."""
     return f"{printable(str(flow.conversation.client))[:_MAX_CLIENT_LENGTH]:<21} {direction_arrow(flow)}"
 
 
 class FilteredRows:
-    """Which rows of a source are shown: all, or those that a filter let pass, as they are found."""
+    """The rows of a source to show: all of them, or the matches of a filter found so far."""
 
     def __init__(self) -> None:
         self.matches: array[int] | None = None
 
     def shown_count(self, total: int) -> int:
-        """Say how many are shown of those that are there."""
+        """Return the number of rows shown, out of `total`."""
         return total if self.matches is None else len(self.matches)
 
     def number(self, index: int) -> int:
-        """Return the number, from 1, of the row that is shown at an index."""
+        """Return the number, from 1, of the row at an index."""
         return index + 1 if self.matches is None else self.matches[index]
 
     def index(self, number: int) -> int | None:
-        """Tell at which index a row is shown; None where it is not."""
+        """Return the index of a row; None if it is not shown."""
         if self.matches is None:
             return number - 1
         at = bisect_left(self.matches, number)
         return at if at < len(self.matches) and self.matches[at] == number else None
 
     def nearest(self, number: int) -> int:
-        """Tell at which index a row is shown, or the next one after it that is."""
+        """Return the index of a row, or of the next shown row after it."""
         return number - 1 if self.matches is None else bisect_left(self.matches, number)
 
 
 class FrameList(Lines):
-    """Shows frames; `open_journal` gives it a journal.
+    """Shows frames; `open_journal` sets their source.
 
     Attributes:
-        rows: which of them are shown.
-        marks: notes by number of the frame; "" for a frame that is only marked.
-        related: numbers of the frames of the call that the cursor is on.
-        evidence: numbers of the frames that prove the finding chosen.
+        rows: Selects the frames to show.
+        marks: Notes by frame number; "" for a frame that is only marked.
+        related: Numbers of the frames of the call under the cursor.
+        evidence: Numbers of the frames that prove the selected finding.
     """
 
     def __init__(self, *, id: str | None = None) -> None:
@@ -83,18 +84,18 @@ class FrameList(Lines):
         self._renderer = FrameLineRenderer(palette=INK, write_endpoints=direction_arrow, tongue=told)
 
     def open_journal(self, journal: ObservationStore, live: bool) -> None:
-        """Show a journal; a `live` one from its end."""
+        """Show a journal, from the end if it is `live`."""
         self._journal = journal
         self._live = live
 
     def clear_source(self) -> None:
-        """Show nothing, until another journal is opened."""
+        """Show nothing until another journal is opened."""
         self.rows, self.marks, self.related, self.evidence = FilteredRows(), {}, (), ()
         self._journal, self._has_start_time = None, False
         self.reset_lines()
 
     def set_line_format(self, clock: TimeFormat, with_client: bool) -> None:
-        """Choose how the time is told and whether each line names the client."""
+        """Set the time format, and whether lines show the client."""
         if (clock, with_client) == (self._clock, self._with_client):
             return
         self._clock, self._with_client = clock, with_client
@@ -110,33 +111,33 @@ class FrameList(Lines):
 
     @property
     def follows_end(self) -> bool:
-        """Live traffic is followed as long as the cursor is on the last line."""
+        """Whether a cursor on the last line follows new frames: only for live traffic."""
         return self._live
 
     @property
     def count(self) -> int:
-        """How many frames are shown."""
+        """Number of frames shown."""
         return self.rows.shown_count(len(self._journal)) if self._journal is not None else 0
 
     @property
     def frame_number(self) -> int | None:
-        """Number of the frame that the cursor is on."""
+        """Number of the frame under the cursor; None if there is none."""
         return self.rows.number(self.cursor) if self.cursor < self.count else None
 
     def read_frame(self, number: int) -> AnnotatedFrame:
-        """Read a frame."""
+        """Return a frame."""
         assert self._journal is not None
         return self._journal.read_frame(number)
 
     def lines_added(self) -> None:
-        """Show that there are more; the first one tells from when times count."""
+        """Show new lines; the first frame sets the origin of relative times."""
         if not self._has_start_time and self._clock is TimeFormat.RELATIVE and self.count:
             self._has_start_time = True
             self._renderer = self._new_renderer()
         super().lines_added()
 
     def line(self, index: int) -> str:
-        """Write a frame's line, with what is special about it before it."""
+        """Return the line of a frame, with its marks before it."""
         number = self.rows.number(index)
         if self._clock is TimeFormat.DELTA and index and self._journal is not None:
             self._renderer.set_time_origin(self._journal.time_of(self.rows.number(index - 1)))
@@ -148,7 +149,7 @@ class FrameList(Lines):
         return f"{self._gutter(number)}{self._renderer.line(seen, question, comments)}"
 
     def line_state(self, index: int) -> str:
-        """A line changes with what stands before it."""
+        """Return the marks before a line, since they change its look."""
         return self._gutter(self.rows.number(index))
 
     def _gutter(self, number: int) -> str:
@@ -158,14 +159,14 @@ class FrameList(Lines):
         return f"{mark}{INK.good}{RELATED}{INK.reset}" if number in self.related else f"{mark} "
 
     def show_related(self, related: Collection[int]) -> None:
-        """Show other frames as belonging to the call under the cursor."""
+        """Mark other frames as part of the call under the cursor."""
         if related != self.related:
             changed = [self.rows.index(number) for number in {*related, *self.related}]
             self.related = related
             self.redraw_lines(*(index for index in changed if index is not None))
 
     def header(self) -> str:
-        """Write what stands above the columns."""
+        """Return the column header."""
         time = {TimeFormat.UTC: 30, TimeFormat.EPOCH: 20}.get(self._clock, 12)
         client = f"{left_aligned(say('traffic.head.client'), 21)}   " if self._with_client else "  "
         words: Mapping[str, str] = {
@@ -178,10 +179,10 @@ class FrameList(Lines):
 
 
 def left_aligned(text: str, width: int) -> str:
-    """Set a text to the left of a column; wide characters take two."""
+    """Left-align a text in a column; wide characters count two."""
     return text + " " * max(0, width - display_width(text))
 
 
 def right_aligned(text: str, width: int) -> str:
-    """Set a text to the right of a column; wide characters take two."""
+    """Right-align a text in a column; wide characters count two."""
     return " " * max(0, width - display_width(text)) + text

@@ -1,4 +1,4 @@
-"""The bytes of a frame, with a cursor that goes from byte to byte."""
+"""The bytes of a frame in hex, with a cursor that moves by bytes."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from bcapscope.tui.widgets.lines import Lines
 
 _NARROW = 8
 _OFFSET_WIDTH = 8
-"""Columns before the first byte: six digits and two blanks."""
+"""Columns before the first byte: six digits and two spaces."""
 
 
 def width_for(per_line: int) -> int:
-    """Say how many columns lines of so many bytes take."""
+    """Return the columns that a line with `per_line` bytes takes."""
     return _OFFSET_WIDTH + 3 * per_line - (per_line <= _NARROW) + 2 + per_line
 
 
 class HexView(Lines):
-    """Shows bytes with offsets; the bytes of a field can be lit."""
+    """Shows bytes with offsets, and highlights the bytes of a field."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("left", "step(-1)", "", show=False),
@@ -38,7 +38,7 @@ class HexView(Lines):
     ]
 
     class ByteSelected(Message):
-        """The cursor went to the byte at `offset` of a section."""
+        """The cursor moved to the byte at `offset` of a section."""
 
         def __init__(self, section: int, offset: int) -> None:
             super().__init__()
@@ -52,13 +52,13 @@ class HexView(Lines):
         self._cursor_byte = (0, 0)
 
     def show_sections(self, sections: tuple[FrameSection, ...]) -> None:
-        """Show bytes."""
+        """Show the bytes of the sections."""
         self._sections = sections
         self._highlighted, self._cursor_byte = (0, 0, 0), (0, 0)
         self.reset_lines()
 
     def highlight_bytes(self, section: int, start: int, stop: int, follow: bool = True) -> None:
-        """Light bytes; let the cursor go to the first of them if it shall `follow`."""
+        """Highlight bytes; with `follow`, move the cursor to the first of them."""
         if (section, start, stop) == self._highlighted:
             return
         self._highlighted = (section, start, stop)
@@ -69,12 +69,12 @@ class HexView(Lines):
 
     @property
     def highlights_cursor_line(self) -> bool:
-        """The cursor is a byte, not a line."""
+        """Whether the cursor's line is highlighted: no, the cursor is a byte."""
         return False
 
     @property
     def count(self) -> int:
-        """How many lines the bytes take."""
+        """Number of lines."""
         return sum(map(self._section_height, range(len(self._sections))))
 
     def _section_height(self, section: int) -> int:
@@ -82,7 +82,7 @@ class HexView(Lines):
         return bool(caption) - (-len(body) // self._per_line)
 
     def line(self, index: int) -> str:
-        """Write one line."""
+        """Return a line."""
         for number, (caption, body, _) in enumerate(self._sections):
             height = self._section_height(number)
             if index < height:
@@ -102,7 +102,7 @@ class HexView(Lines):
         return next(hexdump(data, marks, INK, first, self._per_line))
 
     def on_resize(self, event: Resize) -> None:
-        """Take as many bytes a line as fit."""
+        """Show as many bytes per line as fit."""
         fits = PER_LINE if event.size.width >= width_for(PER_LINE) else _NARROW
         if fits != self._per_line:
             self._per_line = fits
@@ -138,7 +138,7 @@ class HexView(Lines):
         self.post_message(self.ByteSelected(*self._cursor_byte))
 
     def action_step(self, by: int) -> None:
-        """Go to the byte before or after."""
+        """Move to the previous or next byte."""
         section, offset = self._cursor_byte
         offset += by
         if offset < 0 and section:
@@ -149,24 +149,24 @@ class HexView(Lines):
         self._select_byte(section, offset)
 
     def action_row(self, by: int) -> None:
-        """Go to the byte above or below."""
+        """Move to the byte above or below."""
         self.action_step(by * self._per_line)
 
     def action_rows(self, by: int) -> None:
-        """Go up or down by what is in sight."""
+        """Move up or down by a page."""
         self.action_row(by * max(1, self.size.height - 1))
 
     def action_first(self) -> None:
-        """Go to the first byte."""
+        """Move to the first byte."""
         self._select_byte(0, 0)
 
     def action_last(self) -> None:
-        """Go to the last byte."""
+        """Move to the last byte."""
         if self._sections:
             self._select_byte(len(self._sections) - 1, len(self._sections[-1].body) - 1)
 
     def on_click(self, event: Click) -> None:
-        """Go to the byte that was clicked, in hex or as text."""
+        """Move to the clicked byte, in hex or text."""
         event.prevent_default()
         offset = event.get_content_offset(self)
         if offset is None:
@@ -185,7 +185,7 @@ class HexView(Lines):
 
 
 def _byte_at(column: int, per_line: int) -> int | None:
-    """Tell which byte of a line stands in a column."""
+    """Return the index of the byte at a column of a line; None if there is none."""
     letters = width_for(per_line) - per_line
     if column >= letters:
         return min(column - letters, per_line - 1)

@@ -1,4 +1,4 @@
-"""Rendered text, in the colours of the theme."""
+"""Rendered text in the colours of the theme."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from bcapscope.tui.ink import styled_text
 
 
 class InkedText(Static):
-    """Shows what was rendered with `ink.INK`, and draws it anew in the colours of another theme."""
+    """Shows text rendered with `ink.INK`, and redraws it when the theme changes."""
 
     def __init__(self, *, id: str | None = None, classes: str | None = None) -> None:
-        """Begin empty."""
+        """Start empty."""
         super().__init__(id=id, classes=classes, markup=False)
         self._source_text = ""
 
@@ -20,14 +20,14 @@ class InkedText(Static):
         """Show a text.
 
         Args:
-            text: with the marks of its colours.
-            layout: its size may be another than before.
+            text: Text with ink marks.
+            layout: Whether its size may have changed.
         """
         self._source_text = text
         self.update(styled_text(text, app_of(self).text_styles), layout=layout)
 
     def notify_style_update(self) -> None:
-        """Draw in the colours of a new theme."""
+        """Redraw in the colours of a new theme."""
         super().notify_style_update()
         if self.is_mounted:
             self.show_text(self._source_text, layout=False)

@@ -1,4 +1,4 @@
-"""The bar below all screens: the keys that do something where the cursor is."""
+"""The bar below all screens: the keys that have an effect at the cursor."""
 
 from __future__ import annotations
 
@@ -13,25 +13,25 @@ from textual.widget import Widget
 from bcapscope.tui.words import CATALOGUE, say
 
 _ALWAYS_SHOWN = ("f12", "f1", "ctrl+p")
-"""Keys that have their place whatever else there is: HALT, help, the list of commands."""
+"""Keys that are always shown: HALT, help, the command palette."""
 
 
 class KeyBar(Widget):
-    """Shows keys with what they do, as many as there is room for; a click does it as well.
+    """Shows keys and their actions, as many as fit; a click runs the action.
 
-    The keys of the widget that has the focus come first, those of the application last; those of
-    `_ALWAYS_SHOWN` have their place.
+    Keys of the focused widget come first, those of the application last. Those in `_ALWAYS_SHOWN` always have
+    room.
     """
 
     COMPONENT_CLASSES = {"keybar--key", "keybar--text"}  # noqa: RUF012 - as Textual has it
 
     def on_mount(self) -> None:
-        """Follow the focus."""
+        """Redraw when the focus changes."""
         assert isinstance(self.screen, Screen)
         self.screen.bindings_updated_signal.subscribe(self, lambda _: self.refresh())
 
     def _visible_keys(self) -> Iterator[tuple[str, str]]:
-        """Yield keys and what they do, within the width."""
+        """Yield keys and their actions, as many as fit."""
         found = [
             (self.app.get_key_display(active.binding), say(active.binding.description), key)
             for key, active in self.screen.active_bindings.items()
@@ -50,7 +50,7 @@ class KeyBar(Widget):
             yield name, f" {key} {text} "
 
     def render(self) -> RenderResult:
-        """Write the bar."""
+        """Render the bar."""
         bar = Text(no_wrap=True, end="", overflow="ellipsis")
         key_style = self.get_component_rich_style("keybar--key")
         text_style = self.get_component_rich_style("keybar--text")
@@ -61,7 +61,7 @@ class KeyBar(Widget):
         return bar
 
     def on_click(self, event: Click) -> None:
-        """Press the key that was clicked."""
+        """Simulate the clicked key."""
         at = 0
         for name, text in self._visible_keys():
             width = Text(text).cell_len

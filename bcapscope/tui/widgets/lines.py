@@ -1,4 +1,4 @@
-"""A list of any length: a line is made when it is shown."""
+"""A list of any length that renders a line only when it is shown."""
 
 from __future__ import annotations
 
@@ -24,26 +24,26 @@ from bcapscope.tui.ink import Styles, styled_segments
 from bcapscope.tui.themes import readable_style
 
 _MAX_STRIPS = 500
-"""Strips that are kept: several screens full."""
+"""Maximum number of cached strips: several screens."""
 
 _SIDEWAYS_COLUMNS = 8
 
 _SCROLLBAR_SLACK = 8
-"""Which part of a list may be added before its scroll bar is told, though the bar looks the same: how far it
-leads when dragged depends on what it was told."""
+"""The list may grow by this fraction (one part in eight) before the scroll bar is updated, if the thumb looks
+the same. A dragged thumb scrolls by the size that the scroll bar knows."""
 
 _EIGHTHS = 8
-"""The ends of a scroll bar are drawn to an eighth of a line."""
+"""Textual draws the ends of a scroll bar thumb to an eighth of a line."""
 
 
 class Lines(ScrollView, can_focus=True):
-    """A list with a cursor; what it shows is what `count` and `line` say.
+    """A list with a cursor; a subclass defines `count` and `line`.
 
-    A subclass tells by `reset_lines` that its lines are others than before, and by `lines_added` that there
-    are more of them. It has neither border nor padding, which would not be drawn.
+    A subclass calls `reset_lines` when its lines have changed, and `lines_added` when there are new ones. It
+    has neither border nor padding, since `render_lines` would not draw them.
 
     Attributes:
-        cursor: index of the line that the cursor is on; 0 where there is none.
+        cursor: Index of the line under the cursor; 0 if the list is empty.
     """
 
     BINDINGS: ClassVar[list[BindingType]] = [
@@ -62,7 +62,7 @@ class Lines(ScrollView, can_focus=True):
     cursor: reactive[int] = reactive(0, repaint=False)
 
     class Moved(Message):
-        """The cursor is on another line, or another line is where it is."""
+        """The cursor moved to another line, or its line was replaced."""
 
         def __init__(self, lines: Lines, index: int) -> None:
             super().__init__()
@@ -70,11 +70,11 @@ class Lines(ScrollView, can_focus=True):
 
         @property
         def control(self) -> Lines:
-            """The list."""
+            """The list that sent the message."""
             return self.lines
 
     class Chosen(Moved):
-        """Enter was pressed on a line, or it was clicked when the cursor was there already."""
+        """The user pressed Enter on a line, or clicked the line under the cursor."""
 
     def __init__(self, *, id: str | None = None, classes: str | None = None) -> None:
         super().__init__(id=id, classes=classes)
@@ -88,16 +88,16 @@ class Lines(ScrollView, can_focus=True):
     @property
     @abstractmethod
     def count(self) -> int:
-        """How many lines there are."""
+        """Number of lines."""
 
     @abstractmethod
     def line(self, index: int) -> str:
         """Return a line, rendered with `ink.INK`."""
 
-    # what a subclass says
+    # for subclasses
 
     def reset_lines(self, cursor: int = 0) -> None:
-        """Show other lines than before, with the cursor on one of them."""
+        """Replace all lines, and put the cursor on one of them."""
         self._strips.clear()
         self._width = 0
         self._known_count = self.count
@@ -109,7 +109,7 @@ class Lines(ScrollView, can_focus=True):
         self._post_moved()
 
     def lines_added(self) -> None:
-        """Show that there are more lines; see `follows_end` for a cursor on the last one."""
+        """Show new lines; see `follows_end` for a cursor on the last one."""
         before, count = self._known_count, self.count
         if count == before:
             return
@@ -123,9 +123,9 @@ class Lines(ScrollView, can_focus=True):
             self._post_moved()
 
     def _update_extent(self) -> None:
-        """Tell the scroll bar how much there is.
+        """Update the size that the scroll bar represents.
 
-        Not by assigning `virtual_size`, which would lay out the whole screen anew for every frame shown.
+        Assigning `virtual_size` instead would lay out the whole screen again for every frame shown.
         """
         size = Size(max(self._width, self.size.width), max(self._known_count, self.size.height))
         if size != self.virtual_size:
@@ -133,7 +133,7 @@ class Lines(ScrollView, can_focus=True):
             self._update_scrollbar_thumb()
 
     def _update_scrollbar_thumb(self) -> None:
-        """Tell the scroll bar what is in sight, if it looks otherwise then: it takes long to draw."""
+        """Update the thumb of the scroll bar, but only if its look changes: drawing it is slow."""
         bar, height = self.vertical_scrollbar, self.size.height
         there, told = self.virtual_size.height, bar.window_virtual_size
         before = _scroll_thumb(told, bar.window_size, bar.position)
@@ -144,46 +144,46 @@ class Lines(ScrollView, can_focus=True):
             bar.window_virtual_size, bar.window_size, bar.position = there, height, self.scroll_y
 
     def watch_scroll_y(self, old_value: float, new_value: float) -> None:
-        """Draw what came in sight."""
+        """Draw the lines that came into sight."""
         if round(old_value) != round(new_value):
             self.refresh(self.size.region)
             self._update_scrollbar_thumb()
 
     @property
     def follows_end(self) -> bool:
-        """Whether a cursor on the last line goes along when there are more."""
+        """Whether a cursor on the last line follows new lines."""
         return False
 
     def repaint(self) -> None:
-        """Show the same lines in another way."""
+        """Redraw the same lines, for example in another format."""
         self._strips.clear()
         self.refresh()
 
     def redraw_lines(self, *indexes: int) -> None:
-        """Draw some lines anew, those of them that are in sight."""
+        """Redraw some lines, if they are visible."""
         top, height = self.scroll_offset.y, self.size.height
         seen = [index - top for index in indexes if 0 <= index - top < height]
         if seen:
             self.refresh(*(Region(0, y, self.size.width, 1) for y in seen))
 
-    # how it is drawn
+    # drawing
 
     def notify_style_update(self) -> None:
-        """Draw all anew in other colours."""
+        """Redraw everything in other colours."""
         self._strips.clear()
         self._styles.clear()
         super().notify_style_update()
 
     def on_resize(self, event: Resize) -> None:
-        """Keep the cursor in sight."""
+        """Keep the cursor visible."""
         self._update_extent()
         self._scroll_to_cursor()
 
     def render_lines(self, crop: Region) -> list[Strip]:
-        """Draw what is in sight.
+        """Return the visible lines.
 
-        Strips are kept as they go to the terminal. Textual's own way makes each anew for a border, which
-        there is not, also where lines only went one up or down.
+        Strips are cached in their final form. Textual's own method makes every strip again for a border that
+        does not exist here, even if the lines only scrolled by one.
         """
         look = self.background_colors[1], tuple(self.get_line_filters())
         if look != (self._background, self._filters):
@@ -195,7 +195,7 @@ class Lines(ScrollView, can_focus=True):
         return [strip.crop(crop.x, crop.right) for strip in strips]
 
     def _line_strip(self, index: int, x: int, width: int) -> Strip:
-        """Return a line, or a blank one for what is behind the last."""
+        """Return a line, or a blank strip after the last one."""
         is_there = index < self._known_count
         is_cursor = is_there and self.highlights_cursor_line and index == self.cursor
         sign = self.line_state(index) if is_there else None
@@ -208,12 +208,12 @@ class Lines(ScrollView, can_focus=True):
         return strip
 
     def line_state(self, index: int) -> str:
-        """Return what else a line depends on, where that changes without `reset_lines` or `repaint`."""
+        """Return further state that a line depends on, if it changes without `reset_lines` or `repaint`."""
         return ""
 
     @property
     def highlights_cursor_line(self) -> bool:
-        """Whether the line of the cursor has a colour of its own."""
+        """Whether the line under the cursor has its own colour."""
         return True
 
     def _draw_line(self, line: str, x: int, width: int, is_cursor: bool) -> Strip:
@@ -230,10 +230,10 @@ class Lines(ScrollView, can_focus=True):
         return Strip(drawn, max(length, x + width)).crop(x, x + width)
 
     def _line_styles(self, cursor_state: str) -> Styles:
-        """Return the styles of pieces of a line, "" for the line itself; they are looked up once for a theme.
+        """Return the styles of pieces of a line, "" for the line itself; looked up once per theme.
 
         Args:
-            cursor_state: "cursor" or "blurred" for the line of the cursor, "" for others.
+            cursor_state: "cursor" or "blurred" for the line under the cursor, "" for others.
         """
         if cursor_state not in self._styles:
             own, inks = self._line_style(cursor_state), app_of(self).text_styles
@@ -252,21 +252,21 @@ class Lines(ScrollView, can_focus=True):
     # the cursor
 
     def move_cursor_to(self, index: int) -> None:
-        """Put the cursor on a line, the nearest there is."""
+        """Move the cursor to a line, or to the nearest that exists."""
         self.cursor = max(0, min(index, self.count - 1))
 
     def watch_cursor(self, old: int, new: int) -> None:
-        """Draw both lines anew and tell."""
+        """Redraw both lines and post `Moved`."""
         self.redraw_lines(old, new)
         self._scroll_to_cursor()
         self._post_moved()
 
     def on_focus(self) -> None:
-        """Show that keys come here."""
+        """Show the cursor as focused."""
         self.refresh()
 
     def on_blur(self) -> None:
-        """Show that keys go elsewhere."""
+        """Show the cursor as not focused."""
         self.refresh()
 
     def _post_moved(self) -> None:
@@ -282,32 +282,32 @@ class Lines(ScrollView, can_focus=True):
             self.scroll_to(y=max(0, aim), animate=False, force=True)
 
     def action_move(self, by: int) -> None:
-        """Go up or down."""
+        """Move up or down."""
         self.move_cursor_to(self.cursor + by)
 
     def action_page(self, by: int) -> None:
-        """Go up or down by what is in sight."""
+        """Move up or down by a page."""
         self.move_cursor_to(self.cursor + by * max(1, self.size.height - 1))
 
     def action_to_start(self) -> None:
-        """Go to the first line."""
+        """Move to the first line."""
         self.move_cursor_to(0)
 
     def action_to_end(self) -> None:
-        """Go to the last line."""
+        """Move to the last line."""
         self.move_cursor_to(self.count - 1)
 
     def action_sideways(self, by: int) -> None:
-        """Show what is further left or right."""
+        """Scroll left or right."""
         self.scroll_to(x=max(0, self.scroll_offset.x + by * _SIDEWAYS_COLUMNS), animate=False, force=True)
 
     def action_choose(self) -> None:
-        """Choose the line."""
+        """Choose the line under the cursor."""
         if self.count:
             self.post_message(self.Chosen(self, self.cursor))
 
     def on_click(self, event: Click) -> None:
-        """Go to the line that was clicked; choose it where the cursor was there already."""
+        """Move to the clicked line; choose it if the cursor was already there."""
         offset = event.get_content_offset(self)
         if offset is None:
             return
@@ -320,7 +320,7 @@ class Lines(ScrollView, can_focus=True):
 
 
 def _scroll_thumb(there: int, in_sight: int, top: float) -> tuple[int, int] | None:
-    """Tell where the thumb of a scroll bar is drawn, and how long it is; None where there is none."""
+    """Return position and length of a scroll bar's thumb; None if it has none."""
     if in_sight >= there:
         return None
     length = max(1.0, in_sight * in_sight / there)

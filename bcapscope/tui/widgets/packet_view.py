@@ -1,4 +1,4 @@
-"""A frame as a tree and as bytes, side by side: moving in one lights the other."""
+"""A frame as a tree and as bytes, side by side; moving in one highlights the other."""
 
 from __future__ import annotations
 
@@ -16,24 +16,24 @@ from bcapscope.tui.widgets.lines import Lines
 from bcapscope.tui.widgets.plain_containers import PlainContainer
 
 _TREE_AT_LEAST = 48
-"""Columns of the tree below which the bytes take half the width: eight of them a line."""
+"""Minimum width of the tree in columns. If there is less, the bytes take half their width: eight per line."""
 
 
 class PacketView(Horizontal, PlainContainer):
-    """Shows one frame, or the bytes that are none; its two halves are linked."""
+    """Shows one frame, or bytes that are not a frame; its two halves are linked."""
 
     def compose(self) -> ComposeResult:
-        """Put the two side by side; the line between them is not theirs, so that it is drawn once."""
+        """Put the two side by side. The line between them is a separate widget, so that it is drawn once."""
         yield FieldTree(id="fields")
         yield Container(classes="edge")
         yield HexView(id="bytes")
 
     def show_packet(self, observation: Observation | None, question: CallKind | None = None) -> None:
-        """Show an item, or nothing.
+        """Show an observation, or nothing.
 
         Args:
-            observation: what to show.
-            question: for a reply, the request that it answers, where that was seen.
+            observation: The observation.
+            question: For a reply, the kind of the call that it answers, if known.
         """
         found = () if observation is None else frame_sections(observation, question)
         self.query_one(HexView).show_sections(found)
@@ -41,19 +41,19 @@ class PacketView(Horizontal, PlainContainer):
             self.query_one(FieldTree).show_sections(found)
 
     def on_resize(self, event: Resize) -> None:
-        """Give the bytes the columns that they need, and the rest to the tree."""
+        """Give the bytes the columns that they need, and the tree the rest."""
         scrollbar, edge = 1, 1
         wide = width_for(PER_LINE) + scrollbar
         fits = event.size.width - edge - wide >= _TREE_AT_LEAST
         self.query_one(HexView).styles.width = wide if fits else width_for(8) + scrollbar
 
     def on_field_tree_field_selected(self, message: FieldTree.FieldSelected) -> None:
-        """Light the bytes of the field."""
+        """Highlight the bytes of the field."""
         message.stop()
         self.query_one(HexView).highlight_bytes(message.section, message.begin, message.end)
 
     def on_hex_view_byte_selected(self, message: HexView.ByteSelected) -> None:
-        """Go to the field of the byte and light all of its bytes."""
+        """Select the field of the byte and highlight its bytes."""
         message.stop()
         start, stop = self.query_one(FieldTree).select_field_at(message.section, message.offset)
         if stop:

@@ -1,4 +1,4 @@
-"""What stands behind other widgets: blank, and drawn as cheaply as that can be."""
+"""Containers without decoration that Textual draws cheaply."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from textual.widgets import ContentSwitcher
 
 
 class PlainContainer(Widget):
-    """A container without border, padding and scroll bars; the widgets in it are all that is seen of it.
+    """A container without border, padding and scroll bars; only its children are visible.
 
-    Textual draws each line of a container although others cover it, which was a third of the time that a new
-    size of the terminal takes. To be named behind another base: Textual takes styles from the first one only.
+    Textual draws each line of a container even if children cover it. That took a third of the time of a
+    terminal resize. Name this class after another base: Textual takes styles from the first base only.
     """
 
     def render_lines(self, crop: Region) -> list[Strip]:
-        """Draw one blank line, and have it stand for all."""
+        """Return the same blank line for every row."""
         blank = Strip.blank(crop.width, self.rich_style)
         for each in self.get_line_filters():
             blank = blank.apply_filter(each, self.background_colors[1])
@@ -26,13 +26,13 @@ class PlainContainer(Widget):
     def _size_updated(
         self, size: Size, virtual_size: Size, container_size: Size, layout: bool = True
     ) -> bool:
-        """Take a size as it was laid out; as it does not scroll, nothing has to be laid out again."""
+        """Apply a size from the layout. Nothing scrolls, so no further layout is necessary."""
         return super()._size_updated(size, virtual_size, container_size, layout=False)
 
 
 class PlainVertical(Vertical, PlainContainer):
-    """Widgets one below the other."""
+    """Stacks widgets vertically."""
 
 
 class Switcher(ContentSwitcher, PlainContainer):
-    """Widgets of which one is seen at a time."""
+    """Shows one of its widgets at a time."""

@@ -8,21 +8,21 @@ from bcapscope.tui.widgets.lines import Lines
 
 
 class TextPage(Lines):
-    """Shows lines as they are; the cursor stays where it is when they are others."""
+    """Shows rendered lines; the cursor keeps its position when they change."""
 
     def __init__(self, lines: Sequence[str] = (), *, id: str | None = None) -> None:
         super().__init__(id=id)
         self._lines = list(lines)
 
     def show_lines(self, lines: Sequence[str]) -> None:
-        """Show other lines."""
+        """Replace the lines."""
         if self._lines != lines:
             self._lines = list(lines)
             self.reset_lines(self.cursor)
 
     @property
     def count(self) -> int:
-        """How many lines there are."""
+        """Number of lines."""
         return len(self._lines)
 
     def line(self, index: int) -> str:

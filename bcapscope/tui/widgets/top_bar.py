@@ -1,4 +1,4 @@
-"""The bar above all screens: where one is, where else one can go, and what must be seen at all times."""
+"""The bar above all screens: the present screen, the others, and the permanent status."""
 
 from __future__ import annotations
 
@@ -13,22 +13,22 @@ from bcapscope.tui.words import say
 
 
 class TopBar(Widget):
-    """Shows the screens with their keys, and at the right what `BcapApp.status` holds.
+    """Shows the screens with their keys, and `BcapApp.status` at the right.
 
-    A click on a screen's name goes there.
+    A click on a name opens that screen.
     """
 
     COMPONENT_CLASSES = {"topbar--title", "topbar--here", "topbar--there"}  # noqa: RUF012 - as Textual has it
 
     def on_mount(self) -> None:
-        """Show each new status."""
+        """Redraw for each new status."""
         self.watch(self.app, "status", self._show_status)
 
     def _show_status(self) -> None:
         self.refresh()
 
     def render(self) -> RenderResult:
-        """Write the bar; what must be seen stays where there is no room for both."""
+        """Render the bar; the status takes precedence if there is no room for both."""
         app = app_of(self)
         status = Text.assemble(*((text, app.text_styles.get(ink, "")) for text, ink in app.status))
         left = Text(" bcapscope ", style=self.get_component_rich_style("topbar--title"), end="")
@@ -47,7 +47,7 @@ class TopBar(Widget):
         return [(spot.mode, f" {spot.key.upper()} {say(spot.name)} ") for spot in app_of(self).screen_entries]
 
     async def on_click(self, event: Click) -> None:
-        """Go to the screen whose name was clicked."""
+        """Open the clicked screen."""
         at = len(" bcapscope ")
         for mode, text in self._screen_labels():
             width = Text(text).cell_len

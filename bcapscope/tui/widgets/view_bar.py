@@ -1,4 +1,4 @@
-"""The views of a screen: which is shown, how much is in each."""
+"""The names and counts of a screen's views."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ from bcapscope.tui.words import say
 
 
 class ViewBar(Widget):
-    """Shows the names of views with their keys and counts, and at the right how reading goes."""
+    """Shows the names of views with keys and counts, and progress at the right."""
 
     COMPONENT_CLASSES = {"viewbar--here", "viewbar--there", "viewbar--key", "viewbar--state"}  # noqa: RUF012 - as Textual has it
 
     class ViewWanted(Message):
-        """A view was clicked."""
+        """The user clicked a view."""
 
         def __init__(self, view: str) -> None:
             super().__init__()
             self.view = view
 
     def __init__(self, views: Sequence[tuple[str, str]], *, id: str | None = None) -> None:
-        """Take the views: for the program, and the key of the name of each."""
+        """Store the views, each with the key of its label."""
         super().__init__(id=id)
         self._views = tuple(views)
         self._current_view = self._views[0][0]
@@ -37,13 +37,13 @@ class ViewBar(Widget):
         self._styles: dict[str, Style] = {}
 
     def show_counts(self, current_view: str, counts: Mapping[str, str], states: Sequence[str]) -> None:
-        """Show where one is, the counts by view, and of several texts on the state the first that fits."""
+        """Show the current view, the counts by view, and the first of several state texts that fits."""
         if (current_view, counts, states) != (self._current_view, self._counts, self._states):
             self._current_view, self._counts, self._states = current_view, counts, states
             self.refresh()
 
     def _view_labels(self) -> list[tuple[str, str, str]]:
-        """Return view, key and label of each."""
+        """Return name, key and label of each view."""
         found = []
         for number, (view, name) in enumerate(self._views, 1):
             count = self._counts.get(view, "")
@@ -51,19 +51,19 @@ class ViewBar(Widget):
         return found
 
     def notify_style_update(self) -> None:
-        """Draw in the colours of a new theme."""
+        """Redraw in the colours of a new theme."""
         self._styles.clear()
         super().notify_style_update()
 
     def _style(self, name: str) -> Style:
-        """Return a style, "" for the bar's own; looked up once for a theme, not for each new count."""
+        """Return a style, "" for the bar's own; cached per theme, since counts change often."""
         if name not in self._styles:
             own = self.get_component_rich_style(f"viewbar--{name}") if name else self.rich_style
             self._styles[name] = own
         return self._styles[name]
 
     def render_line(self, y: int) -> Strip:
-        """Write the bar; what there is no room for is left out."""
+        """Render the bar, and omit what does not fit."""
         width = self.size.width
         bar: list[Segment] = []
         for view, key, label in self._view_labels():
@@ -78,7 +78,7 @@ class ViewBar(Widget):
         return Strip(bar).adjust_cell_length(width, self._style(""))
 
     def on_click(self, event: Click) -> None:
-        """Tell which view was clicked."""
+        """Post the clicked view."""
         at = 0
         for view, key, label in self._view_labels():
             width = cell_len(key + label)
