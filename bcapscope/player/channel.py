@@ -145,7 +145,7 @@ class SocketChannel:
 
 
 def _measure_epoch_offset() -> int:
-    """Tell when the clock of `now` was 0, ns since 1970, by the look of several that took least."""
+    """Return the time, ns since 1970, when the clock of `now` was 0; the fastest of five readings counts."""
     return max(time.time_ns() - time.monotonic_ns() for _ in range(5))
 
 

@@ -132,7 +132,7 @@ def read_title(text: str) -> ColumnTitle | None:
 
 
 def _words(text: str) -> list[str]:
-    """Split a title where letters, digits and Japanese meet; a number joins the word `joint` before it."""
+    """Split a title between letters, digits and Japanese; join a number to a word for joint before it."""
     plain = unicodedata.normalize("NFKC", text[:_LONGEST]).casefold()
     words: list[str] = []
     for word in _WORD.findall(plain.replace("_", " ")):
