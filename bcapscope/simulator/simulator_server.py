@@ -321,7 +321,7 @@ class SimulatorServer:
             self._selector_is_stale = True
 
     def _admit(self, connection: _Connection, first: bytes) -> bool:
-        """Make a connection a client of the controller, or close it for lack of room. A stop always gets in."""
+        """Make a connection a client of the controller; close it if there is no room, unless it is a stop."""
         is_stop = first_frame_stops(first)
         has_room = self._spares.refill() and self._model.on_connect(connection.peer, self._monotonic_now())
         if not has_room and is_stop:
