@@ -33,7 +33,8 @@ _STREAM_READ_SIZE = 512
 together, and to read all of them takes longer than the time between two set points."""
 
 _CLOCK_TOLERANCE = 100_000
-"""Difference, ns, between two readings of clocks that nobody set; only reading them both takes time."""
+"""Difference, ns, by which two readings of the clocks may differ while nobody sets a clock: reading both
+takes time."""
 
 
 class Channel(BaseLink, Protocol):

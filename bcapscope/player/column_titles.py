@@ -1,9 +1,9 @@
 """Reading the title of a column: which axis, commanded or measured, in which unit.
 
-Known titles: those of `bcapscope extract`; those of a controller's log, `[J1 - 指令値]` and `[FIG - 指令値]`
-(ShoheiKobata/orin_bcap_python_samples others/Get_Syslog.py and DrawLineDemo); English ones of the same form;
-plain names of axes and joints. A title with an unknown word is ignored, so that a force or a distance
-travelled is never taken for a position.
+Known titles: those of `bcapscope extract`, and plain names of axes and joints. Also those of a controller's
+log, `[J1 - 指令値]` and `[FIG - 指令値]` (ShoheiKobata/orin_bcap_python_samples others/Get_Syslog.py and
+DrawLineDemo), and English ones of the same form. A title with an unknown word is ignored, so that a force or
+a distance travelled is never taken for a position.
 """
 
 from __future__ import annotations

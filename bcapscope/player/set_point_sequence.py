@@ -1,9 +1,9 @@
 """The sequence of set points to send: those of a trajectory, and those around its start, end and stop.
 
 The first point is sent a few times before anything moves, so that the controller's buffer is full when the
-motion starts: buffers run empty at the first points of a motion (issues 20 and 49 of
-DENSORobot/denso_robot_ros; nkawa/Denso_CobottaPro900_MQTT_Control sends four). The last one is sent as often,
-so that the robot stands when it leaves slave mode.
+motion starts. Buffers run empty at the first points of a motion (issues 20 and 49 of
+DENSORobot/denso_robot_ros); nkawa/Denso_CobottaPro900_MQTT_Control sends four. The last point is sent as
+often, so that the robot stands when it leaves slave mode.
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 Between two points, each axis follows the polynomial of fifth degree with the position, speed and acceleration
 of both points at its ends (quintic Hermite interpolation). Speed and acceleration at a point are those of the
-parabola through it and its neighbours; at both ends of the curve, those of the straight line to the
+parabola through it and its neighbours. At both ends of the curve, they are those of the straight line to the
 neighbour.
 
 So the curve goes through every point, and position, speed and acceleration are continuous (C2). A bad point

@@ -187,7 +187,7 @@ def _has_next_option(rest: tuple[Variant, ...]) -> bool:
 
 
 def _two_finger_grip(context: CallContext, parameter: Variant) -> CallOutcome:
-    """Run TwofgGrip: width [mm], force [N], speed [%], whether to wait; waiting fails if nothing is gripped."""
+    """Run TwofgGrip: width [mm], force [N], speed [%], whether to wait; a wait without grip fails."""
     items, hand = items_of(parameter), context.machine.equipment.gripper
     width = float(number_of(argument_at(items, 0)))
     force, speed = _force(hand, argument_at(items, 1)), _speed(hand, argument_at(items, 2))
