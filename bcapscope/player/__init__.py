@@ -1,1 +1,1 @@
-"""Trajectories: reading, checking before anything moves, and playing in slave mode."""
+"""Trajectories: read them, check them before anything moves, and play them in slave mode."""

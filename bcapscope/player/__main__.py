@@ -1,7 +1,7 @@
 """The player's process: ``python -m bcapscope.player``, started only by `player_process.PlayerProcess`.
 
-It has one thread and no event loop. What it is told comes on standard input, what it tells goes to standard
-output; standard error is for Python's own last words.
+It has one thread and no event loop. It reads orders from standard input and writes messages to standard
+output. Standard error is for Python's own error messages.
 """
 
 from __future__ import annotations
@@ -29,9 +29,9 @@ from bcapscope.protocol.codec.variant import Value
 
 
 def main() -> None:
-    """Play one plan."""
+    """Play the plan that comes first on standard input."""
     messages = os.dup(1)
-    os.dup2(2, 1)  # whatever prints does not get between the messages
+    os.dup2(2, 1)  # anything that prints must not write between the messages
     desk = PlayerPipe(0, messages)
     plan = desk.read_plan()
     desk.install_signal_handlers()
@@ -50,10 +50,10 @@ def play(plan: PlayPlan, pipe: PlayerPipe, record: BinaryIO | None, log: BinaryI
     """Play a plan; return how that ended.
 
     Args:
-        plan: what is to be done.
-        pipe: is told what happens.
-        record: file for all that was said.
-        log: file for the controller's own log.
+        plan: What to do.
+        pipe: Receives the messages.
+        record: File for the recording; None for none.
+        log: File for the controller's own log; None for none.
     """
     target = plan.target
     with realtime_priority(plan.realtime and not plan.look_only) as grade:
@@ -70,7 +70,7 @@ def play(plan: PlayPlan, pipe: PlayerPipe, record: BinaryIO | None, log: BinaryI
         journal = FrameRecorder(pipe.send, record)
         visit = PlaySession(plan, channel, pipe, journal)
         ended = structs.replace(run_blocking(visit.run()), realtime=grade.realtime)
-    # Nothing is urgent any more: files are written as anybody writes files.
+    # Nothing is urgent from here on, so the files are written without real-time priority.
     read = partial(read_control_log, target, plan.robot, abort_on_order(pipe))
     return write_files(ended, journal, channel, log if visit.has_log else None, read)
 
@@ -82,7 +82,7 @@ def write_files(
     log: BinaryIO | None,
     read_records: Callable[[], Sequence[Value]],
 ) -> PlayEnded:
-    """Write the capture and the log, which `read_records` gives; return how all ended."""
+    """Write the recording, and the log that `read_records` returns; return how everything ended."""
     reasons: list[str] = []
     try:
         recorder.save_capture(channel)
@@ -103,7 +103,7 @@ def write_files(
 
 
 def abort_on_order(pipe: PlayerPipe) -> Callable[[], None]:
-    """Return what looks for orders that come from now on, and raises BcapError when there is one."""
+    """Return a function that raises BcapError when an order has come since this call."""
     before = pipe.order_count
 
     def look() -> None:

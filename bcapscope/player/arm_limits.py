@@ -1,9 +1,9 @@
-"""What an arm can do, axis by axis.
+"""Limits of an arm, axis by axis.
 
-An arm is known by the name of its type, which the controller tells. No paper publishes the limits of all
-arms, so those of a real one come from the user; the only one that is known here is the simulator's. Where
-nothing is known, `MAX_ARM_SPEED` holds: no arm of DENSO Wave turns or moves as fast as that, so a step beyond
-it is a fault of the file.
+The type name that the controller reports identifies an arm. No paper publishes the limits of all arms, so the
+user has to give those of a real one. bcapscope knows only the simulator's. If nothing is known,
+`MAX_ARM_SPEED`
+applies: no arm of DENSO Wave turns or moves that fast, so a larger step is a fault of the file.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ from bcapscope.simulator.machine import ROBOT_TYPE
 ToJoints: TypeAlias = Callable[[PoseType, tuple[float, ...]], tuple[float, ...]]
 
 MAX_ARM_SPEED = {"deg": 1500.0, "mm": 15_000.0}
-"""A second, by the unit of the axis."""
+"""Units a second, by the unit of the axis."""
 
 _NAMES = tuple(dict.fromkeys(axis.name for kind in AXES.values() for axis in kind if axis.unit))
 _UNLIMITED = AxisLimit(-inf, inf, inf, inf)
 MAX_LIMIT = 1e9
-"""The most that a limit may be, in mm or degrees and seconds; a robot has a millionth of it."""
+"""Largest limit allowed, in mm or degrees and seconds; that of a robot is a millionth of it."""
 
 _LIMIT = re.compile(
     r"\s*(?P<first>\w+)(?:\.\.(?P<last>\w+))?(?:\.(?P<what>speed|acceleration))?\s*=\s*(?P<value>.+)"
@@ -42,12 +42,12 @@ class ArmLimits:
     """Limits of one arm.
 
     Attributes:
-        arm_name: in words.
-        axes: by name (`J1`, `X`, ...): lowest, highest, speed a second, acceleration a second squared, in the
-            unit of the axis; infinite where it is not known. An axis may be missing.
-        to_joints: computes the joints of a pose of P or T type, so that limits of joints hold for it too;
-            raises for what the arm does not reach. None where nobody knows.
-        axis_count: joints of the arm; None where nobody knows.
+        arm_name: Name of the arm, as text.
+        axes: By name (`J1`, `X`, ...): lowest, highest, speed a second, acceleration a second squared, in the
+            unit of the axis; infinite if unknown. An axis may be missing.
+        to_joints: Computes the joints of a pose of P or T type, so that limits of joints apply to it too. It
+            raises for a pose out of reach. None if unknown.
+        axis_count: Number of joints; None if unknown.
     """
 
     arm_name: str
@@ -56,16 +56,16 @@ class ArmLimits:
     axis_count: int | None = None
 
     def known_limit(self, name: str) -> AxisLimit:
-        """Return what is known of an axis, infinite where nothing is."""
+        """Return the known limits of an axis; infinite where unknown."""
         return self.axes.get(name, _UNLIMITED)
 
     def limit_for(self, name: str, unit: str) -> AxisLimit:
-        """Return the limits of an axis to keep; where its speed is not known, `MAX_ARM_SPEED`."""
+        """Return the limits to keep for an axis; an unknown speed is replaced by `MAX_ARM_SPEED`."""
         known = self.known_limit(name)
         return known if known.speed < inf else known._replace(speed=MAX_ARM_SPEED.get(unit, inf))
 
     def has_limit(self, name: str) -> bool:
-        """Tell whether anything is known of an axis."""
+        """Return whether any limit of an axis is known."""
         return name in self.axes
 
 
@@ -77,26 +77,26 @@ SIMULATED_ARM = ArmLimits(
     joints_of,
     AXIS_COUNT,
 )
-"""As it is unless a scenario makes its software limits narrower, which a controller does not tell."""
+"""A scenario can set narrower software limits, which a controller does not report."""
 
 _KNOWN_ARMS = {ROBOT_TYPE: SIMULATED_ARM}
 
 
 def limits_for_arm(type_name: str) -> ArmLimits:
-    """Return the limits of the arm with this name of its type; `UNKNOWN_ARM` where it is not known."""
+    """Return the limits of the arm with this type name; `UNKNOWN_ARM` if the name is unknown."""
     return _KNOWN_ARMS.get(type_name, UNKNOWN_ARM)
 
 
 def with_limits(limits: ArmLimits, texts: Sequence[str]) -> ArmLimits:
-    """Set limits as a user writes them.
+    """Set limits that a user wrote.
 
     Args:
-        limits: what is known so far.
-        texts: each `AXES=LOW..HIGH`, `AXES.speed=NUMBER` or `AXES.acceleration=NUMBER`, in mm or degrees and
-            seconds; AXES is a name such as `J1` or `X`, or a row of them such as `J1..J3`.
+        limits: The limits known so far.
+        texts: Each `AXES=LOW..HIGH`, `AXES.speed=NUMBER` or `AXES.acceleration=NUMBER`, in mm or degrees and
+            seconds. AXES is a name such as `J1` or `X`, or a range such as `J1..J3`.
 
     Raises:
-        ValueError: one of the texts makes no sense.
+        ValueError: A text is no valid limit.
     """
     axes = dict(limits.axes)
     for typed in texts:
@@ -126,7 +126,7 @@ def _parse_change(text: str, what: str | None, value: str) -> dict[str, float]:
 
 
 def _axis_range(text: str, first: str, last: str) -> tuple[str, ...]:
-    """Return the names from one to another, in any case of letters."""
+    """Return the axis names from `first` to `last`; both may be in upper or lower case."""
     names = [name.casefold() for name in _NAMES]
     try:
         start, stop = names.index(first.casefold()), names.index(last.casefold())

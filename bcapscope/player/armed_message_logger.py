@@ -7,15 +7,15 @@ from bcapscope.player.player_messages import ControllerInfo, FrameMessage, PlayE
 
 
 class ArmedMessageLogger:
-    """Logs what a player sends to a real controller; nothing of what it sends to our simulator."""
+    """Logs what a player sends to a real controller; ignores what it sends to bcapscope's simulator."""
 
     def __init__(self, logger: ArmedCallLogger) -> None:
-        """Log into `logger`."""
+        """Write to `logger`."""
         self._logger = logger
         self._is_simulator = False
 
     def on_message(self, message: PlayerMessage) -> None:
-        """Take a message of the player."""
+        """Log a message of the player."""
         if isinstance(message, ControllerInfo):
             self._is_simulator = message.simulator
         elif self._is_simulator:

@@ -1,8 +1,7 @@
-"""Making calls without an event loop: the requester, a channel, and a thread that waits for both.
+"""Calls without an event loop: the requester, a channel, and a thread that waits for both.
 
-`begin_call`, `send_due` and `wait_for_outcome` are the steps of a call for a caller with a deadline between
-them; `perform_call` is all of them, for a `Session`, which makes its calls through the same requester and so
-with the same row of serials.
+`begin_call`, `send_due` and `wait_for_outcome` are the steps of a call, for a caller with a deadline between
+them. `perform_call` is the whole call, for a `Session`. Both use the same requester and so the same serials.
 """
 
 from __future__ import annotations
@@ -29,12 +28,12 @@ from bcapscope.protocol.tables.hresult import S_EXECUTING
 R = TypeVar("R")
 
 FrameCallback: TypeAlias = Callable[[bool, bytes, int], None]
-"""Is told of every frame: whether we sent it, its bytes, and when it was sent or came, ns of the channel's
-clock."""
+"""Called with every frame: whether it was sent, its bytes, and when it was sent or received, ns of the
+channel's clock."""
 
 
 def run_blocking(steps: Coroutine[Any, Any, R]) -> R:
-    """Run a coroutine that never has to wait, since whoever it calls waits inside the call."""
+    """Run a coroutine that never waits for an event loop, because everything it awaits blocks instead."""
     try:
         steps.send(None)
     except StopIteration as end:
@@ -44,28 +43,28 @@ def run_blocking(steps: Coroutine[Any, Any, R]) -> R:
 
 
 ABORT_CHECK_INTERVAL = 50_000_000
-"""ns from one `BlockingCaller.check_abort` to the next."""
+"""Time between two calls of `BlockingCaller.check_abort`, ns."""
 
 READ_RESERVE = 100_000
-"""ns that are kept for reading a reply that came while `BlockingCaller.sleep_until_due` slept."""
+"""Time, ns, reserved to read a reply that came while `BlockingCaller.sleep_until_due` slept."""
 
 
 def _ignore_frame(sent: bool, raw: bytes, time: int) -> None:
-    """Take no notice."""
+    """Ignore the frame."""
 
 
 def _never_abort() -> None:
-    """There is nothing to look for."""
+    """Never raise."""
 
 
 class BlockingCaller:
     """Makes calls over a channel, one after the other.
 
     Attributes:
-        link: the channel.
-        late_replies: replies that came when their try no longer counted; whoever reads them clears the list.
-        check_abort: called now and then while `perform_call` waits; what it raises ends the call.
-        overslept: ns by which waits of the call took longer than they were to: this machine's own lateness.
+        link: The channel.
+        late_replies: Late replies; the code that evaluates them clears the list.
+        check_abort: Called regularly while `perform_call` waits; an exception that it raises ends the call.
+        overslept: Time, ns, by which waits of the call took too long: this machine's own lateness.
     """
 
     def __init__(
@@ -86,11 +85,11 @@ class BlockingCaller:
     async def perform_call(
         self, function_id: int, arguments: Sequence[Variant], retry_policy: RetryPolicy
     ) -> RequesterOutcome:
-        """Make a call and return how it ended; it never waits for an event loop.
+        """Make a call and return how it ended; it blocks and never waits for an event loop.
 
         Raises:
-            LocalProtocolError: it cannot be sent; see `Requester.start_call`.
-            OSError: the link is gone.
+            LocalProtocolError: The call cannot be sent; see `Requester.start_call`.
+            OSError: The link is gone.
         """
         try:
             self.begin_call(function_id, arguments, retry_policy, self.link.now())
@@ -106,19 +105,19 @@ class BlockingCaller:
     def begin_call(
         self, function_id: int, arguments: Sequence[Variant], retry_policy: RetryPolicy, at: int
     ) -> None:
-        """Prepare a call that `send_due` makes at the time `at`, from which its time-outs count.
+        """Prepare a call for the time `at`, from which its time-outs count; `send_due` sends it.
 
         Raises:
-            LocalProtocolError: it cannot be sent; see `Requester.start_call`.
+            LocalProtocolError: The call cannot be sent; see `Requester.start_call`.
         """
         self._requester.start_call(function_id, arguments, retry_policy, at)
         self.overslept = 0
 
     def send_due(self) -> int:
-        """Send what is due; return the time at which that began.
+        """Send what is due; return the time at which sending began.
 
         Raises:
-            OSError: the link is gone.
+            OSError: The link is gone.
         """
         now = self.link.now()
         for raw in self._requester.data_to_send():
@@ -127,11 +126,11 @@ class BlockingCaller:
         return now
 
     def sleep_until_due(self, until: int) -> None:
-        """Sleep for most of the time until a call is tried again, or until `until` if that is before.
+        """Sleep for most of the time until the next retry is due, or until `until` if that is earlier.
 
-        Who has just used the processor, and is woken by a reply before others had as much of it, is made to
-        wait for them: without real-time priority three set points in a hundred were 2 ms late at 1 ms, beside
-        busy programs, instead of three in a thousand (Linux 6.18, sched-eevdf).
+        The scheduler delays a program that a reply wakes shortly after it used the processor. Without
+        real-time priority and beside busy programs, three set points in a hundred were 2 ms late at 1 ms.
+        With this sleep, three in a thousand were (Linux 6.18, sched-eevdf).
         """
         due, now = self._requester.deadline, self.link.now()
         end = max(now, min(until, until if due is None else due) - READ_RESERVE)
@@ -139,12 +138,14 @@ class BlockingCaller:
         self.overslept += max(0, self.link.now() - end)
 
     def wait_for_outcome(self, until: int) -> RequesterOutcome | None:
-        """Wait for the end of the call, and try again when it is time to; None if it goes on at `until`.
+        """Wait for the end of the call, and send retries when they are due; None if it is not over at
+        `until`.
 
-        What comes is read portion by portion only until then: a row of late replies holds nobody up.
+        Received data is read in small portions and only until `until`, so a row of late replies delays
+        nobody.
 
         Raises:
-            OSError: the link is gone.
+            OSError: The link is gone.
         """
         requester = self._requester
         while True:
@@ -165,17 +166,17 @@ class BlockingCaller:
                 return self._next_outcome()
 
     def wait_for_late_reply(self, serials: Collection[int], until: int) -> LateReply | None:
-        """Wait on for a reply to a call that is given up; nothing is sent any more.
+        """Keep waiting for a reply to a call that was given up, without sending anything; None if none came.
 
-        Now one to any of its tries will do, even one that was discarded before: a try again would show
-        nothing else, since a call is executed once.
+        A reply to any attempt counts, even one that was discarded before. Another retry would show nothing
+        else, because the controller executes a call once.
 
         Args:
-            serials: of its tries.
-            until: when to stop waiting.
+            serials: Serials of the attempts.
+            until: Time at which to stop waiting, ns.
 
         Raises:
-            OSError: the link is gone.
+            OSError: The link is gone.
         """
         while True:
             self._next_outcome()
@@ -190,7 +191,7 @@ class BlockingCaller:
                 return None
 
     def abandon(self) -> CallTimedOut:
-        """Give up the call under way; return it as one that was not answered."""
+        """Give up the call under way; return it as timed out."""
         return CallTimedOut(self._requester.abandon())
 
     def close(self) -> None:
@@ -198,7 +199,7 @@ class BlockingCaller:
         self.link.close()
 
     def _receive(self, until: int) -> bytes | None:
-        """Return what comes; on UDP word of a closed port is noted, and tries go on."""
+        """Return received bytes; on UDP, note that the port is closed and let the retries go on."""
         link = self.link
         end = max(until, link.now())
         try:

@@ -1,4 +1,4 @@
-"""Trajectories out of captured traffic: the set points of slvMove, stay by stay."""
+"""Trajectories from captured traffic: the set points of slvMove, one trajectory per slave-mode session."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ SOURCE_FORMAT = "set points in a capture"
 
 @dataclass(slots=True)
 class _SlaveSessionPoints:
-    """Set points of one stay in slave mode, as they are found."""
+    """Set points of one slave-mode session, collected as they are found."""
 
     trajectory: seen.CapturedTrajectory
     numbers: array[float] = field(default_factory=lambda: array("d"))
@@ -44,17 +44,17 @@ def read_capture(
     options: ReadOptions,
     ports: Collection[int] = BCAP_PORTS,
 ) -> tuple[Trajectory, ...]:
-    """Read the set points of each stay in slave mode.
+    """Read the set points of each slave-mode session.
 
     Args:
-        packets: of the capture.
-        source: where they are from.
-        options: what the user says.
-        ports: where controllers listen.
+        packets: Packets of the capture.
+        source: Where the packets come from.
+        options: What the user says about the file.
+        ports: Ports of controllers.
 
     Raises:
-        TrajectoryError: there are no set points, or none of the kind that is wished for.
-        CaptureError: the capture cannot be read and nothing was found before that.
+        TrajectoryError: There are no set points, or none of the wanted type.
+        CaptureError: The capture cannot be read, and nothing was found before the fault.
     """
     stays: dict[int, _SlaveSessionPoints] = {}
     follower, tracker = TrajectoryExtractor(), Tracker()

@@ -1,6 +1,6 @@
-"""A way to one peer and a clock, for a thread that does nothing else: it waits, sends and receives itself.
+"""A link to one peer and a clock, for a thread that does nothing else and waits, sends and receives itself.
 
-No event loop stands between a deadline and its packet.
+No event loop delays a packet after its deadline.
 """
 
 from __future__ import annotations
@@ -22,52 +22,54 @@ from bcapscope.transport.receive_timestamps import (
 from bcapscope.transport.udp_link import preferred_address
 
 SPIN_TIME = 200_000
-"""ns before a deadline from which on the clock is watched instead of slept on: no sleep overruns as much."""
+"""Time before a deadline, ns, from which the thread watches the clock instead of sleeping; no sleep overruns
+as much."""
 
 _DATAGRAM_SIZE = 4096
-"""Bytes that a datagram may have; controllers send 503 at most."""
+"""Largest datagram in bytes; controllers send 503 at most."""
 
 _STREAM_READ_SIZE = 512
-"""Bytes of a stream that are taken at once, a few replies: a controller that was held up sends a hundred
-together, and to read all of them takes longer than there is between two set points."""
+"""Bytes read from a stream at once, a few replies. A controller that was delayed sends a hundred replies
+together, and to read all of them takes longer than the time between two set points."""
 
 _CLOCK_TOLERANCE = 100_000
-"""ns by which two clocks may drift apart while nobody sets one: none, but looking at both takes a moment."""
+"""Difference, ns, by which two readings of the clocks may differ while nobody sets a clock: reading both
+takes time."""
 
 
 class Channel(BaseLink, Protocol):
-    """What the player sends through and waits with. All times are ns of `now`."""
+    """The link and the waits that the player uses. All times are ns of `now`."""
 
     @property
     def arrival_time(self) -> int:
-        """When what was received last came; where the system does not say, when it was read."""
+        """Arrival time of the bytes received last; the time of reading if the system gives no other."""
 
     def now(self) -> int:
-        """Return ns of a clock that does not go back."""
+        """Return the time of a monotonic clock, ns."""
 
     def wait_until(self, until: int) -> None:
-        """Return at `until`, as exactly as it can be done; at once if that is over."""
+        """Wait until `until` as exactly as possible; return at once if that is past."""
 
     def sleep_until(self, until: int) -> None:
-        """Sleep until about then, whatever comes; at once back where nobody would tell when that came."""
+        """Sleep until about `until`; return at once if the system gives no arrival times."""
 
     def receive(self, until: int) -> bytes | None:
-        """Return what comes next, no more than is quickly read; None if nothing came until `until`.
+        """Return the next bytes, in a small portion; None if nothing came until `until`.
 
         Raises:
-            ConnectionRefusedError: the peer's system says that nobody listens; on UDP tries may go on.
-            OSError: the way is gone.
+            ConnectionRefusedError: The peer's port is closed; on UDP, retries may go on.
+            OSError: The link is gone.
         """
 
 
 class SocketChannel:
-    """A socket connected to its peer, so that the system drops what others send.
+    """A socket connected to its peer, so that the system drops datagrams from others.
 
     Attributes:
-        datagrams: UDP, else TCP.
-        local: our end.
-        peer: the other end.
-        arrival_time: when what was received last came.
+        datagrams: Whether this is UDP; else TCP.
+        local: Local address.
+        peer: Address of the peer.
+        arrival_time: Arrival time of the bytes received last.
     """
 
     def __init__(self, sock: socket.socket) -> None:
@@ -89,31 +91,31 @@ class SocketChannel:
     now = staticmethod(time.monotonic_ns)
 
     def wait_until(self, until: int) -> None:
-        """Sleep, and spin for the last of it."""
+        """Sleep first, and watch the clock for the last part."""
         clock = time.monotonic_ns
         rest = until - SPIN_TIME - clock()
         if rest > 0:
-            time.sleep(rest / 1e9)  # until the set point is due there is nothing to do
+            time.sleep(rest / 1e9)  # there is nothing to do until the set point is due
         while clock() < until:
             pass
 
     def sleep_until(self, until: int) -> None:
-        """Sleep, where the system tells when what comes meanwhile came."""
+        """Sleep, if the system gives the arrival time of what comes meanwhile."""
         length = until - time.monotonic_ns()
         if self._has_kernel_times and length > 0:
-            time.sleep(length / 1e9)  # nothing that comes is needed before
+            time.sleep(length / 1e9)  # nothing received meanwhile is needed earlier
 
     def send(self, data: bytes) -> None:
-        """Send; a stream takes all of it or is gone."""
+        """Send; a stream accepts all bytes or is gone."""
         if self.datagrams:
-            # Lost on the way, or word of an earlier packet: both are what tries are for.
+            # The datagram is lost, or an earlier one met a closed port; retries deal with both.
             with suppress(BlockingIOError, ConnectionRefusedError):
                 self._socket.send(data)
         else:
             self._socket.sendall(data)
 
     def receive(self, until: int) -> bytes | None:
-        """Look first, then wait."""
+        """Try to read first, then wait."""
         while True:
             try:
                 data, control, _, _ = self._recvmsg(self._read_size, ANCILLARY_SIZE)
@@ -139,35 +141,35 @@ class SocketChannel:
         if abs(time.time_ns() - now - self._epoch_offset) > _CLOCK_TOLERANCE:
             self._epoch_offset = (
                 _measure_epoch_offset()
-            )  # the clock by which the system tells was set, or we were held up just now
+            )  # somebody set the system's clock, or this thread was delayed just now
         elif control:
             self.arrival_time = min(now, kernel_timestamp(control, 0) - self._epoch_offset)
 
 
 def _measure_epoch_offset() -> int:
-    """Tell when the clock of `now` was 0, ns since 1970, by the look of several that took least."""
+    """Return the time, ns since 1970, when the clock of `now` was 0; the fastest of five readings counts."""
     return max(time.time_ns() - time.monotonic_ns() for _ in range(5))
 
 
 def open_channel(host: str, port: int, tcp: bool, timeout: float = 5.0, local_port: int = 0) -> SocketChannel:
-    """Open a way to a controller.
+    """Open a channel to a controller.
 
     Args:
-        host: name or address.
-        port: of the controller.
+        host: Name or address of the controller.
+        port: Port of the controller.
         tcp: TCP instead of UDP.
-        timeout: seconds to connect in.
-        local_port: to send from over UDP; 0 for any.
+        timeout: Seconds to wait for a connection.
+        local_port: Local UDP port; 0 for any.
 
     Raises:
-        OSError: there is no such host, no way to it, or nobody listens.
+        OSError: The host is unknown or unreachable, or its port is closed.
     """
     sock = (
         socket.create_connection((host, port), timeout) if tcp else _connect_datagrams(host, port, local_port)
     )
     try:
         return SocketChannel(sock)
-    except OSError:  # the controller has reset the connection already
+    except OSError:  # the controller has already reset the connection
         sock.close()
         raise
 

@@ -1,4 +1,4 @@
-"""Checks of what a trajectory is: its numbers, its kind, its times."""
+"""Checks of a trajectory's numbers, type and times."""
 
 from __future__ import annotations
 
@@ -20,20 +20,20 @@ from bcapscope.protocol.slave_mode.poses import AXES
 from bcapscope.protocol.text_format import counted
 
 SAME_INTERVAL = 0.01
-"""Share by which intervals may differ and still count as the same."""
+"""Share by which equal intervals may differ."""
 
 LARGEST_NUMBER = 1e9
-"""mm or degrees that count as a number at all."""
+"""Largest number of mm or degrees that is accepted at all."""
 
-_RADIANS, _METRES = 6.3, 2.0  # below which numbers look as if they counted these
-_UNIT = 0.01  # by which the length of a direction may differ from 1
+_RADIANS, _METRES = 6.3, 2.0  # smaller numbers look like radians or metres
+_UNIT = 0.01  # the length of a unit vector may differ from 1 by this much
 _USUAL_AXES = 6
 
 RESAMPLE_ADVICE = "resample it, which also gives it a smooth start and stop"
 
 
 def check_finite(context: PreflightContext) -> Iterator[PreflightProblem]:
-    """Look for what is no number, or none that a robot could go to."""
+    """Look for NaN, infinity and absurd numbers."""
     points, count = set_point_numbers(~(np.abs(context.trajectory.points) <= LARGEST_NUMBER).all(axis=1))
     if count:
         told = f"{counted(count, 'set point')} of {len(context.trajectory)}"
@@ -44,7 +44,7 @@ def check_finite(context: PreflightContext) -> Iterator[PreflightProblem]:
 
 
 def check_mode(context: PreflightContext) -> Iterator[PreflightProblem]:
-    """Compare the kind of the set points with the slave mode's."""
+    """Compare the pose type of the set points with that of the slave mode."""
     mode_, kind = context.mode, context.trajectory.kind
     if mode_ is None or mode_.pose_type is kind:
         return
@@ -55,7 +55,7 @@ def check_mode(context: PreflightContext) -> Iterator[PreflightProblem]:
 
 
 def check_axes(context: PreflightContext) -> Iterator[PreflightProblem]:
-    """Compare the axes with those of the robot, and tell which are not in the file."""
+    """Compare the axes with those of the robot, and note which the file lacks."""
     trajectory = context.trajectory
     missing = [axis.name for axis in AXES[trajectory.kind][len(trajectory.axes) :]]
     if trajectory.kind is PoseType.J and context.axis_count is not None:
@@ -78,7 +78,7 @@ def check_axes(context: PreflightContext) -> Iterator[PreflightProblem]:
 
 
 def check_fig(context: PreflightContext) -> Iterator[PreflightProblem]:
-    """Look at the posture."""
+    """Check that Fig is a whole number and does not change."""
     trajectory, column = context.trajectory, FIG_COLUMN.get(context.trajectory.kind)
     if column is None or column >= len(trajectory.axes):
         return
@@ -96,7 +96,7 @@ def check_fig(context: PreflightContext) -> Iterator[PreflightProblem]:
 
 
 def check_directions(context: PreflightContext) -> Iterator[PreflightProblem]:
-    """Check that the vectors of T type are directions."""
+    """Check that the vectors of T type are unit vectors at a right angle."""
     if context.trajectory.kind is not PoseType.T:
         return
     orientation, approach = context.trajectory.points[:, 3:6], context.trajectory.points[:, 6:9]
@@ -112,7 +112,7 @@ def check_directions(context: PreflightContext) -> Iterator[PreflightProblem]:
 
 
 def check_cycle(context: PreflightContext) -> Iterator[PreflightProblem]:
-    """Compare slvMove with the cycle in which a controller takes set points, where that sets the pace."""
+    """Compare the time between slvMove with the controller's cycle time."""
     mode_, taken = context.mode, PERIOD_MS / 1000
     if mode_ is None or not mode_.pose_type or abs(context.period - taken) <= SAME_INTERVAL * taken:
         return
@@ -127,7 +127,7 @@ def check_cycle(context: PreflightContext) -> Iterator[PreflightProblem]:
 
 
 def check_interval(context: PreflightContext) -> Iterator[PreflightProblem]:
-    """Compare the times with those of slvMove."""
+    """Compare the times of the file with those of slvMove."""
     trajectory = context.trajectory
     if trajectory.period is not None:
         yield from _check_period(trajectory.period, context.period)
@@ -175,7 +175,7 @@ def _check_times(context: PreflightContext, times: Array) -> Iterator[PreflightP
 
 
 def check_units(context: PreflightContext) -> Iterator[PreflightProblem]:
-    """Look for numbers that seem to count something else."""
+    """Look for numbers that seem to be radians or metres."""
     trajectory = context.trajectory
     places = slice(0, 3) if trajectory.kind is not PoseType.J else slice(0, 8)
     given = {column.unit for column in trajectory.source.columns[places]}

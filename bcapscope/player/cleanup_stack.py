@@ -1,4 +1,4 @@
-"""What a visit has begun and has to end, however it ends."""
+"""The cleanup of a session: what it began and must undo, however it ends."""
 
 from __future__ import annotations
 
@@ -12,20 +12,20 @@ from bcapscope.player.robot_adapter import RobotAdapter
 from bcapscope.protocol.tables.hresult import E_BUSY
 
 _BUSY_TIMEOUT = 5_000_000_000
-"""ns that a controller may be at work on a call that was given up; it takes no other meanwhile."""
+"""Time, ns, that a controller may spend on a call that was given up; it accepts no other call meanwhile."""
 
 _BUSY_PAUSE = 20_000_000
 
 
 class CleanupStack:
-    """Ends what was begun, the newest first, and tells of it, so that somebody else can.
+    """Undoes what was begun, newest first, and reports what is left, so that another process can undo it.
 
     Attributes:
-        is_controller_gone: the controller does not answer any more, so that the rest is left to it.
+        is_controller_gone: Whether the controller no longer answers; then the rest stays undone.
     """
 
     def __init__(self, robot: RobotAdapter, pipe: PlayerPipe, channel: Channel) -> None:
-        """Begin with none."""
+        """Begin with no tasks."""
         self.is_controller_gone = False
         self._robot = robot
         self._pipe = pipe
@@ -33,9 +33,10 @@ class CleanupStack:
         self._tasks: list[CleanupTask] = []
 
     async def run_and_push(self, task: CleanupTask, step: Callable[[], Awaitable[None]]) -> None:
-        """Begin what has to be ended.
+        """Push a task and run the step that makes it necessary.
 
-        It has to be from before the call on, whose reply may be lost, unless the controller refuses it.
+        The task is pushed before the call, because its reply may be lost. It is removed if the controller
+        refuses the call.
         """
         self.push(task)
         try:
@@ -45,12 +46,12 @@ class CleanupStack:
             raise
 
     def push(self, *tasks: CleanupTask) -> None:
-        """Note what has to be ended, the oldest first."""
+        """Add tasks, oldest first."""
         self._tasks += tasks
         self._report_tasks()
 
     async def clean_up_all(self) -> None:
-        """End all of it; what the controller refuses is told, and the rest goes on."""
+        """Run all tasks; a refusal of the controller is reported, and the next task follows."""
         while self._tasks and not self.is_controller_gone:
             debt = self._tasks[-1]
             await self._clean_up(debt)
@@ -73,7 +74,7 @@ class CleanupStack:
             self._channel.wait_until(self._channel.now() + _BUSY_PAUSE)
 
     def remove(self, task: CleanupTask) -> None:
-        """Note that something has ended."""
+        """Remove a task that is done."""
         self._tasks.remove(task)
         self._report_tasks()
 

@@ -1,4 +1,4 @@
-"""Which columns of a table make a trajectory, by their titles, by their number, or as the user says."""
+"""Finding the columns of a trajectory in a table: by titles, by number, or as the user says."""
 
 from __future__ import annotations
 
@@ -29,19 +29,19 @@ _PREFERENCE = (PoseType.J, PoseType.P, PoseType.T)
 _HALF_TURN = 180.0
 _POSTURES = 31.0
 _MAX_NAMED = 12
-_EVEN = 1e-3  # share by which steps may differ and still count as even
+_EVEN = 1e-3  # share by which even steps may differ
 _USUAL_AXES = 6
 
 
 @dataclass(frozen=True, slots=True)
 class ReadOptions:
-    """What the user says of a file.
+    """What the user says about a file.
 
     Attributes:
-        kind: pose type; None to take what there is, joints first.
-        columns: column of each axis and of `time`, counted from 1; empty to go by titles.
-        angle: unit of angles where the file does not say: `deg` or `rad`.
-        length: unit of positions likewise: `mm` or `m`.
+        kind: Pose type; None to use what the file has, joints first.
+        columns: Column of each axis and of `time`, from 1; empty to use the titles.
+        angle: Unit of angles if the file does not say: `deg` or `rad`.
+        length: Unit of positions if the file does not say: `mm` or `m`.
     """
 
     kind: PoseType | None = None
@@ -52,14 +52,14 @@ class ReadOptions:
 
 @dataclass(frozen=True, slots=True)
 class ColumnLayout:
-    """Which columns make a trajectory.
+    """The columns that make a trajectory.
 
     Attributes:
-        kind: pose type.
-        columns: an element an axis, in order.
-        time: column of the times; None where there is none.
-        counter: column that counts records or time; None likewise.
-        notes: what was chosen or assumed, a clause each.
+        kind: Pose type.
+        columns: One element per axis, in order.
+        time: Column of the times; None if there is none.
+        counter: Column that counts records or time; None if there is none.
+        notes: What was chosen or assumed, one clause each.
     """
 
     kind: PoseType
@@ -70,10 +70,10 @@ class ColumnLayout:
 
 
 def parse_columns(text: str) -> dict[str, int]:
-    """Read a description such as `time=1,J1..J6=2..7`: which column, counted from 1, each axis is in.
+    """Parse a description such as `time=1,J1..J6=2..7`: the column of each axis, from 1.
 
     Raises:
-        ValueError: it makes no sense.
+        ValueError: The description is invalid.
     """
     columns: dict[str, int] = {}
     for part in text.split(","):
@@ -104,10 +104,10 @@ def _column_pairs(part: str) -> Iterator[tuple[str, int]]:
 
 
 def layout_of_titles(titles: Sequence[str], options: ReadOptions) -> ColumnLayout | None:
-    """Find the columns by their titles; None where no pose is whole.
+    """Find the columns by their titles; None if no pose is complete.
 
     Raises:
-        TrajectoryError: columns that the user told are not there.
+        TrajectoryError: Columns that the user named do not exist.
     """
     if options.columns:
         return _layout_as_given(options, titles, len(titles))
@@ -137,14 +137,14 @@ def layout_of_titles(titles: Sequence[str], options: ReadOptions) -> ColumnLayou
 
 
 def layout_of_numbers(rows: Sequence[Sequence[float]], options: ReadOptions) -> ColumnLayout:
-    """Guess what bare numbers are.
+    """Guess what numbers without titles mean.
 
     Args:
-        rows: the first lines, at least one.
-        options: what the user says.
+        rows: The first lines, at least one.
+        options: What the user says about the file.
 
     Raises:
-        TrajectoryError: they may be several things, or none.
+        TrajectoryError: The numbers may mean several things, or nothing.
     """
     count = len(rows[0])
     if options.columns:
@@ -167,7 +167,7 @@ def layout_of_numbers(rows: Sequence[Sequence[float]], options: ReadOptions) -> 
 
 
 def _ambiguity(rows: Sequence[Sequence[float]]) -> str:
-    """Say why numbers may be no joints; empty where they look like joints."""
+    """Return why numbers may not be joints; "" if they look like joints."""
     first = [row[0] for row in rows]
     steps = [b - a for a, b in pairwise(first)]
     if len(steps) > 1 and steps[0] > 0 and max(steps) - min(steps) <= _EVEN * steps[0]:
@@ -182,7 +182,7 @@ def _ambiguity(rows: Sequence[Sequence[float]]) -> str:
 
 
 def _axis_columns(kind: PoseType, role: ColumnRole, read: Sequence[ColumnTitle | None]) -> list[int]:
-    """Return the place of each axis of a kind as far as the row has no hole; () where it is too short."""
+    """Return the column of each axis of a type up to the first missing axis; [] if those are too few."""
     by_name: dict[str, int] = {}
     for place, title in enumerate(read):
         if title and title.role is role:
@@ -201,7 +201,7 @@ def _column(axis: Axis, place: int, name: str, title: ColumnTitle | None, option
 
 
 def _column_unit(axis: Axis, stated: Unit | None, options: ReadOptions) -> tuple[str, float]:
-    """Return the unit that a column counts in and the factor to that of the axis."""
+    """Return the unit of a column, and the factor that converts it to the unit of the axis."""
     if not axis.unit:
         return "", 1.0
     unit = UNITS[options.angle if axis.unit == "deg" else options.length]
@@ -252,7 +252,7 @@ def _layout_as_given(options: ReadOptions, titles: Sequence[str], count: int) ->
 
 
 def _named_axis_count(kind: PoseType, columns: Mapping[str, int]) -> int:
-    """Return how many axes of a kind are told without a hole; 0 where these are too few."""
+    """Return how many axes of a type the user named without a gap; 0 if those are too few."""
     count = next(
         (place for place, axis in enumerate(AXES[kind]) if axis.name not in columns), len(AXES[kind])
     )
@@ -275,7 +275,7 @@ def _kind_notes(kind: PoseType, others: Sequence[PoseType]) -> Iterator[str]:
 def _duplicate_notes(
     axes: Sequence[Axis], role: ColumnRole, read: Sequence[ColumnTitle | None]
 ) -> Iterator[str]:
-    """Tell of axes that several columns are for, of which the first is taken."""
+    """Yield a note for each axis that several columns name; the first of them is used."""
     for axis in axes:
         places = [
             str(place)
@@ -287,6 +287,6 @@ def _duplicate_notes(
 
 
 def list_titles(titles: Sequence[str]) -> str:
-    """List titles, the first few."""
+    """Return the first few titles as text."""
     more = f" and {len(titles) - _MAX_NAMED} more" if len(titles) > _MAX_NAMED else ""
     return ", ".join(" ".join(title[:40].split()) for title in titles[:_MAX_NAMED]) + more

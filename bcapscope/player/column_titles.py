@@ -1,9 +1,9 @@
-"""What the title of a column says: which axis, commanded or measured, in which unit.
+"""Reading the title of a column: which axis, commanded or measured, in which unit.
 
-Titles seen: those of `bcapscope extract`; those of a controller's log, `[J1 - 指令値]` and `[FIG - 指令値]`
-(ShoheiKobata/orin_bcap_python_samples others/Get_Syslog.py and DrawLineDemo); English ones of the same shape;
-bare names of axes and joints. A title with a word that is not known here says nothing, so that a force or a
-way travelled is never taken for a position.
+Known titles: those of `bcapscope extract`, and plain names of axes and joints. Also those of a controller's
+log, `[J1 - 指令値]` and `[FIG - 指令値]` (ShoheiKobata/orin_bcap_python_samples others/Get_Syslog.py and
+DrawLineDemo), and English ones of the same form. A title with an unknown word is ignored, so that a force or
+a distance travelled is never taken for a position.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from bcapscope.protocol.slave_mode.poses import AXES
 
 
 class ColumnRole(StrEnum):
-    """What numbers in a column are; earlier ones are preferred."""
+    """What the numbers in a column are, in order of preference."""
 
     COMMANDED = "commanded"
     UNMARKED = "not marked as commanded or measured"
@@ -25,12 +25,12 @@ class ColumnRole(StrEnum):
 
 
 class Unit(NamedTuple):
-    """A unit that a file may count in.
+    """A unit that a file may use.
 
     Attributes:
-        name: as it is shown.
+        name: Name to show.
         kind: `angle`, `length` or `time`.
-        factor: to degrees, mm, or seconds.
+        factor: Factor that converts to degrees, mm or seconds.
     """
 
     name: str
@@ -53,16 +53,16 @@ UNITS = {
 """By name."""
 
 TIME, COUNTER, NUMBER = "time", "counter", "number"
-"""What columns are called that are no axes: the time, the controller's counter, the number of the record."""
+"""Names of columns other than axes: the time, the controller's counter, the number of the record."""
 
 
 class ColumnTitle(NamedTuple):
     """What a title says.
 
     Attributes:
-        axis: name as in a pose, or `TIME`, `COUNTER` or `NUMBER`.
-        role: of the numbers.
-        unit: None where the title has none.
+        axis: Name as in a pose, or `TIME`, `COUNTER` or `NUMBER`.
+        role: Role of the numbers.
+        unit: Unit; None if the title has none.
     """
 
     axis: str
@@ -112,7 +112,7 @@ _LONGEST = 80
 
 
 def read_title(text: str) -> ColumnTitle | None:
-    """Read a title; None where it is of nothing that a trajectory is made of."""
+    """Read a title; None if its column is no part of a trajectory."""
     words = _words(text)
     if "counter" in words:
         return ColumnTitle(COUNTER, ColumnRole.UNMARKED, None)
@@ -132,7 +132,7 @@ def read_title(text: str) -> ColumnTitle | None:
 
 
 def _words(text: str) -> list[str]:
-    """Split a title where letters, digits and Japanese meet; a number joins the word `joint` before it."""
+    """Split a title between letters, digits and Japanese; join a number to a word for joint before it."""
     plain = unicodedata.normalize("NFKC", text[:_LONGEST]).casefold()
     words: list[str] = []
     for word in _WORD.findall(plain.replace("_", " ")):

@@ -1,6 +1,6 @@
 """The controller's own log of a motion, saved as CSV.
 
-What a record of GetLogRecord holds, its order and the titles of the columns are those of
+The content and order of a GetLogRecord record and the column titles are those of
 ShoheiKobata/orin_bcap_python_samples others/Get_Syslog.py.
 """
 
@@ -43,11 +43,12 @@ LOG_COLUMN_TITLES = tuple(f"[J{axis} - {what}]" for axis in range(1, 9) for what
 async def read_log_records(
     session: Session, target: ControllerTarget, robot_name: str, check_abort: Callable[[], None]
 ) -> list[Value]:
-    """Read them by a session in which nothing is open yet; what `check_abort` raises ends it between two
-    records.
+    """Read the log records in a session with no open objects, and close the session.
+
+    `check_abort` is called before each record; an exception that it raises ends the reading.
 
     Raises:
-        BcapError: as `Session.call`.
+        BcapError: As for `Session.call`.
     """
     records: list[Value] = []
     try:
@@ -63,13 +64,14 @@ async def read_log_records(
 
 
 def read_control_log(target: ControllerTarget, robot: str, check_abort: Callable[[], None]) -> list[Value]:
-    """Read the records that the controller holds, the oldest first; what `check_abort` raises ends that.
+    """Return the log records that the controller holds, oldest first.
 
-    By a connection of its own, over TCP: a record has 39 values, too many for the 503 bytes of a datagram.
+    They come over a TCP connection of their own: a record has 39 values, too many for a datagram of 503
+    bytes. `check_abort` is called before each record; an exception that it raises ends the reading.
 
     Raises:
-        BcapError: as `Session.call`.
-        OSError: there is no way to the controller.
+        BcapError: As for `Session.call`.
+        OSError: The controller is unreachable.
     """
     channel = open_channel(target.host, target.port, tcp=True)
     tcp = (ReservedConvention.TCP0, ReservedConvention.TCP1)
@@ -79,15 +81,15 @@ def read_control_log(target: ControllerTarget, robot: str, check_abort: Callable
 
 
 def _csv_cell(value: object) -> object:
-    """Keep a spreadsheet from computing a text, with an apostrophe before it; numbers stay as they are."""
+    """Put an apostrophe before text that a spreadsheet would compute; leave numbers unchanged."""
     return f"'{value}" if isinstance(value, str) and is_spreadsheet_formula(value) else value
 
 
 def write_control_log(file: BinaryIO, records: Sequence[Value]) -> None:
-    """Write a line a record, in UTF-8.
+    """Write one line per record, in UTF-8.
 
     Raises:
-        OSError: there is no room, or the like.
+        OSError: The file cannot be written, for example because the disk is full.
     """
     text = io.StringIO(newline="")
     rows = csv.writer(text, lineterminator="\n")

@@ -1,7 +1,7 @@
-"""What was said: the last frames for those who watch, and all of it for a capture.
+"""The frames of a player: the last ones for display, and all of them for a recording.
 
-Frames are kept in memory while set points are sent, and written when that is over: a disk may take longer
-than a set point has.
+While set points are sent, the recorder keeps frames in memory and writes them afterwards: a disk may take
+longer than the time between two set points.
 """
 
 from __future__ import annotations
@@ -16,20 +16,20 @@ from bcapscope.player.channel import Channel
 from bcapscope.player.player_messages import FrameMessage
 
 MAX_FRAMES = 2_000_000
-"""Frames that are kept, those of more than two hours at 8 ms; what comes later is not recorded."""
+"""Frames kept, more than two hours at 8 ms; later frames are not recorded."""
 
 
 class FrameRecorder:
-    """Hears of every frame.
+    """Receives every frame.
 
     Attributes:
-        last_sent: the last frame that went out.
-        last_received: the last that came in.
-        is_pacing: set points are being sent, so that frames are only kept.
+        last_sent: The last frame sent.
+        last_received: The last frame received.
+        is_pacing: Whether set points are being sent; then frames are only kept.
     """
 
     def __init__(self, send: Callable[[FrameMessage], object], record: BinaryIO | None) -> None:
-        """Tell of each frame outside of pacing; `record` is a file for a capture."""
+        """Report each frame outside of pacing to `send`; `record` is a file for the recording, or None."""
         self.last_sent = b""
         self.last_received = b""
         self.is_pacing = False
@@ -39,7 +39,7 @@ class FrameRecorder:
         self._frames: list[tuple[bool, bytes, int]] = []
 
     def on_frame(self, sent: bool, raw: bytes, now: int) -> None:
-        """Take a frame; `now` is ns of the monotonic clock, when it was sent or when it came."""
+        """Note a frame; `now` is when it was sent or received, ns of the monotonic clock."""
         if sent:
             self.last_sent = raw
         else:
@@ -50,16 +50,16 @@ class FrameRecorder:
             self._send(FrameMessage(sent, raw, now + self._epoch_offset))
 
     def save_capture(self, link: Channel) -> None:
-        """Write the capture.
+        """Write the recording, if there is a file for it.
 
         Raises:
-            OSError: there is no room, or the like.
+            OSError: The file cannot be written, for example because the disk is full.
         """
         if self._file is None:
             return
         recording = SocketRecording(self._file)
         write = recording.write_datagram if link.datagrams else recording.write_segment
-        self._frames.sort(key=itemgetter(2))  # a reply may be read long after it came
+        self._frames.sort(key=itemgetter(2))  # a reply may be read long after it arrived
         for sent, raw, now in self._frames:
             ends = (link.local, link.peer) if sent else (link.peer, link.local)
             write(*ends, raw, now + self._epoch_offset)

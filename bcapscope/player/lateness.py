@@ -1,4 +1,4 @@
-"""How late set points were sent, kept without allocating anything while they are sent."""
+"""Lateness of set points, recorded without allocating memory while they are sent."""
 
 from __future__ import annotations
 
@@ -9,17 +9,17 @@ import msgspec
 import numpy as np
 
 _BINS_PER_OCTAVE = 16
-"""Bins between a power of two and the next: percentiles while it runs are within 7%."""
+"""Bins between one power of two and the next; so estimated percentiles are within 7 %."""
 
 _BINS = 64 * _BINS_PER_OCTAVE
 _PERCENTILES = (0.5, 0.99, 0.999)
 
 MAX_REPORTED_BINS = 40
-"""Bins that `Lateness.bins` tells of: a message has to fit into a pipe as a whole."""
+"""Bins that `Lateness.bins` returns at most; a message must fit into a pipe as a whole."""
 
 
 class Spread(msgspec.Struct, frozen=True):
-    """How values are spread, ns: a percentile is the smallest value that this share does not exceed."""
+    """Distribution of values, ns. A percentile is the smallest value that covers this share of all values."""
 
     count: int = 0
     p50: int = 0
@@ -29,10 +29,10 @@ class Spread(msgspec.Struct, frozen=True):
 
 
 class Lateness:
-    """Takes the lateness of each set point."""
+    """Records the lateness of each set point."""
 
     def __init__(self, capacity: int) -> None:
-        """Make room for so many values; after those only their bins and the largest are kept."""
+        """Allocate room for `capacity` values; of later values only bins and the maximum are kept."""
         self._values = array("q", bytes(8 * capacity))
         self._capacity = capacity
         self._bins = array("q", bytes(8 * _BINS))
@@ -41,7 +41,7 @@ class Lateness:
         self._maximum = 0
 
     def add(self, late: int) -> None:
-        """Take one, ns, not negative."""
+        """Record one value, ns, not negative."""
         if self._count < self._capacity:
             self._values[self._count] = late
         self._count += 1
@@ -49,7 +49,7 @@ class Lateness:
         self._maximum = max(self._maximum, late)
 
     def estimated_spread(self) -> Spread:
-        """Tell percentiles by bins, quickly: the upper edge of the bin that they are in."""
+        """Return percentiles estimated quickly from the bins: the upper edge of the bin that holds each."""
         if not self._count:
             return Spread()
         wanted = [_rank(share, self._count) for share in _PERCENTILES]
@@ -58,14 +58,14 @@ class Lateness:
         return Spread(self._count, p50, p99, p999, self._maximum)
 
     def bins(self) -> tuple[tuple[int, int, int], ...]:
-        """Tell least and greatest value and count of each bin; of the `MAX_REPORTED_BINS` that hold most."""
+        """Return least value, greatest value and count of the `MAX_REPORTED_BINS` fullest bins, in order."""
         filled = [(self._bins[number], number) for number in np.flatnonzero(self._counts).tolist()]
         if len(filled) > MAX_REPORTED_BINS:
             filled = sorted(filled, reverse=True)[:MAX_REPORTED_BINS]
         return tuple(sorted((_lower_edge(number), _upper_edge(number), count) for count, number in filled))
 
     def exact_spread(self) -> Spread:
-        """Tell exact percentiles where all values are still there; takes its time."""
+        """Return exact percentiles if all values were kept, else estimated ones; slow."""
         if not 0 < self._count <= self._capacity:
             return self.estimated_spread()
         values = sorted(self._values[: self._count])
@@ -78,7 +78,7 @@ def _rank(share: float, count: int) -> int:
 
 
 def _bin_of(value: int) -> int:
-    """Number the bin of a value: below 16 each its own, then 16 to a power of two."""
+    """Return the number of a value's bin: one bin per value below 16, then 16 bins per power of two."""
     if value < _BINS_PER_OCTAVE:
         return max(value, 0)
     shift = value.bit_length() - 5

@@ -1,4 +1,4 @@
-"""What is done beside sending set points: orders are looked for, and progress is told."""
+"""Side work between two set points: poll for orders and report progress."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from bcapscope.protocol.codec.frame import Frame
 from bcapscope.protocol.slave_mode.poses import pose_numbers
 
 PROGRESS_INTERVAL = 50_000_000
-"""ns from one telling to the next."""
+"""Time from one progress report to the next, ns."""
 
 
 class PlayMonitor:
-    """Does it, quickly, each time it is called.
+    """Polls for orders and reports progress; each call returns quickly.
 
     Attributes:
-        pacer: that is watched.
+        pacer: The pacer whose progress is reported.
     """
 
     pacer: Pacer
@@ -35,10 +35,10 @@ class PlayMonitor:
         self._next_report = 0
 
     def on_idle(self, now: int) -> None:
-        """Look for orders, and tell of progress when it is time to.
+        """Poll for an order, and report progress when the next report is due.
 
         Raises:
-            HaltedError: that is the order.
+            HaltedError: The order is to halt.
         """
         order = self._pipe.poll_order()
         if order is Order.HALT:
@@ -50,7 +50,7 @@ class PlayMonitor:
             self._pipe.try_send(self.progress(now))
 
     def progress(self, now: int) -> PlayProgress:
-        """Return how far it is."""
+        """Return the progress at the time `now` (ns)."""
         pacer, course = self.pacer, self._sequence
         left = max(0, course.total - course.index) * self._period / 1e9 if course.total else None
         return PlayProgress(
@@ -70,7 +70,7 @@ class PlayMonitor:
 
 
 def _pose_in(reply: Frame | None) -> SetPointValues:
-    """Read the pose out of a reply; nothing where it holds none, or NaN, which no message carries."""
+    """Return the pose in a reply; () if it has none or holds NaN, which a message cannot carry."""
     if reply is None or not reply.arguments:
         return ()
     row = pose_numbers(reply.arguments[0].variant) or ()

@@ -1,4 +1,4 @@
-"""Checks of how a trajectory moves: where from, how far, how fast, and whether it begins and ends at rest."""
+"""Checks of the motion: first point, distances, speeds, and rest at both ends."""
 
 from __future__ import annotations
 
@@ -25,27 +25,28 @@ from bcapscope.protocol.text_format import counted
 from bcapscope.simulator.kinematics import AxisLimit
 
 POSITION_TOLERANCE = 0.05
-"""mm or degrees that the first point may be away from where the robot is, without a Move there."""
+"""Distance in mm or degrees between robot and first point up to which no approach motion is needed."""
 
-_SLACK = 1.000001  # rounding of single-precision set points is no excess
+_SLACK = 1.000001  # single-precision set points are rounded; rounding is no excess
 _DIRECTIONS = Axis("Ox..Az", "deg")
 _MOVE = "move there slowly first"
 _TOO_FAST, _SLOWER = "more than any arm does", "play it more slowly, or look for a jump there"
-_SLOW, _CRAWL = 0.1, 1.0  # share of the top speed, and units a second, that count as rest at either end
+_SLOW, _CRAWL = 0.1, 1.0  # below this share of the top speed, or these units a second, an end counts as rest
 
 
 class AxisFigures(NamedTuple):
-    """What one axis does.
+    """The motion of one axis in figures.
 
     Attributes:
-        axis: name and unit.
-        low: smallest value.
-        high: largest value.
-        step: largest step from one set point to the next.
-        speed: largest, a second.
-        acceleration: largest, a second squared, rest before the first and after the last point counted.
-        fastest: number of the set point that the fastest step leads to, from 1.
-        limit: of the axis, infinite where it is not known.
+        axis: Name and unit.
+        low: Smallest value.
+        high: Largest value.
+        step: Largest step from one set point to the next.
+        speed: Largest speed, units a second.
+        acceleration: Largest acceleration, units a second squared. The robot counts as at rest before the
+            first and after the last point.
+        fastest: Number of the set point at the end of the fastest step, from 1.
+        limit: Limits of the axis; infinite if unknown.
     """
 
     axis: Axis
@@ -59,7 +60,7 @@ class AxisFigures(NamedTuple):
 
 
 def axis_figures(context: PreflightContext) -> tuple[AxisFigures, ...]:
-    """Return what each axis does, the joints behind the others where they can be computed."""
+    """Return the figures of each axis, followed by those of the joints if they can be computed."""
     if context.step is None:
         return ()
     return tuple(
@@ -90,7 +91,7 @@ def check_limits(context: PreflightContext) -> Iterator[PreflightProblem]:
 
 
 def check_rest(context: PreflightContext) -> Iterator[PreflightProblem]:
-    """Look for a start or an end at speed."""
+    """Warn if the trajectory starts or ends at speed."""
     motion = _own_motion(context)
     speeds = np.abs(motion.speeds)
     if not len(speeds) or context.step is None:
@@ -105,11 +106,11 @@ def check_rest(context: PreflightContext) -> Iterator[PreflightProblem]:
             )
             yield PreflightProblem("rest", Severity.WARNING, sentence, RESAMPLE_ADVICE, (number,), 1)
             if context.loop:
-                return  # at speed from round to round
+                return  # in a loop, the motion runs on at speed from round to round
 
 
 def check_first_point(context: PreflightContext) -> Iterator[PreflightProblem]:
-    """Compare the first point with where the robot is."""
+    """Compare the first point with the robot's current pose."""
     away = first_point_offsets(context)
     if away is None or context.current_pose is None:
         return
@@ -132,9 +133,9 @@ def check_first_point(context: PreflightContext) -> Iterator[PreflightProblem]:
 
 
 def first_point_offsets(context: PreflightContext) -> tuple[float, ...] | None:
-    """Return how far the first point is from where the robot is, an element an axis of the trajectory.
+    """Return the distance from the robot to the first point, one element per axis of the trajectory.
 
-    Rotations of P type count the shorter way round. None where it is not known.
+    Rotations of P type count the shorter way round. None if the robot's pose is unknown.
     """
     if context.current_pose is None:
         return None
@@ -148,7 +149,7 @@ def first_point_offsets(context: PreflightContext) -> tuple[float, ...] | None:
 
 
 def check_join(context: PreflightContext) -> Iterator[PreflightProblem]:
-    """Compare the last point with the first where it starts again."""
+    """In a loop, compare the last point with the first."""
     if not context.loop or len(context.trajectory) < 2 or context.step is None:
         return
     motion = _own_motion(context)
@@ -164,7 +165,7 @@ def check_join(context: PreflightContext) -> Iterator[PreflightProblem]:
 
 
 def check_movement(context: PreflightContext) -> Iterator[PreflightProblem]:
-    """Tell where nothing moves."""
+    """Note if nothing moves."""
     if not np.ptp(context.trajectory.points, axis=0).any():
         count = counted(len(context.trajectory), "set point")
         yield PreflightProblem("still", Severity.NOTE, f"nothing moves: {count}, all the same")
@@ -176,7 +177,7 @@ def _own_motion(context: PreflightContext) -> TrajectoryMotion:
 
 
 def _padded_motions(context: PreflightContext) -> Iterator[TrajectoryMotion]:
-    """Return the motion of each set of axes, longer at both ends: by rest, or as the next round begins."""
+    """Yield the motion of each set of axes, extended by rest, or in a loop by the next round's start."""
     points = context.trajectory.points
     after = points[:2] if context.loop else points[-1:]
     return _motions_through(context, np.vstack((points[:1], points, after)))
@@ -237,7 +238,7 @@ def _check_axis_limits(
 
 
 def _check_turning(context: PreflightContext) -> Iterator[PreflightProblem]:
-    """Look at how fast the directions of T type turn."""
+    """Check how fast the direction vectors of T type turn."""
     if context.step is None:
         return
     points, most = context.trajectory.points, MAX_ARM_SPEED[_DIRECTIONS.unit]
@@ -248,7 +249,7 @@ def _check_turning(context: PreflightContext) -> Iterator[PreflightProblem]:
 
 
 def _mark_set_points(where: NDArray[np.bool_], count: int) -> NDArray[np.bool_]:
-    """Give what is found to its set point; behind the last one come those of the next round."""
+    """Assign each violation to its set point; elements after the last point belong to the next round."""
     at = where[:count].copy()
     rest = where[count : 2 * count]
     at[: len(rest)] |= rest

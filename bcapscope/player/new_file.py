@@ -1,4 +1,4 @@
-"""Files that are opened before anything moves, so that it is known then whether they can be written."""
+"""New files, opened before anything moves, so that an unwritable path is found in time."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from typing import BinaryIO
 
 @contextmanager
 def open_new_file(path: str | None) -> Iterator[BinaryIO | None]:
-    """Open a file for the length of a block; one to which nothing was written is not there afterwards.
+    """Open a new file for the length of a block; delete it afterwards if nothing was written to it.
 
     Args:
-        path: of the file; None for none.
+        path: Path of the file; None to open none.
 
     Raises:
-        OSError: it cannot be written, or is there already.
+        OSError: The file exists already or cannot be written.
     """
     if path is None:
         yield None
@@ -26,7 +26,7 @@ def open_new_file(path: str | None) -> Iterator[BinaryIO | None]:
         yield file
     finally:
         is_empty = not file.tell()
-        with suppress(OSError):  # who wrote has flushed, and knows
+        with suppress(OSError):  # the writer has flushed, and knows of any error
             file.close()
         if is_empty:
             Path(path).unlink(missing_ok=True)

@@ -1,28 +1,26 @@
 """Sending set points in time.
 
-Who sets the pace depends on the slave mode (DENSO Wave 2009, How to use the Slave mode; table of slave modes
-in ShoheiKobata/orin_bcap_python_samples):
+The slave mode decides whether the player or the controller sets the pace (DENSO Wave 2009, How to use the
+Slave mode; table of slave modes in ShoheiKobata/orin_bcap_python_samples):
 
-* **Async, mode 1**: we do. Deadlines are absolute, one a period. The reply may take until shortly before the
-  next deadline; then the call is given up and the next set point sent, since the newest one wins and a try
-  again only wastes bandwidth. Nobody is woken by the reply: it is looked for shortly before the call would be
-  given up or the next packet made, and the system tells when it came (`BlockingCaller.sleep_until_due`). One
-  that comes late still counts as word of the controller, and one that refuses ends the play. When the newest
-  set point that is known to be answered is older than `SILENCE_TIMEOUT`, the controller has a row of them
-  before it, or is gone; then nothing more is sent until it is through.
-* **Sync, mode 2**: the controller does, by answering when it has room. The next set point is due
-`_PREPARATION`
-  after the reply, so that it always goes out equally long after. While the reply does not come the call is
-  tried again, each `RetryPolicy.timeout`; a reply to an earlier try is discarded. When all tries are used up
-  nothing more is sent, and a reply to any of them will do: a controller with a full buffer is not in need
-  yet. After
-  `SILENCE_TIMEOUT` it counts as gone.
-* **mode 0**: both. S_BUF_FULL asks for a period's pause; S_OK says that there is room, so the next follows at
-  once; 83201483 says that there was none, and the same set point is sent again.
+* **Async, mode 1**: the player sets the pace. Deadlines are absolute, one per period. If the reply has not
+  come shortly before the next deadline, the pacer gives the call up and sends the next set point. It does not
+  retry: the newest set point wins, so a retry only wastes bandwidth. The reply does not wake the player. The
+  pacer looks for it shortly before it would give the call up or make the next packet, and the operating
+  system gives its arrival time (`BlockingCaller.sleep_until_due`). A late reply still shows that the
+  controller is alive, and a late refusal ends the play. If the newest answered set point is older than
+  `SILENCE_TIMEOUT`, the controller is behind or gone. Then the pacer sends nothing until a reply comes.
+* **Sync, mode 2**: the controller sets the pace: it answers when its buffer has room. The next set point is
+  due `_PREPARATION` after the reply, so that this delay is always the same. Without a reply the requester
+  retries every `RetryPolicy.timeout`, and discards replies to earlier attempts. After the last attempt the
+  pacer sends nothing more and accepts a reply to any attempt: a controller with a full buffer needs no set
+  point yet. After `SILENCE_TIMEOUT` the controller counts as gone.
+* **mode 0**: both. S_BUF_FULL asks for a pause of one period. S_OK means that there is room, so the next set
+  point follows at once. 83201483 means that there was none; the pacer sends the same set point again.
 
-Set points are never left out and never sent faster to catch up: who is late by more than half a period moves
-the deadlines, so that the robot pauses instead of jumping. Nor does a controller that answers too soon make
-it faster: see `_Throttle`.
+The pacer never skips a set point and never sends faster to catch up. If it is late by more than half a
+period, it moves the deadlines, so that the robot pauses instead of jumping. A controller that answers too
+soon does not speed it up either: see `_Throttle`.
 """
 
 from __future__ import annotations
@@ -49,48 +47,49 @@ from bcapscope.protocol.tables.hresult import (
 )
 
 SILENCE_TIMEOUT = 100_000_000
-"""ns without word of a controller after which it counts as behind, or gone: a dozen of its periods.
+"""Silence, ns, after which a controller counts as behind or gone: a dozen of its periods.
 
-On TCP it is the time-out of a call, since TCP itself takes longer than this to send again what was lost.
+On TCP the time-out of a call applies instead, because TCP itself takes longer than this to retransmit.
 """
 
 OVERFLOW_DELAY = 1_000_000
-"""ns after which a set point that found the buffer full is sent again."""
+"""Delay, ns, after which a set point is sent again that found the buffer full."""
 
 MAX_REPEATS = 64
-"""How often; eight periods, in which a controller that is alive takes several."""
+"""Sendings of one set point at most: eight periods, in which a working controller takes several."""
 
 MIN_PERIOD_SHARE = 0.98
-"""Share of the period that a controller may ask for on average: clocks differ by far less than 2%."""
+"""Least average time between set points, as a share of the period; clocks differ by far less than 2 %."""
 
 _START_DELAY = 5_000_000
 _PREPARATION, _PREPARATION_MAX, _PREPARATION_SHARE = 300_000, 1_000_000, 0.4
-"""ns kept free before a deadline for making the next packet, least and most, and the share of the period. The
-first steps after a sleep take ten times as long as those that follow, with caches that others have filled."""
+"""Time reserved before a deadline to make the next packet: least and most, ns, and share of the period. The
+first steps after a sleep take ten times as long as later ones, because other programs have filled the
+caches."""
 
 _IDLE_INTERVAL = 8_000_000
 _MOTION_ERRORS = 0x8420
-"""Upper half of the results that set points can cause by coming too late: the buffer ran empty, too fast."""
+"""Upper half of the results that late set points can cause: the buffer ran empty, or an axis was too fast."""
 _GAPS_KEPT = 8
-"""Set points back from a refused one, among which the cause is: more than any controller buffers."""
+"""Set points before a refused one that may hold the cause: more than any controller buffers."""
 _ROBOT_EXECUTE = 64
 _NAME = "Robot_Execute slvMove"
 _BY_CLOCK = (ModeKind.ASYNC, ModeKind.MODE_1)
 
 
 class HaltedError(Exception):
-    """The robot is to be stopped at once."""
+    """The user ordered the robot to halt."""
 
 
 class SlvMoveCall(NamedTuple):
-    """How slvMove is called.
+    """How to call slvMove.
 
     Attributes:
-        robot: handle.
-        real_type: VT_R8, or VT_R4 on RC7.
-        mode: slave mode.
-        retry_policy: time-out and tries.
-        period: ns.
+        robot: Handle of the robot.
+        real_type: Element type of the set point: VT_R8, or VT_R4 on RC7.
+        mode: The slave mode.
+        retry_policy: Time-out and number of retries.
+        period: Time between set points, ns.
     """
 
     robot: int
@@ -105,7 +104,7 @@ class SlvMoveCall(NamedTuple):
 
 
 class _SetPointGap(NamedTuple):
-    """What lay between two set points, ns: all of it, what we were late by, what the reply took."""
+    """Time between two set points, ns: all of it, the player's own lateness, and the time of the reply."""
 
     length: int
     late: int
@@ -113,19 +112,19 @@ class _SetPointGap(NamedTuple):
 
 
 IdleCallback: TypeAlias = Callable[[int], None]
-"""Called after each set point was sent, and now and then while a reply is awaited, with the time in ns: what
-has to be done besides is done here, quickly. It raises HaltedError to end at once."""
+"""Called with the time in ns after each set point, and regularly while the pacer waits for a reply. It does
+the side work quickly, and raises HaltedError to end at once."""
 
 
 class Pacer:
-    """Sends the set points of a course.
+    """Sends the set points of a sequence.
 
     Attributes:
-        lateness: from the deadline of each set point to when it was sent.
-        cycle: from one set point to the next.
-        started_at: when the first was sent, ns; None before.
-        commanded: the last set point.
-        last_reply: the last reply to one.
+        lateness: Time from the deadline of each set point to its sending.
+        cycle: Time from one set point to the next.
+        started_at: Time of the first set point, ns; None before it.
+        commanded: The last set point.
+        last_reply: The last reply to a set point.
     """
 
     def __init__(
@@ -136,7 +135,7 @@ class Pacer:
         on_idle: IdleCallback,
         capacity: int,
     ) -> None:
-        """Make room for the lateness of `capacity` set points."""
+        """Allocate room for the lateness of `capacity` set points."""
         self.lateness = Lateness(capacity)
         self.cycle = Lateness(capacity)
         self.started_at: int | None = None
@@ -150,13 +149,13 @@ class Pacer:
         self._preparation = max(_PREPARATION, min(round(_PREPARATION_SHARE * move.period), _PREPARATION_MAX))
         self._throttle = _Throttle(round(MIN_PERIOD_SHARE * move.period), move.mode.buffer_slots + 1)
         self._last_sent_at = 0
-        self._last_answered_at = 0  # when the newest of the set points was sent that are known to be answered
+        self._last_answered_at = 0  # sending time of the newest set point that was answered
         self._had_to_wait = False
         self._sent = self._retries = self._late = self._answered = self._pending = 0
         self._repeated = self._shifted = self._held = 0
         self._recent_gaps: deque[_SetPointGap] = deque(maxlen=_GAPS_KEPT)
         self._overslept = self._reply_took = 0  # of the last call
-        self._is_behind = False  # replies to earlier ones may come before the next one's
+        self._is_behind = False  # replies to earlier set points may arrive before the next one's
 
     @property
     def counts(self) -> PlayCounts:
@@ -167,13 +166,13 @@ class Pacer:
         )
 
     def play(self) -> None:
-        """Send them all.
+        """Send all set points.
 
         Raises:
-            ControllerError: the controller refused one.
-            CallTimeout: it does not answer any more.
-            HaltedError: `on_idle` said so.
-            OSError: the link is gone.
+            ControllerError: The controller refused a set point.
+            CallTimeout: The controller no longer answers.
+            HaltedError: Raised by `on_idle`.
+            OSError: The link is gone.
         """
         due = self._last_answered_at = self._caller.link.now() + _START_DELAY
         for point in self._sequence:
@@ -181,7 +180,7 @@ class Pacer:
             due = self._play_point(self._move.arguments(point), due)
 
     def _play_point(self, arguments: tuple[Variant, ...], due: int) -> int:
-        """Send one set point until it is taken; return the deadline of the next."""
+        """Send one set point until the controller accepts it; return the deadline of the next."""
         for _ in range(MAX_REPEATS):
             sent = self._send_point(arguments, due)
             due = self._adjusted_deadline(due, sent)
@@ -200,7 +199,7 @@ class Pacer:
         return self._next_deadline(due, code)
 
     def _record_reply_time(self, settled: RequesterOutcome, sent: int) -> None:
-        """Note how long the reply took, what we ourselves were late by left out as far as that is known."""
+        """Note how long the reply took, without the player's own lateness as far as it is known."""
         exchanger = self._caller
         self._overslept = exchanger.overslept
         self._reply_took = exchanger.link.now() - sent - self._overslept
@@ -228,7 +227,7 @@ class Pacer:
         return sent
 
     def _wait_until(self, due: int) -> None:
-        """Wait for a deadline; where that is long, orders are looked for meanwhile."""
+        """Wait for a deadline; during a long wait, call `on_idle` regularly."""
         link = self._caller.link
         while (now := link.now()) < due - 2 * _IDLE_INTERVAL:
             link.wait_until(now + _IDLE_INTERVAL)
@@ -236,7 +235,7 @@ class Pacer:
         link.wait_until(due)
 
     def _await_reply(self, due: int) -> RequesterOutcome:
-        """Wait for the reply, as long as the mode lets us."""
+        """Wait for the reply as long as the slave mode allows."""
         exchanger, link = self._caller, self._caller.link
         by_clock = self._move.mode.kind in _BY_CLOCK
         until = due + self._move.period - self._preparation
@@ -252,18 +251,18 @@ class Pacer:
             self._on_idle(link.now())
 
     def _sleep_until(self, until: int) -> None:
-        """Sleep, whatever comes; where that is long, orders are looked for afterwards."""
+        """Sleep without watching for replies; after a long sleep, call `on_idle`."""
         look = self._caller.link.now() + _IDLE_INTERVAL
         self._caller.sleep_until_due(min(look, until))
         if look < until:
             self._on_idle(self._caller.link.now())
 
     def _result_code(self, settled: RequesterOutcome) -> int | None:
-        """Note how a call ended; return its result, None where there is none that we could wait for.
+        """Count how a call ended; return its result, or None if no reply came in time.
 
         Raises:
-            CallTimeout: that is the end.
-            ControllerError: a set point before this one was refused, as we hear only now.
+            CallTimeout: The controller no longer answers.
+            ControllerError: A late reply shows that the controller refused an earlier set point.
         """
         self._retries += len(settled.attempts) - 1
         self._count_late_replies()
@@ -284,7 +283,7 @@ class Pacer:
         return code
 
     def _refusal_error(self, code: int) -> ControllerError:
-        """Tell that a set point was refused; whose lateness it was where that may be the cause."""
+        """Make the error for a refused set point; where lateness may be the cause, it gives the times."""
         meaning = describe_hresult(code).text
         if code >> 16 == _MOTION_ERRORS and self._recent_gaps:
             length, late, reply = (each / 1e6 for each in max(self._recent_gaps))
@@ -293,7 +292,11 @@ class Pacer:
         return ControllerError(_NAME, code, hresult_name(code), meaning)
 
     def _await_late_reply(self, settled: CallTimedOut) -> Frame:
-        """Wait on for the reply, and send nothing meanwhile."""
+        """Wait for a late reply and send nothing meanwhile.
+
+        Raises:
+            CallTimeout: No reply came in time.
+        """
         exchanger, attempts = self._caller, settled.attempts
         serials, give_up = [each.serial for each in attempts], attempts[0].sent + self._silence
         while (
@@ -329,7 +332,7 @@ class Pacer:
         late.clear()
 
     def _adjusted_deadline(self, due: int, sent: int) -> int:
-        """Return the deadline from which the next one counts: put off if this one was missed by too much."""
+        """Return the deadline from which the next one counts: `sent` if the set point was much too late."""
         if sent - due <= self._move.period // 2:
             return due
         self._shifted += 1
@@ -341,7 +344,7 @@ class Pacer:
             self._had_to_wait = False
             return self._caller.link.now() + _PREPARATION
         if self._move.mode.kind in _BY_CLOCK or code == S_BUF_FULL:
-            self._overslept = 0  # the deadline does not follow the reply: what is late by that, it tells
+            self._overslept = 0  # this deadline does not depend on the reply, so its lateness counts anyway
             return due + self._move.period
         ready, free = self._caller.link.now() + _PREPARATION, self._throttle.free_at
         self._held += free > ready
@@ -349,11 +352,11 @@ class Pacer:
 
 
 class _Throttle:
-    """Keeps a controller that should set the pace from setting any.
+    """Limits the pace of a controller that should set it but answers too soon.
 
-    As many set points as its buffer holds, and two more, may go out at once; from then on no more than one a
-    period on average. A controller that takes a mode for another, and answers at once what it should hold
-    back, would else be driven through a whole trajectory in no time.
+    Two set points more than the buffer holds may go out at once; after that, on average one per period at
+    most. A controller that confuses two modes may answer at once instead of holding the reply back. Without
+    this limit it would be driven through a whole trajectory in no time.
     """
 
     def __init__(self, period: int, burst: int) -> None:
@@ -363,9 +366,9 @@ class _Throttle:
 
     @property
     def free_at(self) -> int:
-        """When the next set point may be sent, ns."""
+        """Earliest time to send the next set point, ns."""
         return self._next_at - self._allowance
 
     def count_sent(self, now: int) -> None:
-        """Count one."""
+        """Count a set point sent at `now`, ns."""
         self._next_at = max(self._next_at, now) + self._period

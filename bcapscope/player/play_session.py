@@ -1,10 +1,10 @@
-"""A visit to a controller: look, get ready, play, leave in order.
+"""A session with a controller: inspect, prepare, play, clean up.
 
-However a visit ends, what was begun is ended in reverse order: slave mode, the log, motor, arm, RobSlave,
-handles, Controller_Disconnect, Service_Stop. Only where the controller no longer answers is the rest left to
-it. An order to stop lets the robot come to rest on its way first; nothing else can, since after an error the
-controller has left slave mode, and one that does not answer takes no set points. An order ends whatever is
-waited for, until everything is being ended.
+However the session ends, the player undoes what it began, in reverse order: slave mode, the log, motor, arm,
+RobSlave, handles, Controller_Disconnect, Service_Stop. Only if the controller no longer answers does the rest
+stay undone. After an order to stop, the robot first comes to rest on its way. After anything else it cannot:
+on an error the controller has left slave mode, and a controller that does not answer accepts no set points.
+An order ends every wait until the cleanup begins.
 """
 
 from __future__ import annotations
@@ -78,10 +78,10 @@ YES, NO, CLEAR, AGAIN = "yes", "no", "clear", "again"
 
 
 class PlayAbortedError(Exception):
-    """Somebody wants the visit to end.
+    """The user, or an unfit situation, ends the session.
 
     Attributes:
-        outcome: how it ended.
+        outcome: How the session ended.
     """
 
     def __init__(self, outcome: PlayOutcome, reason: str) -> None:
@@ -90,14 +90,14 @@ class PlayAbortedError(Exception):
 
 
 class PlaySession:
-    """One visit.
+    """One session.
 
     Attributes:
-        has_log: the controller's log holds this visit's motion.
+        has_log: Whether the controller's log holds the motion of this session.
     """
 
     def __init__(self, plan: PlayPlan, channel: Channel, pipe: PlayerPipe, recorder: FrameRecorder) -> None:
-        """Get ready; nothing is sent yet."""
+        """Prepare the session; nothing is sent yet."""
         self.has_log = False
         self._plan = plan
         self._channel = channel
@@ -121,7 +121,7 @@ class PlaySession:
         self._was_off: dict[CleanupTask, bool] = {}
 
     async def run(self) -> PlayEnded:
-        """Do all that the plan says; return how it ended."""
+        """Carry out the plan; return how it ended."""
         outcome, reason = PlayOutcome.DONE, ""
         self._cleanup.push()
         try:
@@ -169,7 +169,11 @@ class PlaySession:
                 await self._offer_to_clear_errors(error)
 
     def _confirm_start(self) -> None:
-        """Make sure that somebody wants it, and knows if a robot will move."""
+        """Ask the user to confirm the start, and to arm it if a real robot will move.
+
+        Raises:
+            PlayAbortedError: The user did not confirm.
+        """
         if self._ask(QuestionTopic.BEGIN, "Begin?", (NO, YES)) != YES:
             raise PlayAbortedError(PlayOutcome.DECLINED, "nobody said that it may begin")
         station = self._robot
@@ -183,7 +187,7 @@ class PlaySession:
             )
 
     async def _clean_up_after_crash(self, left: Aftermath) -> None:
-        """End what a player before this one has begun, and tell what the controller shows."""
+        """Undo what a crashed player began, then report the errors that the controller shows."""
         self._robot.generation = Generation(left.generation)
         self._is_leaving = True
         self._report_state(PlayState.LEAVING)
@@ -197,13 +201,13 @@ class PlaySession:
             self._pipe.send(PlayerProblem("the motion was not ended in order", errors))
 
     async def _play_once(self, mode: SlaveMode, trajectory: Trajectory) -> None:
-        """Get ready, play and leave."""
+        """Prepare, play and clean up."""
         self._is_leaving = False
         try:
             await self._prepare(trajectory)
             self._report_state(PlayState.ENTERING)
             await self._robot.set_formats(trajectory.kind)
-            self._cleanup.push(CleanupTask.SLAVE_MODE)  # even if it is refused: to be on the safe side
+            self._cleanup.push(CleanupTask.SLAVE_MODE)  # even if the controller refuses, to be safe
             await self._robot.robot.slv_change_mode(mode.value)
             await self._play(mode, trajectory)
         finally:
@@ -212,10 +216,10 @@ class PlaySession:
             await self._cleanup.clean_up_all()
 
     async def _prepare(self, trajectory: Trajectory) -> None:
-        """Bring the robot to where slave mode can begin.
+        """Bring the robot to a state from which it can enter slave mode.
 
-        In slave mode already, it is somebody else's: most calls would be an error that ends their motion
-        (issue 42 of DENSORobot/denso_robot_ros).
+        If the robot is in slave mode already, another client controls it. Most calls would then be an error
+        that ends that client's motion (issue 42 of DENSORobot/denso_robot_ros).
         """
         station, debts = self._robot, self._cleanup
         self._report_state(PlayState.PREPARING)
@@ -232,14 +236,14 @@ class PlaySession:
             self.has_log = True
 
     async def _switch_on(self, debt: CleanupTask, is_on: bool, step: Callable[[], Awaitable[None]]) -> None:
-        """Switch something on that is off; off again in the end only if it was off when we came."""
+        """Switch something on; the cleanup switches it off only if it was off when the session began."""
         was_off = self._was_off.setdefault(debt, not is_on)
         if is_on:
             return
         await (self._cleanup.run_and_push(debt, step) if was_off else step())
 
     async def _approach(self, kind: PoseType, first: SetPointValues) -> None:
-        """Bring the robot to the first point, unless it is there."""
+        """Move the robot to the first set point unless it is there."""
         station = self._robot
         here = await station.read_pose(kind)
         far, posed = pose_distance(kind, here, first), matches_posture(kind, here, first)
@@ -262,13 +266,13 @@ class PlaySession:
         try:
             await station.approach(kind, first, self._plan.approach)
         except (PlayAbortedError, BcapError):
-            await self._halt()  # it may be on its way
+            await self._halt()  # the robot may be moving
             raise
         finally:
             self._cleanup.remove(CleanupTask.MOTION)
 
     async def _play(self, mode: SlaveMode, trajectory: Trajectory) -> None:
-        """Send the set points; come to rest, or halt, when that is ordered."""
+        """Send the set points; on an order, come to rest or halt."""
         plan, station = self._plan, self._robot
         hold = max(mode.buffer_slots + 1, -(-2 * _CONTROL_PERIOD // plan.period))
         course = SetPointSequence(trajectory, plan.period / 1e9, self._stop_limits(), plan.rounds, hold)
@@ -302,12 +306,12 @@ class PlaySession:
             raise PlayAbortedError(PlayOutcome.STOPPED, self._pipe.reason)
 
     async def _halt(self) -> None:
-        """Stop the arm at once; slave mode is left afterwards, on the way out."""
+        """Halt the arm at once; the cleanup leaves slave mode afterwards."""
         self._is_leaving = True
         try:
             await halt_robot(self._session, self._robot.robot.handle, self._wait_async)
         except BcapError:
-            pass  # all that is left is to leave slave mode, which comes next
+            pass  # the cleanup leaves slave mode next, which is all that is left to do
         except OSError:
             self._cleanup.is_controller_gone = True
 
@@ -315,12 +319,12 @@ class PlaySession:
         self._channel.wait_until(self._channel.now() + length)
 
     async def _offer_to_clear_errors(self, error: ControllerError) -> None:
-        """Read what the controller shows, then offer to clear it; return if it is to be played again.
+        """Report the controller's errors and offer to clear them; return if the user wants to play again.
 
-        An order instead of an answer is a no, and the error remains what ended the visit.
+        An order instead of an answer counts as no. Then the error remains the reason for the end.
 
         Raises:
-            ControllerError: it is not.
+            ControllerError: The user does not play again.
         """
         told = error
         while True:
@@ -339,7 +343,7 @@ class PlaySession:
             raise error
 
     async def _close_session(self) -> None:
-        """Let go of the handles and the service; without waiting where nobody answers."""
+        """Release the handles and stop the service; if the controller is gone, only close the channel."""
         self._is_leaving = True
         if self._cleanup.is_controller_gone:
             self._channel.close()
@@ -347,20 +351,20 @@ class PlaySession:
             await self._session.close()
 
     def _ask(self, topic: QuestionTopic, text: str, choices: tuple[str, ...]) -> str:
-        """Ask the user.
+        """Ask the user; return the answer.
 
         Raises:
-            PlayAbortedError: there is an order instead of an answer.
+            PlayAbortedError: An order came instead of an answer.
         """
         answer = self._pipe.ask(PlayerQuestion(topic, text, choices))
         self._check_order()
         return answer
 
     def _pause(self, length: int) -> None:
-        """Wait so many ns.
+        """Wait for `length` ns.
 
         Raises:
-            PlayAbortedError: there is an order.
+            PlayAbortedError: An order came.
         """
         until = self._channel.now() + length
         while True:
@@ -371,7 +375,7 @@ class PlaySession:
             self._channel.wait_until(min(until, now + ABORT_CHECK_INTERVAL))
 
     def _check_order_if_playing(self) -> None:
-        """Do as `_check_order` while there is anything that an order could end."""
+        """Raise PlayAbortedError on an order unless the cleanup has begun."""
         if not self._is_leaving:
             self._check_order()
 
@@ -382,7 +386,7 @@ class PlaySession:
             raise PlayAbortedError(outcome, self._pipe.reason)
 
     def _stop_limits(self) -> ArmLimits:
-        """Return what a stop keeps within; not by way of joints, which takes longer than there is time."""
+        """Return the limits for a stop, without conversion to joints, which takes too long here."""
         base = limits_for_arm(self._robot.facts.get(TYPE_NAME_FACT, ""))
         return replace(with_limits(base, self._plan.limits), to_joints=None)
 
@@ -408,7 +412,7 @@ def _slave_mode_for(plan: PlayPlan, generation: Generation) -> SlaveMode:
     """Return the slave mode to play in.
 
     Raises:
-        PlayAbortedError: there is none.
+        PlayAbortedError: The controller has no such mode, or it takes another pose type.
     """
     value = plan.mode if isinstance(plan.mode, int) else _MODES[plan.mode, generation] | _KINDS[plan.kind]
     mode = slave_mode_by_number(value, generation)
@@ -423,7 +427,7 @@ def _slave_mode_for(plan: PlayPlan, generation: Generation) -> SlaveMode:
 
 
 def _planned_trajectory(plan: PlayPlan, kind: PoseType, pose: SetPointValues) -> Trajectory | None:
-    """Return the set points with all numbers that slvMove takes; None if there are none."""
+    """Return the set points with all numbers that slvMove needs; None if the plan has none."""
     if not plan.points:
         return None
     return Trajectory(kind, np.array(plan.points, dtype=np.float64), TrajectorySource("", "")).completed(pose)

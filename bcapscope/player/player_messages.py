@@ -1,6 +1,7 @@
-"""What the player's process is told and what it tells: JSON, one object a line.
+"""The messages between the player's process and its parent: JSON, one object per line.
 
-First comes the `PlayPlan`, then orders; back come facts, progress, questions and in the end one `PlayEnded`.
+The parent sends the `PlayPlan` first, then orders. The player sends facts, progress, questions and finally
+one `PlayEnded`.
 """
 
 from __future__ import annotations
@@ -16,43 +17,43 @@ from bcapscope.player.lateness import Spread
 from bcapscope.protocol.slave_mode.modes import PoseType
 
 SetPointValues: TypeAlias = tuple[float, ...]
-"""Numbers of one set point, in the order and units of its pose type (`protocol.poses.AXES`)."""
+"""Numbers of one set point, in the order and units of its pose type (`protocol.slave_mode.poses.AXES`)."""
 
 
 TYPE_NAME_FACT = "type name"
-"""Which of a controller's facts is the name of the robot's type."""
+"""Key of the fact that holds the name of the robot's type."""
 
 
 class SlaveModePacing(StrEnum):
-    """A kind of slave mode that controllers of all generations have under one number or another."""
+    """Kind of slave mode that controllers of all generations have, under different numbers."""
 
     SYNC = "sync"
     """The controller sets the pace: Sync on RC7, mode 2 on later ones."""
     ASYNC = "async"
-    """We do, and the newest set point wins: Async on RC7, mode 1 on later ones."""
+    """The player sets the pace, and the newest set point wins: Async on RC7, mode 1 on later ones."""
 
 
 class CleanupTask(StrEnum):
-    """Something that the player begins and has to end, whatever happens."""
+    """Something that the player begins and must undo, whatever happens."""
 
     ROBSLAVE = "RobSlave"
     ARM = "arm"
     MOTOR = "motor"
     MOTION = "motion"
-    """To the first point, by an ordinary motion, which goes on by itself."""
+    """The ordinary motion to the first point, which continues without the player."""
     LOG = "log"
     SLAVE_MODE = "slave mode"
 
 
 class Aftermath(msgspec.Struct, frozen=True):
-    """What a player has left that did not live to end what it had begun.
+    """What a crashed player left undone.
 
     Attributes:
-        debts: that it had, the oldest first.
-        generation: of the controller.
-        port: that it sent from. Over UDP its conversation is taken up again from there, since that is how a
-            controller knows its client.
-        serial: to go on with, beyond any that it can have used.
+        debts: Cleanup tasks of the crashed player, oldest first.
+        generation: Generation of the controller.
+        port: Local port of the crashed player. A controller knows a UDP client by its port, so the next
+            process continues the conversation from there.
+        serial: First serial to use, beyond any that the crashed player can have used.
     """
 
     debts: tuple[CleanupTask, ...]
@@ -65,24 +66,24 @@ class PlayPlan(msgspec.Struct, frozen=True, kw_only=True):
     """What to play and where.
 
     Attributes:
-        target: the controller and how to reach it.
-        robot: name for Controller_GetRobot.
-        task: of the program that RC7 needs for slave mode.
-        kind: pose type of the set points.
-        mode: kind of slave mode, or the very number for slvChangeMode.
-        period: ns from one set point to the next, where no reply of the controller decides that.
-        points: set points; the robot rests at the first and the last. Axes that are left out stay where they
-            are.
-        limits: of the arm, as `arm_limits.with_limits` takes them; a stop keeps within them.
-        rounds: how often to play them, the first following the last; 0 until it is told to stop.
-        approach: percentage of the speed of an ordinary motion to the first point.
-        may_approach: go there without asking.
-        armed: the user knows that a robot will move.
-        look_only: connect, tell what is there, and end; nothing moves and nothing is changed.
-        log: path of a new CSV file for the controller's own log; None for no log.
-        record: path of a new capture of all that was said; None for none.
-        realtime: take real-time priority if the system gives it.
-        aftermath: end only what this says, and play nothing; None to play.
+        target: The controller and how to reach it.
+        robot: Name for Controller_GetRobot.
+        task: Name of the program that RC7 needs for slave mode.
+        kind: Pose type of the set points.
+        mode: Kind of slave mode, or the exact number for slvChangeMode.
+        period: Time between set points, ns, where the controller's reply does not decide it.
+        points: Set points; the robot rests at the first and the last. Missing axes keep their position.
+        limits: Limits of the arm as `arm_limits.with_limits` accepts them; a stop keeps within them.
+        rounds: How often to play the set points, the first following the last; 0 to play until an order to
+            stop.
+        approach: Speed of the ordinary motion to the first point, percent.
+        may_approach: Whether to approach without asking.
+        armed: Whether the user has confirmed that a robot will move.
+        look_only: Connect, report facts and end; nothing moves and nothing changes.
+        log: Path of a new CSV file for the controller's own log; None for no log.
+        record: Path of a new recording of all frames; None for none.
+        realtime: Whether to take real-time priority if the system grants it.
+        aftermath: Only undo what this holds, and play nothing; None to play.
     """
 
     target: ControllerTarget
@@ -105,20 +106,20 @@ class PlayPlan(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Order(StrEnum):
-    """What the player can be told while it is at work."""
+    """An order to the player while it works."""
 
     STOP = "stop"
-    """Come to rest on the way, then leave in order."""
+    """Come to rest on the way, then clean up."""
     HALT = "halt"
-    """Stop the arm at once, then leave in order."""
+    """Halt the arm at once, then clean up."""
 
 
 class PlayerCommand(msgspec.Struct, frozen=True):
     """An order, or the answer to a question.
 
     Attributes:
-        order: None for an answer.
-        answer: to the question that was asked last.
+        order: The order; None for an answer.
+        answer: Answer to the last question.
     """
 
     order: Order | None = None
@@ -139,15 +140,15 @@ class PlayState(StrEnum):
 
 
 class ControllerInfo(msgspec.Struct, frozen=True, tag=True):
-    """Who is there.
+    """The controller that answered.
 
     Attributes:
-        simulator: it is our own, and no robot moves.
+        simulator: Whether it is bcapscope's simulator; then no robot moves.
         generation: RC7, or RC8 for all later ones.
-        facts: what the controller says of itself.
-        mode: that it will be played in.
-        pose: where the robot is, in the pose type of the set points.
-        distance: how far the first point is from there: the largest difference of an axis, deg or mm.
+        facts: What the controller reports about itself.
+        mode: Slave mode that the player will use.
+        pose: Current pose of the robot, in the pose type of the set points.
+        distance: Distance to the first point: the largest difference of any axis, degrees or mm.
     """
 
     simulator: bool
@@ -159,17 +160,17 @@ class ControllerInfo(msgspec.Struct, frozen=True, tag=True):
 
     @property
     def type_name(self) -> str:
-        """Name of the robot's type; empty where the controller does not tell it."""
+        """Name of the robot's type; empty if the controller does not report it."""
         return self.facts.get(TYPE_NAME_FACT, "")
 
 
 class PendingCleanup(msgspec.Struct, frozen=True, tag=True):
-    """What is to be ended, told before it is begun and whenever some of it is done.
+    """What must be undone; sent before each step begins and whenever a cleanup task is done.
 
     Attributes:
-        debts: the oldest first.
-        generation: of the controller.
-        port: that we send from.
+        debts: Cleanup tasks, oldest first.
+        generation: Generation of the controller.
+        port: Local port of the player.
     """
 
     debts: tuple[CleanupTask, ...]
@@ -178,7 +179,7 @@ class PendingCleanup(msgspec.Struct, frozen=True, tag=True):
 
 
 class RealtimeReport(msgspec.Struct, frozen=True, tag=True):
-    """What the system allows, as `realtime.RealtimeGrant`."""
+    """What the system grants, as in `realtime.RealtimeGrant`."""
 
     realtime: bool
     locked: bool
@@ -186,16 +187,16 @@ class RealtimeReport(msgspec.Struct, frozen=True, tag=True):
 
 
 class PlayCounts(msgspec.Struct, frozen=True):
-    """What happened to set points.
+    """Counts about the set points.
 
     Attributes:
-        sent: set points that were sent, each counted once.
-        retries: further tries.
-        late: replies that came after their try no longer counted.
-        unanswered: set points that nothing was heard of.
-        repeated: set points that were sent again since the controller's buffer was full (83201483).
-        shifted: times that the schedule was put off because we were late by more than half a period.
-        held: set points that waited since the controller, which should set the pace, would have gone faster.
+        sent: Set points sent, without retries; one sent again because the buffer was full counts again.
+        retries: Retries.
+        late: Late replies.
+        unanswered: Set points without any reply.
+        repeated: Set points sent again because the controller's buffer was full (83201483).
+        shifted: How often the pacer moved the deadlines because it was late by more than half a period.
+        held: Set points delayed because the controller, which should set the pace, asked for them too soon.
     """
 
     sent: int = 0
@@ -208,21 +209,21 @@ class PlayCounts(msgspec.Struct, frozen=True):
 
 
 class PlayProgress(msgspec.Struct, frozen=True, tag=True):
-    """How far it is, about twenty times a second; some are left out where nobody reads them.
+    """Progress, about twenty times a second; the player drops reports that nobody reads.
 
     Attributes:
-        state: what is being done.
-        index: set points of the trajectory that were sent, all rounds together.
-        of: how many there will be; 0 if there is no end.
-        elapsed: seconds since the first set point was sent.
-        left: seconds to the last; None if there is no end.
-        lateness: of all set points so far, from their deadline to when they were sent.
-        counts: of what happened to them.
-        commanded: the last set point.
-        returned: the pose that came back last.
-        sent: last frame that went out.
-        received: last frame that came in.
-        cycle: how many set points came how long after the one before: least and greatest ns of a bin, count.
+        state: What the player is doing.
+        index: Set points of the trajectory sent so far, all rounds together.
+        of: Total number of set points; 0 if there is no end.
+        elapsed: Seconds since the first set point.
+        left: Seconds until the last set point; None if there is no end.
+        lateness: Time from the deadline of each set point to its sending, so far.
+        counts: Counts about the set points.
+        commanded: The last set point.
+        returned: The pose in the last reply.
+        sent: The last frame sent.
+        received: The last frame received.
+        cycle: Histogram of the time between set points: least and greatest ns of a bin, count.
     """
 
     state: PlayState
@@ -243,9 +244,9 @@ class FrameMessage(msgspec.Struct, frozen=True, tag=True):
     """A frame of a call that is no set point.
 
     Attributes:
-        sent: we sent it; else it came.
-        raw: its bytes.
-        time: ns since 1970.
+        sent: Whether the player sent it; else the player received it.
+        raw: Bytes of the frame.
+        time: Time, ns since 1970.
     """
 
     sent: bool
@@ -254,12 +255,12 @@ class FrameMessage(msgspec.Struct, frozen=True, tag=True):
 
 
 class QuestionTopic(StrEnum):
-    """What a question is about."""
+    """Subject of a question."""
 
     BEGIN = "begin"
-    """All is known that can be known without moving."""
+    """Begin? Everything that can be known without motion is known."""
     ARM = "arm"
-    """A robot will move, for this is not the simulator."""
+    """A robot will move, because this is not the simulator."""
     APPROACH = "approach"
     """The robot is not at the first set point."""
     CLEAR = "clear"
@@ -267,12 +268,12 @@ class QuestionTopic(StrEnum):
 
 
 class PlayerQuestion(msgspec.Struct, frozen=True, tag=True):
-    """Something that the user has to decide; nothing happens until then.
+    """A decision for the user; the player waits for it.
 
     Attributes:
-        topic: what it is about.
-        text: what there is to decide.
-        choices: answers; the first one does nothing.
+        topic: Subject of the question.
+        text: The question.
+        choices: Possible answers; the first one does nothing.
     """
 
     topic: QuestionTopic
@@ -281,11 +282,11 @@ class PlayerQuestion(msgspec.Struct, frozen=True, tag=True):
 
 
 class PlayerProblem(msgspec.Struct, frozen=True, tag=True):
-    """Something went wrong.
+    """A problem.
 
     Attributes:
-        text: what.
-        errors: what the controller itself shows, newest first, each with its code.
+        text: Description.
+        errors: Errors that the controller shows, newest first: code and text.
     """
 
     text: str
@@ -293,7 +294,7 @@ class PlayerProblem(msgspec.Struct, frozen=True, tag=True):
 
 
 class PlayOutcome(StrEnum):
-    """How it ended."""
+    """How the player's work ended."""
 
     DONE = "done"
     LOOKED = "looked"
@@ -312,16 +313,16 @@ class PlayEnded(msgspec.Struct, frozen=True, tag=True):
     """The last message.
 
     Attributes:
-        outcome: how it ended.
-        reason: why, in words; empty where it was done.
-        lateness: of all set points, exact.
-        cycle: ns from one set point to the next.
-        counts: of what happened to them.
-        index: set points of the trajectory that were sent.
-        realtime: with real-time priority.
-        left: all was let go in order; else the controller no longer answered.
-        logged: records of the controller's log that were saved.
-        retries_expected: the replies came over UDP and set the pace, so that retries are normal.
+        outcome: How the player's work ended.
+        reason: Why, as text; empty if everything was done.
+        lateness: Lateness of all set points, exact.
+        cycle: Time between set points, ns, exact.
+        counts: Counts about the set points.
+        index: Set points of the trajectory sent.
+        realtime: Whether the player had real-time priority.
+        left: Whether the cleanup ran; False if the controller no longer answered.
+        logged: Records of the controller's log that were saved.
+        retries_expected: The replies came over UDP and set the pace, so retries are normal.
     """
 
     outcome: PlayOutcome

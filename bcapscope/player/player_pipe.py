@@ -1,7 +1,7 @@
-"""The player's end of the pipes to the program that started it: orders in, messages out.
+"""The player's end of the pipes to its parent: orders in, messages out.
 
-Nothing here ever waits while set points are sent. When the other end is gone, which is how the end of the
-program that started us shows, that is an order to stop.
+Nothing here waits while the player sends set points. If the parent's end of a pipe closes, the parent is
+gone; that counts as an order to stop.
 """
 
 from __future__ import annotations
@@ -24,28 +24,28 @@ from bcapscope.player.player_messages import (
 )
 
 _ATOMIC_WRITE_SIZE = 4096
-"""Bytes that a pipe takes whole or not at all (PIPE_BUF on Linux)."""
+"""Bytes that a pipe accepts whole or not at all (PIPE_BUF on Linux)."""
 
 _SEND_TIMEOUT = 2.0
 """Seconds that the last messages wait for a reader."""
 
 _MAX_UNWRITTEN = 1 << 20
-"""Bytes that wait for a reader at most; what comes then is lost."""
+"""Bytes that may wait for a reader; messages beyond that are lost."""
 
 PARENT_GONE = "the program that started the player is gone"
 
 
 class PlayerPipe:
-    """Takes orders and tells what happens.
+    """Receives orders and sends messages.
 
     Attributes:
-        order: the gravest so far; None while there is none.
-        reason: why, in words.
-        order_count: how many there were.
+        order: The most serious order so far; None if there is none.
+        reason: Reason for the order, as text.
+        order_count: Number of orders received.
     """
 
     def __init__(self, commands: int, messages: int) -> None:
-        """Use these file descriptors, both pipes."""
+        """Use the file descriptors of two pipes."""
         self.order: Order | None = None
         self.reason = ""
         self.order_count = 0
@@ -58,11 +58,11 @@ class PlayerPipe:
         os.set_blocking(messages, False)
 
     def read_plan(self) -> PlayPlan:
-        """Wait for the plan, which comes first.
+        """Wait for the plan, which is the first line.
 
         Raises:
-            EOFError: there was none.
-            msgspec.ValidationError: it is none.
+            EOFError: The pipe closed before a plan came.
+            msgspec.ValidationError: The line is no plan.
         """
         parts = []
         newline = rest = b""
@@ -78,9 +78,10 @@ class PlayerPipe:
         return decode_plan(b"".join(parts))
 
     def install_signal_handlers(self) -> None:
-        """Take SIGINT, SIGTERM and SIGHUP as orders to stop, each further one and SIGUSR1 to halt.
+        """Install the signal handlers.
 
-        A SIGUSR1 that came before counts now, if whoever started us let it wait.
+        SIGINT, SIGTERM and SIGHUP are orders to stop; a further one, or SIGUSR1, is an order to halt. A
+        SIGUSR1 that came earlier takes effect now if the parent blocked the signal at the start.
         """
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
             signal.signal(number, self._on_signal)
@@ -88,7 +89,7 @@ class PlayerPipe:
         signal.pthread_sigmask(signal.SIG_UNBLOCK, (signal.SIGUSR1,))
 
     def poll_order(self) -> Order | None:
-        """Look whether there is an order; never waits."""
+        """Return the order, if any; never waits."""
         if not self._is_closed:
             try:
                 data = os.read(self._commands, _ATOMIC_WRITE_SIZE)
@@ -101,30 +102,30 @@ class PlayerPipe:
         return self.order
 
     def try_send(self, message: PlayerMessage) -> bool:
-        """Tell something that may be left out; return whether it went out."""
+        """Send a message that may be lost; return whether it was sent."""
         data = encode_message(message) + b"\n"
         if len(data) > _ATOMIC_WRITE_SIZE or not self._flush():
             return False
         self._unwritten = data
         if not self._flush():
-            self._unwritten = b""  # nothing of it went out, since a pipe takes so much whole or not at all
+            self._unwritten = b""  # the pipe accepts so few bytes whole or not at all, so nothing was sent
             return False
         return True
 
     def send(self, message: PlayerMessage) -> None:
-        """Tell something that must not be left out; it waits for a reader, and nobody waits for it."""
+        """Send a message that must not be lost; it waits for a reader without blocking the caller."""
         if len(self._unwritten) < _MAX_UNWRITTEN:
             self._unwritten += encode_message(message) + b"\n"
         self._flush()
 
     def wait_until_sent(self) -> None:
-        """Wait until all is told, or nobody reads any more."""
+        """Wait until everything is sent, or the reader is gone, at most `_SEND_TIMEOUT` seconds."""
         give_up = time.monotonic() + _SEND_TIMEOUT
         while not self._flush() and not self._is_closed and time.monotonic() < give_up:
             select.select((), (self._messages,), (), _SEND_TIMEOUT)
 
     def ask(self, question: PlayerQuestion) -> str:
-        """Ask and wait for the answer; the first choice where there is an order instead, or nobody."""
+        """Ask and wait for the answer; return the first choice if an order comes instead."""
         self._answers.clear()
         self.send(question)
         while self.poll_order() is None and not self._answers:
@@ -134,7 +135,7 @@ class PlayerPipe:
         return answer if answer in question.choices else question.choices[0]
 
     def set_order(self, order: Order, reason: str) -> None:
-        """Take an order; a halt outweighs a stop."""
+        """Set the order; a halt overrides a stop."""
         self.order_count += 1
         if self.order is not Order.HALT:
             self.reason = self.reason if self.order is order else reason
@@ -152,7 +153,7 @@ class PlayerPipe:
                 self.set_order(command.order, f"{command.order} was asked for")
 
     def _flush(self) -> bool:
-        """Write what is unwritten; return whether that is done."""
+        """Write the pending bytes; return whether all are written."""
         while self._unwritten and not self._is_closed:
             try:
                 written = os.write(self._messages, self._unwritten)

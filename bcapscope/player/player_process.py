@@ -1,8 +1,7 @@
-"""The player as others see it: a process of its own, to which a plan goes and from which messages come.
+"""Starting a player: a separate process that receives a plan and sends messages.
 
-Nothing else that Python does in the program that starts it can hold up a set point, and when that program
-ends, however it does, the motion is ended in order. A player that is killed is followed by another process,
-which ends what the first had begun.
+No other Python work in the parent can delay a set point. However the parent ends, the player still ends the
+motion in order. If the player itself is killed, a second process undoes what the first began.
 """
 
 from __future__ import annotations
@@ -40,29 +39,29 @@ from bcapscope.player.player_messages import (
 from bcapscope.protocol.codec.frame import Frame
 
 _LEAVE_TIMEOUT = 20.0
-"""Seconds of silence after which a player counts as hung that should come to rest, leave and end; the
-time-outs of a controller that does not answer are shorter."""
+"""Seconds without a message after which a player that should stop and clean up counts as hung. The time-outs
+of a controller that does not answer are shorter."""
 
 _SERIAL_MARGIN = 5000
-"""Serials that a player may have used since it last told one, and more: it tells twenty times a second."""
+"""More serials than a player can have used since its last report; it reports about twenty times a second."""
 
 _SERIAL_MAX = 0xFFFF
-"""Serials count 1..65535 and begin again at 1."""
+"""Largest serial; serials run from 1 to 65535 and then start again at 1."""
 
 
 class PlayerProcess:
     """A running player.
 
-    Messages are read when `fileno` is readable, by `read_messages`, or waited for, by `wait_for_messages`, in
-    any thread. Whoever reads too slowly misses progress, and nothing else. The last message is `PlayEnded`,
-    always.
+    When `fileno` is readable, `read_messages` returns the messages; `wait_for_messages` waits for them. Any
+    thread may call both. A caller that reads too slowly misses progress reports only. The last message is
+    always `PlayEnded`.
     """
 
     def __init__(self, plan: PlayPlan) -> None:
-        """Start it.
+        """Start the player.
 
         Raises:
-            OSError: that cannot be done.
+            OSError: The process cannot be started.
         """
         self._plan = plan
         self._pending_cleanup = PendingCleanup((), "", 0)
@@ -73,14 +72,14 @@ class PlayerProcess:
         self._start(plan)
 
     def _start(self, plan: PlayPlan) -> None:
-        with _blocked_signal(signal.SIGUSR1):  # until the player knows what it means
+        with _blocked_signal(signal.SIGUSR1):  # until the player has installed its handler
             self._process = subprocess.Popen(
                 [sys.executable, "-m", "bcapscope.player"],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.PIPE,
-                bufsize=0,  # orders may be given by a signal handler, in the middle of another order
-                start_new_session=True,  # Ctrl-C in the terminal is for whoever started it, who then stops it
+                bufsize=0,  # a signal handler may send an order in the middle of another order
+                start_new_session=True,  # Ctrl-C reaches only the parent, which then stops the player
             )
         assert self._process.stdin is not None
         assert self._process.stdout is not None
@@ -92,16 +91,16 @@ class PlayerProcess:
 
     @property
     def pid(self) -> int:
-        """Number of the process."""
+        """Process id of the player."""
         return self._process.pid
 
     @property
     def ended(self) -> PlayEnded | None:
-        """How it ended; None while it is at work."""
+        """How the player ended; None while it works."""
         return self._ended
 
     def fileno(self) -> int:
-        """Return what is readable when messages have come."""
+        """Return a file descriptor that is readable when messages have come."""
         return self._messages.fileno()
 
     def read_messages(self) -> list[PlayerMessage]:
@@ -131,7 +130,7 @@ class PlayerProcess:
         return found
 
     def _remember_state(self, message: PlayerMessage) -> None:
-        """Remember what somebody else needs to know who has to go on from here."""
+        """Remember what a second process needs to clean up after this one."""
         if isinstance(message, PendingCleanup):
             self._pending_cleanup = message
         sent = message.sent if isinstance(message, PlayProgress) else b""
@@ -141,37 +140,37 @@ class PlayerProcess:
             self._serial = Frame(sent).serial
 
     def wait_for_messages(self, seconds: float) -> list[PlayerMessage]:
-        """Wait for messages for so long at most, and return those that have come."""
+        """Wait for messages, `seconds` at most; return those that have come."""
         if self._ended is None:
             select.select((self,), (), (), seconds)
         return self.read_messages()
 
     def stop(self) -> None:
-        """Let the robot come to rest on its way, then leave in order."""
+        """Let the robot come to rest on its way, then clean up."""
         self._send(encode_message(PlayerCommand(Order.STOP)))
 
     def halt(self) -> None:
-        """Stop the robot at once, then leave in order. By a signal, which no full pipe holds up.
+        """Halt the robot at once, then clean up. This sends a signal, which a full pipe cannot delay.
 
-        The process that follows a player that was killed does nothing else anyway.
+        After a crash of the player this does nothing: the process that cleans up does nothing else anyway.
         """
         if not self._crash:
             with suppress(ProcessLookupError):
                 self._process.send_signal(signal.SIGUSR1)
 
     def answer(self, choice: str) -> None:
-        """Answer the question that was asked last."""
+        """Answer the last question."""
         self._send(encode_message(PlayerCommand(answer=choice)))
 
     def close(self) -> PlayEnded:
-        """Stop it if it is at work, and wait until it is gone; return how it ended."""
+        """Stop the player if it works, and wait for its end; return how it ended."""
         self.stop()
         give_up = time.monotonic() + _LEAVE_TIMEOUT
         while self._ended is None:
             if self.wait_for_messages(0.5):
                 give_up = time.monotonic() + _LEAVE_TIMEOUT
             elif time.monotonic() > give_up:
-                self._process.kill()  # how that ends is told by `wait_for_messages`
+                self._process.kill()  # `wait_for_messages` reports how that ends
         _reap(self._process)
         return self._ended
 
@@ -185,12 +184,12 @@ class PlayerProcess:
 
     def _send(self, data: bytes) -> None:
         rest = memoryview(data + b"\n")
-        with suppress(OSError, ValueError):  # it is gone, which its messages tell
+        with suppress(OSError, ValueError):  # the player is gone, as its messages will show
             while rest:
                 rest = rest[os.write(self._commands.fileno(), rest) :]
 
     def _on_crash(self) -> PlayerMessage:
-        """Have ended what a player had begun that has left no last message; else make that."""
+        """Start a process to clean up after a crashed player, or make the last message if nothing is left."""
         assert self._process.stderr is not None
         words = self._process.stderr.read().decode(errors="replace").strip().splitlines()
         code = self._process.wait()
@@ -211,24 +210,24 @@ class PlayerProcess:
 
     @property
     def _needs_cleanup(self) -> bool:
-        """Whether there is anything to end; a connection over TCP has ended with the player."""
+        """Whether anything is left to undo; a TCP connection ended with the player."""
         return bool(self._pending_cleanup.debts) or (
             self._pending_cleanup.port > 0 and not self._plan.target.tcp
         )
 
     def _cleanup_plan(self) -> PlayPlan:
-        """Make the plan to end what was begun."""
+        """Make the plan for the process that cleans up."""
         owed, target = self._pending_cleanup, self._plan.target
         serial = (self._serial + _SERIAL_MARGIN - 1) % _SERIAL_MAX + 1
         if target.name and not target.connect_option:
-            target = replace(target, connect_option="@IfNotMember")  # over UDP it still is one
+            target = replace(target, connect_option="@IfNotMember")  # over UDP, the client is still connected
         aftermath = Aftermath(owed.debts, owed.generation, owed.port, serial)
         return structs.replace(
             self._plan, target=target, points=(), log=None, record=None, realtime=False, aftermath=aftermath
         )
 
     def _with_crash(self, ended: PlayEnded) -> PlayEnded:
-        """Return the last message, in which the end of a player that crashed is not left out."""
+        """Add the crash, if any, to the last message."""
         if not self._crash:
             return ended
         told = ": what it had begun was ended in order"
@@ -239,7 +238,7 @@ class PlayerProcess:
 
 @contextmanager
 def _blocked_signal(number: signal.Signals) -> Iterator[None]:
-    """Let a signal wait that comes to a process started in this block, until that process wants it."""
+    """Block a signal for a process started in this block, until that process unblocks it."""
     before = signal.pthread_sigmask(signal.SIG_BLOCK, (number,))
     try:
         yield
@@ -248,7 +247,7 @@ def _blocked_signal(number: signal.Signals) -> Iterator[None]:
 
 
 def _reap(process: subprocess.Popen[bytes]) -> None:
-    """Wait for the end of a process and close the pipes to it."""
+    """Wait for a process to end, and close the pipes to it."""
     process.wait()
     for pipe in (process.stdin, process.stdout, process.stderr):
         if pipe is not None:

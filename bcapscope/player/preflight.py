@@ -1,4 +1,4 @@
-"""Pre-flight: all that can be said of a trajectory before anything moves."""
+"""Pre-flight check: everything that can be checked in a trajectory before anything moves."""
 
 from __future__ import annotations
 
@@ -38,17 +38,17 @@ _NUMBER_CHECKS: tuple[Check, ...] = (
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PreflightResult:
-    """What the pre-flight found.
+    """Result of the pre-flight check.
 
     Attributes:
-        trajectory: that was looked at.
-        period: seconds between two slvMove.
-        arm_name: limits these are.
-        problems: the gravest first.
-        axis_figures: what each axis does with the times that the file has; () where they are not even, or the
-            numbers do not allow to tell.
-        first_point_offsets: how far the first point is from where the robot is, an element an axis of the
-            trajectory; None where that is not known.
+        trajectory: The checked trajectory.
+        period: Seconds between two slvMove.
+        arm_name: Name of the arm whose limits were used.
+        problems: Problems, most serious first.
+        axis_figures: Figures of each axis at the file's own times; () if those are uneven, or a number is
+            not finite.
+        first_point_offsets: Distance from the robot to the first point, one element per axis of the
+            trajectory; None if the robot's pose is unknown.
     """
 
     trajectory: Trajectory
@@ -60,17 +60,17 @@ class PreflightResult:
 
     @property
     def is_playable(self) -> bool:
-        """Whether nothing speaks against playing it."""
+        """Whether there is no error."""
         return all(finding.severity is not Severity.ERROR for finding in self.problems)
 
     @property
     def needs_approach(self) -> bool:
-        """Whether the robot has to be brought to the first point by an ordinary motion."""
+        """Whether an ordinary motion must bring the robot to the first point."""
         return any(finding.check == "first-point" for finding in self.problems)
 
     @property
     def seconds(self) -> float:
-        """How long it takes as the file has it, `period` apart where the file does not say."""
+        """Duration at the file's own times, or with set points `period` apart if the file has no times."""
         trajectory = self.trajectory
         if trajectory.period is None and trajectory.times is not None:
             return float(trajectory.times[-1])
@@ -86,20 +86,20 @@ def run_preflight(
     mode: SlaveMode | None = None,
     loop: bool = False,
 ) -> PreflightResult:
-    """Look at a trajectory without moving anything.
+    """Check a trajectory without moving anything.
 
     Args:
-        trajectory: as it was read or resampled.
-        period: seconds between two slvMove.
-        limits: of the arm.
-        current_pose: pose of the robot now, of the trajectory's kind; None where it is not known.
-        mode: slave mode that it will be played in; None where it is not known.
-        loop: it starts again when it has ended.
+        trajectory: A trajectory as read or resampled.
+        period: Seconds between two slvMove.
+        limits: Limits of the arm.
+        current_pose: Current pose of the robot, of the trajectory's kind; None if unknown.
+        mode: Slave mode to play in; None if unknown.
+        loop: Whether the trajectory starts again at its end.
     """
     case = PreflightContext(trajectory, period, limits, current_pose, mode, loop)
     findings = list(checks.check_finite(case))
     sound = not findings
-    with np.errstate(all="ignore"):  # absurd times give absurd intervals, which is what is looked for
+    with np.errstate(all="ignore"):  # absurd times give absurd intervals, which the checks look for
         for each in (*_FORM_CHECKS, *(_NUMBER_CHECKS if sound else ())):
             findings += each(case)
         figures = motion_checks.axis_figures(case) if sound else ()

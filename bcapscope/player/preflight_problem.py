@@ -1,4 +1,4 @@
-"""What the pre-flight says: one finding a check, or one an axis."""
+"""Results of the pre-flight check: one problem per check, or one per axis."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ from bcapscope.protocol.slave_mode.modes import PoseType, SlaveMode
 from bcapscope.protocol.slave_mode.poses import AXES
 
 MAX_NUMBERS = 8
-"""Set points that a finding names; how many there are is told besides."""
+"""Set points that a problem names; its `count` is the total."""
 
 
 @dataclass(frozen=True, slots=True)
 class PreflightProblem:
-    """Something that speaks against playing a trajectory, or is worth knowing.
+    """A reason not to play a trajectory, or something worth knowing.
 
     Attributes:
-        check: what was looked at, such as `speed`.
-        severity: an error speaks against playing at all.
-        sentence: one sentence in plain English.
-        advice: what to do, one sentence; empty where there is nothing to do.
-        points: numbers of set points that show it, from 1, at most `MAX_NUMBERS`.
-        count: how many there are; 0 where it concerns no single ones.
+        check: Name of the check, such as `speed`.
+        severity: An error forbids playing.
+        sentence: One sentence in plain English.
+        advice: What to do, one sentence; empty if there is nothing to do.
+        points: Numbers of set points that show the problem, from 1, at most `MAX_NUMBERS`.
+        count: Total number of such set points; 0 if the problem concerns no single ones.
     """
 
     check: str
@@ -41,15 +41,15 @@ class PreflightProblem:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PreflightContext:
-    """What a trajectory is checked against.
+    """The trajectory and what the checks compare it with.
 
     Attributes:
-        trajectory: which has the axes that its file has.
-        period: seconds between two slvMove.
-        limits: of the arm.
-        current_pose: pose of the robot now, of the trajectory's kind; None where it is not known.
-        mode: slave mode that it will be played in; None where it is not known.
-        loop: it starts again when it has ended.
+        trajectory: The trajectory, with the axes that its file has.
+        period: Seconds between two slvMove.
+        limits: Limits of the arm.
+        current_pose: Current pose of the robot, of the trajectory's kind; None if unknown.
+        mode: Slave mode to play in; None if unknown.
+        loop: Whether the trajectory starts again at its end.
     """
 
     trajectory: Trajectory
@@ -61,9 +61,10 @@ class PreflightContext:
 
     @property
     def axis_count(self) -> int | None:
-        """Joints of the robot: as many as its arm is known to have, or as it tells; None if nobody knows.
+        """Number of joints: that of the known arm, or of the joints that the controller reports; None if
+        unknown.
 
-        Most controllers tell eight, of which those are 0 that the robot has not; eight says nothing.
+        Most controllers report eight joints, with 0 for those that the robot lacks. So eight proves nothing.
         """
         if self.limits.axis_count is not None or self.current_pose is None:
             return self.limits.axis_count
@@ -72,23 +73,24 @@ class PreflightContext:
 
     @property
     def step(self) -> float | None:
-        """Seconds between two set points as the file means them; None where they are not even."""
+        """Seconds between two set points according to the file; None if they are uneven."""
         if self.trajectory.period is None and self.trajectory.times is not None:
             return None
         return self.trajectory.period or self.period
 
 
 def set_point_numbers(where: ArrayLike, first: int = 1) -> tuple[tuple[int, ...], int]:
-    """Return the numbers of the set points for which an array is true, and how many there are.
+    """Return the numbers of the set points for which an array is true, at most `MAX_NUMBERS`, and their
+    count.
 
     Args:
-        where: one truth value a set point.
-        first: number that the first element has.
+        where: One truth value per set point.
+        first: Number of the set point that the first element belongs to.
     """
     found = np.flatnonzero(where)
     return tuple((found[:MAX_NUMBERS] + first).tolist()), len(found)
 
 
 def interval_text(seconds: float) -> str:
-    """Write an interval in milliseconds."""
+    """Return an interval as text in milliseconds."""
     return f"{seconds * 1000:.6g} ms"

@@ -1,8 +1,8 @@
-"""Keeping the processor: real-time priority, memory that stays in place, no garbage collection.
+"""Keeping the processor: real-time priority, locked memory, no garbage collection.
 
-SCHED_FIFO runs before everything that has no real-time priority, so that no other program can hold up a set
-point (sched(7)); locked memory is never fetched from disk (mlockall(2)). Where priority is not given, whoever
-asks for little of the processor at a time gets it sooner, though not more of it (sched-eevdf, Linux 6.12).
+SCHED_FIFO runs before all programs without real-time priority, so that none of them can delay a set point
+(sched(7)). Locked memory is never fetched from disk (mlockall(2)). Without real-time priority the player asks
+for short time slices: it then gets the processor sooner, but not more of it (sched-eevdf, Linux 6.12).
 """
 
 from __future__ import annotations
@@ -20,29 +20,30 @@ from pathlib import Path
 import msgspec
 
 FIFO_PRIORITY = 40
-"""Above all ordinary programs, below the kernel's interrupt threads, which have 50 and bring the replies."""
+"""Above all ordinary programs, below the kernel's interrupt threads, which have 50 and deliver the
+replies."""
 
 _THROTTLE_FILES = Path("/proc/sys/kernel/sched_rt_runtime_us"), Path("/proc/sys/kernel/sched_rt_period_us")
 _NEEDED_SHARE = 0.5
 _MCL_CURRENT = 1
 
 _TIME_SLICE = 100_000
-"""ns at a time, the least that there is."""
+"""Time slice, ns; the shortest that Linux offers."""
 
 _SCHED_SETATTR = {"x86_64": 314, "aarch64": 274}
-"""Numbers of the system call on 64 bits; older C libraries have no function for it."""
+"""Number of the system call on 64-bit machines; older C libraries have no function for it."""
 
 _SCHED_ATTR = struct.Struct("=IIQiIQQQ")
 """Size, policy, flags, niceness, priority, runtime, deadline, period: sched_setattr(2)."""
 
 
 class RealtimeGrant(msgspec.Struct, frozen=True):
-    """What the system allows.
+    """What the system grants.
 
     Attributes:
-        realtime: other programs cannot hold us up.
-        locked: our memory stays in place.
-        text: the same in words, with what to do where something is missing.
+        realtime: Whether other programs cannot delay the player.
+        locked: Whether the player's memory stays in place.
+        text: The same as text, with advice if something is missing.
     """
 
     realtime: bool
@@ -52,13 +53,15 @@ class RealtimeGrant(msgspec.Struct, frozen=True):
 
 @contextmanager
 def realtime_priority(is_wanted: bool = True, *, collect_garbage: bool = False) -> Iterator[RealtimeGrant]:
-    """Take all that the system gives, for the length of a block.
+    """Take all priority that the system grants, for the length of a block.
 
-    What was loaded before stays: looking through it for garbage again and again costs milliseconds.
+    Objects that exist before the block are excluded from garbage collection: examining them again and again
+    costs milliseconds.
 
     Args:
-        is_wanted: also what disturbs others, priority and memory.
-        collect_garbage: of what comes anew, garbage is collected; else that rests until the end.
+        is_wanted: Whether to take real-time priority and lock memory, which can disturb other programs.
+        collect_garbage: Whether to collect garbage among new objects; if False, not until the end of the
+            block.
     """
     gc.collect()
     gc.freeze()
@@ -92,7 +95,7 @@ def _acquire() -> RealtimeGrant:
 
 
 def _set_fifo_priority() -> str:
-    """Take real-time priority; return what stands against it, nothing if it was given."""
+    """Take real-time priority; return why it was refused, or "" if it was granted."""
     if sys.platform != "linux":
         return "no real-time priority: bcapscope can take it on Linux only"
     try:
@@ -108,7 +111,7 @@ def _set_fifo_priority() -> str:
 
 
 def _set_time_slice(length: int) -> None:
-    """Ask for so many ns of the processor at a time, 0 for what is usual; other systems do not know that."""
+    """Ask for a time slice of `length` ns, 0 for the usual one; does nothing on systems other than Linux."""
     number = _SCHED_SETATTR.get(platform.machine()) if sys.maxsize > 1 << 32 else None
     if sys.platform == "linux" and number and os.sched_getscheduler(0) == os.SCHED_OTHER:
         nice = os.getpriority(os.PRIO_PROCESS, 0)
@@ -117,7 +120,7 @@ def _set_time_slice(length: int) -> None:
 
 
 def _throttling_note() -> str:
-    """Tell if the kernel takes the processor from real-time programs for much of the time."""
+    """Return a warning if the kernel limits real-time programs to less than half of the time."""
     try:
         runtime, period = (int(path.read_text()) for path in _THROTTLE_FILES)
     except (OSError, ValueError):

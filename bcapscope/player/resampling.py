@@ -1,8 +1,8 @@
-"""Other times for the same way: another period, another speed, rest at both ends, a stop anywhere.
+"""New times for the same path: another period, another speed, rest at both ends, a stop anywhere.
 
-The way is the `SmoothCurve` through the set points. What changes is how fast it is run through: the rate
-grows from 0 and shrinks to 0 by the polynomial 10u³ - 15u⁴ + 6u⁵, whose first and second derivative vanish at
-both ends. So position, speed and acceleration stay continuous, and both ends are at rest.
+The path is the `SmoothCurve` through the set points. Only the rate along it changes. The rate grows from 0
+and falls to 0 by the polynomial 10u³ - 15u⁴ + 6u⁵, whose first and second derivatives are 0 at both ends. So
+position, speed and acceleration stay continuous, and both ends are at rest.
 """
 
 from __future__ import annotations
@@ -22,35 +22,35 @@ from bcapscope.protocol.slave_mode.poses import Axis
 from bcapscope.protocol.text_format import counted
 
 DEFAULT_RAMP = 0.25
-"""Seconds that a start or a stop takes unless told otherwise."""
+"""Default duration of a start or a stop, seconds."""
 
 _SHORTEST_STOP, _LONGEST_STOP, _STOP_GROWTH = (
     0.1,
     2.0,
     1.5,
-)  # seconds of a stop at least and at most, and from try to try
-_DEFAULT_STOP = 0.5  # seconds of a stop at least, where no acceleration is known
-_ROUNDING = 1e-9  # share of a cycle that rounding may add to a count of cycles
+)  # seconds of a stop at least and at most, and growth from one candidate to the next
+_DEFAULT_STOP = 0.5  # seconds of a stop at least, if no limit of acceleration is known
+_ROUNDING = 1e-9  # share of a cycle that rounding may add to a number of cycles
 
 
 def resample(
     trajectory: Trajectory, period: float, *, speed: float = 1.0, ramp: float = DEFAULT_RAMP
 ) -> Trajectory:
-    """Run through a trajectory with other times.
+    """Give a trajectory other times.
 
     Args:
-        trajectory: finite; with a period, or with times that grow, or neither, which counts as `period`.
-        period: seconds between the set points of the result.
-        speed: share of the speed; above 0.
-        ramp: seconds of the start and of the stop; 0 where the trajectory begins and ends at rest anyway.
+        trajectory: A finite trajectory with a period, with increasing times, or with neither; then `period`
+            counts as its period.
+        period: Seconds between the set points of the result.
+        speed: Share of the original speed, above 0.
+        ramp: Seconds of the start and of the stop; 0 if the trajectory begins and ends at rest anyway.
 
     Returns:
-        A trajectory that begins and ends in the same points, without times; nowhere is it run through faster
-        than at `speed`.
+        A trajectory without times, with the same first and last point; its rate never exceeds `speed`.
 
     Raises:
-        TrajectoryError: a number is not finite, times do not grow, or there would be too many set points.
-        ValueError: period, speed or ramp make no sense.
+        TrajectoryError: A number is not finite, times do not increase, or there would be too many set points.
+        ValueError: Period, speed or ramp is invalid.
     """
     if not (
         isfinite(period) and period > 0 and isfinite(speed) and speed > 0 and isfinite(ramp) and ramp >= 0
@@ -88,21 +88,21 @@ def _resampling_notes(trajectory: Trajectory, period: float, speed: float, ramp:
 def stop_after(
     trajectory: Trajectory, row: int, period: float, limits: ArmLimits = UNKNOWN_ARM, *, loop: bool = False
 ) -> Array:
-    """Come to rest on the way.
+    """Return the set points that bring the robot to rest on its way.
 
-    The stop is the shortest between 0.1 s and 2 s that keeps within the limits, or where the trajectory
-    itself exceeds them, that accelerates no more than it does there; where no acceleration is known, 0.5 s.
+    The stop takes 0.1 s to 2 s; the function tries longer and longer stops until one keeps within the limits.
+    Where the trajectory itself exceeds a limit, the stop may exceed it as much. If an acceleration limit is
+    unknown, the stop takes at least 0.5 s.
 
     Args:
-        trajectory: whose points follow each other each `period`.
-        row: of the point that was sent last, counted from 0.
-        period: seconds.
-        limits: of the arm.
-        loop: the first point follows the last.
+        trajectory: Points that follow each other every `period`.
+        row: Index of the last point sent, from 0.
+        period: Time between points, seconds.
+        limits: Limits of the arm.
+        loop: Whether the first point follows the last.
 
-    Returns:
-        The set points to send next, one row each; the last one is where everything rests. Where the
-        trajectory ends sooner than a stop takes, these are the rest of its points; () rows after the last.
+    Returns: The set points to send next, one row each; the robot rests at the last one. If the trajectory
+        ends sooner than a stop takes, these are its remaining points: no rows after the last point.
     """
     ahead = 2 * len(trajectory) if loop else len(trajectory) - 1 - row
     longest = min(ceil(_LONGEST_STOP / period), 2 * ahead)
@@ -126,13 +126,13 @@ def stop_after(
 
 
 def _moving_axes(axes: Sequence[Axis], points: Array) -> list[Axis]:
-    """List the axes that move at all."""
+    """Return the axes that move at all."""
     span = np.ptp(points, axis=0)
     return [axis for axis, width in zip(axes, span, strict=True) if width > 0 and axis.unit]
 
 
 class _TimeScale:
-    """How far along its curve a trajectory is at each cycle."""
+    """Position along the curve at each cycle."""
 
     def __init__(self, end: float, period: float, speed: float, ramp: float) -> None:
         time = end / speed
@@ -144,7 +144,7 @@ class _TimeScale:
         self._end = end
 
     def parameters(self) -> Array:
-        """Return the parameter of the curve at each cycle, 0 first."""
+        """Return the parameter of the curve at each cycle, beginning with 0."""
         times = np.arange(self._cycles + 1, dtype=np.float64) * self._period
         total = float(times[-1])
         rate = self._end / (total - self._ramp) if self._end else 0.0
@@ -170,6 +170,6 @@ def _knots(trajectory: Trajectory, period: float) -> Array:
 
 
 def _ramp_integral(part: Array) -> Array:
-    """Return the integral of the rate from rest to full, 0 at 0, 0.5 at 1."""
+    """Return the integral of the rate from rest to full rate: 0 at 0, 0.5 at 1."""
     gained: Array = part**4 * (2.5 - part * (3.0 - part))
     return gained

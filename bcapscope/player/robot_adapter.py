@@ -1,8 +1,8 @@
-"""The calls of the sequence: what is there, RobSlave, arm, motor, the first position, errors.
+"""The calls around a play: identify the controller, RobSlave, arm, motor, first position, errors.
 
-DENSO Wave 2009, How to use the Slave mode (RC7); ShoheiKobata/orin_bcap_python_samples and
-DENSORobot/denso_robot_ros2 denso_robot_core (RC8 and later). Waiting in here is done by `pause`, which raises
-when there is an order to stop.
+Sources: DENSO Wave 2009, How to use the Slave mode (RC7); ShoheiKobata/orin_bcap_python_samples and
+DENSORobot/denso_robot_ros2 denso_robot_core (RC8 and later). All waiting here goes through `pause`, which
+raises on an order to stop.
 """
 
 from __future__ import annotations
@@ -28,12 +28,12 @@ from bcapscope.protocol.tables.hresult import E_ROBOTISBUSY, describe_hresult, h
 
 _MS = 1_000_000
 _POLL = 50 * _MS
-_ROBSLAVE_START_DELAY = 1000 * _MS  # as long as the samples for RC7 wait after Task_Start
-_ARRIVAL_TIMEOUT = 1000 * _MS  # how long a robot may stand somewhere else before it counts as not on its way
+_ROBSLAVE_START_DELAY = 1000 * _MS  # the samples for RC7 wait as long after Task_Start
+_ARRIVAL_TIMEOUT = 1000 * _MS  # a robot that stands still elsewhere for so long is not on its way
 _RUNNING = 3  # state of a task
 _ONE_CYCLE = 1
 _PTP = 1
-_ON_RETRIES, _OFF_RETRIES = 119, 29  # after the first: two minutes for what takes its time, less to get away
+_ON_RETRIES, _OFF_RETRIES = 119, 29  # two minutes to switch the motor on; less while leaving
 _MAX_ERRORS = 16
 _MACHINE_LOCK = (0x81501005, 0x81201705, 0x81201748)
 _E_SWITCHING_OFF = 0x8350106E
@@ -44,7 +44,7 @@ _POSES = {
     PoseType.J: ("@CURRENT_ANGLE", "CurJnt"),
     PoseType.T: ("@CURRENT_TRANS", "CurTrn"),
 }
-"""By pose type: the variable of the robot, and the command that answers the same."""
+"""By pose type: the variable of the robot, and the command with the same result."""
 
 _FACTS = (
     (TYPE_NAME_FACT, ObjectClass.ROBOT, "@TYPE_NAME"),
@@ -57,16 +57,16 @@ class RobotAdapter:
     """A controller with its robot.
 
     Attributes:
-        robot: the arm.
-        is_simulator: it is our own.
-        generation: RC7 where joints come as VT_R4, as DENSO's slides show them, else RC8.
-        facts: what it says of itself.
+        robot: The arm.
+        is_simulator: Whether the controller is bcapscope's simulator.
+        generation: RC7 if joints come as VT_R4, as DENSO's slides show them; else RC8.
+        facts: What the controller reports about itself.
     """
 
     robot: Robot
 
     def __init__(self, opener: ObjectOpener, pause: Callable[[int], None]) -> None:
-        """Use what `opener` opens; `pause` waits so many ns."""
+        """Use the objects that `opener` opens; `pause` waits for a number of ns."""
         self.is_simulator = False
         self.generation = Generation.RC8
         self.facts: dict[str, str] = {}
@@ -84,7 +84,7 @@ class RobotAdapter:
 
     @property
     def real_type(self) -> VT:
-        """Type of the numbers of a pose."""
+        """Element type of a pose."""
         return VT.R4 if self.generation is Generation.RC7 else VT.R8
 
     @property
@@ -93,18 +93,18 @@ class RobotAdapter:
         return self.generation is not Generation.RC7
 
     async def connect(self) -> None:
-        """Connect, and open the robot; nothing else is asked.
+        """Connect and open the robot; no other calls are made.
 
         Raises:
-            BcapError: as `Session.call`.
+            BcapError: As for `Session.call`.
         """
         self.robot = Robot(self._opener.session, await self._opener.handle_for(ObjectClass.ROBOT))
 
     async def identify(self) -> None:
-        """Connect and find out what is there; nothing is changed.
+        """Connect and identify the controller and robot; nothing is changed.
 
         Raises:
-            BcapError: as `Session.call`.
+            BcapError: As for `Session.call`.
         """
         self.is_simulator = await self._opener.is_simulator()
         await self.connect()
@@ -116,11 +116,11 @@ class RobotAdapter:
         self.generation = Generation.RC7 if joints.vt == ARRAY | VT.R4 else Generation.RC8
 
     async def read_pose(self, kind: PoseType) -> SetPointValues:
-        """Return where the robot is.
+        """Return the current pose of the robot.
 
         Raises:
-            RemoteProtocolError: the answer is no pose.
-            BcapError: as `Session.call`.
+            RemoteProtocolError: The reply holds no pose.
+            BcapError: As for `Session.call`.
         """
         row = pose_numbers(await self._read_pose_value(kind))
         if row is None or len(row) < 6 or not all(map(isfinite, row)):
@@ -128,22 +128,22 @@ class RobotAdapter:
         return tuple(row[: len(AXES[kind])])
 
     async def read_slave_mode(self) -> int:
-        """Return the slave mode that the robot is in; 0 for none, or where the controller does not tell."""
+        """Return the number of the current slave mode; 0 for none, or if the controller refuses."""
         try:
             return await self.robot.slv_get_mode()
         except (ControllerError, RemoteProtocolError):
             return 0
 
     async def clean_up(self, task: CleanupTask) -> None:
-        """End what was begun.
+        """Undo one task.
 
         Raises:
-            BcapError: as `Session.call`.
+            BcapError: As for `Session.call`.
         """
         await self._cleanups[task]()
 
     async def is_robslave_ready(self) -> bool:
-        """Tell whether the program runs that slave mode needs on RC7; later ones need none."""
+        """Return whether the program runs that RC7 needs for slave mode; True for later controllers."""
         if self.generation is not Generation.RC7:
             return True
         await self._open_task()
@@ -162,19 +162,19 @@ class RobotAdapter:
         return Task(self._opener.session, await self._opener.handle_for(ObjectClass.TASK))
 
     async def take_arm(self) -> None:
-        """Take the arm, tool and work as they are."""
+        """Take the arm and keep its tool and work."""
         await self.robot.execute("TakeArm", [0, 1])
 
     async def _give_arm(self) -> None:
         await self.robot.execute("GiveArm")
 
     async def is_motor_on(self) -> bool:
-        """Tell whether the motor is on; it counts as off where nobody knows."""
+        """Return whether the motor is on; False if the controller does not report it."""
         state = await self._read_optional(ObjectClass.ROBOT, "@SERVO_ON")
         return state is not None and bool(state.value)
 
     async def motor_on(self) -> None:
-        """Switch the motor on, which it may just be switching off."""
+        """Switch the motor on; if it is just switching off, wait for that first."""
         for _ in range(_SWITCH_OFF_TIMEOUT // _POLL):
             try:
                 return await self._switch_motor(True, _ON_RETRIES)
@@ -190,8 +190,8 @@ class RobotAdapter:
     async def _switch_motor(self, on: bool, retries: int) -> None:
         """Switch the motor.
 
-        With the machine lock on, which DENSO's slides recommend for trying things out, there is none to
-        switch.
+        With the machine lock on, the controller refuses, and this refusal is ignored: there is no motor to
+        switch. DENSO's slides recommend the machine lock for experiments.
         """
         parameter = Variant(VT.I2, int(on))
         if self.generation is not Generation.RC7:
@@ -204,15 +204,15 @@ class RobotAdapter:
                     raise
 
     async def approach(self, kind: PoseType, goal: SetPointValues, percent: float) -> None:
-        """Go to a pose by an ordinary motion, ending with @E as slave mode wants it.
+        """Move to a pose by an ordinary motion that ends with @E, as slave mode needs it.
 
-        The call comes back at once (NEXT), so that the robot can be halted on the way. Where the position is
-        reached and the controller goes on telling another Fig, its own word is not doubted for long.
+        The controller answers the call at once (NEXT), so that the player can halt the robot on its way. If
+        the robot reaches the position but the controller still reports another Fig, the wait ends soon.
 
         Raises:
-            ControllerError: it stands still elsewhere, after an error.
-            RemoteProtocolError: it stands still elsewhere, and the controller shows no error.
-            BcapError: as `Session.call`.
+            ControllerError: The robot stands still elsewhere, and the controller shows an error.
+            RemoteProtocolError: The robot stands still elsewhere, and the controller shows no error.
+            BcapError: As for `Session.call`.
         """
         pose = f"@E {kind}({', '.join(map(_decimal, goal))})"
         while True:
@@ -244,9 +244,9 @@ class RobotAdapter:
             raise RemoteProtocolError(f"{stands} and does not move", b"")
 
     async def set_formats(self, kind: PoseType) -> None:
-        """Let slvMove carry a pose there and back, whatever an earlier client has set.
+        """Make slvMove carry a pose in both directions, whatever format an earlier client set.
 
-        RC7 has no formats, and early versions of RC8 have none either.
+        RC7 and early versions of RC8 have no formats.
         """
         if self.generation is Generation.RC7:
             return
@@ -257,7 +257,7 @@ class RobotAdapter:
                 return
 
     async def start_log(self) -> None:
-        """Empty the controller's log and begin to record."""
+        """Clear the controller's log and start it."""
         await self.robot.execute("ClearLog")
         await self.robot.execute("StartLog")
 
@@ -268,7 +268,7 @@ class RobotAdapter:
         await self.robot.slv_change_mode(0)
 
     async def read_errors(self) -> tuple[tuple[int, str], ...]:
-        """Read the errors that are active, the newest first; nothing is cleared."""
+        """Return the active errors as code and text, newest first; nothing is cleared."""
         controller = Controller(self._opener.session, await self._opener.handle_for(ObjectClass.CONTROLLER))
         found: list[tuple[int, str]] = []
         try:
@@ -283,12 +283,12 @@ class RobotAdapter:
         return tuple(found)
 
     async def clear_errors(self) -> None:
-        """Clear them."""
+        """Clear the active errors."""
         controller = Controller(self._opener.session, await self._opener.handle_for(ObjectClass.CONTROLLER))
         await controller.execute("ClearError")
 
     async def _read_pose_value(self, kind: PoseType) -> Variant:
-        """Read a pose from its variable, or by its command where the variable is missing or EMPTY."""
+        """Read a pose from its variable, or by its command if the variable is missing or EMPTY."""
         variable, command = _POSES[kind]
         if kind not in self._read_by_command:
             found = await self._read_optional(ObjectClass.ROBOT, variable)
@@ -299,14 +299,14 @@ class RobotAdapter:
         return _reply_value(reply, command)
 
     async def _read_optional(self, object_class: ObjectClass, name: str) -> Variant | None:
-        """Read a variable that not every controller has."""
+        """Read a variable that not every controller has; None if the controller refuses."""
         try:
             return await self._read_variable(object_class, name)
         except ControllerError:
             return None
 
     async def _read_variable(self, object_class: ObjectClass, name: str) -> Variant:
-        """Read a variable, which stays open for the next time."""
+        """Read a variable; its handle stays open for the next reading."""
         invoke = self._opener.session.invoke
         if (object_class, name) not in self._variables:
             reply = await invoke(
@@ -318,7 +318,7 @@ class RobotAdapter:
 
     @contextmanager
     def _extra_retries(self, retries: int) -> Iterator[None]:
-        """Give the calls of a block more time: so many tries after the first, or more."""
+        """Allow at least `retries` retries for the calls of a block."""
         session = self._opener.session
         usual = session.retry_policies
         more = usual.others._replace(retries=max(retries, usual.others.retries))
@@ -330,9 +330,9 @@ class RobotAdapter:
 
 
 def pose_distance(kind: PoseType, here: SetPointValues, there: SetPointValues) -> float:
-    """Return the largest difference of an axis, deg or mm; direction cosines count as angles, Fig not.
+    """Return the largest difference of any axis, degrees or mm; direction cosines count as angles, Fig not.
 
-    Axes that only one of them has do not count: RC7 may tell six joints.
+    Only axes that both poses have count, because RC7 may report six joints.
     """
     width = min(len(here), len(there))
     before, after = unwrap_rotations(kind, np.vstack((here[:width], there[:width])))
@@ -347,16 +347,16 @@ def _reply_value(reply: Frame, name: str) -> Variant:
 
 
 def _error_info(info: Value) -> tuple[int, str]:
-    """Read code and text out of GetCurErrorInfo's values."""
+    """Return code and text from the values of GetCurErrorInfo."""
     code, text, *_ = (*info, 0, "") if isinstance(info, tuple) else (0, str(info))
     return (code & 0xFFFFFFFF if isinstance(code, int) else 0), _text(text)
 
 
 def _decimal(value: float) -> str:
-    """Write a number without an exponent, which no source shows in the text of a pose."""
+    """Return a number without exponent; no source shows an exponent in the text of a pose."""
     return f"{round(value, 6) + 0.0:.6f}".rstrip("0").rstrip(".")
 
 
 def _text(value: Value) -> str:
-    """Make text of a value, "" of EMPTY; half of a surrogate pair, which no message carries, is replaced."""
+    """Return a value as text, "" for EMPTY; half a surrogate pair (not allowed in messages) is replaced."""
     return "" if value is None else str(value).encode("utf-16", "surrogatepass").decode("utf-16", "replace")

@@ -1,9 +1,9 @@
-"""The row of set points that is sent: those of a trajectory, and how it begins, ends and comes to rest.
+"""The sequence of set points to send: those of a trajectory, and those around its start, end and stop.
 
-The first point is sent a few times before anything moves, so that the controller's buffer is full when it
-matters: the first points of a motion are where buffers run empty (issues 20 and 49 of
-DENSORobot/denso_robot_ros; nkawa/Denso_CobottaPro900_MQTT_Control sends four). The last one is sent as often,
-so that the robot stands when slave mode is left.
+The first point is sent a few times before anything moves, so that the controller's buffer is full when the
+motion starts. Buffers run empty at the first points of a motion (issues 20 and 49 of
+DENSORobot/denso_robot_ros); nkawa/Denso_CobottaPro900_MQTT_Control sends four. The last point is sent as
+often, so that the robot stands when it leaves slave mode.
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ from bcapscope.player.trajectory import Trajectory
 
 
 class SetPointSequence:
-    """Gives one set point after the other.
+    """Iterates over the set points.
 
     Attributes:
-        index: set points of the trajectory that were given, all rounds together, and those of a stop.
-        total: how many there are; 0 if there is no end.
-        is_stopping: it comes to rest, or has.
+        index: Set points of the trajectory returned so far, all rounds together, plus those of a stop.
+        total: Total number of set points in all rounds; 0 if there is no end.
+        is_stopping: Whether the robot is coming to rest, or has come to rest.
     """
 
     def __init__(
@@ -32,11 +32,11 @@ class SetPointSequence:
         """Begin at the first point.
 
         Args:
-            trajectory: with all numbers that slvMove takes; it begins and ends at rest.
-            period: seconds from one point to the next.
-            limits: of the arm, which a stop keeps within.
-            rounds: how often, the first point following the last; 0 without end.
-            hold_count: how often the first and the last are sent besides.
+            trajectory: A trajectory with all numbers that slvMove needs; it begins and ends at rest.
+            period: Seconds from one point to the next.
+            limits: Limits of the arm; a stop keeps within them.
+            rounds: Number of rounds, the first point following the last; 0 for no end.
+            hold_count: How often to send the first and the last point in addition.
         """
         self.index = 0
         self.is_stopping = False
@@ -54,7 +54,7 @@ class SetPointSequence:
         return next(self._remaining)
 
     def stop(self) -> None:
-        """Come to rest on the way, then end. Once is enough."""
+        """Continue with a stop instead of the rest; further calls change nothing."""
         if not self.is_stopping:
             self.is_stopping = True
             self._remaining = self._stopping_points()

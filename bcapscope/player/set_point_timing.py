@@ -1,4 +1,4 @@
-"""What the times of set points say: how far apart they are, whether they are even, where some are missing."""
+"""Timing of set points: interval, evenness and gaps."""
 
 from __future__ import annotations
 
@@ -11,27 +11,27 @@ from numpy.typing import NDArray
 from bcapscope.player.smooth_curve import Array
 
 CYCLES = (0.008, 0.001)
-"""Seconds; what set points are sent in (DENSO Wave 2009, How to use the Slave mode)."""
+"""Cycle times of set points, seconds (DENSO Wave 2009, How to use the Slave mode)."""
 
 EVEN_TOLERANCE = 0.01
-"""Share of the interval that times may be off and still be even."""
+"""Share of the interval by which even times may differ."""
 
 MAX_PARTS = 64
-"""Trajectories that records with gaps between them are taken apart to."""
+"""Trajectories into which records with gaps are split at most."""
 
 GAP_FACTOR = 1.5
-"""Usual intervals; something may be missing where there is more."""
+"""A step longer than this many usual intervals is a gap."""
 
 _CYCLE_TOLERANCE = 0.05
 
 
 class SetPointTiming(NamedTuple):
-    """What times say.
+    """Timing of set points.
 
     Attributes:
-        period: seconds, if they are even.
-        times: seconds from the first; None where they say nothing.
-        note: one clause; may be empty.
+        period: Seconds between set points; None if uneven or unknown.
+        times: Seconds from the first set point; None if the times have no meaning.
+        note: One clause; may be empty.
     """
 
     period: float | None
@@ -40,7 +40,7 @@ class SetPointTiming(NamedTuple):
 
 
 def timing_from_due_times(times: Array) -> SetPointTiming:
-    """Read times that tell when each set point is due, seconds."""
+    """Return the timing from the times at which set points are due, seconds."""
     shifted = times - times[0]
     steps = np.diff(shifted)
     if not len(steps) or not np.isfinite(steps).all():
@@ -51,7 +51,11 @@ def timing_from_due_times(times: Array) -> SetPointTiming:
 
 
 def timing_from_send_times(times: Array) -> SetPointTiming:
-    """Read times at which set points were sent: a controller takes one a cycle whenever exactly they came."""
+    """Return the timing from the times at which set points were sent, seconds.
+
+    If these are close to a cycle time, each set point counts as one cycle: a controller takes one set point
+    per cycle, whenever exactly it came.
+    """
     steps = np.diff(times)
     if not len(steps):
         return SetPointTiming(CYCLES[0], None)
@@ -67,17 +71,17 @@ def timing_from_send_times(times: Array) -> SetPointTiming:
 
 
 def find_gaps(times: Array) -> NDArray[np.bool_]:
-    """Tell for each step from one time to the next whether it is so long that something may be missing."""
+    """Return for each step from one time to the next whether it is a gap, where set points may be missing."""
     steps = np.diff(times)
     return np.asarray(steps > GAP_FACTOR * np.median(steps))
 
 
 class RecordRun(NamedTuple):
-    """Records that follow each other.
+    """Records that follow each other without a gap.
 
     Attributes:
-        start: of them, counted from 0.
-        stop: behind them.
+        start: Index of the first record, from 0.
+        stop: Index after the last record.
     """
 
     start: int
@@ -85,11 +89,11 @@ class RecordRun(NamedTuple):
 
 
 def find_runs(counter: Array) -> tuple[tuple[RecordRun, ...], float | None]:
-    """Find where records follow each other, by a counter.
+    """Find the runs of records without gaps, by a counter.
 
     Returns:
-        The runs, in order, and how much the counter grows from one record to the next; one run of all and
-        None where the counter does not grow evenly enough to tell.
+        The runs in order, and the growth of the counter per record; one run and None if the counter does not
+        grow evenly enough.
     """
     whole = (RecordRun(0, len(counter)),)
     steps = np.diff(counter)

@@ -1,11 +1,13 @@
-"""A smooth curve through set points: what lies between them, and how to come to rest on it.
+"""A smooth curve through set points, to sample between them or to come to rest on it.
 
-Between two points each axis follows the polynomial of fifth degree that has the points' positions, speeds and
-accelerations at its ends (quintic Hermite interpolation); speed and acceleration at a point are those of the
-parabola through it and its neighbours, at the ends those of the straight line to the neighbour. So the curve
-goes through every point, position, speed and acceleration are continuous (C2), a bad point disturbs no more
-than two pieces to either side, and the speed is nowhere above 1.75 times that of the fastest straight line
-between two points where they are equally far apart in time.
+Between two points, each axis follows the polynomial of fifth degree with the position, speed and acceleration
+of both points at its ends (quintic Hermite interpolation). Speed and acceleration at a point are those of the
+parabola through it and its neighbours. At both ends of the curve, they are those of the straight line to the
+neighbour.
+
+So the curve goes through every point, and position, speed and acceleration are continuous (C2). A bad point
+disturbs at most two pieces on either side. For points at equal times, the speed is nowhere above 1.75 times
+that of the fastest straight line between two points.
 """
 
 from __future__ import annotations
@@ -20,10 +22,10 @@ from bcapscope.protocol.slave_mode.modes import PoseType
 Array = NDArray[np.float64]
 
 ROTATION_COLUMNS = slice(3, 6)
-"""Columns of P type that count degrees of a rotation: 180 and -180 are the same."""
+"""Columns of P type with rotations in degrees, where 180 and -180 are the same."""
 
 FIG_COLUMN = {PoseType.P: 6, PoseType.T: 9}
-"""Column of Fig, a number of a posture, between whose values there is nothing."""
+"""Column of Fig, the number of a posture; values between two postures mean nothing."""
 
 DIRECTION_COLUMNS = ORIENTATION, APPROACH = slice(3, 6), slice(6, 9)
 """Columns of T type, two unit vectors at a right angle."""
@@ -33,16 +35,16 @@ class SmoothCurve:
     """The curve through points.
 
     Attributes:
-        end: of the parameter, which begins at 0.
+        end: Last parameter; the first is 0.
     """
 
     def __init__(self, kind: PoseType, knots: Array, points: Array) -> None:
-        """Begin.
+        """Compute the curve.
 
         Args:
-            kind: pose type, which tells what the columns are.
-            knots: parameter of each point, such as its time; strictly increasing from 0, two at least.
-            points: one row a point.
+            kind: Pose type, which says what the columns are.
+            knots: Parameter of each point, such as its time; strictly increasing from 0, at least two.
+            points: One row per point.
         """
         self._kind = kind
         self._knots = knots
@@ -52,7 +54,7 @@ class SmoothCurve:
         self.end = float(knots[-1])
 
     def sample(self, parameters: Array) -> Array:
-        """Return a row for each parameter, which is brought into the curve where it is outside."""
+        """Return a pose for each parameter; parameters outside the curve are clipped."""
         where = np.clip(parameters, self._knots[0], self._knots[-1])
         left = np.clip(np.searchsorted(self._knots, where, side="right") - 1, 0, len(self._knots) - 2)
         width = self._knots[left + 1] - self._knots[left]
@@ -62,7 +64,7 @@ class SmoothCurve:
     def _interpolate(self, left: NDArray[np.intp], part: Array, width: Array) -> Array:
         u, h = part[:, None], width[:, None]
         u3, rest = u**3, 1 - u
-        # Bernstein form of what position, speed and acceleration at either end contribute.
+        # Bernstein form of the contributions of position, speed and acceleration at both ends.
         start = rest**3 * (
             self._rows[left] * (1 + 3 * u + 6 * u**2)
             + self._speeds[left] * h * u * (1 + 3 * u)
@@ -76,7 +78,7 @@ class SmoothCurve:
         return start + end
 
     def _to_poses(self, rows: Array, nearest: NDArray[np.intp]) -> Array:
-        """Make poses of rows: rotations within half a turn, vectors of length 1, Fig of the point before."""
+        """Make rows to poses: rotations within half a turn, unit vectors, Fig of the point before."""
         fig = FIG_COLUMN.get(self._kind, rows.shape[1])
         if fig < rows.shape[1]:
             rows[:, fig] = self._points[nearest, fig]
@@ -94,7 +96,7 @@ class SmoothCurve:
 
 
 def unwrap_rotations(kind: PoseType, points: Array) -> Array:
-    """Return points whose rotations go on through half a turn instead of jumping to the other side."""
+    """Return points whose rotations continue beyond half a turn instead of jumping by a full turn."""
     if kind is not PoseType.P:
         return points
     return np.hstack(
@@ -103,7 +105,7 @@ def unwrap_rotations(kind: PoseType, points: Array) -> Array:
 
 
 def direction_turns(kind: PoseType, rows: Array) -> Array:
-    """Return by how many degrees the directions of T type turn from each point to the next; 0 for others."""
+    """Return the angle in degrees by which the directions of T type turn at each step; 0 for other types."""
     turned = np.zeros(len(rows) - 1)
     for columns in DIRECTION_COLUMNS if kind is PoseType.T else ():
         way = np.linalg.norm(np.diff(rows[:, columns], axis=0), axis=1)
@@ -112,9 +114,9 @@ def direction_turns(kind: PoseType, rows: Array) -> Array:
 
 
 def matches_posture(kind: PoseType, here: Sequence[float], there: Sequence[float]) -> bool:
-    """Tell whether a pose has the Fig that another one wants, as far as both tell it.
+    """Return whether two poses have the same Fig; True if either lacks it.
 
-    Below 0 it leaves the choice to the controller (nkawa/Denso_CobottaPro900_MQTT_Control, -2 and -3).
+    A Fig below 0 leaves the choice to the controller (nkawa/Denso_CobottaPro900_MQTT_Control, -2 and -3).
     """
     column = FIG_COLUMN.get(kind)
     if column is None or min(len(here), len(there)) <= column:

@@ -1,4 +1,4 @@
-"""Trajectories: set points in the order of slvMove, and where they are from."""
+"""Trajectories: set points in the order of slvMove, and their source."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from bcapscope.protocol.slave_mode.modes import PoseType
 from bcapscope.protocol.slave_mode.poses import AXES, SHORTEST_POSE, Axis
 
 MAX_POINTS = 5_000_000
-"""Set points that a trajectory may have: eleven hours at 8 ms, and 320 MB."""
+"""Most set points of a trajectory: eleven hours at 8 ms, and 320 MB."""
 
 
 class TrajectoryError(BcapError, ValueError):
-    """A file gives no trajectory.
+    """A file holds no valid trajectory.
 
     Attributes:
-        line: counted from 1; None where the fault has no line.
-        column: counted from 1; None likewise.
+        line: Line of the fault, from 1; None if unknown.
+        column: Column of the fault, from 1; None if unknown.
     """
 
     def __init__(self, message: str, line: int | None = None, column: int | None = None) -> None:
-        """Tell why, where it is known with the place in front."""
+        """Make the message; the place comes first if it is known."""
         places = (("line", line), ("column", column))
         place = ", ".join(f"{noun} {number}" for noun, number in places if number is not None)
         super().__init__(f"{place}: {message}" if place else message)
@@ -35,14 +35,14 @@ class TrajectoryError(BcapError, ValueError):
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """Where the numbers of one axis, or the times, are from.
+    """Source of the numbers of one axis, or of the times.
 
     Attributes:
-        axis: name as in a pose, such as `J1`, or `time`.
-        position: of the column or element in the file, counted from 1.
-        name: what the file calls it; empty where it has no names.
-        unit: what the file counts in: `deg`, `rad`, `mm`, `m`, `s`, `ms`, or empty.
-        factor: what numbers in the file are multiplied with.
+        axis: Name as in a pose, such as `J1`, or `time`.
+        position: Number of the column or element in the file, from 1.
+        name: Name in the file; empty if it has no names.
+        unit: Unit in the file: `deg`, `rad`, `mm`, `m`, `s`, `ms`, or empty.
+        factor: Factor that converts the file's numbers.
     """
 
     axis: str
@@ -54,14 +54,15 @@ class Column:
 
 @dataclass(frozen=True, slots=True)
 class TrajectorySource:
-    """Where a trajectory is from and how it was read.
+    """Where a trajectory comes from and how it was read.
 
     Attributes:
-        path: of the file, as it was given.
-        file_format: what kind of file it is, in words.
-        part: which of several trajectories in the file; empty where there is one.
-        columns: an element an axis in the order of `Trajectory.axes`, then those of times and counter if any.
-        notes: what was assumed, left out or converted, a clause each.
+        path: Path of the file, as the caller gave it.
+        file_format: Kind of the file, as text.
+        part: Which of several trajectories in the file; empty if there is only one.
+        columns: One element per axis in the order of `Trajectory.axes`, then those of times and counter if
+            any.
+        notes: What was assumed, left out or converted, one clause each.
     """
 
     path: str
@@ -77,15 +78,16 @@ class Trajectory:
 
     Attributes:
         kind: P, J or T.
-        points: float64, one row a set point, one column an axis in the order of slvMove: mm, degrees (mm for
-            linear joints), Fig and direction cosines as they are. There are as many columns as the file has
+        points: float64, one row per set point, one column per axis in the order of slvMove: mm, degrees (mm
+            for linear joints), Fig and direction cosines as they are. There are as many columns as the file
+            has
             axes: 1 to 8 joints, 6 or 7 numbers of P type, 9 or 10 of T type. Not writeable.
-        source: where it is from.
-        period: seconds between two set points, as the file says; None where it does not.
-        times: float64, seconds of each set point from the first; None where the file has none. Not writeable.
+        source: Where the trajectory comes from.
+        period: Seconds between two set points according to the file; None if it does not say.
+        times: float64, seconds of each set point from the first; None if the file has none. Not writeable.
 
     Raises:
-        ValueError: shapes that do not fit the kind or each other.
+        ValueError: Shapes do not fit the kind or each other.
     """
 
     kind: PoseType
@@ -116,16 +118,15 @@ class Trajectory:
         return AXES[self.kind][: self.points.shape[1]]
 
     def set_point(self, row: int, current_pose: Sequence[float] = ()) -> tuple[float, ...]:
-        """Return one set point with all numbers that slvMove takes, see `completed`."""
+        """Return one set point with all numbers that slvMove needs; see `completed`."""
         return tuple(_complete(self.kind, self.points[row : row + 1], current_pose)[0].tolist())
 
     def completed(self, current_pose: Sequence[float] = ()) -> Trajectory:
-        """Fill in the axes that the file does not have, so that they stay where they are.
+        """Fill in the axes that the file lacks, so that they keep their position.
 
         Args:
-            current_pose: the pose that the robot has now, of the same kind, for the axes that are missing;
-                where it is shorter, joints get 0, which is what axes that a robot does not have count, and so
-                does Fig.
+            current_pose: Current pose of the robot, of the same kind, for the missing axes. Axes beyond its
+                end get 0; controllers report 0 for joints that a robot lacks.
 
         Returns:
             A trajectory with 7 columns of P type, 8 of J type, 10 of T type.
@@ -134,7 +135,7 @@ class Trajectory:
 
 
 MIN_COLUMNS = {**SHORTEST_POSE, PoseType.J: 1, PoseType.T: 9}
-"""Columns that a trajectory has at least, by its kind: a file may name fewer joints than slvMove takes."""
+"""Fewest columns of a trajectory, by its kind; a file may name fewer joints than slvMove needs."""
 
 
 def _complete(kind: PoseType, points: NDArray[np.float64], present: Sequence[float]) -> NDArray[np.float64]:

@@ -1,7 +1,7 @@
 """Trajectories as objects: the JSON of `bcapscope extract`, and ROS messages as JSON or YAML.
 
 A JointTrajectory (trajectory_msgs of ROS 1 and 2) has `joint_names` and `points`, each with `positions` in
-radians and `time_from_start`; it may lie deeper, as in MoveIt's RobotTrajectory or a recorded goal.
+radians and `time_from_start`. It may be nested, as in MoveIt's RobotTrajectory or a recorded goal.
 """
 
 from __future__ import annotations
@@ -22,17 +22,17 @@ from bcapscope.protocol.slave_mode.modes import PoseType
 from bcapscope.protocol.slave_mode.poses import AXES
 
 EXTRACT_FORMAT = "bcapscope trajectory 1"
-"""What `extract` calls its format."""
+"""Format name that `extract` writes."""
 
 MAX_VALUES = 1_500_000
-"""Values in a JSON or YAML file: 28 minutes of six joints and a time at 8 ms. A value takes up to 72 bytes,
-so these take 110 MB."""
+"""Most values in a JSON or YAML file: 28 minutes of six joints and a time at 8 ms. A value takes up to 72
+bytes, so these take 110 MB."""
 
 TOO_MANY_VALUES = f"more than {MAX_VALUES} values, the limit for JSON and YAML: write a table (CSV)"
 
 _DEEPEST, _MAX_TRAJECTORIES, _SHOWN = 8, 256, 40
 _DEGREES_PER_RADIAN = degrees(1.0)
-_NONE = (None, "", "~", "null")  # YAML is read as text
+_NONE = (None, "", "~", "null")  # YAML scalars are read as text
 _LAST_NUMBER = re.compile(r"(\d+)\D*$")
 _AXIS_NUMBERS = range(1, len(AXES[PoseType.J]) + 1)
 
@@ -40,15 +40,15 @@ _AXIS_NUMBERS = range(1, len(AXES[PoseType.J]) + 1)
 def read_documents(
     documents: Sequence[object], source: TrajectorySource, options: ReadOptions
 ) -> tuple[Trajectory, ...]:
-    """Read what a JSON or YAML parser made of a file.
+    """Read the objects that a JSON or YAML parser made of a file.
 
     Args:
-        documents: one of JSON, one or several of YAML.
-        source: where they are from.
-        options: what the user says; of ROS messages only what they leave open.
+        documents: One from JSON, one or several from YAML.
+        source: Where the documents come from.
+        options: What the user says about the file; for ROS messages only what they leave open counts.
 
     Raises:
-        TrajectoryError: there is no trajectory among them.
+        TrajectoryError: The documents hold no trajectory.
     """
     if (
         len(documents) == 1
@@ -112,7 +112,7 @@ def _select_values(row: object, places: Sequence[int], width: int, number: int) 
 
 
 def _find_ros_messages(node: object, deep: int, seen: set[int]) -> Iterator[dict[str, Any]]:
-    """Yield what looks like a JointTrajectory; what YAML refers to many times is looked at once."""
+    """Yield what looks like a JointTrajectory; a node that YAML refers to many times is searched once."""
     if id(node) in seen:
         return
     seen.add(id(node))
@@ -173,10 +173,11 @@ def _read_ros(message: dict[str, Any], source: TrajectorySource) -> Trajectory:
 
 
 def _joint_order(names: Sequence[str]) -> tuple[list[int], tuple[str, ...]]:
-    """Return which joint of the message is J1, J2 and so on: by the numbers in their names, else as listed.
+    """Return the index in the message of J1, J2 and so on, by the numbers in the names or as listed, and
+    notes.
 
     Raises:
-        TrajectoryError: there are more joints than a robot has, or by their numbers some are not there.
+        TrajectoryError: There are more joints than a robot has, or their numbers have a gap.
     """
     numbers = [_LAST_NUMBER.search(name) for name in names]
     by_number = {int(found[1]): place for place, found in enumerate(numbers) if found and len(found[1]) < 3}
@@ -194,7 +195,7 @@ def _joint_order(names: Sequence[str]) -> tuple[list[int], tuple[str, ...]]:
 
 
 def _seconds(value: object) -> float | None:
-    """Read a duration: a number, or an object with seconds and nanoseconds; NaN for what is neither."""
+    """Read a duration: a number, or an object with seconds and nanoseconds; NaN for anything else."""
     if value in _NONE:
         return None
     if isinstance(value, dict):
@@ -212,10 +213,10 @@ def _float(value: object) -> float:
 
 
 def _number_table(rows: Sequence[Sequence[object]], names: Sequence[str]) -> Array:
-    """Make numbers of values; NaN and infinities may be text.
+    """Convert values to numbers; NaN and infinities may be text.
 
     Raises:
-        TrajectoryError: a value is none.
+        TrajectoryError: A value is no number.
     """
     if len(rows) > MAX_POINTS:
         raise TrajectoryError(f"more than {MAX_POINTS} set points")

@@ -1,4 +1,4 @@
-"""How fast set points are, axis by axis, and how much of what an arm can do they take."""
+"""Speed and acceleration of set points, axis by axis, and their share of the arm's limits."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from bcapscope.protocol.slave_mode.poses import AXES, Axis
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrajectoryMotion:
-    """Set points as some axes see them.
+    """The motion of some axes.
 
     Attributes:
-        axes: that count mm or degrees.
-        rows: one row a set point, one column an axis; rotations go on through half a turn; NaN where the arm
-            does not reach the point.
-        period: seconds between two of them.
+        axes: Axes in mm or degrees.
+        rows: One row per set point, one column per axis; rotations continue beyond half a turn. NaN if the
+            arm does not reach the point.
+        period: Seconds between two rows.
     """
 
     axes: tuple[Axis, ...]
@@ -31,17 +31,17 @@ class TrajectoryMotion:
 
     @property
     def speeds(self) -> Array:
-        """A row for each step from one point to the next: units a second."""
+        """Speed at each step from one point to the next, one row per step: units a second."""
         return np.diff(self.rows, axis=0) / self.period
 
     @property
     def accelerations(self) -> Array:
-        """A row for each pair of steps: units a second squared, as controllers and the simulator count it."""
-        return np.diff(self.rows, n=2, axis=0) / (self.period * self.period)  # a power may raise
+        """Acceleration at each pair of steps: units a second squared, computed as controllers do."""
+        return np.diff(self.rows, n=2, axis=0) / (self.period * self.period)  # ** may raise an exception
 
 
 def motions_of(kind: PoseType, points: Array, period: float, limits: ArmLimits) -> Iterator[TrajectoryMotion]:
-    """Yield the motion of the axes that the points have, then that of the joints where it can be computed."""
+    """Yield the motion of the points' own axes, then that of the joints if it can be computed."""
     axes = AXES[kind][: points.shape[1]]
     counted = [place for place, axis in enumerate(axes) if axis.unit]
     yield TrajectoryMotion(
@@ -58,14 +58,14 @@ def _joints(kind: PoseType, points: Array, to_joints: ToJoints) -> Array:
         try:
             rows[place] = to_joints(kind, tuple(points[place].tolist()))
         except BcapError:
-            continue  # out of reach, which the NaN says
+            continue  # out of reach; the row stays NaN
     return rows
 
 
 def limit_excess(kind: PoseType, points: Array, period: float, limits: ArmLimits) -> float:
-    """Return the largest share of its limit that any axis takes, in speed or acceleration; 1 is all of it.
+    """Return the largest share of its limit, in speed or acceleration, that any axis uses; 1 is all of it.
 
-    What is out of reach counts as infinite.
+    A point out of reach counts as infinite.
     """
     worst = 0.0
     for motion in motions_of(kind, points, period, limits):

@@ -1,7 +1,7 @@
-"""Reading trajectories from files: which kind it is, and its text or bytes for the reader of that kind.
+"""Reading trajectories from files: detect the kind of file and call its reader.
 
-This is the only module of the player that opens files to read set points. What it reads is never trusted:
-sizes are bounded, and whatever is in a file gives trajectories or one `TrajectoryError`.
+This is the only module of the player that opens files to read set points. It never trusts their content:
+sizes are limited, and any content gives either trajectories or one `TrajectoryError`.
 """
 
 from __future__ import annotations
@@ -32,10 +32,10 @@ from bcapscope.player.wincaps_project import is_project, read_project
 from bcapscope.player.yaml_text import read_yaml
 
 MAX_TABLE_SIZE = 1 << 30
-"""Bytes of a table: two hours of a log with 73 columns."""
+"""Largest table in bytes: two hours of a log with 73 columns."""
 
 MAX_OBJECT_SIZE = 24 << 20
-"""Bytes of JSON or YAML, which is in memory as a whole, at up to 24 times its size; see `MAX_VALUES`."""
+"""Largest JSON or YAML file in bytes; in memory it takes up to 24 times its size. See `MAX_VALUES`."""
 
 LONGEST_LINE = 1 << 16
 
@@ -64,21 +64,21 @@ def read_trajectories(
     """Read the trajectories of a file or a WINCAPS III project.
 
     Args:
-        path: of a table (CSV, TSV, numbers with spaces between; UTF-8, UTF-16 or Shift-JIS), of what
-            `bcapscope extract` wrote, of a JointTrajectory as JSON or YAML, of a capture, or of a project,
-            its folder or its .wpj file.
-        options: what the user says of it.
-        ports: where controllers listen, for captures.
+        path: Path of a table (CSV, TSV, numbers separated by spaces; UTF-8, UTF-16 or Shift-JIS), of a file
+            that `bcapscope extract` wrote, of a JointTrajectory as JSON or YAML, of a capture, or of a
+            project: its folder or its .wpj file.
+        options: What the user says about the file.
+        ports: Ports of controllers, for captures.
 
     Returns:
-        One or several: stays in slave mode, messages, runs of records, logs of a project.
+        One or several trajectories: slave-mode sessions, messages, runs of records, or logs of a project.
 
     Raises:
-        TrajectoryError: there is none that can be read; why is told in one sentence.
+        TrajectoryError: There is none that can be read; the message says why in one sentence.
     """
     options = options or ReadOptions()
     try:
-        with np.errstate(all="ignore"):  # absurd numbers are for the pre-flight to tell
+        with np.errstate(all="ignore"):  # the pre-flight check reports absurd numbers
             if is_project(Path(path)):
                 return read_project(Path(path), lambda file: _read_file(file, options, ports))
             return _read_file(Path(path), options, ports)
@@ -112,11 +112,11 @@ def _read_file(path: Path, options: ReadOptions, ports: Collection[int]) -> tupl
 
 
 def _open_regular_file(path: Path) -> BinaryIO:
-    """Open a regular file; a pipe or a device would keep us waiting.
+    """Open a regular file; reading a pipe or a device could block.
 
     Raises:
-        TrajectoryError: it is none.
-        OSError: it cannot be opened.
+        TrajectoryError: The path is no regular file.
+        OSError: The file cannot be opened.
     """
     try:
         if not stat.S_ISREG(path.stat().st_mode):
@@ -150,7 +150,7 @@ def _read_whole(stream: BinaryIO, size: int) -> bytes:
 
 
 def _parse_json(data: bytes) -> list[object]:
-    if sum(map(data.count, (b",", b"[", b"{"))) > MAX_VALUES:  # each value has one of these before it
+    if sum(map(data.count, (b",", b"[", b"{"))) > MAX_VALUES:  # one of these precedes each value
         raise TrajectoryError(TOO_MANY_VALUES)
     try:
         return [orjson.loads(data.removeprefix(codecs.BOM_UTF8))]

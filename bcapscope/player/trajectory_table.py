@@ -1,4 +1,4 @@
-"""Tables as text: CSV, TSV and numbers with spaces between, with titles or bare."""
+"""Tables as text: CSV, TSV and numbers separated by spaces, with or without titles."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ from bcapscope.protocol.slave_mode.modes import PoseType
 from bcapscope.protocol.text_format import counted
 
 HEAD_LINES = 32
-"""Lines among which the titles are looked for."""
+"""Lines to search for the titles."""
 
 _PLAIN_CELLS = 60
 _SPACES = re.compile(r"\s+")
@@ -46,11 +46,11 @@ _NUMBER = re.compile(
 
 
 class TableLine:
-    """One line of a table that is not empty and no comment.
+    """One line of a table, neither empty nor a comment.
 
     Attributes:
-        number: counted from 1.
-        cells: of it.
+        number: Number of the line, from 1.
+        cells: Text of each cell.
     """
 
     __slots__ = ("cells", "number")
@@ -66,15 +66,15 @@ def read_table(
     """Read a table.
 
     Args:
-        lines: of the text, with or without their ends.
-        source: where it is from; `form` tells the encoding.
-        options: what the user says.
+        lines: Lines of text, with or without line ends.
+        source: Where the table comes from; `file_format` holds the encoding.
+        options: What the user says about the file.
 
     Returns:
-        One trajectory, or one for each run of records if some are missing between them.
+        One trajectory, or one per run of records if some are missing between them.
 
     Raises:
-        TrajectoryError: these are no set points.
+        TrajectoryError: The table holds no set points.
     """
     text = iter(lines)
     head = list(islice(text, HEAD_LINES))
@@ -106,7 +106,7 @@ def read_table(
 
 
 def _separator(head: Sequence[str]) -> str:
-    """Return what stands between cells in half of the lines or more: tab, semicolon, comma, else spaces."""
+    """Return the separator in half of the lines or more: tab, semicolon or comma; else a space."""
     lines = [line for line in head if line.strip() and not line.lstrip().startswith("#")]
     for mark in "\t;,":
         if lines and 2 * sum(mark in line for line in lines) >= len(lines):
@@ -115,10 +115,10 @@ def _separator(head: Sequence[str]) -> str:
 
 
 def _table_lines(lines: Iterable[str], separator: str) -> Iterator[TableLine]:
-    """Yield lines as cells.
+    """Yield the lines that hold cells.
 
     Raises:
-        TrajectoryError: quotes do not fit, or a cell has no end.
+        TrajectoryError: Quotes do not match, or a cell has no end.
     """
     if separator == " ":
         for number, text in enumerate(lines, 1):
@@ -136,7 +136,7 @@ def _table_lines(lines: Iterable[str], separator: str) -> Iterator[TableLine]:
 
 
 def _find_layout(first: Sequence[TableLine], options: ReadOptions) -> tuple[ColumnLayout, int, Sequence[str]]:
-    """Return the layout, how many lines stand before the numbers, and the titles, () where there are none."""
+    """Return the layout, the number of lines before the numbers, and the titles; () if there are none."""
     if _is_numeric(first[0]):
         bare = [[_lenient_float(cell) for cell in line.cells if cell.strip()] for line in first]
         even = [row for row in bare if len(row) == len(bare[0])]
@@ -163,11 +163,11 @@ def _lenient_float(cell: str) -> float:
 
 
 class _NumberTable:
-    """Takes the numbers that are wanted out of lines.
+    """Collects the numbers of the layout's columns.
 
     Attributes:
-        points: a row a line, a column an axis of the layout.
-        filled: of each of these columns, whether it has numbers.
+        points: One row per line, one column per axis of the layout.
+        filled: For each of these columns, whether it has numbers.
     """
 
     def __init__(self, layout: ColumnLayout, width: int, decimal_comma: bool) -> None:
@@ -188,7 +188,7 @@ class _NumberTable:
         return self._filled[: self._axes]
 
     def column_values(self, column: Column | None) -> Array | None:
-        """Return the numbers of the time or the counter; None where there are none."""
+        """Return the numbers of the time or the counter; None if there are none."""
         if column is None:
             return None
         place = self._axes + self._others.index(column)
@@ -198,7 +198,7 @@ class _NumberTable:
         """Read all lines.
 
         Raises:
-            TrajectoryError: a cell is no number, or empty where others of its column are not, or the line has
+            TrajectoryError: A cell is no number, or a column is empty in only some lines, or a line has
                 another number of cells.
         """
         numbers, count = array("d"), 0
@@ -245,10 +245,10 @@ class _NumberTable:
 
 
 def _without_empty(columns: tuple[Column, ...], kind: PoseType, filled: Sequence[bool]) -> tuple[Column, ...]:
-    """Return the columns up to the first empty one.
+    """Return the columns before the first empty one.
 
     Raises:
-        TrajectoryError: what is left is no pose, or there are others behind an empty one.
+        TrajectoryError: These columns are no pose, or a column after the empty one has numbers.
     """
     width = next((place for place, full in enumerate(filled) if not full), len(filled))
     if any(filled[width:]) or width < MIN_COLUMNS[kind]:
@@ -283,7 +283,7 @@ def _split_parts(
 
 
 def _counter_timing(column: Column | None, step: float | None) -> SetPointTiming:
-    """Make an interval of how much the counter grows; no paper says what it counts."""
+    """Derive the interval from the growth of the counter; no paper says what the counter counts."""
     if column is None or column.axis != COUNTER or step is None:
         return SetPointTiming(None, None)
     if step <= 1:

@@ -1,7 +1,8 @@
-"""Projects of WINCAPS III: searched for control logs that can be read.
+"""Projects of WINCAPS III: search for control logs that can be read.
 
-What a project stores of a log itself is described nowhere that is public, so it is not guessed: exports lying
-in the project are found, and where there are none, what was seen is told with what to export.
+No public source describes how a project stores a log itself, so bcapscope does not guess. It looks for
+exported logs in the project. If there are none, the error lists what the project holds and says what to
+export.
 """
 
 from __future__ import annotations
@@ -20,10 +21,10 @@ from bcapscope.protocol.text_format import counted
 FileReader: TypeAlias = Callable[[Path], tuple[Trajectory, ...]]
 
 MAX_FILES = 5000
-"""Files of a folder that are looked at."""
+"""Files of a folder that are examined."""
 
 MAX_TRAJECTORIES = 64
-"""Trajectories of a folder that are read; nobody chooses from more."""
+"""Trajectories that are read from a folder; nobody chooses from more."""
 
 _DEEPEST = 8
 _SUFFIXES = frozenset((".csv", ".tsv", ".txt", ".log", ".json", ".yaml", ".yml"))
@@ -31,27 +32,27 @@ _MAX_KINDS, _MAX_REASONS = 8, 3
 
 
 def is_project(path: Path) -> bool:
-    """Tell whether a path is a folder, or the file of a project."""
+    """Return whether a path is a folder or a project file."""
     try:
         return path.is_dir() or (path.suffix.casefold() == ".wpj" and path.is_file())
-    except ValueError:  # no path at all, as the reader of files will say
+    except ValueError:  # not a valid path; the file reader reports that
         return False
 
 
 def read_project(path: Path, read_file: FileReader) -> tuple[Trajectory, ...]:
-    """Read every log in a project.
+    """Read every control log in a project.
 
     Args:
-        path: its folder, or its file.
-        read_file: reads one file.
+        path: Path of the project's folder or file.
+        read_file: Reads one file.
 
-    Returns:
-        What was found, by file, up to `MAX_TRAJECTORIES` and what the last file has beyond. A table without
-        titles is no log, since anything may stand in one; nor is a capture, which is nobody's export.
+    Returns: The trajectories by file. Reading stops after the file that reaches `MAX_TRAJECTORIES`. A table
+        without titles does not count as a log, because it may hold anything. Neither does a capture, which no
+        program exports here.
 
     Raises:
-        TrajectoryError: there is none; tells what there is and what to export.
-        OSError: the folder cannot be read.
+        TrajectoryError: There is no control log; the message lists what there is and what to export.
+        OSError: The folder cannot be read.
     """
     folder = path if path.is_dir() else path.parent
     found: list[Trajectory] = []
@@ -70,8 +71,8 @@ def read_project(path: Path, read_file: FileReader) -> tuple[Trajectory, ...]:
 
 
 def _files(folder: Path) -> Iterator[Path]:
-    """Yield the files in a folder and below, in order, without following links."""
-    os.scandir(folder).close()  # says why where it cannot be read, which walking does not
+    """Yield the files in a folder and its subfolders, in order, without following links."""
+    os.scandir(folder).close()  # raises if the folder cannot be read, which os.walk does not
     count = 0
     for place, folders, names in os.walk(folder):
         deep = len(Path(place).relative_to(folder).parts)
@@ -84,7 +85,7 @@ def _files(folder: Path) -> Iterator[Path]:
 
 
 def _with_file_name(trajectories: Sequence[Trajectory], name: str) -> Iterator[Trajectory]:
-    """Yield the trajectories whose columns are known by more than their number, with the name of the file."""
+    """Yield the trajectories whose columns have names, with the file name added."""
     for trajectory in trajectories:
         source = trajectory.source
         if source.columns[0].name:

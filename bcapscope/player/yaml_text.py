@@ -1,4 +1,4 @@
-"""YAML as lists, dictionaries and text, without recursion; numbers and all other scalars stay text."""
+"""YAML as lists, dictionaries and text, without recursion; all scalars, even numbers, stay text."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ def read_yaml(data: bytes) -> Iterator[object]:
     """Yield the documents.
 
     Raises:
-        TrajectoryError: this is no YAML, or nested too deep.
+        TrajectoryError: The data is no YAML, or is nested too deeply.
     """
     builder = _DocumentBuilder()
     try:
@@ -32,21 +32,21 @@ def read_yaml(data: bytes) -> Iterator[object]:
 
 
 class _DocumentBuilder:
-    """Makes a document of events.
+    """Builds a document from events.
 
     Attributes:
-        root: the document, complete once its events are.
+        root: The document; complete after its last event.
     """
 
     def __init__(self) -> None:
         self.root: object = None
         self._open: list[list[Any] | dict[str, Any]] = []
-        self._keys: list[str | None] = []  # of each open mapping, the key whose value comes next
+        self._keys: list[str | None] = []  # for each open mapping, the key of the next value
         self._anchors: dict[str, object] = {}
         self._values = 0
 
     def add_event(self, event: yaml.Event) -> None:
-        """Take an event of a document in; those of the stream itself are ignored."""
+        """Process an event of a document; events of the stream itself are ignored."""
         if isinstance(event, yaml.ScalarEvent):
             self._add_node(event.value, event)
         elif isinstance(event, yaml.AliasEvent):

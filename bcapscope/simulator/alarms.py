@@ -1,7 +1,7 @@
-"""Errors of the controller: those that are active until ClearError, and the log of all.
+"""Errors of the controller: the active ones until ClearError, and the log of all.
 
 The fields of GetCurErrorInfo and GetErrorLog are those of ShoheiKobata/orin_bcap_python_samples and
-nkawa/Denso_CobottaPro900_MQTT_Control; numbers that only a real program has are 0.
+nkawa/Denso_CobottaPro900_MQTT_Control. Numbers that only a real program has are 0.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ class Alarm:
     """One error.
 
     Attributes:
-        code: unsigned.
-        time: ns of the model's clock.
+        code: HRESULT, unsigned.
+        time: Time, ns of the model's clock.
     """
 
     code: int
@@ -29,19 +29,19 @@ class Alarm:
 
     @property
     def text(self) -> str:
-        """Its description, in our words."""
+        """Description of the error, in bcapscope's words."""
         return describe_hresult(self.code).text
 
 
 class Alarms:
-    """The error lists, newest first."""
+    """The lists of errors, newest first."""
 
     def __init__(self) -> None:
         self.active: deque[Alarm] = deque(maxlen=MAX_ACTIVE)
         self.log: deque[Alarm] = deque(maxlen=MAX_LOGGED)
 
     def add(self, code: int, now: int) -> None:
-        """Note an error as active and in the log."""
+        """Add an error to the active ones and to the log."""
         alarm = Alarm(code & 0xFFFFFFFF, now)
         self.active.appendleft(alarm)
         self.log.appendleft(alarm)
@@ -51,5 +51,5 @@ class Alarms:
         return any(alarm.code == code for alarm in self.active)
 
     def clear(self) -> None:
-        """Forget the active errors; the log keeps them."""
+        """Clear the active errors; the log keeps them."""
         self.active.clear()

@@ -1,7 +1,7 @@
-"""VARIANT values of the controller: making them, and reading them leniently.
+"""VARIANT values of the controller: functions that make them and functions that read them leniently.
 
-The C server hands arguments to its callbacks unchecked (orin_bcap C/src/bCAPServer/bcap_server.c); how
-tolerant a real controller is, is not documented. Here any number goes where a number is wanted.
+The C server passes arguments to its callbacks unchecked (orin_bcap C/src/bCAPServer/bcap_server.c). No source
+documents how tolerant a real controller is. The simulator accepts any numeric type where it expects a number.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ def i4(number: int) -> Variant:
 
 
 def r4(number: float) -> Variant:
-    """Make a VT_R4; what is too large becomes the largest."""
+    """Make a VT_R4; a number beyond its range becomes the largest one."""
     return Variant(VT.R4, clip_to_r4(number))
 
 
@@ -64,7 +64,7 @@ def bstr_array(items: Iterable[str]) -> Variant:
 
 
 def clip_to_r4(number: float) -> float:
-    """Bring a number into the range of a VT_R4."""
+    """Clip a finite number to the range of a VT_R4."""
     if math.isfinite(number):
         return max(-LARGEST_FLOAT, min(LARGEST_FLOAT, float(number)))
     return float(number)
@@ -79,7 +79,7 @@ def number_of(variant: Variant) -> float | int:
     """Read a number, a decimal text or the first number of an array.
 
     Raises:
-        RefusedError: it is none.
+        RefusedError: The value is none of these.
     """
     found = _plain(variant.value)
     if isinstance(found, tuple | bytes) and found:
@@ -92,19 +92,19 @@ def number_of(variant: Variant) -> float | int:
 
 
 def integer_of(variant: Variant) -> int:
-    """Read a whole number; fractions are cut off.
+    """Read an integer; fractions are cut off.
 
     Raises:
-        RefusedError: it is no number.
+        RefusedError: The value is no number.
     """
     return int(number_of(variant))
 
 
 def text_of(variant: Variant) -> str:
-    """Read a text; EMPTY and NULL are the empty one.
+    """Read a text; EMPTY and NULL give "".
 
     Raises:
-        RefusedError: it is something else.
+        RefusedError: The value is something else.
     """
     if variant.value is None:
         return ""
@@ -114,7 +114,7 @@ def text_of(variant: Variant) -> str:
 
 
 def items_of(variant: Variant) -> tuple[Variant, ...]:
-    """Take an array apart into its elements; a scalar is its only one, EMPTY has none."""
+    """Return the elements of an array; a scalar is an array of one, EMPTY has none."""
     value = variant.value
     if value is None:
         return ()
@@ -128,7 +128,7 @@ def numbers_of(variant: Variant) -> tuple[float, ...]:
     """Read an array of finite numbers; a scalar is an array of one, EMPTY has none.
 
     Raises:
-        RefusedError: one of its elements is no number.
+        RefusedError: An element is no number.
     """
     return tuple(float(number_of(item)) for item in items_of(variant))
 
@@ -137,7 +137,7 @@ def argument_at(items: Sequence[Variant], index: int) -> Variant:
     """Return an argument.
 
     Raises:
-        RefusedError: there are not as many.
+        RefusedError: There are fewer arguments.
     """
     if index >= len(items):
         raise RefusedError(E_INVALIDARG)

@@ -1,8 +1,8 @@
-"""The arm in time: ordinary motions, set points, and the encoders that lag behind.
+"""The arm over time: ordinary motions, set points, and encoders that lag behind.
 
 Times are ns, joints degrees. An ordinary motion follows the minimum-jerk curve, which begins and ends at
-rest. The encoders show what was commanded `ENCODER_LAG_NS` ago: real servos lag in a less orderly way (the
-replies in DENSO Wave 2009, How to use the Slave mode, show joints about a degree behind their set points).
+rest. The encoders show the joints commanded `ENCODER_LAG_NS` ago. Real servos lag less regularly: the replies
+in DENSO Wave 2009, How to use the Slave mode, show joints about a degree behind their set points.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from bcapscope.simulator.kinematics import AXIS_LIMITS, AxisLimit, Joints
 MS = 1_000_000
 ENCODER_LAG_NS = 24 * MS
 
-_PEAK_SPEED, _PEAK_ACCELERATION = 1.875, 5.774  # of the minimum-jerk curve, for a way and a time of 1
+_PEAK_SPEED, _PEAK_ACCELERATION = 1.875, 5.774  # of the minimum-jerk curve over distance 1 in time 1
 
 
 _Step: TypeAlias = tuple[int, Joints]
@@ -27,10 +27,10 @@ class ArmMotion(NamedTuple):
     """One ordinary motion.
 
     Attributes:
-        start: joints at its beginning.
-        goal: joints at its end.
-        began: ns.
-        ends: ns; the command arrives then, the encoders `ENCODER_LAG_NS` later.
+        start: Joints at the beginning.
+        goal: Joints at the end.
+        began: Start time, ns.
+        ends: Time, ns, at which the command arrives; the encoders arrive `ENCODER_LAG_NS` later.
     """
 
     start: Joints
@@ -52,13 +52,13 @@ class ArmMotion(NamedTuple):
 def motion_duration(
     start: Joints, goal: Joints, speed: float, limits: tuple[AxisLimit, ...] = AXIS_LIMITS
 ) -> int:
-    """Return how long a motion takes in ns so that no axis exceeds its speed or acceleration.
+    """Return the shortest time, ns, in which no axis exceeds its speed or acceleration.
 
     Args:
-        start: joints.
-        goal: joints.
-        speed: share of the highest speed, above 0 up to 1.
-        limits: of the axes.
+        start: Joints at the beginning.
+        goal: Joints at the end.
+        speed: Share of the highest speed, above 0 up to 1.
+        limits: Limits of the axes.
     """
     longest = 0.0
     for a, b, limit in zip(start, goal, limits, strict=False):
@@ -69,27 +69,27 @@ def motion_duration(
 
 
 class Arm:
-    """Where the arm is and where it goes."""
+    """The commanded and the actual position of the arm."""
 
     def __init__(self, joints: Joints) -> None:
         self._motion = ArmMotion(joints, joints, 0, 0)
         self._steps: deque[_Step] = deque(maxlen=8)
-        self._last_segment = _NOWHERE, _NOWHERE  # the two steps that the last look was between
+        self._last_segment = _NOWHERE, _NOWHERE  # the two steps around the last time that was asked for
         self._changed = -ENCODER_LAG_NS
 
     @property
     def goal(self) -> Joints:
-        """Joints where the running motion ends, or where the arm stands."""
+        """Joints at the end of the running motion, or the current joints."""
         return self._steps[-1][1] if self._steps else self._motion.goal
 
     @property
     def ends(self) -> int:
-        """Time at which the command of the last ordinary motion arrives."""
+        """Time at which the command of the last ordinary motion arrives, ns."""
         return self._motion.ends
 
     @property
     def at_rest_from(self) -> int:
-        """Time at which the encoders stand still, unless something new comes."""
+        """Time from which the encoders stand still unless a new motion begins, ns."""
         return (
             self._changed + ENCODER_LAG_NS
             if self._steps
@@ -97,11 +97,11 @@ class Arm:
         )
 
     def is_at_rest(self, now: int) -> bool:
-        """Tell whether command and encoders stand still."""
+        """Return whether command and encoders stand still."""
         return now >= self.at_rest_from
 
     def commanded(self, now: int) -> Joints:
-        """Return the joints that the servos are told now."""
+        """Return the joints commanded at `now`."""
         before, after = self._last_segment
         if before[0] <= now < after[0]:
             return _interpolate(before, after, now)
@@ -116,11 +116,11 @@ class Arm:
         return before[1]
 
     def actual(self, now: int) -> Joints:
-        """Return the joints that the encoders show now."""
+        """Return the joints that the encoders show at `now`."""
         return self.commanded(now - ENCODER_LAG_NS)
 
     def move(self, goal: Joints, now: int, speed: float, min_duration: int = 0) -> ArmMotion:
-        """Begin an ordinary motion from where the command is, that takes `min_duration` ns or more."""
+        """Begin an ordinary motion from the commanded joints; it takes at least `min_duration` ns."""
         start = self.commanded(now)
         self._motion = ArmMotion(
             start, goal, now, now + max(min_duration, motion_duration(start, goal, speed))
@@ -129,19 +129,19 @@ class Arm:
         return self._motion
 
     def halt(self, now: int) -> None:
-        """Stop where the command is."""
+        """Stop at the commanded joints."""
         here = self.commanded(now)
         self._motion = ArmMotion(here, here, now, now)
         self._forget_steps()
         self._changed = now
 
     def add_set_point(self, joints: Joints, began: int, time: int) -> None:
-        """Take a set point that is commanded at `time`, in a straight line from the one before.
+        """Add a set point, reached at `time` along a straight line from the previous one.
 
         Args:
-            joints: of the set point.
-            began: when the line begins; until then the arm stands at the set point before.
-            time: when it ends.
+            joints: Joints of the set point.
+            began: Time at which the line begins, ns; until then the arm stays at the previous set point.
+            time: Time at which the line ends, ns.
         """
         if not self._steps or joints != self._steps[-1][1]:
             self._changed = time
@@ -150,7 +150,7 @@ class Arm:
         self._steps.append((time, joints))
 
     def begin_set_points(self, now: int) -> None:
-        """Get ready for set points: the arm stands."""
+        """Prepare for set points; the arm stands still."""
         here = self.goal
         self._forget_steps()
         self._steps.append((now, here))
@@ -165,7 +165,7 @@ def _interpolate(before: _Step, after: _Step, time: int) -> Joints:
     share = (time - before[0]) / span if span else 1.0
     if not 0.0 <= share <= 1.0:
         share = 0.0 if share < 0.0 else 1.0
-    # Every slvMove asks for this once; a loop takes three times as long.
+    # Every slvMove calls this; a loop takes three times as long.
     a1, a2, a3, a4, a5, a6, _, _ = before[1]
     b1, b2, b3, b4, b5, b6, _, _ = after[1]
     return (

@@ -1,7 +1,7 @@
-"""What the simulated controller does, where we have it from, and how sure we are.
+"""The behaviours of the simulated controller, with source and certainty.
 
-A behaviour goes by the field of `Profile` that decides it, by the constant of the result that it ends in, or,
-where it is neither, by a word of ours. What is partly known has a row for each part.
+Each behaviour is named after the field of `Profile` that decides it, or the constant of its result, or else
+by a word of our own. A behaviour that is only partly known has one row per part.
 """
 
 from __future__ import annotations
@@ -11,24 +11,24 @@ from typing import NamedTuple
 
 
 class Certainty(StrEnum):
-    """How sure we are that a real controller does the same."""
+    """Degree of certainty that a real controller does the same."""
 
     DOCUMENTED = "documented"
-    """A paper or list of the vendor, or a published description of its commands, says so."""
+    """A document or list of the vendor, or a published description of its commands, says so."""
     OBSERVED = "observed"
-    """Seen: in the vendor's server or driver, in dumps, or by users who reported it."""
+    """Seen in the vendor's server or driver, in dumps, or reported by users."""
     ASSUMED = "assumed"
-    """Nobody says so; it is what seems likeliest, or the least that works."""
+    """No source says so; it is the likeliest behaviour, or the simplest that works."""
 
 
 class Behaviour(NamedTuple):
     """One behaviour.
 
     Attributes:
-        name: field, constant or word.
-        certainty: how sure we are.
-        text: what is done, one clause.
-        source: where we have it from; where it is assumed, what it was concluded from.
+        name: Field, constant or word.
+        certainty: Degree of certainty.
+        text: What the controller does, one clause.
+        source: Source of the behaviour; if it is assumed, what it was concluded from.
     """
 
     name: str
@@ -62,7 +62,7 @@ WITHOUT_EFFECT = (
     *("AutoCal", "ForceWaitCondition", "PayLoad", "SpeedMode", "HighPathAccuracy", "GrvOffset"),
     *("ManualReset", "ResetStoState", "ManualResetPreparation", "MotionPreparation"),
 )
-"""Commands that are accepted, whatever their parameter."""
+"""Commands that the simulator accepts with any parameter."""
 
 _PROFILE = (
     ("generation", _D, "modes 0x001 to 0x103 of RC7: Sync and Async", _SLIDES),
@@ -264,4 +264,4 @@ _COMMANDS = (
 BEHAVIOURS: tuple[Behaviour, ...] = tuple(
     Behaviour(*row) for row in (*_PROFILE, *_RESULTS, *_OTHERS, *_COMMANDS)
 )
-"""Every behaviour, those of the profiles first."""
+"""Every behaviour; those of the profiles come first."""

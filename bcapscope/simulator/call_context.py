@@ -1,4 +1,4 @@
-"""What a call of the simulated controller has at hand."""
+"""The context in which the simulated controller runs a call."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ class CallContext:
     """One call.
 
     Attributes:
-        machine: the controller.
-        client: number of the client.
-        objects: what the client has opened.
-        object: that the call is made on.
-        now: ns.
+        machine: The controller.
+        client: Number of the client.
+        objects: Objects that the client has opened.
+        object: Object that the client calls.
+        now: Time, ns.
     """
 
     machine: Machine
@@ -32,12 +32,12 @@ class CallContext:
 
 
 CommandHandler: TypeAlias = Callable[[CallContext, Variant], CallOutcome]
-"""A command of an ..._Execute function, with its vntParam."""
+"""Runs a command of an ..._Execute function, with its vntParam."""
 
 CommandTable: TypeAlias = Mapping[str, CommandHandler]
 """Commands by their names in lower case."""
 
 
 def accept_without_effect(context: CallContext, parameter: Variant) -> CallOutcome:
-    """Run a command of which nothing is to be seen here, such as a setting."""
+    """Accept a command whose effect the simulator does not show, such as a setting."""
     return DONE

@@ -1,7 +1,7 @@
-"""One client's frames: requests in, replies out, one call after another.
+"""The frames of one client: requests in, replies out, one call after another.
 
-Keep-alive, InvokeTimeout and busy: orin_bcap C/src/bCAPServer/bcap_server.c, observed on loopback. There a
-stuck call blocks one connection on TCP and all clients on UDP; here it blocks its own client only.
+Keep-alive, InvokeTimeout and busy: orin_bcap C/src/bCAPServer/bcap_server.c, observed on loopback. In the C
+server a stuck call blocks one TCP connection, or all UDP clients. Here it blocks only its own client.
 """
 
 from __future__ import annotations
@@ -22,10 +22,11 @@ from bcapscope.simulator.machine import Machine
 from bcapscope.simulator.profile import NoArgument
 
 MAX_WAITING = 16
-"""Requests of one client that are held while a call runs; our bound."""
+"""Requests of one client that wait while a call runs; our own limit."""
 
 MAX_KEPT_REPLIES = 8
-"""Answers kept for retries: more than the seven tries of any client, and each costs time in every call."""
+"""Replies kept for retries: more than the seven attempts of any client. Each kept reply costs time in every
+call."""
 
 _ROBOT_EXECUTE = 64
 _NEW = RequestKind.NEW
@@ -35,15 +36,15 @@ _FUNCTIONS_WITH_RESULT = frozenset(
 
 
 class CallReport(NamedTuple):
-    """A call that was answered.
+    """A call with its result.
 
     Attributes:
-        client: number of the client.
-        function_id: of the request.
-        arguments: of the request.
-        result: the result.
-        began: when the request came, ns.
-        ended: when it was answered, ns.
+        client: Number of the client.
+        function_id: Function id of the request.
+        arguments: Arguments of the request.
+        result: Result of the call.
+        began: Time of the request, ns.
+        ended: Time of the reply, ns.
     """
 
     client: int
@@ -55,12 +56,12 @@ class CallReport(NamedTuple):
 
 
 class CallExecutor:
-    """What one client says, and what it is answered.
+    """Runs the calls of one client.
 
     Attributes:
-        session: its session.
-        last_heard: when it last sent something, ns.
-        running: the call that is under way; None if there is none.
+        session: Session of the client.
+        last_heard: Time of the last request, ns.
+        running: The call that is running; None if there is none.
     """
 
     def __init__(
@@ -84,7 +85,7 @@ class CallExecutor:
         self._is_timed_out = False
 
     def on_request(self, frame: Frame, now: int) -> list[bytes]:
-        """Take a sound request; return the frames to send."""
+        """Process a sound request; return the frames to send."""
         self.last_heard = now
         decision = self._responder.receive_request(frame)
         if decision.kind is _NEW:
@@ -100,7 +101,7 @@ class CallExecutor:
         return []
 
     def poll(self, now: int) -> list[bytes]:
-        """Look whether the running call is done, or a notice is due; return the frames to send."""
+        """Return the frames to send now: the reply of a finished call, or a notice that is due."""
         if self.running is None:
             return []
         answer = self.running.poll(now)
@@ -112,14 +113,14 @@ class CallExecutor:
         return [*([] if stuck else [reply]), *self._execute_waiting(now)]
 
     def due(self, now: int) -> int | None:
-        """Return when to poll next; None if no call runs."""
+        """Return the time of the next poll, ns; None if no call runs."""
         if self.running is None:
             return None
         due = self.running.due(now)
         return due if self._next_notice is None else min(due, self._next_notice)
 
     def close(self, now: int) -> None:
-        """End it: the client is gone, and what it asked for is answered no more."""
+        """End the session of a client that is gone; its open requests get no reply."""
         self.running = None
         self._waiting.clear()
         self._responder.reset()
@@ -172,7 +173,7 @@ class CallExecutor:
         return raw
 
     def _reply_arguments(self, function_id: int, answer: CallResult) -> tuple[Variant, ...]:
-        """Return the arguments of a reply: the value, EMPTY or none, as the profile has it."""
+        """Return the arguments of a reply: the value, EMPTY or none, as the profile demands."""
         if function_id not in _FUNCTIONS_WITH_RESULT or answer.hresult == E_NOTIMPL:
             return ()
         if answer.value is not None:
@@ -180,7 +181,7 @@ class CallExecutor:
         return () if self._has_no_argument(function_id) else (EMPTY,)
 
     def _has_no_argument(self, function_id: int) -> bool:
-        """Return whether the profile sends no argument where the request has no value as its result."""
+        """Return whether the profile sends no argument, instead of EMPTY, in a reply without a value."""
         which = self._profile.no_argument
         if which is not NoArgument.SLVCHANGEMODE:
             return which is NoArgument.ALWAYS

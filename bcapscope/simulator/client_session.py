@@ -1,8 +1,9 @@
-"""One client of the simulated controller: its session, its handles, and what it may call when.
+"""One client of the simulated controller: its session, its handles, and what it may call.
 
-Options of Service_Start and the limits: orin_bcap C/src/bCAPServer/bcap_server.c. That every other call needs
-Service_Start before it is assumed, and so is its answer without, E_NOT_CONNECTED. What slave mode refuses,
-and that the refusal ends it: issues 13, 21, 42 and 48 of DENSORobot/denso_robot_ros.
+Options of Service_Start and the limits: orin_bcap C/src/bCAPServer/bcap_server.c. It is assumed that every
+other call needs Service_Start first, and that the controller answers E_NOT_CONNECTED otherwise. The calls
+that slave mode refuses, and that the refusal ends slave mode: issues 13, 21, 42 and 48 of
+DENSORobot/denso_robot_ros.
 """
 
 from __future__ import annotations
@@ -31,13 +32,13 @@ from bcapscope.simulator.machine import Machine
 from bcapscope.simulator.object_table import ObjectTable
 
 SHORTEST_WDT = 80
-"""ms; so is the shortest InvokeTimeout."""
+"""Shortest WDT and shortest InvokeTimeout, ms."""
 
 DEFAULT_INVOKE_TIMEOUT = 180_000
-"""ms."""
+"""Default InvokeTimeout, ms."""
 
 LONGEST_QUOTED = 60
-"""Characters of a client's text in a reason."""
+"""Characters of a client's text that a reason quotes at most."""
 
 _START, _CONNECT = 1, 3
 _VARIABLE_PUT = 102
@@ -48,20 +49,20 @@ _OTHER_CLIENTS_COMMANDS = frozenset(
         *("handchuck", "handunchuck", "chuck", "unchuck"),
     )
 )
-"""What a client may call while another one is in slave mode (orin_bcap_python_samples
-others/bcapslavemove_handmove_COBOTTA.py). That the client in slave mode may not is assumed (issue 13 of
-DENSORobot/denso_robot_ros: the hand cannot move while slave mode moves the arm)."""
+"""Commands that a client may call while another one is in slave mode (orin_bcap_python_samples
+others/bcapslavemove_handmove_COBOTTA.py). It is assumed that the client in slave mode may not call them: the
+hand cannot move while slave mode moves the arm (issue 13 of DENSORobot/denso_robot_ros)."""
 
 
 class ClientSession:
-    """A client between its first call and its last.
+    """The session of one client, from its first call to its last.
 
     Attributes:
-        number: its own in this controller.
-        is_started: Service_Start was called.
-        wdt: ns between two S_EXECUTING; None for none.
-        invoke_timeout: ns that a call may run.
-        objects: what it has opened.
+        number: Number of the client, unique in this controller.
+        is_started: Whether the client has called Service_Start.
+        wdt: Time between two S_EXECUTING, ns; None for none.
+        invoke_timeout: Longest time that a call may run, ns.
+        objects: Objects that the client has opened.
     """
 
     def __init__(self, machine: Machine, number: int) -> None:
@@ -73,7 +74,7 @@ class ClientSession:
         self.objects = ObjectTable()
 
     def call(self, function_id: int, arguments: tuple[Variant, ...], now: int) -> CallOutcome:
-        """Run a call; every input gives an outcome."""
+        """Run a call; every input gives an outcome, and nothing is raised."""
         self.machine.advance(now)
         try:
             return self._call(function_id, arguments, now)
@@ -81,7 +82,7 @@ class ClientSession:
             return CallResult(refusal.hresult, reason=refusal.reason)
 
     def end(self, now: int) -> None:
-        """Let go of everything, as the server does when a client goes (VRC parameters do not matter here)."""
+        """Release everything, as the server does for a lost client; VRC parameters do not matter here."""
         self.is_started = False
         self.wdt = None
         self.objects.clear()
@@ -106,7 +107,7 @@ class ClientSession:
         return handler(CallContext(machine, self.number, self.objects, found, now), arguments[1:])
 
     def _call_without_object(self, function_id: int, arguments: tuple[Variant, ...], now: int) -> CallOutcome:
-        """Run a call that needs no object, or refuse one."""
+        """Run a call that needs no object, or refuse a call."""
         if function_id not in FUNCTIONS:
             raise RefusedError(E_INVALIDARG)
         if function_id == _START:
@@ -131,7 +132,8 @@ class ClientSession:
     def _connect(self, arguments: tuple[Variant, ...]) -> CallOutcome:
         """Open the controller; RC7 ignores all four strings, the others need their provider.
 
-        A name is in use as long as any client has it, and one that has crashed has it until it is forgotten.
+        A name is in use while any client has it. A crashed client has it until the controller forgets that
+        client.
         """
         name, provider, _, option = (text_of(argument_at(arguments, index)) for index in range(4))
         providers = self.machine.profile.providers
@@ -162,14 +164,15 @@ def _has_controller(name: str, objects: ObjectTable) -> bool:
 def is_allowed_in_slave_mode(
     function_id: int, arguments: tuple[Variant, ...], is_other: bool = False
 ) -> bool:
-    """Tell whether a call is accepted while slave mode is on.
+    """Return whether a call is accepted while slave mode is on.
 
-    Where no source says, reading is and everything else is not; what is no command is refused elsewhere.
+    If no source says, calls that only read are accepted and all others refused. Unknown commands are accepted
+    here, and refused elsewhere.
 
     Args:
-        function_id: of the call.
-        arguments: of the call, the handle first.
-        is_other: another client has the arm.
+        function_id: Function id of the call.
+        arguments: Arguments of the call, the handle first.
+        is_other: Whether another client has the arm.
     """
     refused = _REFUSED_COMMANDS.get(function_id)
     if refused is not None:
@@ -193,11 +196,11 @@ _REFUSED_COMMANDS: Mapping[int, frozenset[str]] = {
     )
     for function_id in (17, 28, 64, 87)
 }
-"""In slave mode, by the ..._Execute function, in lower case."""
+"""Commands refused in slave mode, in lower case, by the id of their ..._Execute function."""
 
 
 def parse_options(text: str) -> dict[str, str]:
-    """Read `,WDT=400,InvokeTimeout=180000`; keys become lower case, odd parts are left out."""
+    """Parse `,WDT=400,InvokeTimeout=180000`; keys become lower case, parts without `=` are ignored."""
     pairs = (part.partition("=") for part in text[:1024].split(","))
     return {key.strip().casefold(): value.strip() for key, equals, value in pairs if equals}
 

@@ -1,7 +1,7 @@
-"""The control log: a ring of joint records, one each 8 ms while it runs.
+"""The control log: a ring of joint records, one every 8 ms while it records.
 
 The 39 values of a record and their order are those of ShoheiKobata/orin_bcap_python_samples
-others/Get_Syslog.py; a counter in ms, current and load computed from the acceleration are ours.
+others/Get_Syslog.py. A counter in ms, and current and load computed from the encoders' lag, are our own.
 """
 
 from __future__ import annotations
@@ -15,13 +15,13 @@ from bcapscope.simulator.argument_values import bstr, i4, r8, variant_array
 from bcapscope.simulator.kinematics import Joints
 
 PERIOD = 8_000_000
-"""ns."""
+"""Time between two records, ns."""
 
 MAX_RECORDS = 10_000
 
 
 class ControlLogRecord(NamedTuple):
-    """One record: time in ns since the controller's start, joints commanded and shown by the encoders."""
+    """One record: time in ns since the controller's start, commanded joints and joints of the encoders."""
 
     time: int
     commanded: Joints
@@ -29,11 +29,11 @@ class ControlLogRecord(NamedTuple):
 
 
 class ControlLog:
-    """The ring; the oldest record has the index 0.
+    """The ring of records; the oldest has index 0.
 
     Attributes:
-        records: what was recorded.
-        due: when the next record is, ns; None while it does not record.
+        records: The records.
+        due: Time of the next record, ns; None while the log does not record.
     """
 
     def __init__(self) -> None:
@@ -41,15 +41,15 @@ class ControlLog:
         self.due: int | None = None
 
     def start(self, now: int) -> None:
-        """Begin, or go on, to record."""
+        """Start or continue recording."""
         self.due = now if self.due is None else self.due
 
     def stop(self) -> None:
-        """Record no more."""
+        """Stop recording."""
         self.due = None
 
     def advance(self, now: int, sample: Callable[[int], ControlLogRecord]) -> None:
-        """Take the records that have become due; after a long pause only as many as the ring holds."""
+        """Take the records that are due; after a long pause, only as many as the ring holds."""
         due = self.due
         if due is None:
             return
@@ -62,7 +62,7 @@ class ControlLog:
 
 
 def log_record_variant(record: ControlLogRecord, current: Joints, tool: int, work: int) -> Variant:
-    """Make the VARIANT array that GetLogRecord returns."""
+    """Return the VARIANT array of GetLogRecord."""
     values = []
     for commanded, actual, ampere in zip(record.commanded, record.actual, current, strict=True):
         values += [r8(commanded), r8(actual), r8(ampere), r8(abs(ampere) * 10)]

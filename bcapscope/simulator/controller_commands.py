@@ -23,7 +23,7 @@ _DAY_0 = datetime(1899, 12, 30)
 
 
 def clear_error(context: CallContext, parameter: Variant) -> CallOutcome:
-    """Run ClearError; refused while the emergency stop is on."""
+    """Run ClearError; refused while the emergency stop is pressed."""
     if context.machine.emergency:
         raise RefusedError(EMERGENCY_STOP)
     context.machine.clear_errors()
@@ -31,7 +31,7 @@ def clear_error(context: CallContext, parameter: Variant) -> CallOutcome:
 
 
 def error_description(context: CallContext, parameter: Variant) -> CallOutcome:
-    """Run GetErrorDescription; the text is ours, not the controller's."""
+    """Run GetErrorDescription; the text is bcapscope's, not the controller's."""
     return CallResult(value=bstr(describe_hresult(integer_of(parameter)).text))
 
 
@@ -78,7 +78,7 @@ def _alarm_at(alarms: tuple[Alarm, ...], index: int) -> Alarm:
 
 
 def system_info(context: CallContext, parameter: Variant) -> CallOutcome:
-    """Run SysInfo: the serial number for 0, an empty text for the others."""
+    """Run SysInfo: the serial number for parameter 0, an empty text for others."""
     return CallResult(value=bstr("SIMULATOR" if integer_of(parameter) == 0 else ""))
 
 
@@ -108,7 +108,7 @@ def system_state(context: CallContext, parameter: Variant) -> CallOutcome:
 
 
 def put_auto_mode(context: CallContext, parameter: Variant) -> CallOutcome:
-    """Run PutAutoMode (RC7): 1 internal, 2 external."""
+    """Run PutAutoMode (RC7): 1 is internal, 2 external."""
     mode = integer_of(parameter)
     if mode not in (1, 2):
         raise RefusedError(E_INVALIDARG)

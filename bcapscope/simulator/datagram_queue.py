@@ -1,4 +1,4 @@
-"""Datagrams that have come and were not looked at yet: each sender has its turn, whatever others send."""
+"""Datagrams that have arrived and wait; senders take turns, however much the others send."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from collections.abc import Hashable, Iterator
 from typing import Generic, TypeVar
 
 MAX_PER_SENDER = 32
-"""Datagrams of one sender: more than the tries of any call, and some calls."""
+"""Datagrams of one sender: room for the attempts of any call, and some calls more."""
 
 MAX_BYTES = 2 << 20
-"""Of all senders, with `_COST` for each datagram."""
+"""Bytes of all senders, with `_COST` added for each datagram."""
 
 _COST = 512
 
@@ -18,11 +18,11 @@ Sender = TypeVar("Sender", bound=Hashable)
 
 
 class DatagramQueue(Generic[Sender]):
-    """What waits, by sender.
+    """Waiting datagrams by sender.
 
     Attributes:
-        waiting: when each of them came, and what it says; the oldest first.
-        dropped: datagrams that came too fast, and were thrown away.
+        waiting: Arrival time and bytes of each datagram, oldest first.
+        dropped: Datagrams dropped because they came too fast.
     """
 
     def __init__(self) -> None:
@@ -32,11 +32,11 @@ class DatagramQueue(Generic[Sender]):
 
     @property
     def oldest_arrival(self) -> int:
-        """When the oldest of those came that wait."""
+        """Arrival time of the oldest waiting datagram."""
         return min(queue[0][0] for queue in self.waiting.values())
 
     def add(self, sender: Sender, received_at: int, data: bytes) -> None:
-        """Let a datagram wait that came at a given time; one too many is thrown away."""
+        """Queue a datagram with its arrival time; drop it if there are too many."""
         queue = self.waiting.get(sender)
         size = len(data) + _COST
         if self._bytes + size > MAX_BYTES or (queue is not None and len(queue) >= MAX_PER_SENDER):
@@ -48,7 +48,7 @@ class DatagramQueue(Generic[Sender]):
         self._bytes += size
 
     def pop_one_per_sender(self) -> Iterator[tuple[Sender, int, bytes]]:
-        """Yield the oldest datagram of each sender, and when it came."""
+        """Yield the oldest datagram of each sender: sender, arrival time, bytes."""
         for sender in list(self.waiting):
             queue = self.waiting[sender]
             came, data = queue.popleft()

@@ -12,7 +12,7 @@ CoordinateFrame: TypeAlias = tuple[float, ...]
 """X, Y, Z [mm], Rx, Ry, Rz [deg]."""
 
 MAX_FRAMES = 64
-"""Numbers of tools and works, 0 to 63; assumed."""
+"""Number of tools and of works, numbered 0 to 63; assumed."""
 
 MAX_AREAS = 32
 MAX_LINES = 256
@@ -24,14 +24,14 @@ class Equipment:
 
     Attributes:
         hand: COBOTTA's electric hand, which is also the extension `Hand0`.
-        gripper: the 2FG hand.
-        vacuum: power of COBOTTA's vacuum hand in percent; 0 while it is off.
-        tools: definitions by number; what is missing is all zeros.
-        works: the same.
-        areas: numbers of the areas that are on.
-        lines: numbers of the serial and socket lines that are open.
-        brackets: names of the open brackets around motions, `time` and `move`.
-        force_control: number of the force control that is on; None for none.
+        gripper: The 2FG hand.
+        vacuum: Power of COBOTTA's vacuum hand in percent; 0 while it is off.
+        tools: Definitions of tools by number; a missing one is all zeros.
+        works: Definitions of works by number; a missing one is all zeros.
+        areas: Numbers of the enabled areas.
+        lines: Numbers of the open serial and socket lines.
+        brackets: Names of the open brackets around motions: `time` and `move`.
+        force_control: Number of the active force control; None for none.
     """
 
     hand: Hand
@@ -46,16 +46,16 @@ class Equipment:
 
     @classmethod
     def with_object(cls, object_width: float | None) -> Equipment:
-        """Make the equipment of a controller with an object of this width [mm] between its fingers."""
+        """Make equipment with an object of this width (mm) between the fingers; None for no object."""
         return cls(Hand(COBOTTA_HAND, object_width), Hand(TWO_FINGER_HAND, object_width))
 
     def stop(self, now: int) -> None:
-        """Stop everything that moves."""
+        """Stop all hands."""
         self.hand.stop(now, HAND_STOPPED)
         self.gripper.stop(now, HAND_STOPPED)
 
     def lose_power(self) -> None:
-        """Lose what needs the motor's power: COBOTTA's hand its grip (error 80500371), and force control."""
+        """Switch off what needs the motor's power: force control and the hand's grip (error 80500371)."""
         self.hand.lose_grip()
         self.vacuum = 0.0
         self.force_control = None

@@ -4,8 +4,8 @@ Parameters: ShoheiKobata/orin_bcap_python_samples (SyncTime..., SyncMove..., For
 buttons, Comm) and DENSO's descriptions quoted in nkawa/Denso_CobottaPro900_MQTT_Control (ForceCtrl,
 ForceParam, ForceValue, ForceSensor, areas). The codes of brackets: the list of controller errors there.
 
-Nothing presses on the simulated robot. It has one arm: brackets are checked, and the motions between them run
-as they would without.
+No force acts on the simulated robot. It has one arm, so brackets are checked but do not change the motions
+between them.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ def _close_bracket(name: str) -> CommandHandler:
 
 
 def force_control(context: CallContext, parameter: Variant) -> CallOutcome:
-    """Run ForceCtrl: on or off, number 1..10, mode; it stays off while the motor is off."""
+    """Run ForceCtrl: on or off, number 1..10, mode. It stays off while the motor is off."""
     items, machine = items_of(parameter), context.machine
     if machine.profile.needs_arm and machine.owner != context.client:
         raise RefusedError(E_ARM_NOT_TAKEN)
@@ -94,13 +94,13 @@ def _force_number(part: Variant) -> int:
 
 
 def force_value(context: CallContext, parameter: Variant) -> CallOutcome:
-    """Run ForceValue: six zeros, whatever the number of the data is."""
+    """Run ForceValue: six zeros for any kind of data."""
     integer_of(argument_at(items_of(parameter), 0))
     return CallResult(value=float_array(VT.R8, _SIX))
 
 
 def force_sensor(context: CallContext, parameter: Variant) -> CallOutcome:
-    """Run ForceSensor: 0 resets the sensor, there is nothing else."""
+    """Run ForceSensor: 0 resets the sensor; other values are refused."""
     if integer_of(parameter) != 0:
         raise RefusedError(E_INVALIDARG)
     return DONE
@@ -114,14 +114,14 @@ def force_sensor_load(context: CallContext, parameter: Variant) -> CallOutcome:
 
 
 def robot_info(context: CallContext, parameter: Variant) -> CallOutcome:
-    """Run RobInfo: the type name for 1, an empty text for the others."""
+    """Run RobInfo: the type name for parameter 1, an empty text for others."""
     return CallResult(
         value=bstr(context.machine.initial_state.type_name if integer_of(parameter) == 1 else "")
     )
 
 
 def button_state(context: CallContext, parameter: Variant) -> CallOutcome:
-    """Run GetMechaButtonState or ClearMechaButtonState: nobody presses the buttons 0 to 2."""
+    """Run GetMechaButtonState or ClearMechaButtonState: the buttons 0 to 2 are never pressed."""
     if integer_of(parameter) not in _BUTTONS:
         raise RefusedError(BAD_INDEX)
     return CallResult(value=i4(0))
@@ -165,7 +165,7 @@ def _line(parameter: Variant) -> int:
 
 
 def open_line(context: CallContext, parameter: Variant) -> CallOutcome:
-    """Run open of the extension Comm: there is a line of each number, with nobody at the other end."""
+    """Run open of the extension Comm: every line exists, and has no device at its other end."""
     context.machine.equipment.lines.add(_line(parameter))
     return DONE
 
@@ -177,13 +177,13 @@ def close_line(context: CallContext, parameter: Variant) -> CallOutcome:
 
 
 def line_state(context: CallContext, parameter: Variant) -> CallOutcome:
-    """Run State of the extension Comm: 2 for a line that is open, else 0."""
+    """Run State of the extension Comm: 2 for an open line, else 0."""
     is_open = _line(parameter) in context.machine.equipment.lines
     return CallResult(value=i4(_LINE_IS_OPEN if is_open else 0))
 
 
 def _of_line(value: Variant | None) -> CommandHandler:
-    """Make a command that checks the number of its line and answers `value`."""
+    """Make a command that checks its line number and returns `value`."""
 
     def run(context: CallContext, parameter: Variant) -> CallOutcome:
         _line(parameter)

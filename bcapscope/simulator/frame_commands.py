@@ -2,8 +2,8 @@
 
 Parameters and results: ShoheiKobata/orin_bcap_python_samples (Dev, DevH, CheckVirtualFence, Pallet), and
 DENSO's descriptions of Dev, DevH, OutRange, GetToolDef and SetToolDef quoted in
-nkawa/Denso_CobottaPro900_MQTT_Control. Definitions of tools and works are kept and returned. They do not
-change the position that the simulated arm returns.
+nkawa/Denso_CobottaPro900_MQTT_Control. The simulator stores and returns definitions of tools and works. They
+do not change the position that the simulated arm reports.
 """
 
 from __future__ import annotations
@@ -34,11 +34,11 @@ from bcapscope.simulator.result_codes import BAD_INDEX
 
 _P, _J, _T = PoseType.P, PoseType.J, PoseType.T
 ZERO_FRAME: CoordinateFrame = (0.0,) * 6
-"""A tool or work that was never defined."""
+"""Definition of a tool or work that no client has defined."""
 
 _UNREACHABLE = -1
 _MAX_PLACES = 32767
-"""Rows, columns and layers of a pallet; assumed."""
+"""Rows, columns and layers of a pallet at most; assumed."""
 
 
 def _convert_command(from_type: PoseType, to_type: PoseType) -> CommandHandler:
@@ -53,7 +53,7 @@ def _convert_command(from_type: PoseType, to_type: PoseType) -> CommandHandler:
 
 
 def _joints(context: CallContext, pose_type: PoseType, parameter: Variant) -> Joints:
-    """Read a pose whose type the command says where the notation does not."""
+    """Read a pose; the type comes from the command unless the notation gives it."""
     items = items_of(parameter)
     if len(items) >= len(AXES[_P]) - 1 and all(isinstance(item.value, int | float) for item in items):
         return joints_of(pose_type, numbers_of(parameter)[: len(AXES[pose_type])])
@@ -75,7 +75,7 @@ def out_range(context: CallContext, parameter: Variant) -> CallOutcome:
 
 
 def check_virtual_fence(context: CallContext, parameter: Variant) -> CallOutcome:
-    """Run CheckVirtualFence: 0, as the simulated robot has no fences."""
+    """Run CheckVirtualFence: always 0, because the simulated robot has no fences."""
     _parse_pose(context, parameter)
     return CallResult(value=i4(0))
 
@@ -94,7 +94,7 @@ def _move_command(move: Callable[[PoseNumbers, PoseNumbers], PoseNumbers]) -> Co
 
 
 def convert_work(context: CallContext, parameter: Variant) -> CallOutcome:
-    """Run ConvertPosWork: a pose of one work as another work sees it."""
+    """Run ConvertPosWork: convert a pose from one work to another."""
     items = items_of(parameter)
     pose = _parse_position(context, argument_at(items, 0))
     works = context.machine.equipment.works
@@ -128,10 +128,10 @@ def _define_command(frames: Callable[[CallContext], dict[int, CoordinateFrame]])
 
 
 def frame_number(number: int, first: int = 0) -> int:
-    """Return the number of a tool or work.
+    """Check the number of a tool or work, and return it.
 
     Raises:
-        RefusedError: it is below `first` or too large.
+        RefusedError: The number is below `first` or too large.
     """
     if not first <= number < MAX_FRAMES:
         raise RefusedError(BAD_INDEX)
@@ -143,7 +143,7 @@ def _parse_pose(context: CallContext, pose: Variant) -> WrittenPose:
 
 
 def _parse_position(context: CallContext, pose: Variant) -> PoseNumbers:
-    """Read a pose of any type as P type; one that is of P type need not be within reach."""
+    """Read a pose of any type as P type; a pose that is written as P type need not be within reach."""
     written = _parse_pose(context, pose)
     return written.values if written.type is _P else pose_of(_P, joints_of(written.type, written.values))
 
@@ -155,9 +155,9 @@ def _fig(pose: PoseNumbers) -> float:
 def pallet_position(context: CallContext, parameter: Variant) -> CallOutcome:
     """Run CalcPos of the extension Pallet.
 
-    The parameter holds rows, columns, height of a layer [mm], the four corners, the number of the place and,
-    if there is one, that of the layer, both from 1. Places are counted from the first corner to the second,
-    row by row to the third; the samples do not say so.
+    The parameter holds rows, columns, height of a layer in mm, the four corners, the number of the place and,
+    optionally, of the layer, both from 1. Places are counted from the first corner to the second, then row by
+    row towards the third. The samples do not give this order.
     """
     items = items_of(parameter)
     rows, columns = (_count(argument_at(items, index)) for index in (0, 1))

@@ -1,10 +1,10 @@
-"""What the functions do that are called on an object: 4 to 137.
+"""The functions that are called on an object: ids 4 to 137.
 
-What is not here answers E_NOTIMPL, as the C server does for an id without callback (orin_bcap
-C/src/bCAPServer/bcap_server.c), and as DENSO's skeleton of a provider does for what it leaves out
-(CaoProvRobot.cpp, 2003). What a real controller leaves out is documented for the robot only, by the methods
-that a wrapper of the RC8 provider has (H. Suzuki, VE026A_JNI.java, 2015): Chuck, Unchuck, GoHome and Drive
-are not among them. Drive is here as clients need it; Rotate is not, as no source spells out its planes.
+A function that is missing here answers E_NOTIMPL. The C server does so for an id without callback (orin_bcap
+C/src/bCAPServer/bcap_server.c), and so does DENSO's skeleton of a provider (CaoProvRobot.cpp, 2003). Which
+functions a real controller lacks is documented for the robot only, by the methods of a wrapper of the RC8
+provider (H. Suzuki, VE026A_JNI.java, 2015): Chuck, Unchuck, GoHome and Drive are not among them. Drive is
+here because clients need it. Rotate is not, because no source describes its planes.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ from bcapscope.simulator.result_codes import INVALID_COMMAND, OBJECT_NOT_FOUND, 
 from bcapscope.simulator.robot_commands import ROBOT_COMMANDS
 
 Arguments: TypeAlias = "tuple[Variant, ...]"
-"""Of a request, without the handle."""
+"""Arguments of a request, without the handle."""
 
 FunctionHandler: TypeAlias = Callable[[CallContext, Arguments], CallOutcome]
 
@@ -59,11 +59,11 @@ _KNOWN_NAMES: Mapping[ObjectClass, Callable[[CallContext], Container[str]]] = {
     ObjectClass.EXTENSION: lambda context: tuple(map(str.casefold, _EXTENSIONS)),
     ObjectClass.COMMAND: lambda context: CONTROLLER_COMMANDS,
 }
-"""Names that there are, in lower case."""
+"""Existing names, in lower case."""
 
 
 def open_object(context: CallContext, kind: ObjectClass, arguments: Arguments) -> CallOutcome:
-    """Open an object of a name; with @IfNotMember the one that is open already is used again."""
+    """Open an object by name; with @IfNotMember, return the handle of an object that is already open."""
     name, option = text_of(argument_at(arguments, 0)), text_of(arguments[1]) if len(arguments) > 1 else ""
     _check_name(context, kind, name, option)
     if "@ifnotmember" in option.casefold():
@@ -74,7 +74,7 @@ def open_object(context: CallContext, kind: ObjectClass, arguments: Arguments) -
 
 
 def _check_name(context: CallContext, kind: ObjectClass, name: str, option: str) -> None:
-    """Refuse a name that the controller has nothing of; any name does for its one robot."""
+    """Refuse a name that the controller does not have; its one robot accepts any name."""
     machine, folded = context.machine, name.casefold()
     if kind is ObjectClass.VARIABLE:
         system_variables.check_exists(context.object.kind, name, machine.profile.generation)
@@ -93,7 +93,7 @@ def _create_file(context: CallContext, name: str, option: str) -> None:
 
 
 def get_message(context: CallContext, arguments: Arguments) -> CallOutcome:
-    """Run Controller_GetMessage: the newest error is the message; none, no message."""
+    """Run Controller_GetMessage: the newest active error is the message; refused if there is none."""
     active = context.machine.alarms.active
     if not active:
         raise RefusedError(OBJECT_NOT_FOUND)
@@ -115,16 +115,13 @@ def _message_values(alarm: Alarm, context: CallContext) -> dict[str, Variant]:
 
 
 def release(context: CallContext, arguments: Arguments) -> CallOutcome:
-    """Run any of the releases."""
+    """Run any function that releases an object."""
     context.objects.release(context.object)
     return DONE
 
 
 def command_runner(commands: CommandTable) -> FunctionHandler:
-    """Make what an ..._Execute function does: run one of its commands.
-
-    It refuses a command that the profile lacks.
-    """
+    """Return the handler of an ..._Execute function; it refuses commands that the profile lacks."""
 
     @lru_cache(maxsize=256)
     def named(name: str, lacks: frozenset[str]) -> CommandHandler:
@@ -256,7 +253,7 @@ _SHARED_HANDLERS: Mapping[str, FunctionHandler] = {
         )
     ),
 }
-"""By the verb that several classes have."""
+"""Handlers by verb, for functions that several classes have."""
 
 _OWN_HANDLERS: Mapping[str, FunctionHandler] = {
     "Controller_GetMessage": get_message,
@@ -325,4 +322,5 @@ def _handler(function: Function) -> FunctionHandler | None:
 FUNCTION_HANDLERS: Mapping[int, tuple[ObjectClass, FunctionHandler | None]] = MappingProxyType(
     {function.id: (function.owner, _handler(function)) for function in FUNCTIONS.values() if function.id > 3}
 )
-"""The class that a function is called on, and what it does, by its id; None where it is not implemented."""
+"""By function id: the class of object that it is called on, and its handler; None if it is not
+implemented."""

@@ -2,8 +2,9 @@
 
 Sources of `COBOTTA_HAND`: DENSORobot/denso_cobotta_ros denso_cobotta_gripper/config/gripper_parallel.yaml
 (stroke, speed, acceleration, force). Sources of `TWO_FINGER_HAND`: the documentation of TwofgGrip quoted in
-nkawa/Denso_CobottaPro900_MQTT_Control (force, speed in percent, width of an external grip). Assumed are the
-speed of a grip that is given none, the speed of the second hand in mm/s, and that both hands begin open.
+nkawa/Denso_CobottaPro900_MQTT_Control (force, speed in percent, width of an external grip). Three things are
+assumed: the speed of a grip without speed parameter, the second hand's speed in mm/s, and that both hands
+start open.
 
 Times are ns, widths mm, speeds mm/s.
 """
@@ -17,17 +18,17 @@ SECOND = 1_000_000_000
 
 
 class HandLimits(NamedTuple):
-    """What a hand can do.
+    """Limits of a hand.
 
     Attributes:
-        narrowest: mm between the fingers when they are closed.
-        widest: mm when they are open.
-        speed: mm/s at 100 %.
-        acceleration: mm/s².
-        grip_speed: mm/s of a grip that is given no speed.
-        slowest: the lowest speed in percent.
-        weakest: the lowest force, N.
-        strongest: the highest force, N.
+        narrowest: Width of the closed hand, mm.
+        widest: Width of the open hand, mm.
+        speed: Speed at 100 %, mm/s.
+        acceleration: Acceleration, mm/s².
+        grip_speed: Speed of a grip without speed parameter, mm/s.
+        slowest: Lowest speed in percent.
+        weakest: Lowest force, N.
+        strongest: Highest force, N.
     """
 
     narrowest: float
@@ -48,11 +49,11 @@ class HandMotion(NamedTuple):
     """A motion that accelerates, keeps its speed and brakes.
 
     Attributes:
-        start: width at the beginning.
-        goal: width at the end.
-        began: when it begins.
-        speed: the highest speed that it reaches.
-        acceleration: mm/s².
+        start: Width at the beginning.
+        goal: Width at the end.
+        began: Time of the beginning.
+        speed: Highest speed reached.
+        acceleration: Acceleration, mm/s².
     """
 
     start: float
@@ -68,7 +69,7 @@ class HandMotion(NamedTuple):
 
     @property
     def ends(self) -> int:
-        """When the motion ends."""
+        """Time of the end."""
         return self.time_at_distance(abs(self.goal - self.start))
 
     def at(self, time: int) -> float:
@@ -79,7 +80,7 @@ class HandMotion(NamedTuple):
         return self.start + (way if self.goal > self.start else -way)
 
     def time_at_distance(self, distance: float) -> int:
-        """Return when the fingers have gone `distance` mm."""
+        """Return the time at which the fingers have moved by `distance` mm."""
         if not distance:
             return self.began
         ramp = self.speed**2 / 2 / self.acceleration
@@ -108,10 +109,10 @@ class Hand:
     """The fingers, and an object that may be between them.
 
     Attributes:
-        limits: what the hand can do.
-        object_width: of the object between the open fingers, mm; None if there is none.
-        motion_count: counts motions and stops.
-        stopped_by: result of the last stop.
+        limits: Limits of the hand.
+        object_width: Width of the object between the open fingers, mm; None if there is none.
+        motion_count: Number of motions and stops so far.
+        stopped_by: Result of the last stop.
     """
 
     def __init__(self, limits: HandLimits, object_width: float | None = None) -> None:
@@ -127,7 +128,7 @@ class Hand:
 
     @property
     def ends(self) -> int:
-        """When the last motion ends, or ended."""
+        """Time of the end of the last motion, past or future."""
         return self._ends
 
     def width(self, now: int) -> float:
@@ -143,22 +144,22 @@ class Hand:
         return self._force > 0 and self._touches_object and not self.is_moving(now)
 
     def force(self, now: int) -> float:
-        """Return the force on the object, N; 0 without one."""
+        """Return the force on the object, N; 0 if the hand does not grip."""
         return self._force if self.is_gripping(now) else 0.0
 
     @property
     def collides_at(self) -> int | None:
-        """When fingers that do not grip touch the object; None if they never do."""
+        """Time at which fingers that do not grip touch the object; None if they never do."""
         return self._ends if self._touches_object and not self._force else None
 
     def move(self, goal: float, speed: float, now: int, force: float = 0.0) -> int:
-        """Begin a motion; return when it ends.
+        """Begin a motion; return the time of its end.
 
         Args:
-            goal: width, mm.
-            speed: mm/s.
-            now: ns.
-            force: of a grip, N; 0 to move without gripping.
+            goal: Width at the end, mm.
+            speed: Highest speed, mm/s.
+            now: Current time, ns.
+            force: Force of a grip, N; 0 to move without gripping.
         """
         start, thing = self.width(now), self.object_width
         self._touches_object = thing is not None and goal < thing <= start
@@ -170,7 +171,7 @@ class Hand:
         return self._ends
 
     def stop(self, now: int, result: int) -> None:
-        """Stop fingers that move; the call that waits for them answers `result`. A grip stays."""
+        """Stop moving fingers; the call that waits for them answers `result`. A grip stays."""
         if self.is_moving(now) or self.collides_at is not None:
             self._final_width = self.width(now)
             self._ends = now
@@ -179,6 +180,6 @@ class Hand:
             self.motion_count += 1
 
     def lose_grip(self) -> None:
-        """Lose the grip, as without power."""
+        """Lose the grip, as happens without power."""
         self._force = 0.0
         self._touches_object = False

@@ -6,7 +6,8 @@ nkawa/Denso_CobottaPro900_MQTT_Control (HandGrip, HandRelease, Twofg...). Codes:
 there. What happens to fingers that touch an object without gripping: DENSORobot/denso_robot_ros issue 46.
 That the hand needs the motor: DENSORobot/denso_cobotta_ros denso_cobotta_gripper.
 
-A call lasts as long as its motion: the samples send the next command at once, and a moving hand refuses it.
+A call lasts as long as its motion. The samples send the next command at once, and a moving hand would refuse
+it.
 """
 
 from __future__ import annotations
@@ -38,13 +39,13 @@ from bcapscope.simulator.result_codes import (
 )
 
 _CHUCK_SPEED, _CHUCK_FORCE = 50.0, 10.0
-"""Percent and N of a grip whose data the controller keeps; assumed."""
+"""Speed in percent and force in N of a grip whose data the controller stores; assumed."""
 
 _WEAKEST_SUCTION = 40.0
 """Percent: DENSORobot/denso_cobotta_ros denso_cobotta_gripper/config/gripper_vacuum.yaml."""
 
 _EXTERNAL_GRIP = 1
-"""The mode of the 2FG hand: it grips from outside."""
+"""Mode of the 2FG hand: it grips from outside."""
 
 _SUCTION, _SUCTION_LOAD = -0.5, 50.0
 """Pressure in kPa per percent of power, and load in percent, of the vacuum hand; assumed."""
@@ -86,7 +87,7 @@ def grip(context: CallContext, parameter: Variant) -> CallOutcome:
 
 
 def chuck(context: CallContext, parameter: Variant) -> CallOutcome:
-    """Run HandChuck, or Chuck of Hand0: close with the force that the controller keeps."""
+    """Run HandChuck, or Chuck of Hand0: close with the force that the controller stores."""
     limits = context.machine.equipment.hand.limits
     return _begin_motion(context, limits.narrowest, limits.speed * _CHUCK_SPEED / 100, _CHUCK_FORCE)
 
@@ -98,7 +99,7 @@ def unchuck(context: CallContext, parameter: Variant) -> CallOutcome:
 
 
 def suck(context: CallContext, parameter: Variant) -> CallOutcome:
-    """Run HandMoveVH of the vacuum hand: power [%], whether to draw in; HandStop ends it."""
+    """Run HandMoveVH of the vacuum hand: power [%], whether to draw in. HandStop ends it."""
     items = items_of(parameter)
     power = float(number_of(argument_at(items, 0)))
     draws = number_of(argument_at(items, 1)) != 0
@@ -110,7 +111,7 @@ def suck(context: CallContext, parameter: Variant) -> CallOutcome:
 
 
 def stop(context: CallContext, parameter: Variant) -> CallOutcome:
-    """Run HandStop: a motion under way answers 835002FF, the vacuum goes off."""
+    """Run HandStop: a running motion answers 835002FF, and the vacuum goes off."""
     equipment = context.machine.equipment
     equipment.hand.stop(context.now, HAND_STOPPED)
     equipment.vacuum = 0.0
@@ -123,7 +124,7 @@ def _begin_motion(
     """Begin a motion of COBOTTA's hand.
 
     Raises:
-        RefusedError: the controller has trouble, the motor is off, or the hand moves already.
+        RefusedError: The controller's state forbids motion, the motor is off, or the hand moves already.
     """
     hand = context.machine.equipment.hand
     _check_ready(context)
@@ -166,7 +167,7 @@ def _check_width(hand: Hand, width: float, result: int) -> None:
 
 
 def _speed(hand: Hand, part: Variant) -> float:
-    """Read a speed in percent; return mm/s."""
+    """Read a speed in percent; return it in mm/s."""
     percent = float(number_of(part))
     if not hand.limits.slowest <= percent <= 100:
         raise RefusedError(HAND_SETTING)
@@ -181,12 +182,12 @@ def _force(hand: Hand, part: Variant) -> float:
 
 
 def _has_next_option(rest: tuple[Variant, ...]) -> bool:
-    """Return whether the call answers before the motion ends; the option DetectOn changes nothing here."""
+    """Return whether the call answers before the motion ends; the option DetectOn has no effect here."""
     return any("next" in text_of(item).casefold().replace(",", " ").split() for item in rest)
 
 
 def _two_finger_grip(context: CallContext, parameter: Variant) -> CallOutcome:
-    """Run TwofgGrip: width [mm], force [N], speed [%], whether to wait; waiting for nothing is an error."""
+    """Run TwofgGrip: width [mm], force [N], speed [%], whether to wait; a wait without grip fails."""
     items, hand = items_of(parameter), context.machine.equipment.gripper
     width = float(number_of(argument_at(items, 0)))
     force, speed = _force(hand, argument_at(items, 1)), _speed(hand, argument_at(items, 2))
@@ -217,7 +218,7 @@ def _two_finger_move(
 
 
 def _hand_grip(context: CallContext, parameter: Variant) -> CallOutcome:
-    """Run HandGrip: close the 2FG hand with the data that the controller keeps."""
+    """Run HandGrip: close the 2FG hand with the data that the controller stores."""
     limits = context.machine.equipment.gripper.limits
     return _two_finger_move(
         context, limits.narrowest, limits.speed * _CHUCK_SPEED / 100, limits.weakest, False

@@ -1,9 +1,9 @@
 """A simple arm: joints to position and back.
 
-Nobody publishes the link lengths of the real arms here, so this is an arm of our own: J1 turns about the
-vertical, J2 and J3 are two links of equal length in a vertical plane, and the wrist has no length: J4, J5 and
-J6 are Rx, Ry and Rz themselves. It is exact in both directions, which is all that clients and tests need;
-it is no model of any DENSO robot.
+No public source gives the link lengths of the real arms, so this arm is our own. J1 turns about the vertical.
+J2 and J3 move two links of equal length in a vertical plane. The wrist has no length: J4, J5 and J6 are Rx,
+Ry and Rz themselves. The conversion is exact in both directions, which is all that clients and tests need. It
+is no model of any DENSO robot.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from bcapscope.simulator.call_outcome import RefusedError
 from bcapscope.simulator.result_codes import POSITION_LIMIT
 
 Joints: TypeAlias = tuple[float, ...]
-"""Eight joints in degrees; the last two are not there and stay 0."""
+"""Eight joints in degrees; the arm lacks the last two, which stay 0."""
 
 AXIS_COUNT = 6
 SHOULDER_HEIGHT = 400.0
@@ -30,11 +30,11 @@ LINK_LENGTH = 350.0
 HOME: Joints = (0.0, 0.0, 90.0, 0.0, 90.0, 0.0, 0.0, 0.0)
 
 FIG = 1.0
-"""Posture that every result carries; it is not looked at on the way in."""
+"""Posture of every result; the Fig of a parameter is ignored."""
 
 
 class AxisLimit(NamedTuple):
-    """What one joint can do: degrees, degrees a second, degrees a second squared."""
+    """Limits of one joint: degrees, degrees a second, degrees a second squared."""
 
     low: float
     high: float
@@ -51,7 +51,7 @@ AXIS_LIMITS: tuple[AxisLimit, ...] = (
     AxisLimit(-360.0, 360.0, 700.0, 14000.0),
 )
 """Limits of an arm of that size, wide enough for the set points in DENSO Wave 2009, How to use the Slave
-mode; the figures are ours."""
+mode; the figures are our own."""
 
 
 _P, _J, _T = PoseType.P, PoseType.J, PoseType.T
@@ -60,13 +60,13 @@ _NOT_THERE = _ZEROS[AXIS_COUNT:]
 
 
 def pad_joints(values: tuple[float, ...]) -> Joints:
-    """Fill joints up with zeros to eight, and drop what comes after the sixth, which the arm has not."""
+    """Drop values after the sixth, which the arm lacks, and fill up with zeros to eight joints."""
     return (values[:AXIS_COUNT] + _ZEROS)[:8]
 
 
 def axis_beyond_limit(joints: Joints, limits: tuple[AxisLimit, ...] = AXIS_LIMITS) -> int | None:
-    """Return the first axis (1..6) that is outside of its limits, or None."""
-    # Every slvMove asks for this; a loop takes three times as long.
+    """Return the first axis (1..6) outside its limits, or None."""
+    # Every slvMove calls this; a loop takes three times as long.
     j1, j2, j3, j4, j5, j6, _, _ = joints
     l1, l2, l3, l4, l5, l6 = limits
     if (
@@ -94,10 +94,10 @@ def position(joints: Joints) -> tuple[float, ...]:
 
 
 def joints_of_position(values: tuple[float, ...]) -> Joints:
-    """Compute the joints that reach X, Y, Z, Rx, Ry, Rz; with the elbow outside, J1 towards the point.
+    """Compute the joints that reach X, Y, Z, Rx, Ry, Rz; the elbow is outside, and J1 points to the target.
 
     Raises:
-        RefusedError: the arm is too short.
+        RefusedError: The position is out of reach.
     """
     x, y, z, *wrist = values[:6]
     radius, height = hypot(x, y), z - SHOULDER_HEIGHT
@@ -129,10 +129,10 @@ def trans(joints: Joints) -> tuple[float, ...]:
 
 
 def joints_of_trans(values: tuple[float, ...]) -> Joints:
-    """Compute the joints that reach a T type.
+    """Compute the joints that reach a pose of T type.
 
     Raises:
-        RefusedError: the arm is too short.
+        RefusedError: The position is out of reach.
     """
     ox, oy, oz, ax, ay, az = values[3:9]
     nx, ny, nz = oy * az - oz * ay, oz * ax - ox * az, ox * ay - oy * ax
@@ -145,11 +145,11 @@ def joints_of(pose_type: PoseType, values: tuple[float, ...]) -> Joints:
     """Compute the joints of any pose.
 
     Args:
-        pose_type: of the pose.
-        values: finite numbers, at least six, at least nine of T type.
+        pose_type: Type of the pose.
+        values: Finite numbers, at least six, for T type at least nine.
 
     Raises:
-        RefusedError: there are too few numbers, or the arm is too short.
+        RefusedError: There are too few numbers, or the position is out of reach.
     """
     if len(values) < (9 if pose_type is _T else AXIS_COUNT):
         raise RefusedError(E_INVALIDARG)
@@ -166,9 +166,9 @@ def pose_of(pose_type: PoseType, joints: Joints) -> tuple[float, ...]:
 
 
 FEWEST_NUMBERS: Mapping[PoseType, int] = MappingProxyType({_P: 6, _J: 6, _T: 9})
-"""How many numbers a pose has at least."""
+"""Fewest numbers of a pose."""
 
 POSE_LENGTHS: Mapping[PoseType, range] = MappingProxyType(
     {pose_type: range(FEWEST_NUMBERS[pose_type], len(axes) + 2) for pose_type, axes in AXES.items()}
 )
-"""How many numbers a set point may have: Fig may be missing, one more may be appended."""
+"""Allowed numbers of values in a set point: Fig may be missing, and one more value may follow."""

@@ -1,4 +1,4 @@
-"""Opening the sockets that the simulator listens on."""
+"""Opening the listening sockets of the simulator."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from bcapscope.errors import BcapError
 from bcapscope.transport.receive_timestamps import enable_receive_timestamps
 
 _RECEIVE_BUFFER = 4 << 20
-"""Bytes of datagrams that may wait while others are answered; the system gives what its own limit allows."""
+"""Bytes of datagrams that may wait while others are answered; the system may grant less."""
 
 _BACKLOG = 1024
-"""Connections that wait to be accepted. If there are more, a new client tries again after a second."""
+"""Connections that wait to be accepted. If there are more, a new client retries after a second."""
 
 
 class SimulatorListenError(BcapError):
@@ -19,10 +19,10 @@ class SimulatorListenError(BcapError):
 
 
 def open_sockets(host: str, port: int) -> tuple[socket.socket, socket.socket]:
-    """Open a UDP and a TCP socket on one port; with port 0 on one that is free on both.
+    """Open a UDP and a TCP socket on one port; port 0 picks one that is free on both.
 
     Raises:
-        SimulatorListenError: the address cannot be used.
+        SimulatorListenError: The address or port cannot be used.
     """
     tries = 1 if port else 20
     for last in range(tries - 1, -1, -1):

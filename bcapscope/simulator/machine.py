@@ -1,8 +1,8 @@
-"""The controller that all clients share: modes, motor, arm, tasks, errors, and what time does to them.
+"""The controller that all clients share: modes, motor, arm, tasks, errors, and how time changes them.
 
-Which condition is checked and refused with which code: the public list of controller errors in
+Which conditions are checked, and the codes of the refusals: the public list of controller errors in
 nkawa/Denso_CobottaPro900_MQTT_Control and the issues of DENSORobot/denso_robot_ros. The order of the checks
-and all durations are ours. Times are ns of a clock that is passed in.
+and all durations are our own. Times are ns of a clock that the caller passes in.
 """
 
 from __future__ import annotations
@@ -43,32 +43,32 @@ ROBSLAVE = "RobSlave"
 ROBOT_TYPE = "BCAPSCOPE-SIM6"
 
 OTHER_CLIENT = 0
-"""Owner of the arm who is none of the clients, which are numbered from 1: the pendant, or another network."""
+"""Owner of the arm that is no client: the pendant, or a client on another network. Clients count from 1."""
 
 
 @dataclass(frozen=True, slots=True)
 class InitialState:
-    """What the controller is like when it is switched on.
+    """State of the controller when it is switched on.
 
     Attributes:
-        joints: eight, degrees.
-        limits: of the six axes.
+        joints: Eight joints, degrees.
+        limits: Limits of the six axes.
         mode: 1 manual, 2 teach check, 3 automatic.
-        token: the executable token is Ethernet's.
-        motor: on already.
-        motor_time: ns that it takes to go on.
-        speed: external speed in percent, as set on the pendant.
-        type_name: of the robot.
-        tasks: programs that are loaded.
-        running: those of them that run.
-        errors: active ones, the oldest first.
-        empty: names of variables of the robot that answer EMPTY, in capitals.
-        emergency: the emergency stop is pressed.
-        arm_taken: a client that is not seen here has the arm.
-        object_width: of an object between the fingers of the hands, mm; None for no object.
-        udp_clients: places on UDP that half-open clients hold.
-        tcp_clients: the same on TCP.
-        epoch: ns since 1970 at the time 0 of the model's clock.
+        token: Whether Ethernet has the executable token.
+        motor: Whether the motor is on.
+        motor_time: Time that the motor takes to go on, ns.
+        speed: External speed in percent, as set on the pendant.
+        type_name: Type name of the robot.
+        tasks: Names of the loaded programs.
+        running: Names of those that run.
+        errors: Active errors, oldest first.
+        empty: Names of variables of the robot that answer EMPTY, in capitals.
+        emergency: Whether the emergency stop is pressed.
+        arm_taken: Whether a client outside this network has the arm.
+        object_width: Width of an object between the fingers of the hands, mm; None for no object.
+        udp_clients: Places on UDP that half-open clients hold.
+        tcp_clients: Places on TCP that half-open clients hold.
+        epoch: Time 0 of the model's clock, ns since 1970.
     """
 
     joints: Joints = HOME
@@ -93,7 +93,7 @@ class InitialState:
 
 @dataclass(slots=True)
 class Speeds:
-    """Percentages; the external ones scale the internal ones."""
+    """Speeds and accelerations in percent; the external ones scale the internal ones."""
 
     external: float = 100.0
     external_acceleration: float = 100.0
@@ -103,10 +103,10 @@ class Speeds:
     deceleration: float = 100.0
 
     def effective_share(self, speed: float | None) -> float:
-        """Return the share of the highest speed that a motion has, above 0 up to 1.
+        """Return a motion's share of the highest speed, at least 0.001 and at most 1.
 
         Args:
-            speed: internal one in percent; None for the usual one.
+            speed: Internal speed in percent; None for the robot's own setting.
         """
         internal = self.internal if speed is None else speed
         return max(0.001, min(1.0, self.external * internal / 10_000))
@@ -116,12 +116,12 @@ class Machine:
     """The state of one controller.
 
     Attributes:
-        owner: number of the client that has the arm; None while nobody has it.
-        open_objects: what each client has opened, by its number.
-        stop_count: counts what has stopped motions: Robot_Halt, errors, the emergency stop.
-        stopped_by: result of the last of them.
-        current_move: the last ordinary motion; None if it was stopped.
-        equipment: hands and what else belongs to the controller.
+        owner: Number of the client that has the arm; None if no client has it.
+        open_objects: Objects that each client has opened, by client number.
+        stop_count: Number of stops of motion so far: Robot_Halt, errors, the emergency stop.
+        stopped_by: Result of the last stop.
+        current_move: The last ordinary motion; None if it was stopped.
+        equipment: The hands and other equipment.
     """
 
     def __init__(self, profile: Profile, initial_state: InitialState | None = None, now: int = 0) -> None:
@@ -153,12 +153,12 @@ class Machine:
             self.alarms.add(code, now)
 
     def date(self, now: int) -> float:
-        """Return the controller's clock as days since 1899-12-30."""
+        """Return the controller's date and time as days since 1899-12-30."""
         return (self.initial_state.epoch + now) / 86_400e9 + 25569.0
 
     @property
     def free_at(self) -> int:
-        """Return from when on another motion may begin, ns."""
+        """Time from which another motion may begin, ns."""
         return self.current_move.done_at if self.current_move else self.started_at
 
     @property
@@ -167,11 +167,15 @@ class Machine:
         return self.current_move is not None and self.current_move.is_held
 
     def motor_is_on(self, now: int) -> bool:
-        """Tell whether the motor is on."""
+        """Return whether the motor is on."""
         return self._motor_at is not None and now >= self._motor_at
 
     def switch_motor(self, on: bool, now: int) -> int:
-        """Switch the motor; return when it is done."""
+        """Switch the motor; return the time at which that is done, ns.
+
+        Raises:
+            RefusedError: The motor cannot go on; as for `check_state`.
+        """
         if not on:
             self._lose_power()
             self.stop(now, MOTOR_IS_OFF, is_reported=False)
@@ -182,10 +186,10 @@ class Machine:
         return self._motor_at
 
     def check_state(self) -> None:
-        """Refuse what needs a controller without trouble.
+        """Refuse a call if the state of the controller forbids motion.
 
         Raises:
-            RefusedError: emergency stop, an active error, not in automatic mode, or no executable token.
+            RefusedError: Emergency stop, an active error, not in automatic mode, or no executable token.
         """
         if self.emergency:
             raise RefusedError(EMERGENCY_STOP)
@@ -197,10 +201,10 @@ class Machine:
             raise RefusedError(NO_TOKEN)
 
     def check_motion(self, client: int, now: int) -> None:
-        """Refuse what moves the robot unless everything is ready for it.
+        """Refuse a motion unless everything is ready for it.
 
         Raises:
-            RefusedError: something is not, or the arm is not this client's.
+            RefusedError: As for `check_state`, or the motor is off, or this client does not have the arm.
         """
         self.check_state()
         if not self.motor_is_on(now):
@@ -211,11 +215,11 @@ class Machine:
     def check_slave_mode(self, client: int, now: int) -> None:
         """Refuse slave mode unless everything is ready for it.
 
-        RC7 needs the program RobSlave (DENSO Wave 2009, How to use the Slave mode); what it answers without
-        it is not documented.
+        RC7 needs the program RobSlave (DENSO Wave 2009, How to use the Slave mode). The answer without it is
+        not documented.
 
         Raises:
-            RefusedError: something is not.
+            RefusedError: As for `check_motion`, or RobSlave does not run.
         """
         self.check_motion(client, now)
         if self.profile.needs_robslave and self.tasks.get(ROBSLAVE.casefold()) != RUNNING:
@@ -225,7 +229,7 @@ class Machine:
         """Refuse joints beyond their limits.
 
         Raises:
-            RefusedError: with the software limit of the first such axis.
+            RefusedError: The code is the software limit of the first such axis.
         """
         axis = axis_beyond_limit(joints, self.initial_state.limits)
         if axis:
@@ -234,8 +238,9 @@ class Machine:
     def stop(self, now: int, code: int, is_reported: bool = True) -> None:
         """End motions and slave mode at once; calls that wait for them answer `code`.
 
-        Unless a client is told by that, the next slvMove answers it (issues 20 and 49 of
-        DENSORobot/denso_robot_ros), and those after it that slave mode is off (issues 6 and 42).
+        Unless `is_reported` says that a client receives the code anyway, the next slvMove answers it (issues
+        20 and 49 of DENSORobot/denso_robot_ros). Later slvMove answer that slave mode is off (issues 6 and
+        42).
         """
         self.slave.leave(0 if is_reported else code)
         self.arm.halt(now)
@@ -245,10 +250,11 @@ class Machine:
         self.current_move = None
 
     def raise_error(self, code: int, now: int, is_reported: bool = False) -> None:
-        """Have an error: motions and slave mode end, RobSlave stops, it stays active until ClearError.
+        """Raise an error: motions and slave mode end, RobSlave stops; it stays active until ClearError.
 
-        The motor goes off at level 4 and above, and with a set point beyond a limit (list of controller
-        errors in nkawa/Denso_CobottaPro900_MQTT_Control). `is_reported` is as for `stop`.
+        The motor goes off at level 4 and above, and at a set point beyond a limit (list of controller errors
+        in nkawa/Denso_CobottaPro900_MQTT_Control). It also goes off at the emergency stop. `is_reported` is
+        as for `stop`.
         """
         self.alarms.add(code, now)
         self.stop(now, code, is_reported)
@@ -258,18 +264,18 @@ class Machine:
             self._lose_power()
 
     def refuse(self, code: int, now: int) -> NoReturn:
-        """Refuse a call with an error that stays active until ClearError; its effects are those of
+        """Refuse a call with an error that stays active until ClearError; the effects are as in
         `raise_error`.
 
-        The error is listed once, however often the client repeats the call: 32 set points in a row would
-        otherwise push the error that ended slave mode out of the list.
+        The error is listed once, however often the client repeats the call. Otherwise 32 set points in a row
+        would push the error that ended slave mode out of the list.
 
         A real RC8 lists 83500121 and 83501032 as current errors (DENSORobot/denso_robot_ros issue 42). That
         an RC7 does the same is assumed from DENSO Wave 2009, How to use the Slave mode: any result other than
         S_OK stops RobSlave and ends slave mode.
 
         Raises:
-            RefusedError: always, with `code`.
+            RefusedError: Always, with `code`.
         """
         if not self.alarms.is_active(code):
             self.raise_error(code, now, is_reported=True)
@@ -281,7 +287,7 @@ class Machine:
         self.slave.unreported_result = 0
 
     def switch_mode(self, mode: int, now: int) -> None:
-        """Turn the mode switch; leaving the automatic mode ends all motion and switches the motor off."""
+        """Turn the mode switch; leaving automatic mode ends all motion and switches the motor off."""
         self.mode = mode
         if mode != AUTOMATIC:
             self._lose_power()
@@ -291,24 +297,24 @@ class Machine:
         """Start a program.
 
         Raises:
-            RefusedError: as `check_state`.
+            RefusedError: As for `check_state`.
         """
         self.check_state()
         self.tasks[name.casefold()] = RUNNING
 
     def stop_task(self, name: str, now: int) -> None:
-        """Stop a program; slave mode of RC7 ends with RobSlave."""
+        """Stop a program; on RC7, stopping RobSlave ends slave mode."""
         self.tasks[name.casefold()] = READY
         if name.casefold() == ROBSLAVE.casefold() and self.profile.needs_robslave and self.slave.mode:
             self.stop(now, E_NOT_IN_SLAVE_MODE)
 
     def press_emergency_stop(self, now: int) -> None:
-        """Press the emergency stop: the motor goes off, and nothing moves until it is let go."""
+        """Press the emergency stop: the motor goes off, and nothing moves until it is released."""
         self.emergency = True
         self.raise_error(EMERGENCY_STOP, now)
 
     def advance(self, now: int) -> None:
-        """Let time pass."""
+        """Advance the state to `now`."""
         slave, log = self.slave, self.log
         if slave.mode is not None and slave.next_tick <= now:
             fault = slave.advance(now)
@@ -322,7 +328,7 @@ class Machine:
             self.raise_error(HAND_DEVIATION, collision)
 
     def due(self) -> int | None:
-        """Return when time changes something by itself, in ns; None if nothing is under way."""
+        """Return the time of the next change that no call causes, ns; None if nothing is under way."""
         slave = self.slave
         due = None if slave.mode is None or slave.is_empty else slave.next_tick
         collision = self.equipment.hand.collides_at

@@ -1,8 +1,9 @@
 """Ordinary motions: Robot_Move, Drive, Approach, Depart, Halt, Hold, Unhold.
 
-A call lasts as long as its motion (unless NEXT), to the end of the command, with @E until the encoders have
-arrived; with @P the next motion may begin when most of the way is done. What a second motion is answered
-meanwhile is 80010004, after the ANSI-C client's b-Cap.h; that client repeats its Robot_Move then.
+Unless its option is NEXT, a call lasts until its motion ends: to the end of the command, or with @E until the
+encoders arrive. With @P, the next motion may begin when most of the time is over. Before that, the controller
+answers a second motion with 80010004, as in the ANSI-C client's b-Cap.h; that client then repeats its
+Robot_Move.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ from bcapscope.simulator.timed_move import TimedMove
 
 IS_STOPPING = 0x83201404
 LONGEST_TIME = 3_600_000
-"""ms; ours."""
+"""Longest TIME option, ms; our own limit."""
 
 _PTP, _LINE, _CIRCLE, _FREE_CURVE = 1, 2, 3, 4
 _BETWEEN_POSES = re.compile(r",\s*(?=[@PJT])", re.IGNORECASE)
@@ -45,10 +46,10 @@ _PAIR = re.compile(r"\(\s*([0-9]{1,2})\s*,\s*([^(),\s]+)\s*\)")
 
 
 def move(context: CallContext, interpolation: Variant, pose: Variant, option: Variant) -> CallOutcome:
-    """Run Robot_Move; lines and circles are followed like PTP here, and free curves hold no points.
+    """Run Robot_Move. Here, lines and circles are followed like PTP, and free curves hold no points.
 
     Raises:
-        RefusedError: there is no such interpolation, among the reasons of every motion.
+        RefusedError: The interpolation is unknown, or the motion is refused.
     """
     kind, read = integer_of(interpolation), context.machine.memory.read
     if kind == _CIRCLE:
@@ -67,7 +68,7 @@ def move(context: CallContext, interpolation: Variant, pose: Variant, option: Va
 
 
 def _poses(pose: Variant) -> tuple[Variant, ...]:
-    """Take the poses of a circle apart: `P1, @E P2`, or an array of two."""
+    """Return the poses of a circle, written as `P1, @E P2` or as an array of two."""
     if not isinstance(pose.value, str):
         return items_of(pose)
     return tuple(map(bstr, _BETWEEN_POSES.split(pose.value[:LONGEST_POSE_TEXT])))
@@ -82,7 +83,10 @@ def drive(
 ) -> CallOutcome:
     """Move single axes (1..6) by, or to, angles in degrees.
 
-    The pass, if it is not given, is taken from the option.
+    If `passing` is None, the option holds the pass.
+
+    Raises:
+        RefusedError: There is no such axis, or the motion is refused.
     """
     joints = list(context.machine.arm.goal)
     for axis, way in axis_moves:
@@ -94,23 +98,23 @@ def drive(
 
 
 def halt(context: CallContext) -> CallOutcome:
-    """Stop the arm at once; a motion under way answers 83201404, slave mode ends."""
+    """Stop the arm at once; a running motion answers 83201404, and slave mode ends."""
     context.machine.stop(context.now, IS_STOPPING)
     return DONE
 
 
 def hold(context: CallContext) -> CallOutcome:
-    """Pause the motion under way, if there is one; the call that waits for it waits on."""
+    """Pause the running motion, if any; its call keeps waiting."""
     if context.machine.current_move:
         context.machine.current_move.hold(context.now)
     return DONE
 
 
 def unhold(context: CallContext) -> CallOutcome:
-    """Let a motion that is paused go on, whoever it belongs to.
+    """Resume a paused motion of any client.
 
     Raises:
-        RefusedError: the controller has trouble.
+        RefusedError: The controller's state forbids motion, for example because of an error.
     """
     machine = context.machine
     if machine.current_move and machine.is_held:
@@ -123,7 +127,7 @@ def run_motion(context: CallContext, target: MotionTarget, option: str = "") -> 
     """Begin a motion.
 
     Raises:
-        RefusedError: the robot is busy, not ready, or cannot go there.
+        RefusedError: The robot is busy, is not ready, or cannot reach the target.
     """
     machine, now = context.machine, context.now
     machine.check_motion(context.client, now)
@@ -140,12 +144,12 @@ def run_motion(context: CallContext, target: MotionTarget, option: str = "") -> 
 
 
 class _MotionOptions(NamedTuple):
-    """How a motion is to be made.
+    """Options of a motion.
 
     Attributes:
-        speed: internal speed in percent; None for that of the robot.
-        time: ns that it is to take at least.
-        next: the call does not wait for its end.
+        speed: Internal speed in percent; None for the robot's own setting.
+        time: Least duration, ns.
+        next: Whether the call returns before the motion ends.
     """
 
     speed: float | None
@@ -154,10 +158,10 @@ class _MotionOptions(NamedTuple):
 
 
 def _parse_options(option: str, read: ReadVariable) -> _MotionOptions:
-    """Read an option such as `SPEED=50, TIME=2000, NEXT` or `S=F2`; that the time is in ms is assumed.
+    """Read an option such as `SPEED=50, TIME=2000, NEXT` or `S=F2`. It is assumed that TIME is in ms.
 
-    The words are those of H. Suzuki, VE026A_JNI.java, and of the samples. ACCEL and DECEL are checked, but
-    they do not change the motion.
+    The option words are those of H. Suzuki, VE026A_JNI.java, and of the samples. ACCEL and DECEL are checked
+    but do not change the motion.
     """
     text = option[:LONGEST_POSE_TEXT].upper()
     given = {name: _option_number(value, read) for name, value in _OPTION.findall(text)}
@@ -196,7 +200,7 @@ def _before_position(joints: Joints, distance: float) -> Joints:
 
 
 def _distance(part: Variant) -> tuple[float, int]:
-    """Read `@P 10`, `10`, a number, or `[10, "", "@P"]`; return mm and the pass."""
+    """Read `@P 10`, `10`, a number, or `[10, "", "@P"]`; return the distance in mm, and the pass."""
     if isinstance(part.value, str):
         last = part.value.split()[-1:] or ["0"]
         return float(number_of(bstr(last[0]))), _parse_passing(part.value)
@@ -246,7 +250,7 @@ def _drive_many(context: CallContext, parameter: Variant, absolute: bool) -> Cal
 
 
 def _axis_moves_of_text(text: str) -> tuple[list[tuple[int, float]], int | None]:
-    """Read `@E (1, 5), (2, -10)`."""
+    """Read `@E (1, 5), (2, -10)`; return axes with angles, and the pass."""
     match = _AXES.fullmatch(text) if len(text) <= LONGEST_POSE_TEXT else None
     pairs = _PAIR.findall(match["pairs"]) if match else []
     if match is None or len(pairs) != match["pairs"].count("("):
@@ -268,7 +272,7 @@ def _axis_moves_of_pairs(axes: Variant) -> tuple[list[tuple[int, float]], int | 
 
 
 def motion_skip(context: CallContext, parameter: Variant) -> CallOutcome:
-    """Run MotionSkip: the motion under way ends where the arm is, and the call that waits for it succeeds."""
+    """Run MotionSkip: the running motion ends where the arm is, and its call succeeds."""
     machine, now = context.machine, context.now
     if machine.current_move and now < machine.free_at:
         machine.current_move.skip(now)

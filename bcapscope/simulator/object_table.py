@@ -1,7 +1,7 @@
-"""Objects that a client has opened, by their handles.
+"""The objects that a client has opened, by handle.
 
-At most 1000 for a client (orin_bcap C/src/bCAPServer/bcap_server.c); a handle is never used again, so that
-a released one is told from a new one. That an object's own objects go with it is assumed.
+A client has at most 1000 (orin_bcap C/src/bCAPServer/bcap_server.c). A handle is never used again, so that a
+released one differs from a new one. It is assumed that the release of an object releases its own objects.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from bcapscope.simulator.result_codes import OUT_OF_MEMORY, TYPE_MISMATCH
 MAX_OBJECTS = 1000
 LONGEST_NAME = 255
 LARGEST_VALUE = 4096
-"""Bytes of a tag or an ID that a client may leave with an object; our bound."""
+"""Bytes of a tag or an ID that a client may store with an object; our own limit."""
 
-_HANDLE_TYPES = (VT.I4, VT.UI4, VT.I2)  # what the C server takes without complaint
+_HANDLE_TYPES = (VT.I4, VT.UI4, VT.I2)  # types that the C server accepts
 
 
 @dataclass(slots=True)
@@ -28,13 +28,13 @@ class ControllerObject:
     """One object.
 
     Attributes:
-        handle: what the client calls it by.
-        kind: its class.
-        name: as the client gave it.
-        parent: the object that it was got from; None for a controller.
-        tag: whatever the client put there.
-        id: the same; the number of a variable whose name ends in `*`.
-        values: what else belongs to its class, such as a command's parameters.
+        handle: Handle that the client uses.
+        kind: Class of the object.
+        name: Name that the client gave.
+        parent: Object from which this one was opened; None for a controller.
+        tag: Any value that the client stored.
+        id: Any value that the client stored; the number of a variable whose name ends in `*`.
+        values: Other values of the class, such as a command's parameters.
     """
 
     handle: int
@@ -60,7 +60,7 @@ class ObjectTable:
         """Open an object.
 
         Raises:
-            RefusedError: the client has 1000 already, or the name is too long.
+            RefusedError: The client has 1000 objects already, or the name is too long.
         """
         if len(self._by_handle) >= MAX_OBJECTS:
             raise RefusedError(E_MAX_OBJECT)
@@ -75,7 +75,7 @@ class ObjectTable:
         """Return the object of a handle.
 
         Raises:
-            RefusedError: there is none, or it is of another class.
+            RefusedError: The handle is unknown, or belongs to an object of another class.
         """
         value = handle.value
         found = self._by_handle.get(value) if handle.vt in _HANDLE_TYPES and isinstance(value, int) else None
@@ -86,7 +86,7 @@ class ObjectTable:
     def find_by_name(
         self, kind: ObjectClass, name: str, parent: ControllerObject | None
     ) -> ControllerObject | None:
-        """Return the open object of this name in any case, or None."""
+        """Return the open object of this name, in upper or lower case, or None."""
         folded = name.casefold()
         for each in self._by_handle.values():
             if each.kind is kind and each.parent is parent and each.name.casefold() == folded:
@@ -94,13 +94,13 @@ class ObjectTable:
         return None
 
     def release(self, target: ControllerObject) -> None:
-        """Close an object and those that were got from it."""
+        """Release an object and the objects opened from it."""
         handles = [handle for handle, each in self._by_handle.items() if _belongs_to(each, target)]
         for handle in handles:
             del self._by_handle[handle]
 
     def clear(self) -> None:
-        """Close all."""
+        """Release all objects."""
         self._by_handle.clear()
 
 
@@ -111,10 +111,10 @@ def _belongs_to(each: ControllerObject | None, owner: ControllerObject) -> bool:
 
 
 def check_storable(value: Variant) -> Variant:
-    """Check a value that a client wants to leave here.
+    """Return a value that a client wants to store, if it is allowed.
 
     Raises:
-        RefusedError: it is too large, or of a type that could not be sent back.
+        RefusedError: The value is too large, or has a type that cannot be sent back.
     """
     try:
         size = len(encode_variant(value))

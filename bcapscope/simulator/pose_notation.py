@@ -1,9 +1,9 @@
 """Poses as clients write them: text, arrays, or arrays of both.
 
-`@E J(0, 0, 90, 0)`, `@P P1`, a bare array of numbers, or a VARIANT array of numbers, type, pass and extra
-axes (ShoheiKobata/orin_bcap_python_samples, DENSORobot/denso_robot_ros2). The number of a variable may stand
-for the numbers, as in `[1, "P", "@0"]`; the samples send VT_I4, and their README says VT_R4. They also write
-the pass before the type.
+Examples: `@E J(0, 0, 90, 0)`, `@P P1`, a plain array of numbers, or a VARIANT array of numbers, type, pass
+and extra axes (ShoheiKobata/orin_bcap_python_samples, DENSORobot/denso_robot_ros2). The number of a variable
+may replace the numbers, as in `[1, "P", "@0"]`. The samples send it as VT_I4, and their README says VT_R4.
+They also write the pass before the type.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from bcapscope.simulator.call_outcome import RefusedError
 from bcapscope.simulator.kinematics import FEWEST_NUMBERS, Joints, joints_of
 
 END_OF_ENCODERS = -2
-"""@E: the motion is done when the encoders have arrived."""
+"""@E: the motion ends when the encoders arrive."""
 
 PASSING = -1
 """@P: the next motion may begin before this one ends."""
@@ -38,11 +38,11 @@ ReadVariable = Callable[[str, int], Variant]
 
 
 class MotionTarget(NamedTuple):
-    """Where a motion goes.
+    """Target of a motion.
 
     Attributes:
-        joints: eight, degrees.
-        passing: -1 for @P, -2 for @E, else the distance of @n; 0 unless given.
+        joints: Eight joints, degrees.
+        passing: -1 for @P, -2 for @E, else the distance of @n; 0 by default.
     """
 
     joints: Joints
@@ -53,9 +53,9 @@ class WrittenPose(NamedTuple):
     """A pose as a client wrote it.
 
     Attributes:
-        type: of the pose.
-        values: its numbers, at least six.
-        passing: as in `MotionTarget`.
+        type: Pose type.
+        values: Numbers of the pose, at least six.
+        passing: As in `MotionTarget`.
     """
 
     type: PoseType
@@ -64,20 +64,20 @@ class WrittenPose(NamedTuple):
 
 
 def parse_target(pose: Variant, read: ReadVariable) -> MotionTarget:
-    """Read where a motion goes; `read` gives the values of P, J and T variables.
+    """Read the target of a motion; `read` returns the values of P, J and T variables.
 
     Raises:
-        RefusedError: it makes no sense, or the arm cannot reach it.
+        RefusedError: The pose is invalid, or the arm cannot reach it.
     """
     written = parse_pose(pose, read)
     return MotionTarget(joints_of(written.type, written.values), written.passing)
 
 
 def parse_pose(pose: Variant, read: ReadVariable) -> WrittenPose:
-    """Read a pose in any notation; `read` gives the values of P, J and T variables.
+    """Read a pose in any notation; `read` returns the values of P, J and T variables.
 
     Raises:
-        RefusedError: it makes no sense.
+        RefusedError: The pose is invalid.
     """
     if isinstance(pose.value, str):
         return _from_text(pose.value, read)
@@ -98,7 +98,7 @@ def parse_pass(part: Variant) -> int:
 
 
 def parse_pass_text(text: str | None) -> int:
-    """Read what follows the `@` of a pass: `P`, `E` or a number; None is 0."""
+    """Read the text after the `@` of a pass: `P`, `E` or a number; 0 for None."""
     if text is None:
         return 0
     return {"P": PASSING, "E": END_OF_ENCODERS}.get(text.upper()) or int(text)
@@ -143,7 +143,7 @@ def _is_number(item: Variant) -> bool:
 
 
 def _is_index(items: tuple[Variant, ...]) -> bool:
-    """Tell a variable's number, type and pass from the numbers of a pose, of which there are six at least."""
+    """Return whether an array holds number, type and pass of a variable; a pose has at least six numbers."""
     return 1 < len(items) <= 4 and _is_number(items[0])
 
 
@@ -155,7 +155,7 @@ def _make_pose(type_: PoseType | None, numbers: tuple[float, ...], passing: int)
 
 
 def _type(part: Variant) -> PoseType | None:
-    """Read a pose type; None for an empty text and for -1, which is no type."""
+    """Read a pose type; None for an empty text, and for -1, which means no type."""
     value = part.value
     letter = (
         value.strip() if isinstance(value, str) else POSE_TYPES.get(argument_values.integer_of(part), "?")

@@ -1,4 +1,4 @@
-"""Poses relative to each other: X, Y, Z [mm], Rx, Ry, Rz [deg], and what follows them, such as Fig.
+"""Poses relative to each other: X, Y, Z in mm, Rx, Ry, Rz in degrees, and further numbers such as Fig.
 
 The rotation of a pose is Rz·Ry·Rx, as in `kinematics.trans`.
 """
@@ -13,7 +13,7 @@ Matrix: TypeAlias = tuple[Vector, Vector, Vector]
 """Three rows."""
 
 PoseNumbers: TypeAlias = tuple[float, ...]
-"""The six numbers of a position and orientation; more are not looked at."""
+"""The six numbers of a position and orientation; further numbers are ignored."""
 
 
 def moved_in_base(pose: PoseNumbers, deviation: PoseNumbers) -> PoseNumbers:
@@ -30,7 +30,7 @@ def moved_in_tool(pose: PoseNumbers, deviation: PoseNumbers) -> PoseNumbers:
 
 
 def relative_to(frame: PoseNumbers, pose: PoseNumbers) -> PoseNumbers:
-    """Return a pose of the base as `frame` sees it; six numbers."""
+    """Convert a pose in base coordinates to coordinates of `frame`; return six numbers."""
     back = _transposed(rotation(frame))
     ahead = _position(pose)
     away = tuple(a - b for a, b in zip(ahead, _position(frame), strict=True))
@@ -53,7 +53,8 @@ def rotation(pose: PoseNumbers) -> Matrix:
 def _combined_angles(pose: PoseNumbers, other: PoseNumbers, first: Matrix, second: Matrix) -> PoseNumbers:
     """Return the angles of first·second.
 
-    Where the other rotation is none, the angles stay as they are: set points must not jump by a full turn.
+    If the other rotation is zero, the angles of `pose` stay exactly the same: set points must not jump by a
+    full turn.
     """
     return pose[3:6] if not any(other[3:6]) else _angles(_product(first, second))
 

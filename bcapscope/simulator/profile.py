@@ -1,8 +1,8 @@
-"""Profiles: what the simulated controller answers where generations differ.
+"""Profiles: how the simulated controller answers where generations differ.
 
 Sources: DENSO Wave 2009, How to use the Slave mode (RC7); DENSORobot/denso_robot_ros2 denso_robot_core and
-ShoheiKobata/orin_bcap_python_samples (RC8, RC9); orin_bcap C/src/bCAPServer/bcap_server.c (C server). That
-a real RC8 or RC9 answers failures as the C server does is assumed, since it was built on the same library.
+ShoheiKobata/orin_bcap_python_samples (RC8, RC9); orin_bcap C/src/bCAPServer/bcap_server.c (C server). It is
+assumed that a real RC8 or RC9 reports failures like the C server, because it uses the same library.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ class NoArgument(StrEnum):
     """Which replies without a value carry no argument, in calls that can return one; the others carry EMPTY.
 
     Only the reply to slvChangeMode is documented for RC7 (DENSO Wave 2009, How to use the Slave mode).
-    DENSO's C# and Java clients throw if a successful reply of such a call has no argument.
+    DENSO's C# and Java clients throw an exception if a successful reply to such a call has no argument.
     """
 
     NEVER = "never"
@@ -57,21 +57,21 @@ class Profile:
     """One kind of controller.
 
     Attributes:
-        name: as `--profile` takes it.
-        title: in words.
-        generation: which meaning the numbers of slave modes have.
-        replies: what replies carry in reserved.
-        no_argument: replies without a value that carry no argument instead of EMPTY.
-        mode_type: type of slvGetMode's result.
-        real: element type of poses.
-        providers: accepted by Controller_Connect in any case; () where the name is ignored.
-        needs_robslave: slave mode needs the task RobSlave.
-        needs_arm: motion needs TakeArm.
-        async_detector: a late set point is an error in RC7's Async modes, as the pendant may say.
-        running_result: what slvChangeMode answers when the robot did not stand still in time.
-        lacks: commands that it does not know, in lower case.
-        version: value of @VERSION.
-        defects: of the C server that are imitated.
+        name: Name for `--profile`.
+        title: Title for people.
+        generation: Generation, which decides the meaning of slave-mode numbers.
+        replies: What replies carry in reserved.
+        no_argument: Replies without a value that carry no argument instead of EMPTY.
+        mode_type: Type of slvGetMode's result.
+        real: Element type of poses.
+        providers: Names that Controller_Connect accepts, in upper or lower case; () if it ignores the name.
+        needs_robslave: Whether slave mode needs the task RobSlave.
+        needs_arm: Whether motion needs TakeArm.
+        async_detector: Whether a late set point is an error in RC7's Async modes; a setting of the pendant.
+        running_result: Result of slvChangeMode if the robot did not stand still in time.
+        lacks: Commands that the controller does not know, in lower case.
+        version: Value of @VERSION.
+        defects: Defects of the C server that the simulator imitates.
     """
 
     name: str

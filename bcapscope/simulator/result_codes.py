@@ -1,7 +1,7 @@
-"""Results that the simulated controller refuses with, by what they say.
+"""Result codes with which the simulated controller refuses calls, named by meaning.
 
 Meanings: the public list of controller errors in nkawa/Denso_CobottaPro900_MQTT_Control; symbols of CAO:
-orin_bcap CSharp ORiNDefine.cs. Codes with an axis are those of axis 0, the axis 1..8 is added.
+orin_bcap CSharp ORiNDefine.cs. A code with an axis is listed for axis 0; add the axis 1..8.
 """
 
 from __future__ import annotations
@@ -40,5 +40,5 @@ BRACKET_IS_CLOSED = {"time": 0x83500191, "move": 0x83500192}
 
 
 def error_level(code: int) -> int:
-    """Return the error level of a controller code, its second hex digit; 0 for the others."""
+    """Return the error level of a controller code, its second hex digit; 0 for other codes."""
     return code >> 24 & 0xF if code >> 28 == 8 else 0

@@ -1,7 +1,7 @@
-"""Commands of Robot_Execute that are neither motions nor of slave mode.
+"""Commands of Robot_Execute other than motions and slave mode.
 
 Names, parameters and results: ShoheiKobata/orin_bcap_python_samples, DENSORobot/denso_robot_ros2,
-nkawa/Denso_CobottaPro900_MQTT_Control. Results that no source printed are as `command_table` infers them.
+nkawa/Denso_CobottaPro900_MQTT_Control. Results that no source printed are inferred as in `command_table`.
 """
 
 from __future__ import annotations
@@ -39,8 +39,9 @@ _KEEP, _SQUARE = -1, -2
 
 
 def take_arm(context: CallContext, parameter: Variant) -> CallOutcome:
-    """Run TakeArm: refused while another client has the arm; sets the internal speed, tool and work back
-    unless the second number is 1.
+    """Run TakeArm; refused while another client has the arm.
+
+    Unless the second number is 1, it resets the internal speed, tool and work.
     """
     machine, items = context.machine, items_of(parameter)
     keeps = len(items) > 1 and integer_of(items[1]) == 1
@@ -54,7 +55,7 @@ def take_arm(context: CallContext, parameter: Variant) -> CallOutcome:
 
 
 def give_arm(context: CallContext, parameter: Variant) -> CallOutcome:
-    """Run GiveArm: nothing happens where the arm is not this client's."""
+    """Run GiveArm; has no effect if another client has the arm."""
     if context.machine.owner == context.client:
         context.machine.owner = None
     return DONE
@@ -107,7 +108,7 @@ def destination(context: CallContext, parameter: Variant) -> CallOutcome:
 
 
 def motion_complete(context: CallContext, parameter: Variant) -> CallOutcome:
-    """Run MotionComplete: by the command, or by the encoders where the second number is 1."""
+    """Run MotionComplete: by the command, or by the encoders if the second number is 1."""
     items = items_of(parameter)
     by_encoders = len(items) > 1 and integer_of(items[1]) == 1
     machine = context.machine
@@ -116,7 +117,7 @@ def motion_complete(context: CallContext, parameter: Variant) -> CallOutcome:
 
 
 def servo_data(context: CallContext, parameter: Variant) -> CallOutcome:
-    """Run GetSrvData: the deviation of the encoders for 2, else a number of the same size."""
+    """Run GetSrvData: the lag of the encoders in degrees, for any number as parameter."""
     integer_of(parameter)
     return CallResult(value=float_array(VT.R8, currents(context)))
 

@@ -1,8 +1,8 @@
-"""Scenarios: what a controller is like and what goes wrong with it, as validated frozen data from YAML.
+"""Scenarios: the state of a controller and what goes wrong with it, as validated frozen data from YAML.
 
-A scenario is read by `read_scenario` and played by `bcapscope.simulator.scenario_runner.ScenarioRunner`. The
-durations, limits and moments in those that come with bcapscope are ours; what they show is what the users of
-real controllers have met, as each of them says.
+`read_scenario` reads a scenario, and `bcapscope.simulator.scenario_runner.ScenarioRunner` plays it. In the
+bundled scenarios, durations, limits and moments are our own. What they show has happened to users of real
+controllers, as each scenario says.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ _SHIPPED = "scenarios"
 
 
 class ProfileName(StrEnum):
-    """Profiles by their names."""
+    """Names of the profiles."""
 
     RC7 = "rc7"
     RC8 = "rc8"
@@ -74,7 +74,7 @@ class ServerDefect(StrEnum):
 
     @property
     def defect(self) -> Defect:
-        """As the responder has it."""
+        """The defect as the responder names it."""
         return Defect[self.name]
 
 
@@ -86,29 +86,29 @@ class ScenarioTransport(StrEnum):
 
 
 class ClientProgram(StrEnum):
-    """What a client does that meets the trouble of a scenario; each goes well without it."""
+    """What a client does; without the trouble of a scenario, each of these succeeds."""
 
     CALLS = "calls"
-    """Connects, reads and writes a few variables, and says goodbye."""
+    """Connects, reads and writes a few variables, and disconnects."""
     MOTION = "motion"
-    """Also takes the arm, switches the motor on and moves the robot to and fro."""
+    """Like `CALLS`; also takes the arm, switches the motor on and moves the robot to and fro."""
     SLAVE = "slave"
-    """Also moves to a first position with @E and sends set points in slave mode: in a waiting mode whenever
-    there is an answer, in another one each 8 ms."""
+    """Like `MOTION`; also moves to a first position with @E and sends set points in slave mode. If the mode
+    paces the client, each reply triggers the next set point; else the client sends one every 8 ms."""
     PASSING = "passing"
-    """The same, but with @P on the motion before slave mode."""
+    """Like `SLAVE`, but with @P on the motion before slave mode."""
     GRIPPER = "gripper"
-    """The same as `SLAVE`, while a second client writes an output now and then."""
+    """Like `SLAVE`, while a second client writes an output now and then."""
 
 
 class ScenarioClient(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The client that meets the trouble.
+    """The client that a scenario is made for.
 
     Attributes:
-        session: what it does.
-        over: what it talks over.
-        mode: of slvChangeMode.
-        options: of Service_Start.
+        session: What the client does.
+        over: Its transport.
+        mode: Slave mode for slvChangeMode.
+        options: Options of Service_Start.
     """
 
     session: ClientProgram = ClientProgram.SLAVE
@@ -118,23 +118,23 @@ class ScenarioClient(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class InitialSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What the controller is like when it is switched on.
+    """State of the controller when it is switched on.
 
     Attributes:
-        joints: where the arm is, six angles in degrees.
-        mode: position of the mode switch.
-        token: whether the executable token is Ethernet's.
-        motor: whether the motor is on.
-        motor_time: how long it takes to go on.
-        speed: external speed in percent, as set on the pendant.
-        type_name: of the robot.
-        errors: that are active, the oldest first.
-        empty: names of variables of the robot that answer EMPTY, such as @CURRENT_ANGLE.
-        emergency: whether the emergency stop is pressed.
-        arm_taken: whether a client that is not seen has the arm.
-        object_width: width in mm of an object between the fingers of the hands; None for no object.
-        udp_clients: places on UDP that half-open clients hold, of 20.
-        tcp_clients: the same on TCP.
+        joints: Position of the arm, six angles in degrees.
+        mode: Position of the mode switch.
+        token: Whether Ethernet has the executable token.
+        motor: Whether the motor is on.
+        motor_time: Time that the motor takes to go on.
+        speed: External speed in percent, as set on the pendant.
+        type_name: Type name of the robot.
+        errors: Active errors, oldest first.
+        empty: Names of variables of the robot that answer EMPTY, such as @CURRENT_ANGLE.
+        emergency: Whether the emergency stop is pressed.
+        arm_taken: Whether a client outside this network has the arm.
+        object_width: Width in mm of an object between the fingers of the hands; None for no object.
+        udp_clients: Places on UDP that half-open clients hold, of 20.
+        tcp_clients: The same on TCP.
     """
 
     joints: Joints6 = HOME[:6]
@@ -166,8 +166,8 @@ class TaskSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Programs of the controller.
 
     Attributes:
-        loaded: those that there are.
-        running: those of them that run.
+        loaded: Names of all programs.
+        running: Names of those that run.
     """
 
     loaded: Names = (ROBSLAVE, "Pro1")
@@ -181,13 +181,13 @@ class TaskSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class AxisLimitSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What one axis can do; what is not given stays as it is.
+    """Limits of one axis; a missing limit keeps its usual value.
 
     Attributes:
-        low: degrees.
-        high: degrees.
-        speed: degrees a second.
-        acceleration: degrees a second squared.
+        low: Lowest angle, degrees.
+        high: Highest angle, degrees.
+        speed: Highest speed, degrees a second.
+        acceleration: Highest acceleration, degrees a second squared.
     """
 
     low: Annotated[float, Meta(ge=-360, le=360)] | None = None
@@ -200,13 +200,13 @@ class AxisLimitSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True)
             raise FieldError(("low",), "is above high")
 
     def applied_to(self, usual: AxisLimit) -> AxisLimit:
-        """Return the limits of an axis that usually has `usual`."""
+        """Return the limits of an axis, with missing ones from `usual`."""
         given = {name: value for name, value in msgspec.structs.asdict(self).items() if value is not None}
         return usual._replace(**given)
 
 
 class AxisLimitsSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What the axes can do; those that are not given stay as they are."""
+    """Limits of all axes; missing axes keep their usual limits."""
 
     J1: AxisLimitSettings = AxisLimitSettings()
     J2: AxisLimitSettings = AxisLimitSettings()
@@ -223,24 +223,24 @@ class AxisLimitsSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True
 
 
 class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A controller, and what goes wrong.
+    """A controller, and what goes wrong with it.
 
     Attributes:
-        title: one sentence: what it shows.
-        story: what happens, what the controller does about it, and who has met it.
-        shows: the rule that `bcapscope diagnose` names as the first cause; None where that is left open.
-        then: other rules that it names, among those that the client's conduct decides on.
-        client: that meets it.
-        profile: kind of controller.
-        defects: of DENSO's C server that it has; None for those of the profile.
-        no_argument: replies without a value that carry no argument; None for those of the profile.
-        start: what it is like at the beginning.
-        variables: values by name, such as ``I1``, ``P3`` or ``IO128``.
-        tasks: programs.
-        limits: of the axes.
-        faults: faults of messages and events, from the start on.
-        in_slave_mode: the same, from the moment on when slave mode is entered for the first time.
-        seed: of what is drawn by lot.
+        title: What the scenario shows, one sentence.
+        story: What happens, how the controller reacts, and which users it has happened to.
+        shows: Rule that `bcapscope diagnose` reports as the root cause; None if that is left open.
+        then: Other rules that it reports, among those that depend on the client.
+        client: Client that the scenario is made for.
+        profile: Kind of controller.
+        defects: Defects of DENSO's C server that it has; None for those of the profile.
+        no_argument: Replies without a value that carry no argument; None for those of the profile.
+        start: Initial state.
+        variables: Values by name, such as ``I1``, ``P3`` or ``IO128``.
+        tasks: Programs.
+        limits: Limits of the axes.
+        faults: Faults and events from the start on.
+        in_slave_mode: Faults and events from the first time that slave mode is entered.
+        seed: Random seed.
     """
 
     title: Text
@@ -276,7 +276,7 @@ class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     @property
     def controller_profile(self) -> Profile:
-        """The profile with what the scenario changes in it."""
+        """The profile, with the changes of the scenario."""
         profile = self.profile.profile
         if self.defects is not None:
             profile = replace(
@@ -287,7 +287,7 @@ class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         return profile
 
     def initial_state(self, epoch: int = 0) -> InitialState:
-        """Return the state of the controller at the beginning; `epoch` as in `InitialState`."""
+        """Return the initial state of the controller; `epoch` is as in `InitialState`."""
         start = self.start
         return InitialState(
             joints=pad_joints(start.joints),
@@ -311,10 +311,10 @@ class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         )
 
     def write_variables(self, memory: VariableMemory) -> None:
-        """Write the variables.
+        """Write the variables of the scenario.
 
         Raises:
-            FieldError: there is no such variable, or the value does not fit.
+            FieldError: A variable does not exist, or its value does not fit.
         """
         for name, value in self.variables.items():
             match = _VARIABLE.fullmatch(name.upper())
@@ -340,19 +340,19 @@ def _variant(value: VariableSetting) -> Variant:
 
 
 def bundled_scenarios() -> Mapping[str, str]:
-    """Return the YAML of the scenarios that come with bcapscope, by their names in alphabetical order."""
+    """Return the YAML of the bundled scenarios by name, in alphabetical order."""
     files = [each for each in resources.files("bcapscope.simulator").joinpath(_SHIPPED).iterdir()]
     found = {each.name.removesuffix(".yaml"): each for each in files if each.name.endswith(".yaml")}
     return {name: found[name].read_text(encoding="utf-8") for name in sorted(found)}
 
 
 def load_scenario(name_or_path: str) -> Scenario:
-    """Read a scenario that comes with bcapscope by its name, or one from a file.
+    """Read a bundled scenario by its name, or a scenario from a file.
 
     Raises:
-        DocumentError: it makes no sense.
-        LookupError: there is none of that name.
-        OSError: the file cannot be read.
+        DocumentError: The scenario is invalid.
+        LookupError: There is no bundled scenario of that name.
+        OSError: The file cannot be read.
     """
     if name_or_path in bundled_scenarios():
         return read_scenario(bundled_scenarios()[name_or_path])
@@ -371,6 +371,6 @@ def read_scenario(text: str) -> Scenario:
     """Read a scenario from YAML.
 
     Raises:
-        DocumentError: it makes no sense; the error names line and field.
+        DocumentError: The scenario is invalid; the error names line and field.
     """
     return read_document(text, Scenario)

@@ -1,7 +1,7 @@
-"""What happens to a controller that no client has asked for: the emergency stop, a hand on the pendant.
+"""Events at a controller that no client asked for, such as the emergency stop or an action on the pendant.
 
-Each event is validated data and knows how it happens. Together with the faults of messages, whose vocabulary
-they share, they are what goes wrong in a scenario; `action` tells them apart in a document.
+Each event is validated data and knows how to apply itself. Events share the notation of message faults;
+`action` distinguishes them in a document.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ class OperatingMode(StrEnum):
 
     @property
     def number(self) -> int:
-        """As @MODE tells it."""
+        """The value of @MODE."""
         return {
             OperatingMode.MANUAL: MANUAL,
             OperatingMode.TEACH_CHECK: TEACH_CHECK,
@@ -46,14 +46,14 @@ class OperatingMode(StrEnum):
 
 
 class ScenarioEvent(Fault, frozen=True, kw_only=True):
-    """What all events have: when they happen.
+    """Fields of all events.
 
-    An event with a condition or a try happens just before a request that suits is looked at; another one
-    happens by itself, once.
+    An event with a condition or an attempt number happens just before the controller gets a matching request.
+    Any other event happens automatically, once.
 
     Attributes:
-        direction: of the messages that let it happen.
-        times: so often at most.
+        direction: Direction of the messages that can trigger the event.
+        times: How often the event happens at most.
     """
 
     direction: Direction | None = Direction.REQUEST
@@ -73,12 +73,12 @@ class ScenarioEvent(Fault, frozen=True, kw_only=True):
 
     @property
     def is_timed(self) -> bool:
-        """Whether it happens by itself, when `after` is over."""
+        """Whether the event happens automatically, when the time `after` is over."""
         return self.when is None and self.attempt is None
 
 
 class EmergencyStop(ScenarioEvent, frozen=True, kw_only=True, tag="emergency-stop"):
-    """The emergency stop is pressed, and stays pressed."""
+    """Somebody presses the emergency stop, which stays pressed."""
 
     def apply(self, simulator: Simulator, now: int) -> list[SimulatorOutput]:
         simulator.machine.press_emergency_stop(now)
@@ -86,7 +86,7 @@ class EmergencyStop(ScenarioEvent, frozen=True, kw_only=True, tag="emergency-sto
 
 
 class ReleaseEmergencyStop(ScenarioEvent, frozen=True, kw_only=True, tag="let-go"):
-    """The emergency stop is let go; its error stays until ClearError."""
+    """Somebody releases the emergency stop; its error stays active until ClearError."""
 
     def apply(self, simulator: Simulator, now: int) -> list[SimulatorOutput]:
         simulator.machine.emergency = False
@@ -94,7 +94,7 @@ class ReleaseEmergencyStop(ScenarioEvent, frozen=True, kw_only=True, tag="let-go
 
 
 class MotorOff(ScenarioEvent, frozen=True, kw_only=True, tag="motor-off"):
-    """Somebody switches the motor off, or opens the door that does."""
+    """Somebody switches the motor off, or opens a door that does."""
 
     def apply(self, simulator: Simulator, now: int) -> list[SimulatorOutput]:
         simulator.machine.switch_motor(False, now)
@@ -102,10 +102,10 @@ class MotorOff(ScenarioEvent, frozen=True, kw_only=True, tag="motor-off"):
 
 
 class RaiseError(ScenarioEvent, frozen=True, kw_only=True, tag="error"):
-    """The controller has an error, which ends motions and slave mode and stays until ClearError.
+    """An error occurs: motions and slave mode end, and the error stays active until ClearError.
 
     Attributes:
-        code: of the error.
+        code: Code of the error.
     """
 
     code: HresultQuantity
@@ -124,7 +124,7 @@ class SwitchMode(ScenarioEvent, frozen=True, kw_only=True, tag="mode"):
     """Somebody turns the mode switch of the pendant.
 
     Attributes:
-        to: where to.
+        to: New position.
     """
 
     to: OperatingMode
@@ -138,7 +138,7 @@ class StopTask(ScenarioEvent, frozen=True, kw_only=True, tag="stop-task"):
     """Somebody stops a program on the pendant.
 
     Attributes:
-        task: its name.
+        task: Name of the program.
     """
 
     task: Annotated[str, Meta(min_length=1, max_length=LONGEST_NAME)]
@@ -149,7 +149,7 @@ class StopTask(ScenarioEvent, frozen=True, kw_only=True, tag="stop-task"):
 
 
 class TakeArm(ScenarioEvent, frozen=True, kw_only=True, tag="take-arm"):
-    """The arm goes to a client on another network, or to the pendant."""
+    """A client on another network, or the pendant, takes the arm."""
 
     def apply(self, simulator: Simulator, now: int) -> list[SimulatorOutput]:
         simulator.machine.owner = OTHER_CLIENT
@@ -157,11 +157,11 @@ class TakeArm(ScenarioEvent, frozen=True, kw_only=True, tag="take-arm"):
 
 
 class MoveArm(ScenarioEvent, frozen=True, kw_only=True, tag="move"):
-    """The arm is moved by somebody else, unless set points have it or a motion is held.
+    """Somebody else moves the arm, unless slave mode is on or a motion is held.
 
     Attributes:
-        joints: where to, six angles in degrees.
-        speed: percent of the highest.
+        joints: Target, six angles in degrees.
+        speed: Percent of the highest speed.
     """
 
     joints: Joints6
@@ -175,7 +175,7 @@ class MoveArm(ScenarioEvent, frozen=True, kw_only=True, tag="move"):
 
 
 class ResetController(ScenarioEvent, frozen=True, kw_only=True, tag="reset"):
-    """Somebody presses Reset on the pendant: all clients are forgotten, their connections closed."""
+    """Somebody presses Reset on the pendant: the controller forgets all clients and closes connections."""
 
     def apply(self, simulator: Simulator, now: int) -> list[SimulatorOutput]:
         return simulator.reset(now)
@@ -192,4 +192,4 @@ AnyEvent: TypeAlias = (
     | MoveArm
     | ResetController
 )
-"""Every event."""
+"""Any event."""

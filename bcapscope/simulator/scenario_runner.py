@@ -1,8 +1,8 @@
-"""Where a scenario is played: a simulator, and between it and its clients the faults of the scenario.
+"""Playing a scenario: a simulator, with the faults of the scenario between it and its clients.
 
-Like the simulator it does no I/O and has no clock, and whatever serves a simulator serves this. What a client
-sends has passed the socket before it comes here, and what is answered here passes it afterwards: a capture
-made at the socket shows what a capture at the controller's end of the cable would show.
+Like the simulator, a `ScenarioRunner` does no I/O and has no clock, and `SimulatorServer` can serve it in the
+same way. Requests pass the socket before the faults, and replies pass it after them. So a capture made at the
+socket shows what a capture at the controller's end of the cable would show.
 """
 
 from __future__ import annotations
@@ -25,13 +25,13 @@ from bcapscope.traffic.call_kind import RecentRequests
 from bcapscope.traffic.observation import Conversation, Direction, Endpoint, Flow, Transport
 
 MAX_LINES = 1024
-"""Clients that are told apart; where there are more, those on UDP go that have been silent for longest."""
+"""Clients at most; beyond that, the longest silent UDP client is forgotten."""
 
 _HERE = Endpoint("simulator", 0)
 
 
 class _ClientLine(NamedTuple):
-    """The way to one client and back."""
+    """The connection to one client: `up` carries requests, `down` replies."""
 
     peer: Peer
     up: Flow
@@ -40,22 +40,22 @@ class _ClientLine(NamedTuple):
 
 
 class _TriggeredEvent(NamedTuple):
-    """An event that waits for a request."""
+    """An event that a request triggers."""
 
     event: AnyEvent
     striker: FaultMatcher
 
 
 def _ignore(news: str) -> None:
-    """Take no notice."""
+    """Ignore the news."""
 
 
 class ScenarioRunner:
-    """A simulator to which things happen.
+    """A simulator with the faults and events of a scenario.
 
     Attributes:
-        simulator: the controller.
-        shaper: the faults of messages at work.
+        simulator: The controller.
+        shaper: Applies the faults to messages.
     """
 
     def __init__(
@@ -70,11 +70,11 @@ class ScenarioRunner:
         """Begin to play.
 
         Args:
-            scenario: what is to happen.
-            simulator: made with the scenario's profile and beginning.
-            now: ns, as the simulator was given.
-            seed: other than that of the scenario.
-            on_news: told in words what happens.
+            scenario: The faults and events.
+            simulator: A simulator with the scenario's profile and initial state.
+            now: Current time of the simulator's clock, ns.
+            seed: Random seed; None for that of the scenario.
+            on_news: Called with the name of each event and fault that acts.
         """
         self.simulator = simulator
         self._scenario = scenario
@@ -94,12 +94,12 @@ class ScenarioRunner:
         self._schedule(scenario.faults, now)
 
     def on_datagram(self, peer: Peer, data: bytes, now: int) -> list[SimulatorOutput]:
-        """Take a UDP datagram; return what to send."""
+        """Process a UDP datagram; return what to send."""
         outputs = self._advance_to(now)
         return outputs + self._on_client_message(self._line_of(peer, Transport.UDP), data, now)
 
     def on_connect(self, peer: Peer, now: int, is_stop: bool = False) -> bool:
-        """Take a TCP connection; return False if there are too many, for the caller to close it."""
+        """Accept a TCP connection; return False if there are too many, so that the caller closes it."""
         self._line_of(peer, Transport.TCP)
         taken = self.simulator.on_connect(peer, now, is_stop)
         if not taken:
@@ -107,7 +107,7 @@ class ScenarioRunner:
         return taken
 
     def on_segment(self, peer: Peer, data: bytes, now: int) -> list[SimulatorOutput]:
-        """Take bytes of a connection; return what to send."""
+        """Process bytes of a connection; return what to send."""
         outputs = self._advance_to(now)
         line = self._lines.get(peer)
         if line is None or line.splitter is None:
@@ -118,28 +118,28 @@ class ScenarioRunner:
         return outputs
 
     def on_disconnect(self, peer: Peer, now: int) -> None:
-        """Let go of a client that is gone, unless the controller is not to notice."""
+        """Remove a client that is gone, unless a fault hides this from the controller."""
         line = self._lines.get(peer)
         if line is None or self.shaper.passes_close(line.up.conversation):
             self.simulator.on_disconnect(peer, now)
         self._remove_client(peer)
 
     def reset(self, now: int) -> list[SimulatorOutput]:
-        """Press the pendant's Reset button."""
+        """Press the pendant's Reset button; return what to send."""
         return self._send_to_clients(self.simulator.reset(now), now)
 
     def advance(self, now: int) -> list[SimulatorOutput]:
-        """Let time pass; return what to send."""
+        """Advance the model to `now`; return what to send."""
         return self._advance_to(now)
 
     def due(self, now: int) -> int | None:
-        """Return when `advance` is to be called next at the latest; None if nothing is under way."""
+        """Return the latest time for the next `advance`, ns; None if nothing is under way."""
         times = (self.simulator.due(now), self.shaper.due(), self._timed[0][0] if self._timed else None)
         return min((time for time in times if time is not None), default=None)
 
     @property
     def runs_in_real_time(self) -> bool:
-        """Whether its time goes on while it gets no processor."""
+        """Whether the model's time continues while the process gets no processor time."""
         return self.simulator.runs_in_real_time
 
     @property
@@ -147,7 +147,7 @@ class ScenarioRunner:
         """Whether a call waits for time to pass."""
         return self.simulator.has_running_calls
 
-    # what happens
+    # faults and events
 
     def _schedule(self, faults_and_events: FaultsAndEvents, now: int) -> None:
         for each in faults_and_events:
@@ -166,7 +166,7 @@ class ScenarioRunner:
         return self._send_to_clients(event.apply(self.simulator, now), now)
 
     def _advance_to(self, now: int) -> list[SimulatorOutput]:
-        """Let everything happen that is due by now, in the order of its time."""
+        """Run everything that is due by `now`, in order of time."""
         outputs: list[SimulatorOutput] = []
         while self._timed and self._timed[0][0] <= now:
             when, _, event = heapq.heappop(self._timed)
@@ -185,14 +185,14 @@ class ScenarioRunner:
     # messages
 
     def _on_client_message(self, line: _ClientLine, data: bytes, now: int) -> list[SimulatorOutput]:
-        """Take one message of a client."""
+        """Process one message of a client; return what to send."""
         outputs = self._trigger_events(line, data, now) if self._triggered else []
         taken = self.shaper.process_message(line.up, data, now)
         self._report_touched(taken.fault_notes)
         return outputs + self._carry_out(taken.outputs, now)
 
     def _trigger_events(self, line: _ClientLine, data: bytes, now: int) -> list[SimulatorOutput]:
-        """Let those events happen that have waited for this message."""
+        """Apply the events that this message triggers."""
         self._messages += 1
         message = WireMessage(self._messages, line.up, data, now, now + self._epoch)
         message.annotate_with_attempts(self._recent_requests, self._attempts)
@@ -204,7 +204,7 @@ class ScenarioRunner:
         return outputs
 
     def _carry_out(self, verdicts: Iterable[Verdict], now: int) -> list[SimulatorOutput]:
-        """Bring to the controller, or to the client, what the faults have left of messages."""
+        """Pass on to controller or client what the faults have left of messages."""
         outputs: list[SimulatorOutput] = []
         for verdict in verdicts:
             if isinstance(verdict, CloseConnection):
@@ -227,7 +227,7 @@ class ScenarioRunner:
         return outputs
 
     def _send_to_clients(self, outputs: Iterable[SimulatorOutput], now: int) -> list[SimulatorOutput]:
-        """Send what the controller says through the faults."""
+        """Pass the controller's replies through the faults."""
         said: list[SimulatorOutput] = []
         for output in outputs:
             line = self._lines.get(output.peer)
@@ -279,7 +279,7 @@ class ScenarioRunner:
 
 
 def _endpoint(peer: Peer) -> Endpoint:
-    """Return host and port of a client that is known by its address, as the server knows it."""
+    """Return host and port of a client whose key is its address, as in `SimulatorServer`."""
     match peer:
         case (_, (str(host), int(port), *_)):
             return Endpoint(host, port)

@@ -1,7 +1,8 @@
-"""The simulated controller with its clients: datagrams and segments in, datagrams and segments out.
+"""The simulated controller with its clients: takes datagrams and segments, returns datagrams and segments.
 
-It does no I/O and has no clock. Limits of clients: orin_bcap C/src/bCAPServer/bcap_server.c. That server's
-UDP service ends when a datagram begins like a frame and is none; here such a datagram is dropped and counted.
+It does no I/O and has no clock. The limits on clients are those of orin_bcap C/src/bCAPServer/bcap_server.c.
+That server's UDP service ends when a datagram begins like a frame but is none. Here such a datagram is
+dropped and counted.
 """
 
 from __future__ import annotations
@@ -19,32 +20,32 @@ from bcapscope.simulator.machine import InitialState, Machine
 from bcapscope.simulator.profile import Profile
 
 MAX_CLIENTS = 20
-"""On TCP, and again on UDP."""
+"""Clients on TCP, and as many on UDP."""
 
 STOP_CLIENTS = 4
-"""Additional clients of each transport whose first request is a stop. DENSO's C server refuses them; this
-limit is our own."""
+"""Additional clients of each transport, if their first request is a stop. DENSO's C server refuses them; this
+limit is bcapscope's own."""
 
 EVICTABLE_AFTER_NS = 10_000_000_000
-"""ns of silence after which a UDP client gives way to a new one when the list is full."""
+"""Silence, ns, after which a new client replaces a UDP client when the list is full."""
 
 LARGEST_REQUEST = 64 * 1024
-"""Bytes of a request on TCP; our bound, so that a client cannot fill the memory."""
+"""Largest request on TCP in bytes; our own limit, so that a client cannot fill the memory."""
 
 Peer: TypeAlias = Hashable
-"""Whatever names a client to the caller: an address, a connection."""
+"""Key by which the caller identifies a client, such as an address or a connection."""
 
 
 class ResetMarker(bytes):
-    """No data, which ends a connection, and that by reset."""
+    """Empty data that closes a connection by reset."""
 
 
 class SimulatorOutput(NamedTuple):
     """Something to send.
 
     Attributes:
-        peer: to whom.
-        data: one frame; empty to close the connection.
+        peer: The client to send to.
+        data: One frame; empty to close the connection.
     """
 
     peer: Peer
@@ -57,27 +58,27 @@ class _Link(NamedTuple):
 
 
 def _sound_frame(data: bytes) -> Frame | None:
-    """Return the one sound frame that a datagram is, or None; of a flood as fast as can be."""
+    """Return the frame if a datagram is exactly one sound frame, else None; fast, because of floods."""
     size = len(data)
     if not SMALLEST_FRAME <= size <= LARGEST_UDP_FRAME or data[0] != SOH or data[-1] != EOT:
         return None
     frame = Frame(data)
-    if frame.template_match is not None:  # one that is known is sound
+    if frame.template_match is not None:  # a frame that matches a template is sound
         return frame
     return frame if frame.length == size and not frame.problems else None
 
 
 def _ignore(peer: Peer, report: CallReport) -> None:
-    """Take no notice of a call."""
+    """Ignore the call."""
 
 
 class Simulator:
     """A controller and all its clients.
 
     Attributes:
-        machine: the controller.
-        dropped: datagrams that were no sound frame, or came from a client too many.
-        refused: connections closed because of a bad frame or because there were too many.
+        machine: The controller.
+        dropped: Datagrams that were no sound frame, or came from a client beyond the limit.
+        refused: Connections closed because of a bad frame or because there were too many.
     """
 
     def __init__(
@@ -90,10 +91,10 @@ class Simulator:
         """Switch the controller on.
 
         Args:
-            profile: what kind it is.
-            initial_state: its state at the beginning.
-            now: ns; all later times count on the same clock.
-            report: called with the client and each call that is answered.
+            profile: Kind of controller.
+            initial_state: State at the beginning.
+            now: Current time, ns; all later times use the same clock.
+            report: Called with the client and each answered call.
         """
         self.machine = Machine(profile, initial_state, now)
         self.dropped = 0
@@ -101,7 +102,7 @@ class Simulator:
         self._report = report
         self._links: dict[Peer, _Link] = {}
         self._running: dict[Peer, CallExecutor] = {}
-        self._stops: dict[Peer, None] = {}  # UDP clients in a kept place, the oldest first
+        self._stops: dict[Peer, None] = {}  # UDP clients in the places kept for stops, oldest first
         self._number = 0
         for place in range(self.machine.initial_state.udp_clients):
             self._add_client(("half-open", "udp", place), None, now)
@@ -109,7 +110,7 @@ class Simulator:
             self._add_client(("half-open", "tcp", place), StreamSplitter(limit=LARGEST_REQUEST), now)
 
     def on_datagram(self, peer: Peer, data: bytes, now: int) -> list[SimulatorOutput]:
-        """Take a UDP datagram; return what to send."""
+        """Process a UDP datagram; return what to send."""
         frame = _sound_frame(data)
         if frame is None:
             self.dropped += 1
@@ -121,12 +122,12 @@ class Simulator:
         return self._on_request(peer, link.executor, frame, now)
 
     def on_connect(self, peer: Peer, now: int, is_stop: bool = False) -> bool:
-        """Take a TCP connection; return False if there are too many, for the caller to close it.
+        """Accept a TCP connection; return False if there are too many, so that the caller closes it.
 
         Args:
-            peer: the client.
-            now: ns.
-            is_stop: its first request is a stop, which is taken beyond the usual limit.
+            peer: The client.
+            now: Time, ns.
+            is_stop: Its first request is a stop, which is accepted beyond the usual limit.
         """
         if self._client_count(udp=False) >= MAX_CLIENTS + STOP_CLIENTS * is_stop:
             self.refused += 1
@@ -135,9 +136,9 @@ class Simulator:
         return True
 
     def on_segment(self, peer: Peer, data: bytes, now: int) -> list[SimulatorOutput]:
-        """Take bytes of a connection; return what to send.
+        """Process bytes of a connection; return what to send.
 
-        A bad frame ends the connection without a reply, bytes outside of any frame are skipped.
+        A bad frame ends the connection without a reply. Bytes outside any frame are skipped.
         """
         link = self._links.get(peer)
         if link is None or link.splitter is None:
@@ -156,7 +157,7 @@ class Simulator:
         return outputs
 
     def on_disconnect(self, peer: Peer, now: int) -> None:
-        """Let go of a client that is gone."""
+        """Remove a client that is gone."""
         link = self._links.pop(peer, None)
         self._running.pop(peer, None)
         self._stops.pop(peer, None)
@@ -164,19 +165,19 @@ class Simulator:
             link.executor.close(now)
 
     def reset(self, now: int) -> list[SimulatorOutput]:
-        """Press the pendant's Reset button: every client is forgotten (DENSO Wave 2009)."""
+        """Press the pendant's Reset button: the controller forgets every client (DENSO Wave 2009)."""
         peers = [peer for peer, link in self._links.items() if link.splitter is not None]
         for peer in list(self._links):
             self.on_disconnect(peer, now)
         return [SimulatorOutput(peer, b"") for peer in peers]
 
     def advance(self, now: int) -> list[SimulatorOutput]:
-        """Let time pass; return what to send."""
+        """Advance the model to `now`; return what to send."""
         self.machine.advance(now)
         return self._poll(now) if self._running else []
 
     def due(self, now: int) -> int | None:
-        """Return when `advance` is to be called next at the latest; None if nothing is under way."""
+        """Return the latest time for the next `advance`, ns; None if nothing is under way."""
         due = self.machine.due()
         if not self._running:
             return due
@@ -185,7 +186,7 @@ class Simulator:
 
     @property
     def runs_in_real_time(self) -> bool:
-        """Whether its time goes on while it gets no processor, as that of clients does that set the pace."""
+        """Whether the model's time continues without processor time, as for clients that set the pace."""
         mode = self.machine.slave.mode
         return mode is not None and mode.overwrites_waiting
 
@@ -196,16 +197,16 @@ class Simulator:
 
     @property
     def client_count(self) -> int:
-        """Clients that are remembered."""
+        """Number of clients that the controller remembers."""
         return len(self._links)
 
     def _on_request(
         self, peer: Peer, conversation: CallExecutor, frame: Frame, now: int
     ) -> list[SimulatorOutput]:
-        """Hand on a request; what others wait for may have come true by it."""
+        """Pass on a request, then poll the running calls, which the request may have completed."""
         outputs = []
         for each in conversation.on_request(frame, now):
-            outputs.append(SimulatorOutput(peer, each))  # a list made at once would take a call of its own
+            outputs.append(SimulatorOutput(peer, each))  # a comprehension would cost a call of its own
         if conversation.running:
             self._running[peer] = conversation
         return outputs + self._poll(now) if self._running else outputs
@@ -233,7 +234,7 @@ class Simulator:
         return self._add_client(peer, None, now)
 
     def _evict_silent_client(self, now: int) -> bool:
-        """Forget the UDP client that has been silent for longest, if that is long enough."""
+        """Forget the UDP client that has been silent longest; return False if none was silent long enough."""
         silent = [(link.executor.last_heard, peer) for peer, link in self._links.items() if not link.splitter]
         heard, peer = min(silent, key=lambda each: each[0])
         if now - heard < EVICTABLE_AFTER_NS:

@@ -1,10 +1,12 @@
-"""The controller's time: that of this machine, less what this program got no processor for.
+"""The controller's time: the machine's time without pauses in which this process got no processor time.
 
-A real controller never waits for a processor. Where we had none while something was due or a request lay in
-our socket, our time stands still from then on until we have: else 8 ms would go by before the reply is sent
-that asks the client for its next set point. What came meanwhile is heard as of when it came, which the system
-tells, however late we look: a set point that lay in our socket in time is in time, one that did not is not.
-Where clients wait for no reply they go on meanwhile, and so does our time.
+A real controller never waits for a processor. If this process gets none while something is due or a request
+is in its socket, the model's time stands still until it runs again. Otherwise 8 ms would pass before the
+simulator sends the reply that asks the client for its next set point.
+
+A frame that arrived meanwhile counts from its arrival, which the operating system records. So a set point
+that arrived in time is in time, however late the simulator reads it, and a late one is late. Clients that do
+not wait for replies go on meanwhile, and then the model's time goes on too.
 """
 
 from __future__ import annotations
@@ -14,11 +16,11 @@ from collections.abc import Callable
 from typing import Protocol
 
 STALL_NS = 1_000_000
-"""ns behind what was due, or has come, that are the way of the world; more, and we got no processor."""
+"""Delay, ns, behind a due time or an arrival that is normal; a longer one means a lack of processor time."""
 
 
 class ClockedModel(Protocol):
-    """Whose time it is, such as a `Simulator`."""
+    """A model that uses the clock, such as a `Simulator`."""
 
     @property
     def runs_in_real_time(self) -> bool: ...
@@ -28,11 +30,11 @@ class ClockedModel(Protocol):
 
 
 class SimulatorClock:
-    """Tells the time; all times are ns, and none that is told to the simulator goes back.
+    """The model's clock. All times are ns; the times that the model receives never go back.
 
     Attributes:
-        latest_time: the latest time that the simulator was told.
-        paused_ns: for how long in all.
+        latest_time: The latest time that the model received.
+        paused_ns: Total length of all pauses.
     """
 
     def __init__(
@@ -41,7 +43,7 @@ class SimulatorClock:
         monotonic: Callable[[], int] = time.monotonic_ns,
         wall: Callable[[], int] = time.time_ns,
     ) -> None:
-        """Begin with the time of `monotonic`; `wall` is the clock that tells when something came."""
+        """Begin with the time of `monotonic`; `wall` is the clock of the arrival times."""
         self.latest_time = 0
         self.paused_ns = 0
         self._model = model
@@ -49,15 +51,15 @@ class SimulatorClock:
         self._wall = wall
         self._updated_at = monotonic()
         self._pause_began = self._pause_ended = self._paused_at = (
-            0  # the last pause: from when to when by our clock, at what time
+            0  # the last pause: begin and end by the machine's clock, and the model's time meanwhile
         )
 
     def now(self) -> int:
-        """Return the time."""
+        """Return the model's time."""
         return self._monotonic() - self.paused_ns
 
     def update(self) -> int:
-        """Return the time; if something has been due for long, it stood still from then on."""
+        """Return the model's time; if something is overdue too long, the time pauses from its due time."""
         ours = self._monotonic()
         now = ours - self.paused_ns
         if now - self._updated_at > STALL_NS and not self._model.runs_in_real_time:
@@ -69,10 +71,11 @@ class SimulatorClock:
         return now
 
     def arrival_time(self, received_at: int) -> int:
-        """Return what the time was when a request came, by the system's clock; it may have stood still since.
+        """Return the model's time when a request arrived; `received_at` is ns since 1970.
 
-        Not if a call waits for time to pass: what comes then is most likely that call again.
-        Of several pauses only the last is known: what came before it is looked at soon behind it.
+        If the request waited too long, the model's time pauses from its arrival. It does not pause while a
+        call waits for time to pass: then the request is most likely a retry of that call. Only the last of
+        several pauses is known; requests that arrived before it are read soon after it.
         """
         now, ours = self.update(), self._monotonic()
         moment = ours - max(0, self._wall() - received_at)
@@ -92,18 +95,18 @@ class SimulatorClock:
         return time_then
 
     def _pause(self, since: int, until: int, at: int) -> None:
-        """Note that the time stood still."""
+        """Note a pause of the model's time."""
         self._pause_began, self._pause_ended, self._paused_at = since, until, at
         self.paused_ns = until - at
         self._updated_at = at
 
     def make_monotonic(self, now: int) -> int:
-        """Return a time that the simulator is told: `now`, or `latest_time` if that is later."""
+        """Return the later of `now` and `latest_time`, for the model."""
         self.latest_time = max(self.latest_time, now)
         return self.latest_time
 
     def on_replies_sent(self) -> None:
-        """Note that all is sent that follows from what was told; since the last look that took no time."""
+        """Note that all replies are sent; if that took too long, the time pauses from the last update."""
         ours = self._monotonic()
         if ours - self.paused_ns - self._updated_at > STALL_NS and not self._model.runs_in_real_time:
             self._pause(self._updated_at + self.paused_ns, ours, self._updated_at)

@@ -1,7 +1,7 @@
-"""The sockets of the simulator: UDP and TCP on one port, one thread, no more waiting than needed.
+"""The sockets of the simulator: UDP and TCP on one port, in one thread that waits no longer than needed.
 
-There are never more sockets than clients, 20 on TCP and a few that send stops, connections that have not sent
-a frame yet, and those who serve.
+The number of sockets is limited: 20 TCP clients, a few more that send stops, connections that have not sent a
+frame yet, and the listening sockets.
 """
 
 from __future__ import annotations
@@ -32,47 +32,47 @@ from bcapscope.transport.tcp_link import close_with_reset
 
 LARGEST_DATAGRAM = 65535
 LARGEST_BACKLOG = 1 << 20
-"""Bytes that a client may leave unread before its connection is closed."""
+"""Bytes that a client may leave unread before the server closes its connection."""
 
 LONGEST_WAIT = 0.5
-"""Seconds; an interrupt is noticed after that at the latest on every system."""
+"""Seconds; on every system, an interrupt is noticed after this time at the latest."""
 
-# ns. To wake a processor that has nothing to do takes longer, on a virtual machine, than to answer a call.
-# Yielding meanwhile would cost a whole time slice wherever another program runs.
+# ns. On a virtual machine, waking an idle processor takes longer than answering a call. Yielding instead of
+# spinning would cost a whole time slice if another program runs.
 _SPIN_NS = 60_000
 
-_MAX_DATAGRAMS = 1024  # datagrams that are taken from the system before any but the first is looked at
-_READ_SIZE = 256  # bytes that are taken of a connection before the others have their turn
-_READ_SIZE_PACED = 16384  # the same where each set point has its own time
-_BETWEEN_FRAMES = re.compile(rb"(?<=\x04)(?=\x01)")  # or what looks like it, which does no harm
-_MAX_ACCEPTED = 16  # connections that are taken before others have their turn
-_SPARE_DESCRIPTORS = 3  # for clients that may turn out to send a stop when there are no others
+_MAX_DATAGRAMS = 1024  # datagrams read from the system before any but the first is processed
+_READ_SIZE = 256  # bytes read from a connection before others have their turn
+_READ_SIZE_PACED = 16384  # the same in modes where each set point has its own time
+_BETWEEN_FRAMES = re.compile(rb"(?<=\x04)(?=\x01)")  # also matches inside a frame, which does no harm
+_MAX_ACCEPTED = 16  # connections accepted before others have their turn
+_SPARE_DESCRIPTORS = 3  # for clients that may send a stop when no other descriptors are left
 _TIDY_INTERVAL_NS = 1_000_000_000  # ns
 
-_SAME_MOMENT_NS = 2_000_000  # ns; what comes within it is no pile of set points for different cycles
+_SAME_MOMENT_NS = 2_000_000  # ns; bytes that arrive within it hold no set points for different cycles
 
 Address: TypeAlias = tuple[str, int]
 _Address: TypeAlias = "tuple[Any, ...]"  # two values, four with IPv6
 
 
 class TrafficTap(Protocol):
-    """Is shown what passes; addresses are host and port, times ns since 1970."""
+    """Receives all traffic; addresses are host and port, times ns since 1970."""
 
     def on_datagram(self, source: Address, target: Address, data: bytes, time: int) -> None:
-        """Take a UDP datagram."""
+        """Note a UDP datagram."""
 
     def on_segment(self, source: Address, target: Address, data: bytes, time: int) -> None:
-        """Take bytes of a TCP connection."""
+        """Note bytes of a TCP connection."""
 
     def on_stream_end(self, source: Address, target: Address, time: int, *, reset: bool = False) -> None:
-        """Take notice that an end of a TCP connection sends nothing more, or has broken it off."""
+        """Note that one end of a TCP connection sends nothing more, or reset it."""
 
     def on_connection_end(self, client: Address, server: Address) -> None:
-        """Take notice that nothing more comes of a TCP connection."""
+        """Note that a TCP connection is over."""
 
 
 class ControllerModel(Protocol):
-    """What says what to answer, such as a `Simulator`, whose methods these are."""
+    """A model that decides what to answer, such as a `Simulator`, whose methods these are."""
 
     @property
     def runs_in_real_time(self) -> bool: ...
@@ -88,7 +88,7 @@ class ControllerModel(Protocol):
 
 
 class _Connection:
-    """A TCP client: its socket and what could not be sent yet."""
+    """A TCP client: its socket and the bytes that could not be sent yet."""
 
     __slots__ = ("backlog", "client", "is_blocked", "last_heard", "number", "peer", "receive", "socket")
 
@@ -106,26 +106,27 @@ class _Connection:
 class SimulatorServer:
     """Moves bytes between sockets and a simulator.
 
-    Its time is that of a `SimulatorClock`: what comes is heard as of when it came, which Linux tells. On TCP
-    it tells that of the last byte only: where set points have piled up that wait for no reply, those before
-    the last are taken as having come evenly since the client's last but those. Elsewhere a pile is one jump.
+    The model's time is that of a `SimulatorClock`: requests count from their arrival, which Linux records. On
+    TCP, Linux records it for the last byte only. If set points that wait for no reply have piled up, the
+    server spreads their times evenly between the client's previous bytes and the last ones. In other modes
+    all of them count as arriving at once.
 
     Attributes:
-        address: host and port that it listens on.
-        tap: is shown all that passes; None for nobody.
-        datagram_queue: datagrams that wait.
+        address: Host and port that the server listens on.
+        tap: Receives all traffic; None for none.
+        datagram_queue: Datagrams that wait.
     """
 
     def __init__(self, simulator: ControllerModel, host: str, port: int) -> None:
         """Listen on UDP and TCP.
 
         Args:
-            simulator: whose time is that of `now`, which begins as `time.monotonic_ns`.
-            host: address or name of this machine.
-            port: 0 for any that is free on both.
+            simulator: The model; its clock is that of `now`, which begins as `time.monotonic_ns`.
+            host: Address or name of this machine.
+            port: Port; 0 for any that is free on both transports.
 
         Raises:
-            SimulatorListenError: that cannot be done.
+            SimulatorListenError: The port cannot be listened on.
         """
         self._model = simulator
         self.tap: TrafficTap | None = None
@@ -133,13 +134,13 @@ class SimulatorServer:
         self._connections: dict[int, _Connection] = {}
         self._by_peer: dict[object, _Connection] = {}
         self._lobby: FirstFrameQueue[int] = FirstFrameQueue()
-        self._stops: list[_Connection] = []  # beyond the controller's limit, the oldest first
+        self._stops: list[_Connection] = []  # beyond the controller's limit, oldest first
         self._spares = SpareDescriptors(_SPARE_DESCRIPTORS)
         self._is_paused = False
-        self._tidied_at = -_TIDY_INTERVAL_NS  # not earlier: what the command needs to run comes before spares
+        self._tidied_at = -_TIDY_INTERVAL_NS  # spares only now: the command needs its own descriptors first
         self._spin_until = 0
         self._may_be_more = True
-        self._polled_empty_at = 0  # before which nothing was there
+        self._polled_empty_at = 0  # nothing had arrived before this time
         self._clock = SimulatorClock(simulator)
         self._udp, self._tcp = open_sockets(host, port)
         self._udp_descriptor, self._tcp_descriptor = self._udp.fileno(), self._tcp.fileno()
@@ -150,7 +151,7 @@ class SimulatorServer:
         self.address: tuple[str, int] = self._tcp.getsockname()[:2]
 
     def now(self) -> int:
-        """Return the controller's time, ns."""
+        """Return the model's time, ns."""
         return self._clock.now()
 
     def close(self) -> None:
@@ -162,14 +163,14 @@ class SimulatorServer:
         self._spares.close()
 
     def step(self, until: float = LONGEST_WAIT, extra: Sequence[int] = ()) -> list[int]:
-        """Wait for one thing to do and do it.
+        """Wait for one thing to do, and do it.
 
         Args:
-            until: seconds to wait at most.
-            extra: other file descriptors to wait for.
+            until: Longest wait in seconds.
+            extra: Other file descriptors to wait for.
 
         Returns:
-            Those of `extra` that can be read.
+            Those of `extra` that are readable.
         """
         now = self._clock.now()
         self._tidy()
@@ -181,7 +182,7 @@ class SimulatorServer:
             self._rebuild_selector()
         readable, writable = self._wait(0 if self.datagram_queue.waiting else until, due, now)
         moment = self._clock.update()
-        if due is not None and due <= moment:  # whatever came before that is heard before it
+        if due is not None and due <= moment:  # requests that arrived before the due time are processed first
             readable, writable = self._selector.ready_now()
             self._may_be_more = True
         for blocked in writable:
@@ -194,7 +195,7 @@ class SimulatorServer:
         now = self._clock.now()
         if readable:
             self._spin_until = now + _SPIN_NS
-        moment = min(moment, now)  # what was heard may have set it back
+        moment = min(moment, now)  # processing the requests may have paused the clock
         if self.datagram_queue.waiting:
             moment = min(moment, self.datagram_queue.oldest_arrival)
         if due is not None and due <= moment:
@@ -210,9 +211,10 @@ class SimulatorServer:
         return self._clock.make_monotonic(self._clock.update())
 
     def _wait(self, until: float, due: int | None, now: int) -> ReadyDescriptors:
-        """Wait for sockets that can be read and written; shortly behind a request without going to sleep.
+        """Wait for readable and writable sockets; shortly after a request, poll instead of sleeping.
 
-        What comes between two looks has come alone, or the next look finds more.
+        Bytes found after an empty poll arrived since that poll. If more than one datagram did, the next poll
+        finds the others.
         """
         end = self._spin_until if due is None else min(self._spin_until, due)
         self._may_be_more = True
@@ -229,7 +231,7 @@ class SimulatorServer:
         return self._selector.wait(wait)
 
     def _read_socket(self, source: int, is_crowded: bool) -> None:
-        """Take what has come at a socket; datagrams need not wait for a crowd of connections."""
+        """Read a socket; when many connections are readable, read datagrams after each of them."""
         if source == self._udp_descriptor:
             self._read_datagrams()
         elif source == self._tcp_descriptor:
@@ -241,13 +243,13 @@ class SimulatorServer:
                 self._deliver_queued()
 
     def _read_datagrams(self) -> None:
-        """Take datagrams from the system before it runs out of room: the first is answered at once."""
+        """Read datagrams before the system's buffer overflows; answer the first at once, queue the others."""
         receive, turns = self._receive, self.datagram_queue
-        asked = ANCILLARY_SIZE if self._may_be_more else 0  # what has come between two looks came then
+        asked = ANCILLARY_SIZE if self._may_be_more else 0  # else the datagram arrived between two polls
         for number in range(_MAX_DATAGRAMS if self._may_be_more else 1):
             try:
                 data, control, _, address = receive(LARGEST_DATAGRAM, asked)
-            except OSError:  # nothing left; on Windows also an earlier client's closed port
+            except OSError:  # nothing left; on Windows also word of an earlier client's closed port
                 return
             if self.tap:
                 self.tap.on_datagram(address[:2], self.address, data, time.time_ns())
@@ -265,7 +267,7 @@ class SimulatorServer:
         self._clock.on_replies_sent()
 
     def _arrival_time(self, control: AncillaryData) -> int:
-        """Return when something came that was just taken from the system."""
+        """Return the model's time at which the bytes just read arrived."""
         return (
             self._clock.arrival_time(kernel_timestamp(control, 0))
             if self._may_be_more
@@ -273,17 +275,17 @@ class SimulatorServer:
         )
 
     def _accept(self) -> None:
-        """Take connections; they are clients of the controller with their first frame."""
+        """Accept connections; each becomes a client of the controller with its first frame."""
         for _ in range(_MAX_ACCEPTED):
             try:
                 if (accepted := accept_connection(self._tcp, self._free_descriptor)) is None:
                     break
             except OSError:
-                self._is_paused = True  # or it would be told again and again that somebody waits
+                self._is_paused = True  # else the selector would report the same connection again and again
                 break
             sock, address = accepted
             sock.setblocking(False)
-            with suppress(OSError):  # on macOS a client that has gone by now has no options any more
+            with suppress(OSError):  # on macOS a client that is gone by now has no options
                 sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
             enable_receive_timestamps(sock)
             connection = _Connection(sock, address)
@@ -292,7 +294,7 @@ class SimulatorServer:
         self._selector_is_stale = True
 
     def _drop_newcomer(self, number: int | None) -> bool:
-        """Close a connection that left the lobby for another; return whether there was one."""
+        """Close a connection that has sent no frame yet; return whether there was one."""
         if number is None:
             return False
         self._drop(self._connections[number], by_reset=True)
@@ -306,7 +308,7 @@ class SimulatorServer:
         return is_freed
 
     def _tidy(self) -> None:
-        """Once a second, end what takes too long and look again for what there was no room for."""
+        """Once a second, close overdue connections, and accept new ones again after a lack of descriptors."""
         now = time.monotonic_ns()
         if now - self._tidied_at < _TIDY_INTERVAL_NS:
             return
@@ -319,7 +321,7 @@ class SimulatorServer:
             self._selector_is_stale = True
 
     def _admit(self, connection: _Connection, first: bytes) -> bool:
-        """Make a connection a client of the controller; else close it. A stop always gets in."""
+        """Make a connection a client of the controller; close it if there is no room, unless it is a stop."""
         is_stop = first_frame_stops(first)
         has_room = self._spares.refill() and self._model.on_connect(connection.peer, self._monotonic_now())
         if not has_room and is_stop:
@@ -332,7 +334,7 @@ class SimulatorServer:
         return has_room
 
     def _rebuild_selector(self) -> None:
-        """Say anew what is waited for: a client that does not read is not read from either."""
+        """Select the sockets anew; the server reads nothing from a client that does not read its replies."""
         self._selector_is_stale = False
         connections = self._connections.items()
         writers = [number for number, each in connections if each.is_blocked]
@@ -375,7 +377,7 @@ class SimulatorServer:
             self._deliver_segment(connection, data, came)
 
     def _deliver_spread(self, connection: _Connection, data: bytes, since: int, came: int) -> None:
-        """Hear bytes as if they had come evenly between two times."""
+        """Process bytes as if they had arrived evenly between two times."""
         taken = 0
         for piece in _BETWEEN_FRAMES.split(data):
             taken += len(piece)
@@ -397,7 +399,7 @@ class SimulatorServer:
                         self.tap.on_datagram(self.address, peer[1][:2], data, time.time_ns())
                     try:
                         self._udp.sendto(data, peer[1])
-                    except OSError:  # the client is gone, or its socket's buffer is full
+                    except OSError:  # the client is gone, or the socket's buffer is full
                         continue
             elif not data or len(connection.backlog) > LARGEST_BACKLOG:
                 self._drop(connection, by_reset=isinstance(data, ResetMarker))
@@ -423,7 +425,7 @@ class SimulatorServer:
             self._selector_is_stale = True
 
     def _drop_broken(self, connection: _Connection, error: OSError) -> None:
-        """Let go of a client that has reset its connection, or cannot be reached any more."""
+        """Drop a client that reset its connection or is unreachable."""
         if self.tap and isinstance(error, ConnectionError):
             self.tap.on_stream_end(connection.client, self.address, time.time_ns(), reset=True)
         self._drop(connection, is_broken=True)
@@ -452,10 +454,10 @@ def serve(
     """Serve until interrupted.
 
     Args:
-        server: that listens.
-        idle: called after each step; returns whether it has more to do.
-        on_readable: called with each of `extra` that can be read.
-        extra: file descriptors; `on_readable` may change it.
+        server: A listening server.
+        idle: Called after each step; returns whether it has more to do.
+        on_readable: Called with each of `extra` that is readable.
+        extra: File descriptors; `on_readable` may change the list.
     """
     is_busy = False
     while True:

@@ -1,8 +1,8 @@
 """The commands of slave mode: slvChangeMode, slvGetMode, slvMove and the two formats.
 
-DENSO Wave 2009, How to use the Slave mode (RC7); DENSORobot/denso_robot_ros2 denso_robot_core (formats).
-The pose that comes back before slvRecvFormat was sent is that of the mode's type, as in the samples of 2009;
-no paper says so.
+Sources: DENSO Wave 2009, How to use the Slave mode (RC7); DENSORobot/denso_robot_ros2 denso_robot_core
+(formats). Before slvRecvFormat, slvMove returns a pose of the mode's type, as in the samples of 2009; no
+paper says so.
 """
 
 from __future__ import annotations
@@ -31,11 +31,11 @@ from bcapscope.simulator.result_codes import POSITION_LIMIT
 from bcapscope.simulator.variable_memory import IO_BYTES
 
 PATIENCE = 500 * MS
-"""How long slvChangeMode waits for the robot to stand still (DENSO Wave 2009)."""
+"""Time, ns, that slvChangeMode waits for the robot to stand still (DENSO Wave 2009)."""
 
 INVALID_SET_POINT = 0x83201405
 LONGEST_SET_POINT = 1e9
-"""Its numbers taken for a vector, which has to be shorter."""
+"""A set point is invalid if its numbers, taken as a vector, are as long as this."""
 
 FIRST_USER_IO = 128
 HAND_IO, MINI_IO = 48, 0
@@ -87,7 +87,7 @@ def _leave(context: CallContext) -> CallOutcome:
             return DONE
         if slave.mode is None:
             slave.unreported_result = (
-                0  # this reply reports the end of slave mode; slvMove need not report why
+                0  # this reply already reports the end of slave mode, so slvMove need not report its cause
             )
             return DONE
         if not slave.is_empty or not machine.arm.is_at_rest(now):
@@ -164,14 +164,18 @@ def _pace(context: CallContext, pose_type: PoseType, point: SetPoint, needed: in
 
 
 def _joints(context: CallContext, pose_type: PoseType, point: SetPoint) -> Joints:
-    """Return where a set point goes; one that cannot be ends slave mode."""
+    """Return the joints of a set point; an impossible set point is an error that ends slave mode.
+
+    Raises:
+        RefusedError: The set point is malformed or impossible.
+    """
     if point.problems or point.pose is None:
         raise RefusedError(E_INVALIDARG)
     values = point.pose.values
     if len(values) + len(point.pose.extra) not in POSE_LENGTHS[pose_type]:
         raise RefusedError(E_INVALIDARG)
     try:
-        if not hypot(*values) < LONGEST_SET_POINT:  # nor is it with NaN among them
+        if not hypot(*values) < LONGEST_SET_POINT:  # also true if a number is NaN
             raise RefusedError(INVALID_SET_POINT)
         joints = joints_of(pose_type, values)
         axis = axis_beyond_limit(joints, context.machine.initial_state.limits)
@@ -202,7 +206,7 @@ def _run(run: UserIO) -> tuple[int, int]:
 
 
 def _feedback(context: CallContext, pose_type: PoseType, point: SetPoint) -> Variant:
-    """Make the result of slvMove as the receive format says."""
+    """Return the result of slvMove in the receive format."""
     machine = context.machine
     actual = machine.arm.actual(context.now)
     form = machine.slave.receive_format
@@ -240,7 +244,7 @@ def _words(context: CallContext, form: ReceiveFormat, point: SetPoint) -> list[V
 
 
 def currents(context: CallContext) -> tuple[float, ...]:
-    """Return motor currents, a number for each axis: here what the encoders lag behind, in degrees."""
+    """Return one number per axis in place of motor currents: the lag of the encoders in degrees."""
     arm, now = context.machine.arm, context.now
     return tuple(a - b for a, b in zip(arm.commanded(now), arm.actual(now), strict=True))
 

@@ -1,9 +1,9 @@
-"""Slave mode inside the controller: the buffer of set points, and what becomes of it every 8 ms.
+"""Slave mode inside the controller: the buffer of set points, and what happens to them every 8 ms.
 
-Slots, pacing and what is an error: DENSO Wave 2009, How to use the Slave mode (RC7); documentation of
+Slots, pacing and errors: DENSO Wave 2009, How to use the Slave mode (RC7); documentation of
 ShoheiKobata/orin_bcap_python_samples (table of slave modes) and issues of DENSORobot/denso_robot_ros (RC8).
-That an axis counts as moving above `MOVING_THRESHOLD`, and the grid of 8 ms that does not follow the client,
-are ours.
+Two things are our own: `MOVING_THRESHOLD`, above which an axis counts as moving, and the grid of 8 ms that
+does not follow the client.
 """
 
 from __future__ import annotations
@@ -23,16 +23,16 @@ PERIOD = 8 * MS
 MOVING_THRESHOLD = 0.01
 """Degrees in 8 ms."""
 
-_TOLERANCE = 1.000001  # rounding of single-precision set points is no excess
+_TOLERANCE = 1.000001  # single-precision set points are rounded; rounding is no excess
 
 
 @dataclass(frozen=True, slots=True)
 class SlaveModeFault:
-    """What ended slave mode.
+    """The error that ended slave mode.
 
     Attributes:
-        code: HRESULT.
-        time: ns.
+        code: HRESULT, unsigned.
+        time: Time of the error, ns.
     """
 
     code: int
@@ -40,17 +40,17 @@ class SlaveModeFault:
 
 
 class SlaveDrive:
-    """The machine that takes one set point each 8 ms while slave mode is on.
+    """Consumes one set point every 8 ms while slave mode is on.
 
     Attributes:
-        mode: the mode; None while off.
-        run_number: counts the times that slave mode was entered.
-        consumed: set points that have been taken in this run.
-        next_tick: when the next one is due, ns.
-        async_detector: a late set point is an error where the mode leaves that to the pendant.
-        send_format: what slvMove carries, as slvSendFormat said.
-        receive_format: what slvMove returns, as slvRecvFormat said; None before that.
-        unreported_result: result of what ended it that no client has been told yet; 0 if there is none.
+        mode: The slave mode; None while it is off.
+        run_number: Number of slave-mode sessions so far.
+        consumed: Set points consumed in this slave-mode session.
+        next_tick: Time at which the next set point is due, ns.
+        async_detector: Whether a late set point is an error in modes that leave this to the pendant.
+        send_format: What slvMove carries, as set by slvSendFormat.
+        receive_format: What slvMove returns, as set by slvRecvFormat; None before that.
+        unreported_result: Result that ended slave mode and that no client has received yet; 0 if none.
     """
 
     def __init__(
@@ -78,11 +78,11 @@ class SlaveDrive:
 
     @property
     def is_empty(self) -> bool:
-        """Whether no set point waits and the last one was no motion."""
+        """Whether no set point waits and the last one did not move an axis."""
         return not self._queue and not self._moving
 
     def enter(self, mode: SlaveMode, now: int) -> None:
-        """Switch slave mode on; the arm stands."""
+        """Switch slave mode on; the arm stands still."""
         self.mode = mode
         self.run_number += 1
         self.unreported_result = 0
@@ -94,21 +94,21 @@ class SlaveDrive:
         self._arm.begin_set_points(now)
 
     def drain(self) -> None:
-        """Go on until the buffer is empty, which then is no error."""
+        """Go on until the buffer is empty; running empty is then no error."""
         self._leaving = True
 
     def leave(self, unreported_result: int = 0) -> None:
-        """Switch slave mode off; what waits in the buffer is dropped."""
+        """Switch slave mode off and drop the set points in the buffer."""
         if self.mode is not None:
             self.unreported_result = unreported_result
         self.mode = None
         self._queue.clear()
 
     def push(self, joints: Joints) -> int:
-        """Put a set point into the buffer; return how many must be `consumed` until slvMove answers.
+        """Put a set point into the buffer; return the value of `consumed` at which slvMove may answer.
 
         Raises:
-            RefusedError: the buffer is full and the mode does not wait.
+            RefusedError: The buffer is full, and in this mode the client does not wait.
         """
         mode = self.mode
         assert mode is not None
@@ -124,7 +124,7 @@ class SlaveDrive:
         return place if mode.kind is ModeKind.SYNC else place - mode.buffer_slots
 
     def advance(self, now: int) -> SlaveModeFault | None:
-        """Take the set points that have become due; return what went wrong, once."""
+        """Consume the set points due by `now`; return the first error, or None."""
         while self.mode is not None and self.next_tick <= now:
             if self.is_empty:
                 self._skip_periods(now)
@@ -143,7 +143,7 @@ class SlaveDrive:
         if not self._queue:
             self._clear_speed()
             return 0 if self._leaving or not self._detects_underflow(mode) else E_SLAVE_UNDERFLOW
-        goal = tuple(map(float, self._queue.popleft()))  # clients also send whole numbers
+        goal = tuple(map(float, self._queue.popleft()))  # clients also send integers
         self.consumed += 1
         speed = tuple(b - a for a, b in zip(here, goal, strict=True))
         code = self._limit_violation(speed)

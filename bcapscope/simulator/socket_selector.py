@@ -1,4 +1,4 @@
-"""Which sockets can be read and written."""
+"""Waiting for sockets that can be read and written."""
 
 from __future__ import annotations
 
@@ -7,21 +7,22 @@ from collections.abc import Sequence
 from typing import TypeAlias
 
 ReadyDescriptors: TypeAlias = tuple[list[int], list[int]]
-"""File descriptors that can be read, and those that can be written."""
+"""Readable file descriptors, and writable ones."""
 
 
 class SocketSelector:
-    """Looks at file descriptors, or waits for them; files, which stdin may be, are always ready.
+    """Polls file descriptors, or waits for them; regular files, which stdin may be, are always ready.
 
-    `epoll`, which the relay of the proxy has, refuses files, and waits to the microsecond in two steps only.
+    `epoll`, which the proxy's relay uses, refuses regular files. It also needs two steps to wait with
+    microsecond precision.
 
     Attributes:
-        readers: those that are to be read.
-        writers: those that are to be written.
+        readers: Descriptors to watch for reading.
+        writers: Descriptors to watch for writing.
     """
 
     def __init__(self, readers: Sequence[int], writers: Sequence[int]) -> None:
-        """Begin to watch; what changes needs another watch."""
+        """Watch these descriptors; another set needs another selector."""
         self.readers = readers
         self.writers = writers
         self._poll = select.poll() if hasattr(select, "poll") else None
@@ -32,7 +33,7 @@ class SocketSelector:
                 self._poll.register(writer, select.POLLOUT)
 
     def ready_now(self) -> ReadyDescriptors:
-        """Return what is ready now; `poll` takes half of the time of `select` where nothing is."""
+        """Return what is ready now; if nothing is, `poll` takes half the time of `select`."""
         if self._poll is None:
             return self.wait(0)
         found = self._poll.poll(0)
@@ -43,10 +44,10 @@ class SocketSelector:
         return ([each for each in ready if each not in writable] if writable else ready), writable
 
     def wait(self, seconds: float) -> ReadyDescriptors:
-        """Return what is ready, at the latest after so many seconds.
+        """Return what is ready, after `seconds` at the latest.
 
-        `select` keeps that to the microsecond, where `poll` counts milliseconds: the replies of the modes
-        that wait for the 8 ms grid go out on time.
+        `select` waits with microsecond precision, `poll` with milliseconds only. This precision sends the
+        replies of modes that wait for the 8 ms grid on time.
         """
         readable, writable, _ = select.select(self.readers, self.writers, (), seconds)
         return readable, writable

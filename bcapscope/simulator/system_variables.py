@@ -2,7 +2,7 @@
 
 Names and types: `bcapscope.protocol.tables.variables`. DENSO's ROS drivers write @SERVO_ON and @EXTSPEED, and
 their configuration lists @START and @STOP as writable (DENSORobot/denso_robot_ros2 denso_robot_core/config).
-That the other speeds can be written is assumed. TOOLn, WORKn and _ITP were seen on RC7 only.
+It is assumed that the other speeds can be written. TOOLn, WORKn and _ITP were seen on RC7 only.
 """
 
 from __future__ import annotations
@@ -40,14 +40,14 @@ _FRAMES: Mapping[str, Callable[[CallContext], dict[int, CoordinateFrame]]] = {
 VariableReader = Callable[[CallContext], Variant]
 
 TYPE_NUMBER = 999
-"""Value of @TYPE; DENSO's arms have others."""
+"""Value of @TYPE; DENSO's arms have other values."""
 
 
 def check_exists(owner: ObjectClass, name: str, generation: Generation) -> None:
     """Refuse a variable that the object does not have on a controller of this generation.
 
     Raises:
-        RefusedError: there is none of that name or number.
+        RefusedError: There is no variable of that name.
     """
     upper = name.strip().upper()
     match = _NUMBERED.fullmatch(upper) if owner is ObjectClass.CONTROLLER else None
@@ -74,10 +74,10 @@ def read_variable(context: CallContext) -> Variant:
 
 
 def write_variable(context: CallContext, value: Variant) -> CallOutcome:
-    """Write the variable of `context.object`; one that acts as a command runs as long as the command.
+    """Write the variable of `context.object`; if it acts as a command, the call lasts as long as the command.
 
     Raises:
-        RefusedError: it cannot be written, the value does not fit, or the command is refused.
+        RefusedError: It cannot be written, the value does not fit, or the command is refused.
     """
     place = _numbered_variable(context.object)
     if place and place[0] in _FRAMES:
@@ -95,7 +95,7 @@ def write_variable(context: CallContext, value: Variant) -> CallOutcome:
 
 
 def variable_names(owner: ObjectClass, generation: Generation) -> tuple[str, ...]:
-    """List the variables of an object, the numbered ones by their first."""
+    """Return the names of an object's variables; numbered ones appear as number 0."""
     letters = (*LETTERS, *_FRAMES) if owner is ObjectClass.CONTROLLER else ()
     named = (name for kind, name in _READERS if kind is owner)
     return (
@@ -117,7 +117,7 @@ def _write_frame(context: CallContext, kind: str, number: int, value: Variant) -
 
 
 def _numbered_variable(variable: ControllerObject) -> tuple[str, int] | None:
-    """Return letter and number of a numbered variable; a `*` takes its number from the ID."""
+    """Return letter and number of a numbered variable; for `*`, the ID holds the number."""
     match = _NUMBERED.fullmatch(variable.name.strip().upper())
     if match is None or _owner_kind(variable) is not ObjectClass.CONTROLLER:
         return None
@@ -193,11 +193,11 @@ def _task_name(context: CallContext) -> str:
 
 
 class _WriteAction(NamedTuple):
-    """What writing a variable does.
+    """The effect of writing a variable.
 
     Attributes:
-        command: takes the value that is written as its parameter.
-        in_slave_mode: slave mode allows it, as it allows the function or command of the same effect.
+        command: Command to run, with the written value as its parameter.
+        in_slave_mode: Whether slave mode allows it, as it allows the equivalent function or command.
     """
 
     command: CommandHandler
@@ -215,7 +215,7 @@ _WRITE_ACTIONS: Mapping[tuple[ObjectClass, str], _WriteAction] = MappingProxyTyp
         },
     }
 )
-"""Variables that do what a command or function does when they are written: Motor, Task_Start, ExtSpeed."""
+"""Variables whose writing acts like a command or function: Motor, Task_Start, ExtSpeed."""
 
 
 def _speed(field: str) -> VariableReader:

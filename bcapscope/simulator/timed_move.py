@@ -1,6 +1,7 @@
-"""An ordinary motion as those see it who wait for it: when it is done, and that it can be held.
+"""An ordinary motion for the calls that wait for it: when it is done, and holding it.
 
-That Hold stops at once, and that what is left takes its time anew from rest, is assumed; no source says how.
+It is assumed that Hold stops at once, and that the rest of the motion starts again from rest. No source says
+so.
 """
 
 from __future__ import annotations
@@ -13,28 +14,28 @@ NEVER = 1 << 62
 """ns; later than any clock gets."""
 
 PASS_SHARE = 0.7
-"""Share of a motion's time after which @P lets the next one begin; ours."""
+"""Share of a motion's time after which @P allows the next motion; our own."""
 
 
 class TimedMove:
-    """A motion from where the arm is.
+    """A motion that starts at the commanded joints.
 
     Attributes:
-        done_at: when the next motion may begin, ns; `NEVER` while it is held.
+        done_at: Time from which the next motion may begin, ns; `NEVER` while the motion is held.
     """
 
     def __init__(
         self, arm: Arm, goal: Joints, now: int, speed: float, *, passing: int = 0, min_duration: int = 0
     ) -> None:
-        """Begin.
+        """Begin the motion.
 
         Args:
-            arm: that moves.
-            goal: eight joints in degrees.
-            now: ns.
-            speed: share of the highest speed, above 0 up to 1.
+            arm: The arm to move.
+            goal: Eight joints, degrees.
+            now: Current time, ns.
+            speed: Share of the highest speed, above 0 up to 1.
             passing: -1 for @P, -2 for @E.
-            min_duration: ns that it takes at least.
+            min_duration: Least duration, ns.
         """
         self._arm = arm
         self._goal = goal
@@ -46,11 +47,11 @@ class TimedMove:
 
     @property
     def is_held(self) -> bool:
-        """Whether it waits for `resume`."""
+        """Whether the motion waits for `resume`."""
         return self.done_at == NEVER
 
     def hold(self, now: int) -> None:
-        """Stop where the command is, unless it has arrived."""
+        """Stop at the commanded joints, unless the motion has ended."""
         left = self._arm.ends - now
         if left > 0 and not self.is_held:
             self._arm.halt(now)
@@ -58,12 +59,12 @@ class TimedMove:
             self.done_at = NEVER
 
     def resume(self, now: int) -> None:
-        """Go on, if it is held."""
+        """Continue a held motion."""
         if self.is_held:
             self._start(now, self._remaining)
 
     def skip(self, now: int) -> None:
-        """End where the command is."""
+        """End the motion at the commanded joints."""
         self._arm.halt(now)
         self.done_at = now
 

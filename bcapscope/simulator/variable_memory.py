@@ -1,7 +1,7 @@
 """Numbered variables and I/O of the controller.
 
-Types by letter: ShoheiKobata/orin_bcap_python_samples SimpleSamples and DENSORobot/denso_robot_ros2. How many
-variables of each letter there are is set on a controller; here it is the same for all.
+Types by letter: ShoheiKobata/orin_bcap_python_samples SimpleSamples and DENSORobot/denso_robot_ros2. On a
+real controller, the number of variables of each letter is a setting; here it is the same for all.
 """
 
 from __future__ import annotations
@@ -34,10 +34,10 @@ LETTERS = ("I", "F", "D", "V", "P", "J", "T", "S")
 
 
 class VariableMemory:
-    """What programs and clients share."""
+    """The variables that programs and clients share."""
 
     def __init__(self, real: VT) -> None:
-        """Set all to zero; `real` is the element type of vectors."""
+        """Set everything to zero; `real` is the element type of vectors."""
         self._real = real
         self._numbers: dict[tuple[str, int], float] = {}
         self._rows: dict[tuple[str, int], tuple[float, ...]] = {}
@@ -49,10 +49,10 @@ class VariableMemory:
 
         Args:
             letter: `I`, `F`, `D`, `V`, `P`, `J`, `T`, `S`, `IO`, `IOB`, `IOW`, `IOD` or `IOF`.
-            index: its number; that of the first bit for I/O.
+            index: Number of the variable; for I/O, that of its first bit.
 
         Raises:
-            RefusedError: there is none.
+            RefusedError: There is no such variable.
         """
         if letter.startswith("IO"):
             return self._read_io(letter, index)
@@ -66,10 +66,10 @@ class VariableMemory:
         return Variant(_SCALARS[letter], int(number) if letter == "I" else float(number))
 
     def write(self, letter: str, index: int, value: Variant) -> None:
-        """Write a variable; numbers are converted, rows may be shorter than they are.
+        """Write a variable; numbers are converted, and zeros complete a short vector.
 
         Raises:
-            RefusedError: there is none, or the value does not fit.
+            RefusedError: There is no such variable, or the value does not fit.
         """
         if letter.startswith("IO"):
             self._write_io(letter, index, value)
@@ -83,11 +83,11 @@ class VariableMemory:
             self._numbers[letter, index] = _number(value, letter)
 
     def word(self, first: int) -> int:
-        """Return 32 bits of I/O from bit `first`, a multiple of 8, as a signed number."""
+        """Return 32 bits of I/O from bit `first`, a multiple of 8, little-endian, as a signed number."""
         return int.from_bytes(self.io[first // 8 : first // 8 + 4], "little", signed=True)
 
     def write_word(self, first: int, word: int, mask: int) -> None:
-        """Write those of 32 bits from bit `first` that `mask` has."""
+        """Write 32 bits of I/O from bit `first`, but only the bits that are set in `mask`."""
         old = self.word(first) & 0xFFFFFFFF
         self.io[first // 8 : first // 8 + 4] = ((old & ~mask) | (word & mask)).to_bytes(4, "little")
 
@@ -142,7 +142,7 @@ def vector_of(value: Variant, length: int, real: VT) -> tuple[float, ...]:
     """Convert an array to `length` numbers; missing ones are 0.
 
     Raises:
-        RefusedError: it is no array of numbers, is empty or too long.
+        RefusedError: The value is no array of numbers, or it is empty or too long.
     """
     if not value.vt & ARRAY:
         raise RefusedError(TYPE_MISMATCH)
