@@ -124,9 +124,7 @@ class ChildProcess:
             return next((text for text in reversed(self._output) if text), "")
 
     def subscribe_output(self, on_output: Callable[[str], None]) -> None:
-        """Call `on_output` with each line of output in another thread; first, here, with the lines printed so
-        far.
-        """
+        """Call `on_output` with the lines printed so far; from another thread, with each later line."""
         with self._lock:
             self._on_output = on_output
             said = list(self._output)

@@ -119,9 +119,7 @@ class CpuWakefulness:
             self._not_before = now + PAUSED_FOR
 
     def _is_much_stolen(self, now: float) -> bool:
-        """Measure what the host took since the last measurement. Return whether it exceeds
-        `MAX_STOLEN_SHARE`.
-        """
+        """Measure what the host took since the last time. Return whether it exceeds `MAX_STOLEN_SHARE`."""
         since, before = now - self._measured_at, self._stolen_before
         self._measured_at, self._stolen_before = now, self._sleep.stolen_seconds()
         return (
@@ -178,9 +176,7 @@ class CpuLatencyLimit:
                     os.close(descriptor)
 
     def stolen_seconds(self) -> float | None:
-        """Return the processor time in s that the host took so far, if the processors never sleep;
-        else None.
-        """
+        """Return the processor time in s that the host took so far; None if processors sleep."""
         if sys.platform == "linux" and self._statistics is not None:
             with suppress(OSError, IndexError, ValueError):
                 line = os.pread(self._statistics, _FIRST_LINE_BYTES, 0)

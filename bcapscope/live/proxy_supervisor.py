@@ -52,9 +52,7 @@ _ENDS_WITHIN = 60.0
 """Seconds that the watcher may take to end."""
 
 _SESSIONS_CLOSE_WITHIN = 3.0
-"""Seconds for closing all sessions in the clients' place. A controller that is gone answers none of the
-requests.
-"""
+"""Seconds for closing all sessions in the clients' place. A controller that is gone answers nothing."""
 
 _TOTALS_WITHIN = 0.5
 """Seconds for printing the totals at the end."""
@@ -170,9 +168,7 @@ class ProxySupervisor:
             self.relay.watch(self._watcher_pipe.fileno(), lambda _: self._receive_from_watcher())
 
     def end_with_parent(self) -> None:
-        """Treat the end of standard input as a closed terminal:
-        the program that started the proxy is gone.
-        """
+        """Treat the end of standard input, the end of the parent program, as a closed terminal."""
         if sys.platform == "win32":  # there a pipe cannot be waited for together with sockets
             return
         if sys.stdin is None or not _has_other_end(_STDIN):

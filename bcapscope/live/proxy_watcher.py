@@ -331,9 +331,7 @@ class ProxyWatcher:
         self._counts_before, self._status_shown_at = counts, now
 
     def _closing_requests(self) -> bytes:
-        """Return the requests with which the relay closes the open sessions, as JSON: client and frames in
-        hex.
-        """
+        """Return the requests that close the open sessions, as JSON: client, open state, frames in hex."""
         # Treat answered calls as complete, although a late retry could still arrive.
         self._terminal.write_lines(
             self._settled_lines(self._tracker.expire(time.time_ns() + RETRY_WITHIN_NS))
