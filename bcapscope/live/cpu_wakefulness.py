@@ -23,9 +23,7 @@ from typing import Protocol
 from bcapscope.proxy.ring_buffer import RelayCounter
 
 BUSY_DATAGRAMS = 100
-"""Datagrams within `BUSY_WITHIN` that count as much traffic: 50 calls. A set point every 8 ms makes 250 per
-second.
-"""
+"""Datagrams in `BUSY_WITHIN` that count as much traffic: 50 calls. Set points every 8 ms make 250 in a second."""
 
 BUSY_WITHIN = 1.0
 """Seconds over which datagrams are counted."""

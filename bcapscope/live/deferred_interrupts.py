@@ -14,8 +14,7 @@ class DeferredInterrupts:
     """Delays Ctrl-C while input is processed, so that everything that was read is still printed.
 
     The first Ctrl-C takes effect only while the program waits for input. A second one ends the program as
-    usual, if it comes before the first took effect. Use it in the main thread, which is the one that receives
-    signals.
+    usual, if it comes before the first took effect. Use it in the main thread, which receives signals.
     """
 
     def __init__(self) -> None:

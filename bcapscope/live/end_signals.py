@@ -21,7 +21,7 @@ _END_SIGNALS = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasat
 def interrupt_on_end_signals() -> None:
     """Treat signals that end programs like Ctrl-C, so that resources are released."""
     for number in _END_SIGNALS:
-        if signal.getsignal(number) is not signal.SIG_IGN:  # nohup ignores it
+        if signal.getsignal(number) is not signal.SIG_IGN:  # SIG_IGN was set by nohup
             signal.signal(number, _raise_interrupt)
 
 
@@ -45,7 +45,7 @@ async def _interruptible(work: Coroutine[Any, Any, T]) -> T:
 
     before = {number: signal.getsignal(number) for number in _END_SIGNALS}
     for number, handler in before.items():
-        if handler is not signal.SIG_IGN:  # nohup ignores it
+        if handler is not signal.SIG_IGN:  # SIG_IGN was set by nohup
             with suppress(NotImplementedError):  # on Windows, where the signal ends it as before
                 loop.add_signal_handler(number, end)
     try:

@@ -88,9 +88,7 @@ class ProxyRecorder:
         ] = {}  # by client, direction (up) and bytes
 
     def add_records(self, records: Sequence[RingRecord]) -> None:
-        """Write records in the order of their times. Packets that an earlier one may still precede wait for
-        `flush`.
-        """
+        """Write records in the order of time. Packets that another may still precede wait for `flush`."""
         if self._series is None:
             return
         rest = records[self._write_plain_run(records) :]

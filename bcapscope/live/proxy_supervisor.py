@@ -41,9 +41,7 @@ RING_SIZE = 32 << 20
 """Bytes: about 20 seconds of four robots with one set point per millisecond, if nothing is read."""
 
 _MAX_DESCRIPTORS = 1024
-"""Limit of open file descriptors. A TCP client needs two;
-a UDP client or a TCP client without a frame, one.
-"""
+"""Limit of open file descriptors: two for a TCP client; one for a UDP client or one without a first frame."""
 
 _POLL_INTERVAL = 0.05
 _BEGINS_WITHIN = 30.0

@@ -66,9 +66,7 @@ _RECORDS_AT_ONCE = 128
 _RECORDS_PER_YIELD = 32
 """Records that are recorded before the watcher yields the processor."""
 _FRAMES_PER_YIELD = 4
-"""Frames that are decoded before the watcher yields the processor. One yield costs a quarter of decoding one
-frame.
-"""
+"""Frames decoded before the watcher yields the processor. A yield costs a quarter of decoding a frame."""
 
 _CATCHES_UP_WITHIN = 10.0
 """Seconds for decoding the rest at the end. The rest is recorded in full."""
@@ -270,7 +268,8 @@ class ProxyWatcher:
         self._handles.close_conversation(conversation)
         self._diagnosis.on_conversation_closed(conversation)
         self._view.drop_conversation(conversation)
-        if left and not (self._has_sent_closing and conversation.transport is Transport.UDP):  # reported
+        # Once the closing requests are sent, the relay reports the UDP sessions itself.
+        if left and not (self._has_sent_closing and conversation.transport is Transport.UDP):
             self._terminal.write_message(f"{conversation.client} is gone ({why}) while {left}")
 
     def _settled_lines(self, settled: Iterable[PairingResult]) -> list[str | bytes]:

@@ -23,7 +23,7 @@ from bcapscope.simulator.simulator_server import ControllerModel, SimulatorServe
 
 
 def reachability_text(host: str) -> str:
-    """Return as half a sentence who can reach a listener on this address."""
+    """Return who can reach a listener on this address, as text for use inside a sentence."""
     address = ipaddress.ip_address(host.partition("%")[0])
     if address.is_loopback:
         return "only this machine reaches it"

@@ -25,9 +25,7 @@ from pathlib import Path
 from bcapscope.proxy.ring_buffer import RingReader, RingWriter
 
 LATE_AFTER = 0.2
-"""Seconds within which the watcher should record what was written before a check, or display it without a
-recording.
-"""
+"""Seconds within which the watcher should record written records, or display them if nothing is recorded."""
 
 OVERDUE_AFTER = 0.4
 """Seconds of delay that call for `WatcherUrgency.ALL`, so that everything is recorded within a second,

@@ -60,7 +60,7 @@ class AddonClient(NamedTuple):
 
 
 class PassingMessage:
-    """A message on its way, which hooks can read and change.
+    """A message in transit, which hooks can read and change.
 
     Attributes:
         client: The client of the message.
@@ -203,8 +203,8 @@ class AddonRunner:
         began = self._clock()
         try:
             hook(*arguments)
-        except BaseException as error:  # even SystemExit: the process has to serve on
-            if self._is_new(addon, name, "error"):  # finding the place costs more than all the rest
+        except BaseException as error:  # even SystemExit: the process must continue
+            if self._is_new(addon, name, "error"):  # else finding the place costs more than all the rest
                 self.notify(f"{type(addon).__name__}.{name}: {_where(error)} (told once)")
         took = self._clock() - began
         if took > SLOW_HOOK_NS and self._is_new(addon, name, "slow"):

@@ -23,9 +23,7 @@ RESERVED_SLOTS = 4
 """More slots of each transport, for clients whose first frame is a stop. The newest of them stay."""
 
 REPLACE_INTERVAL_NS = 5_000_000
-"""ns between two evictions when all slots are taken. It bounds the relay's work during a flood from ever new
-UDP ports.
-"""
+"""ns between two evictions when all slots are taken: limits the cost of a flood from ever new UDP ports."""
 
 REPLACE_BURST = 64
 """Evictions without that delay, after a quiet time."""

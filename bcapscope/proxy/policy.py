@@ -94,9 +94,7 @@ class Policy(Protocol):
         """
 
     def is_full(self, client: int) -> bool:
-        """Return whether so much is held that no stream of a client may be read before `pop_due_actions`
-        releases some.
-        """
+        """Return whether so much is held that a client's streams must wait for `pop_due_actions`."""
 
     def on_stream_end(
         self, client: int, direction: Direction, now: int

@@ -1,6 +1,6 @@
 """The relay: one thread that moves bytes between clients and controllers without inspecting them.
 
-It writes its traffic into a ring that another process reads. Only if there are rules, it asks them first.
+It writes its traffic into a ring that another process reads. If there are rules, it asks them first.
 """
 
 from __future__ import annotations

@@ -106,8 +106,7 @@ class GuardResult(NamedTuple):
 class RequestGuard:
     """Refuses requests. Requests that stop something or release a handle always pass.
 
-    Only whole frames pass. So a controller that skips rejected bytes finds no frame that the guard has not
-    judged.
+    Only whole frames pass. So a controller that skips rejected bytes finds no frame unknown to the guard.
     """
 
     def __init__(

@@ -29,7 +29,7 @@ MAX_WAITING_NOTICES = 1024
 _HEAD = struct.Struct("=IBBHIIqq")
 _PAD = struct.Struct("=IB3x")
 _HOLE = struct.Struct("=QQ")
-_WRITTEN, _READ, _AHEAD, _URGENCY, _COUNTS, _FIGURES = 0, 1, 2, 3, 8, 64  # places in the header, in 8 bytes
+_WRITTEN, _READ, _AHEAD, _URGENCY, _COUNTS, _FIGURES = 0, 1, 2, 3, 8, 64  # header indices, 8 bytes each
 _PADDING = tuple(bytes(-length % 8) for length in range(8))
 
 
@@ -422,8 +422,7 @@ class RingReader(_Ring):
 
         Args:
             limit: Highest number of records.
-            until: Position of a reader that is ahead, beyond which nothing is returned; None without such a
-                reader.
+            until: Position of the reader that is ahead; nothing beyond it is returned. None without one.
         """
         records: list[RingRecord] = []
         space, size, read = self._space, self._size, self.position

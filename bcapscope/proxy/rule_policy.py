@@ -154,8 +154,8 @@ class RulePolicy:
     def release_held(self, client: int, now: int) -> Sequence[SendAction | CloseAction]:
         """Return or discard what is held for a client that is about to end.
 
-        Replies are sent on, and so are requests that stop the robot or release something. All others are
-        dropped.
+        Replies are sent on, and so are requests that stop the robot or release something. All others
+        are dropped. If the faults hide the end from the other side, nothing that rules held is sent.
         """
         work = DecisionBuilder()
         lost: list[Frame | bytes] = []

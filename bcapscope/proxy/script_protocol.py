@@ -53,7 +53,7 @@ class ClientConnected(_WireFrame, frozen=True):
 
 
 class MessageShown(_WireFrame, frozen=True):
-    """A message on its way.
+    """A message in transit.
 
     Attributes:
         client: Number of the client.

@@ -226,9 +226,7 @@ class TcpSession:
         return quiet if is_stuck and quiet > STUCK_AFTER_NS else None
 
     def sweep(self, now: int) -> None:
-        """End a session that does not connect, or was half closed for too long. Otherwise resume what rules
-        delayed.
-        """
+        """End a session that does not connect or was half closed too long; else resume what rules delayed."""
         if not self._connected and now - self.last_heard > CONNECT_TIMEOUT_NS:
             self.fail(errno.ETIMEDOUT)
         elif not self._is_half_open and self._is_expired(now - self._last_activity):
