@@ -23,7 +23,7 @@ from typing import Protocol
 from bcapscope.proxy.ring_buffer import RelayCounter
 
 BUSY_DATAGRAMS = 100
-"""Datagrams in `BUSY_WITHIN` that count as much traffic: 50 calls. Set points every 8 ms make 250 in a second."""
+"""Datagrams in `BUSY_WITHIN` that count as much: 50 calls. Set points every 8 ms make 250 per second."""
 
 BUSY_WITHIN = 1.0
 """Seconds over which datagrams are counted."""
