@@ -1,6 +1,7 @@
-"""A command of ours that the screen starts: the simulator, or a proxy whose relay must not wait for a screen.
+"""A bcapscope command that the screen starts: the simulator, or a proxy whose relay must not wait for a
+screen.
 
-It is told to end by a signal; if the screen is killed, it notices that its standard input has ended.
+A signal asks it to end. If the screen is killed, the command notices the end of its standard input.
 """
 
 from __future__ import annotations
@@ -19,19 +20,19 @@ import orjson
 from bcapscope.errors import BcapError
 
 START_TIMEOUT = 60.0
-"""Seconds that a command has until it listens; a machine that is busy takes long to load a program."""
+"""Seconds until the command must listen. A busy machine takes long to load a program."""
 
 END_TIMEOUT = 8.0
-"""Seconds that it has to end in order, and then again to end at once."""
+"""Seconds for ending in order after each signal."""
 
 _MAX_LINES = 500
 
 
 class ChildStartError(BcapError):
-    """The command did not begin; the text is what it said last.
+    """The command did not start; the text is the last line that it printed.
 
     Attributes:
-        code: its exit code.
+        code: Its exit code.
     """
 
     def __init__(self, message: str, code: int) -> None:
@@ -40,18 +41,18 @@ class ChildStartError(BcapError):
 
 
 class ChildProcess:
-    """A command that runs.
+    """A running command.
 
     Attributes:
-        listen_addresses: what it listens on, as it told.
-        control_address: where it can be told what to do; "" for nowhere.
+        listen_addresses: Addresses that it listens on, as it reported them.
+        control_address: Address of its control socket; "" for none.
     """
 
     def __init__(self, *words: str) -> None:
         """Start ``bcapscope WORDS --attended`` and wait until it listens.
 
         Raises:
-            ChildStartError: it does not.
+            ChildStartError: The command does not start.
         """
         self._output: deque[str] = deque(maxlen=_MAX_LINES)
         self._startup_done = threading.Event()
@@ -66,7 +67,7 @@ class ChildProcess:
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
-            start_new_session=True,  # Ctrl-C and a closed terminal are the screen's business
+            start_new_session=True,  # the screen handles Ctrl-C and a closed terminal
         )
         self._reader = threading.Thread(target=self._read_output, daemon=True, name="child")
         self._reader.start()
@@ -74,7 +75,7 @@ class ChildProcess:
         self.listen_addresses, self.control_address = tuple(told["listening"]), str(told["control"])
 
     def _wait_until_listening(self) -> dict[str, Any]:
-        """Wait for the line that tells what it listens on."""
+        """Wait for the line with the listening addresses, and return it decoded."""
         assert self._process.stdout is not None
         patience = threading.Timer(START_TIMEOUT, self._process.kill)
         patience.start()
@@ -88,7 +89,7 @@ class ChildProcess:
         raise ChildStartError(self.last_line or "it did not begin in time", max(self._process.returncode, 1))
 
     def _read_output(self) -> None:
-        """Take what it says, line by line, and notice its end."""
+        """Read the output line by line, and report the end of the process."""
         assert self._process.stderr is not None
         for line in self._process.stderr:
             text = line.decode(errors="replace").rstrip()
@@ -108,22 +109,22 @@ class ChildProcess:
             over(self._end_reason())
 
     def _end_reason(self) -> str:
-        """Return why it ended by itself, as far as it could say; "" where it was killed."""
+        """Return the last line of a command that ended without a request; "" if it was killed."""
         return "" if self._process.returncode < 0 else self.last_line
 
     @property
     def pid(self) -> int:
-        """Number of the process."""
+        """Process id."""
         return self._process.pid
 
     @property
     def last_line(self) -> str:
-        """The last line that it said, "" if none."""
+        """The last line that is not empty; "" if there is none."""
         with self._lock:
             return next((text for text in reversed(self._output) if text), "")
 
     def subscribe_output(self, on_output: Callable[[str], None]) -> None:
-        """Have each line that it says told, those said already now; in another thread."""
+        """Call `on_output` with the lines printed so far; from another thread, with each later line."""
         with self._lock:
             self._on_output = on_output
             said = list(self._output)
@@ -131,14 +132,17 @@ class ChildProcess:
             on_output(text)
 
     def subscribe_end(self, on_end: Callable[[str], None]) -> None:
-        """Have told why it ended by itself, "" if killed; in another thread, or now if it has ended."""
+        """Call `on_end` if the command ends without a request, with its last line; "" if it was killed.
+
+        The call comes from another thread, or at once if the command has ended.
+        """
         with self._lock:
             self._on_end, ended = on_end, self._has_ended
         if ended and self._is_wanted:
             on_end(self._end_reason())
 
     def terminate(self) -> list[str]:
-        """End it in order; return what it said meanwhile."""
+        """End the command in order. Return the lines that it printed meanwhile."""
         self._is_wanted = False
         before = self._line_count
         self._on_output = None

@@ -1,10 +1,12 @@
-"""Keep the processors out of deep sleep while set points pass; only on request (`proxy --low-latency`).
+"""Keep the processors out of deep sleep during set points; only on request (`proxy --low-latency`).
 
-Waking a processor takes a few microseconds from light sleep, a hundred or more from deep sleep, and tens on a
-virtual machine from any sleep, since the host wakes it. A round trip through the proxy pays this four times
-if client and controller run on the same machine, else twice. Linux accepts a limit for the wake-up time
-(power/pm_qos_interface). The limit holds for the whole machine and costs electricity, or processor time of
-the host. So the proxy sets it only while there is much traffic, and not where the host takes processors away.
+Waking a processor takes a few microseconds from light sleep, and a hundred or more from deep sleep. On a
+virtual machine it takes tens from any sleep, since the host wakes it. A round trip through the proxy pays
+this four times if client and controller run on the same machine, else twice.
+
+Linux accepts a limit for the wake-up time (power/pm_qos_interface). The limit holds for the whole machine and
+costs electricity, or processor time of the host. So the proxy sets it only while there is much traffic, and
+not on a machine whose host takes processors away.
 """
 
 from __future__ import annotations
@@ -21,25 +23,25 @@ from typing import Protocol
 from bcapscope.proxy.ring_buffer import RelayCounter
 
 BUSY_DATAGRAMS = 100
-"""Datagrams within `BUSY_WITHIN`, or at once: fifty calls. A set point each 8 ms makes 250 in a second."""
+"""Datagrams in `BUSY_WITHIN` that count as much: 50 calls. Set points every 8 ms make 250 per second."""
 
 BUSY_WITHIN = 1.0
-"""Seconds."""
+"""Seconds over which datagrams are counted."""
 
 AWAKE_FOR = 2.0
-"""Seconds without that much after which processors may sleep again."""
+"""Seconds without much traffic after which processors may sleep again."""
 
 MAX_STOLEN_SHARE = 0.05
-"""Share of a processor's time that the host may take from all of them together."""
+"""Highest share of one processor's time that the host may take from all processors together."""
 
 PAUSED_FOR = 60.0
-"""Seconds for which nothing is asked after the host took more, or Linux refused."""
+"""Seconds without a limit after the host took more than that, or Linux refused the limit."""
 
 _MEASURED_EVERY = 1.0
-"""Seconds."""
+"""Seconds between measurements of the time that the host took."""
 
 _STREAM_BYTES_EACH = 64
-"""Bytes of streams that count as a datagram: a set point takes some 100, its answer 58 or 90."""
+"""Bytes of streams that count as one datagram: a set point has about 100 bytes, its reply 58 or 90."""
 
 _REQUEST = struct.Struct("@i")
 _DEVICE = Path("/dev/cpu_dma_latency")
@@ -47,33 +49,33 @@ _CPU_FOLDER = Path("/sys/devices/system/cpu")
 _STATISTICS = Path("/proc/stat")
 
 _USUAL_LATENCY_US = 2
-"""µs to wake from the lightest sleep, where nobody says how many."""
+"""µs to wake from the lightest sleep, where Linux does not report them."""
 
 _FIRST_LINE_BYTES = 256
-"""Bytes, more than it has."""
+"""Bytes to read; longer than the first line."""
 
 _STEAL_COLUMN = 8
-"""Place of the time that the host took, in the first line (proc_stat(5))."""
+"""Column of the time that the host took, in the first line (proc_stat(5))."""
 
 
 class CpuSleep(Protocol):
-    """The sleep of the processors."""
+    """Controls how deeply the processors sleep."""
 
     def forbid_deep_sleep(self) -> bool:
-        """Ask that they stay awake, or all but; tell whether that is granted."""
+        """Ask the system to keep the processors awake, or in light sleep. Return whether it agreed."""
 
     def allow_deep_sleep(self) -> None:
-        """Ask no more."""
+        """Withdraw the request."""
 
     def stolen_seconds(self) -> float | None:
-        """Return how many seconds the host took so far from those that stay awake; None if unknown."""
+        """Return the total time in s that the host took from processors kept awake; None if unknown."""
 
 
 class CpuWakefulness:
-    """Lets the processors sleep unless much passes."""
+    """Keeps the processors awake while there is much traffic."""
 
     def __init__(self, sleep: CpuSleep) -> None:
-        """Let them sleep."""
+        """Start with sleep allowed."""
         self._sleep = sleep
         self._is_awake = False
         self._count_before, self._counted_at = 0, -math.inf
@@ -82,11 +84,11 @@ class CpuWakefulness:
         self._measured_at = 0.0
 
     def update(self, datagrams: int, now: float) -> None:
-        """Look how much has passed, some twenty times a second.
+        """Update the decision from the traffic so far. Call this about twenty times per second.
 
         Args:
-            datagrams: datagrams so far; see `datagrams_passed`.
-            now: s, of any clock that runs evenly.
+            datagrams: Datagrams so far; see `datagrams_passed`.
+            now: Seconds of a steady clock.
         """
         is_much = datagrams - self._count_before >= BUSY_DATAGRAMS
         if is_much:
@@ -102,7 +104,7 @@ class CpuWakefulness:
             self.allow_sleep()
 
     def allow_sleep(self) -> None:
-        """Let them sleep."""
+        """Allow sleep."""
         if self._is_awake:
             self._is_awake = False
             self._sleep.allow_deep_sleep()
@@ -115,7 +117,7 @@ class CpuWakefulness:
             self._not_before = now + PAUSED_FOR
 
     def _is_much_stolen(self, now: float) -> bool:
-        """Measure what the host took since the last time; tell whether that is much."""
+        """Measure what the host took since the last time. Return whether it exceeds `MAX_STOLEN_SHARE`."""
         since, before = now - self._measured_at, self._stolen_before
         self._measured_at, self._stolen_before = now, self._sleep.stolen_seconds()
         return (
@@ -126,20 +128,20 @@ class CpuWakefulness:
 
 
 def datagrams_passed(counts: Sequence[int]) -> int:
-    """Return how many datagrams came, and how many the bytes of streams that were sent would make.
+    """Return the datagrams received, plus the datagrams that the bytes sent on streams would make.
 
     Args:
-        counts: by `RelayCounter`.
+        counts: Counts, indexed by `RelayCounter`.
     """
     datagrams = counts[RelayCounter.CAME_UP] + counts[RelayCounter.CAME_DOWN]
     return datagrams + (counts[RelayCounter.BYTES_UP] + counts[RelayCounter.BYTES_DOWN]) // _STREAM_BYTES_EACH
 
 
 class CpuLatencyLimit:
-    """Has Linux let processors sleep only as lightly as possible, where we may ask: as root, unless told.
+    """Asks Linux for the lightest sleep only. This needs root unless a udev rule grants access.
 
-    On a KVM guest whose driver is haltpoll they then wait without sleeping, as there each sleep, however
-    lightly it is called, is the host's. Linux forgets what was asked once the file is closed, however we end.
+    A KVM guest with the haltpoll driver then waits without sleep: its host handles each sleep, however light.
+    Linux drops the request when the file is closed, however the process ends.
     """
 
     def __init__(self) -> None:
@@ -149,11 +151,11 @@ class CpuLatencyLimit:
         self._statistics: int | None = None
 
     def forbid_deep_sleep(self) -> bool:
-        """Ask for it; tell whether that is granted."""
+        """Set the limit. Return whether Linux accepted it."""
         if sys.platform != "linux":
             return False
         try:
-            self._device = os.open(_DEVICE, os.O_WRONLY)  # makes no file where there is no such device
+            self._device = os.open(_DEVICE, os.O_WRONLY)  # creates no file where there is no such device
             os.write(self._device, _REQUEST.pack(self._limit_us))
             if self._has_haltpoll:
                 self._statistics = os.open(_STATISTICS, os.O_RDONLY)
@@ -163,7 +165,7 @@ class CpuLatencyLimit:
         return True
 
     def allow_deep_sleep(self) -> None:
-        """Ask for it no more."""
+        """Withdraw the limit."""
         descriptors = self._device, self._statistics
         self._device = self._statistics = None
         for descriptor in descriptors:
@@ -172,7 +174,7 @@ class CpuLatencyLimit:
                     os.close(descriptor)
 
     def stolen_seconds(self) -> float | None:
-        """Return how many seconds of processors the host took so far, if these never sleep."""
+        """Return the processor time in s that the host took so far; None if processors sleep."""
         if sys.platform == "linux" and self._statistics is not None:
             with suppress(OSError, IndexError, ValueError):
                 line = os.pread(self._statistics, _FIRST_LINE_BYTES, 0)
@@ -195,14 +197,14 @@ def low_latency_problem() -> str:
 
 
 def _uses_haltpoll() -> bool:
-    """Tell whether a processor that must wake at once waits without sleeping."""
+    """Return whether this is a guest with the haltpoll driver, which can wait without sleep."""
     with suppress(OSError):
         return (_CPU_FOLDER / "cpuidle" / "current_driver").read_bytes().strip() == b"haltpoll"
     return False
 
 
 def _lightest_latency_us() -> int:
-    """Return how many µs the first processor takes to wake from the lightest sleep that is in use."""
+    """Return the µs that the first processor takes to wake from the lightest sleep in use."""
     states = (_CPU_FOLDER / "cpu0" / "cpuidle").glob("state*")
     with suppress(OSError, ValueError):
         used = [each for each in states if int((each / "disable").read_text()) == 0]

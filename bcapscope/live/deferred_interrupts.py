@@ -1,4 +1,4 @@
-"""Ctrl-C while something endless is read: it ends the wait for more, and nothing else."""
+"""Ctrl-C while an endless input is read: it ends the wait for more input, and nothing else."""
 
 from __future__ import annotations
 
@@ -11,25 +11,25 @@ T = TypeVar("T")
 
 
 class DeferredInterrupts:
-    """Keeps Ctrl-C from those who work on what was read, so that all of it is still told.
+    """Delays Ctrl-C while input is processed, so that everything that was read is still printed.
 
-    The first one counts only where more is waited for; a second one, before that is noticed, ends the program
-    as ever. To be used in the main thread, which is the one that signals reach.
+    The first Ctrl-C takes effect only while the program waits for input. A second one ends the program as
+    usual, if it comes before the first took effect. Use it in the main thread, which receives signals.
     """
 
     def __init__(self) -> None:
-        """Take Ctrl-C over."""
+        """Install the handler for Ctrl-C."""
         self._is_waiting = self._is_interrupted = False
         self._previous_handler = signal.signal(signal.SIGINT, self._on_sigint)
 
     def read_or_stop(self, read: Callable[[], T], default: T) -> T:
-        """Return what `read` gives; `default` where Ctrl-C came meanwhile, or had come before."""
+        """Return the result of `read`, or `default` if Ctrl-C came meanwhile or before."""
         if self._is_interrupted:
             return default
         try:
             self._is_waiting = True
             found = read()
-            self._is_waiting = False  # what was read is safe before the block is left
+            self._is_waiting = False  # keep the result even if Ctrl-C comes right after
         except KeyboardInterrupt:
             return default
         finally:
@@ -37,7 +37,7 @@ class DeferredInterrupts:
         return found
 
     def close(self) -> None:
-        """Give Ctrl-C back."""
+        """Restore the previous handler for Ctrl-C."""
         signal.signal(signal.SIGINT, self._previous_handler)
 
     def __enter__(self) -> Self:

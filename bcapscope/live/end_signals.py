@@ -19,17 +19,17 @@ _END_SIGNALS = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasat
 
 
 def interrupt_on_end_signals() -> None:
-    """Let signals that end programs do as Ctrl-C does, and all is let go of."""
+    """Treat signals that end programs like Ctrl-C, so that resources are released."""
     for number in _END_SIGNALS:
-        if signal.getsignal(number) is not signal.SIG_IGN:  # as nohup wants it
+        if signal.getsignal(number) is not signal.SIG_IGN:  # SIG_IGN was set by nohup
             signal.signal(number, _raise_interrupt)
 
 
 def run_interruptible(work: Coroutine[Any, Any, T]) -> T:
-    """Run a coroutine; what ends programs ends it between two steps, as Ctrl-C does, and all is let go of.
+    """Run a coroutine. Signals that end programs cancel it between two steps, so that resources are released.
 
     Raises:
-        KeyboardInterrupt: it was ended.
+        KeyboardInterrupt: A signal ended it.
     """
     return asyncio.run(_interruptible(work))
 
@@ -45,8 +45,8 @@ async def _interruptible(work: Coroutine[Any, Any, T]) -> T:
 
     before = {number: signal.getsignal(number) for number in _END_SIGNALS}
     for number, handler in before.items():
-        if handler is not signal.SIG_IGN:  # as nohup wants it
-            with suppress(NotImplementedError):  # on Windows, where it ends as before
+        if handler is not signal.SIG_IGN:  # SIG_IGN was set by nohup
+            with suppress(NotImplementedError):  # on Windows, where the signal ends it as before
                 loop.add_signal_handler(number, end)
     try:
         return await work
@@ -65,15 +65,16 @@ def _raise_interrupt(number: int, frame: FrameType | None) -> None:
 
 @contextmanager
 def end_signal_socket() -> Iterator[socket.socket]:
-    """Let Ctrl-C and signals that end programs come only where they are waited for, in this block.
+    """Deliver Ctrl-C and signals that end programs through a socket in this block.
 
-    Else they would end it between any two steps, such as between writing lines and forgetting them.
+    Otherwise they would end the program between any two steps, such as between writing lines and dropping
+    them.
 
     Yields:
-        A socket that does not wait, from which the number of each such signal can be read, a byte.
+        A non-blocking socket. Each signal adds one byte, its number.
 
     Raises:
-        FileWriteError: there are no file descriptors left.
+        FileWriteError: No file descriptors are left.
     """
     try:
         here, there = socket.socketpair()
@@ -97,12 +98,12 @@ def end_signal_socket() -> Iterator[socket.socket]:
 
 @contextmanager
 def end_signals_blocked() -> Iterator[None]:
-    """Start processes in this block that Ctrl-C does not reach while they load what they need.
+    """Block Ctrl-C in processes that start in this block, until they have loaded what they need.
 
-    A terminal sends it to all that it runs, and who is just being loaded would end with a traceback. They
-    are never reached by signals that end programs; here those of this block come after it.
+    A terminal sends Ctrl-C to all processes that it runs. A process that is still loading would end with a
+    traceback. Signals that end programs never reach these processes. This process gets them after the block.
     """
-    if not hasattr(signal, "pthread_sigmask"):  # nor does such a process inherit anything on Windows
+    if not hasattr(signal, "pthread_sigmask"):  # on Windows such a process inherits no signal mask
         yield
         return
     before = signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT, *_END_SIGNALS))
@@ -113,4 +114,4 @@ def end_signals_blocked() -> Iterator[None]:
 
 
 def _do_nothing(number: int, frame: FrameType | None) -> None:
-    """Do nothing more: the file descriptor has it already."""
+    """Do nothing: Python has written the number to the socket already."""

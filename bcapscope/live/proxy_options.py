@@ -1,4 +1,7 @@
-"""What is wished of the process that watches a proxy, and how it is started: light, as the relay loads it."""
+"""The options of the process that watches a proxy, and its entry point.
+
+The module imports little, because the relay loads it.
+"""
 
 from __future__ import annotations
 
@@ -14,15 +17,18 @@ from bcapscope.traffic.filter.compiler import Filter, compile_filter
 from bcapscope.traffic.filter.field_table import RecordKind
 
 BEGIN, CLOSE_SESSIONS, READY = b"begin", b"farewell", b"ready"
-"""What the relay says when the process may begin to watch, what it asks before it ends, and what it waits for
-before it begins. Anything else that it says is advice for the user, for the case that it is too slow."""
+"""Messages between relay and watcher.
+
+`BEGIN` tells the watcher to start, and `READY` is its answer. `CLOSE_SESSIONS` asks it for the requests that
+close the open sessions. Any other message from the relay is advice, printed if the proxy is too slow.
+"""
 
 INCOMPLETE = 6
-"""Exit code of the process if the recording lacks something; not 1, which a traceback also gives."""
+"""Exit code of the watcher for an incomplete recording. It is not 1, which a traceback also gives."""
 
 
 class TrafficFormat(StrEnum):
-    """How each is written."""
+    """How a frame or call is written."""
 
     LINE = "line"
     TREE = "tree"
@@ -31,13 +37,13 @@ class TrafficFormat(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class ViewOptions:
-    """What is shown.
+    """What is displayed.
 
     Attributes:
-        shown: frames, calls, or nothing.
-        form: how.
-        expression: the expression that chooses them; "" for all.
-        time_format: how the time is told.
+        shown: Frames or calls; None for nothing.
+        form: Format of each.
+        expression: Filter expression that chooses them; "" for all.
+        time_format: Format of times.
     """
 
     shown: RecordKind | None
@@ -46,10 +52,10 @@ class ViewOptions:
     time_format: TimeFormat = TimeFormat.RELATIVE
 
     def compiled_filter(self) -> Filter | None:
-        """Compile the expression.
+        """Compile the expression; None for all.
 
         Raises:
-            FilterError: it makes no sense.
+            FilterError: The expression is invalid.
         """
         if not self.expression:
             return None
@@ -58,13 +64,13 @@ class ViewOptions:
 
 @dataclass(frozen=True, slots=True)
 class ProxyOptions:
-    """What is to be done with what passes.
+    """What the watcher does with the traffic.
 
     Attributes:
-        record: a capture to write; None for none.
-        ring: makes a ring of files of it.
-        view: what is shown.
-        color: as the option has it.
+        record: Capture to write; None for none.
+        ring: Limits of a ring of files; None for a single file.
+        view: What is displayed.
+        color: Value of the option: `always`, `never` or `auto`.
     """
 
     record: Path | None
@@ -74,18 +80,19 @@ class ProxyOptions:
 
 
 def run_watcher(memory: str, relay: Connection, options: ProxyOptions) -> None:
-    """Watch a relay until it ends; the entry of a process, which exits with `INCOMPLETE` if so.
+    """Watch a relay until it ends; the entry point of the process. It exits with `INCOMPLETE` if that
+    applies.
 
     Args:
-        memory: name of the ring's.
-        relay: over which it asks and is answered; its end is the relay's.
-        options: what is to be done.
+        memory: Name of the shared memory that holds the ring.
+        relay: Pipe to the relay, for its requests and the answers. The relay's end closes when it ends.
+        options: What to record and display.
     """
     from bcapscope.live.proxy_watcher import watch_relay
 
     try:
         relay.recv_bytes()
-    except (EOFError, OSError):  # the relay has given up
+    except (EOFError, OSError):  # the relay has ended
         return
     if not watch_relay(memory, relay, options):
         sys.exit(INCOMPLETE)

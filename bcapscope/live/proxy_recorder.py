@@ -1,4 +1,4 @@
-"""What a proxy recorded: both legs of all that passed, each on an interface of its own."""
+"""The recording of a proxy: both sides of all traffic, each on its own interface."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ _Endpoints: TypeAlias = tuple[tuple[str, int], tuple[str, int]]
 
 
 class _ProxySide:
-    """One of the two ways that what a client and its controller say takes.
+    """One side of a client's traffic: between client and proxy, or between proxy and controller.
 
     Attributes:
-        interface: the interface.
-        is_client_side: it is the client's.
-        is_stream: it is a TCP connection.
-        begun: that connection is in the recording.
-        endpoints: who speaks to whom; what goes down at 0, up at 1.
+        interface: The pcapng interface of this side.
+        is_client_side: True between client and proxy.
+        is_stream: True for TCP.
+        begun: True once the connection is in the recording.
+        endpoints: Source and target: toward the client at index 0, toward the controller at index 1.
     """
 
     __slots__ = ("begun", "endpoints", "interface", "is_client_side", "is_stream")
@@ -50,31 +50,31 @@ class _ProxySide:
         self.endpoints: tuple[_Endpoints, _Endpoints] = (controller, client), (client, controller)
 
     def hop(self, up: bool) -> Hop:
-        """Return where datagrams go."""
+        """Return source, target and interface of datagrams in one direction."""
         return (*self.endpoints[up], self.interface)
 
 
 _RecordStep: TypeAlias = tuple[int, _ProxySide, RingRecord]
-"""When what is to be written of a record, and where."""
+"""Time of a packet in ns since 1970, its side, and the record that it comes from."""
 
 _step_time: Callable[[_RecordStep], int] = itemgetter(0)
 
 _MAX_PAIR_ENCODERS = 1024
-"""Of so many clients, directions and sizes is kept what makes blocks; when there are more, all of it goes."""
+"""Encoders that are kept, one for each client, direction and size. Beyond that, all are discarded."""
 
 
 class ProxyRecorder:
-    """Writes the relay's traffic to a capture; if that fails, reports it and continues without.
+    """Writes the relay's traffic to a capture. If that fails, it warns and continues without a recording.
 
     Attributes:
-        failed: the capture lacks something because a file could not be written.
+        failed: True if the capture is incomplete because a file could not be written.
     """
 
     def __init__(self, path: Path, ring: RotationLimits | None, warn: Callable[[str], None]) -> None:
-        """Begin.
+        """Create the file.
 
         Raises:
-            OSError: it cannot be written.
+            OSError: The file cannot be written.
         """
         self._series: RotatingRecording | None = RotatingRecording(path, ring)
         self.failed = self._has_warned_full = False
@@ -85,10 +85,10 @@ class ProxyRecorder:
         self._is_ring = ring is not None
         self._pair_encoders: dict[
             tuple[int, bool, int], PacketPairEncoder
-        ] = {}  # by client, whether up, and bytes
+        ] = {}  # by client, direction (up) and bytes
 
     def add_records(self, records: Sequence[RingRecord]) -> None:
-        """Write what was told, in the order of its times; what may not be the next one waits for `flush`."""
+        """Write records in the order of time. Packets that another may still precede wait for `flush`."""
         if self._series is None:
             return
         rest = records[self._write_plain_run(records) :]
@@ -115,17 +115,18 @@ class ProxyRecorder:
         self._write_steps(bisect_right(steps, came, key=_step_time))
 
     def _write_plain_run(self, records: Sequence[RingRecord]) -> int:
-        """Write datagrams that were passed on as they came, one after another, which most are.
+        """Write leading records that are datagrams forwarded unchanged, one after another. Most records are.
 
-        What waits is written before, if all of `records` is later.
+        Packets that wait are written first, provided that all of `records` is later.
 
         Returns:
-            How many records were written, from the first on; never the last, as something may overtake it.
+            Number of records written, counted from the first. The last record is never written, as an earlier
+            packet may follow it.
         """
         first = [
             came if 0 < came <= left else left or came for _, _, _, came, left, _, _ in reversed(records)
         ]
-        soonest = [*accumulate(first, min)][::-1]  # when the first of each and of all that follow is written
+        soonest = [*accumulate(first, min)][::-1]  # earliest time of each record and all later ones
         if len(records) < 2 or (self._steps and soonest[0] < self._steps[-1][0]):
             return 0
         self._write_steps(len(self._steps))
@@ -154,7 +155,7 @@ class ProxyRecorder:
         return written
 
     def _write_blocks(self, blocks: list[bytes]) -> int:
-        """Write blocks and empty the list; return how many they were."""
+        """Write the blocks and empty the list. Return how many blocks there were."""
         assert self._series is not None
         count = len(blocks)
         if count:
@@ -163,7 +164,7 @@ class ProxyRecorder:
         return count
 
     def _make_pair_encoder(self, number: int, up: bool, size: int) -> PacketPairEncoder | None:
-        """Return what writes datagrams of so many bytes; None for a stream, and for an unknown client."""
+        """Return an encoder for datagrams of this size. None for a stream or an unknown client."""
         if not self._sends_datagrams(number):
             return None
         if len(self._pair_encoders) >= _MAX_PAIR_ENCODERS:
@@ -175,12 +176,12 @@ class ProxyRecorder:
         return made
 
     def _sends_datagrams(self, number: int) -> bool:
-        """Tell whether a client is known and sends datagrams."""
+        """Return whether a client is known and uses UDP."""
         legs = self._sides.get(number)
         return legs is not None and not legs[0].is_stream
 
     def flush(self) -> None:
-        """Put all that was taken into the file."""
+        """Write all waiting packets to the file."""
         self._write_steps(len(self._steps))
         if self._series is not None:
             try:
@@ -191,14 +192,14 @@ class ProxyRecorder:
                 self._warn_if_freed(self._series.files_freed)
 
     def _warn_if_freed(self, freed: int) -> None:
-        """Report once that the disk is too small for the ring."""
+        """Warn once that the disk is too small for the ring of files."""
         if freed and not self._has_warned_full:
             self._has_warned_full = True
             name = printable(str(self._path))
             self._warn(f"the disk is full: the recording {name} removes its oldest files early")
 
     def close(self) -> None:
-        """Close the file, with all that was taken in it."""
+        """Write all waiting packets and close the file."""
         self.flush()
         self._close_file()
 
@@ -225,7 +226,7 @@ class ProxyRecorder:
         )
 
     def _write_steps(self, count: int) -> None:
-        """Write so many of the steps."""
+        """Write the first `count` steps."""
         steps, self._steps = self._steps[:count], self._steps[count:]
         try:
             for time, leg, record in steps:
@@ -253,10 +254,10 @@ class ProxyRecorder:
         self._close_file()
 
     def _current_recording(self) -> SocketRecording:
-        """Return what packets are written with, to the next file where it is time to."""
+        """Return the recording to write to, after changing to the next file if the current one is full."""
         assert self._series is not None
         if self._series.rotate_if_full():
-            self._pair_encoders.clear()  # they name interfaces of the file before
+            self._pair_encoders.clear()  # they refer to interfaces of the previous file
         return self._series.recording
 
     def _begin_stream(self, leg: _ProxySide, time: int) -> None:
@@ -288,7 +289,7 @@ class ProxyRecorder:
         )
 
     def _end_stream(self, leg: _ProxySide, record: RingRecord, time: int) -> None:
-        """Write the end of a direction, of a connection that is in the recording."""
+        """Write the end of one direction, if the connection is in the recording."""
         if leg.begun:
             self._current_recording().write_stream_end(
                 *leg.endpoints[record.up],

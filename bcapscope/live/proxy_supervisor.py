@@ -1,4 +1,4 @@
-"""A proxy at work: the relay here, what watches it in a process of its own."""
+"""A running proxy: the relay in this process, and the watcher in a process of its own."""
 
 from __future__ import annotations
 
@@ -38,35 +38,35 @@ from bcapscope.traffic.observation import Endpoint
 from bcapscope.transport.descriptors import raise_descriptor_limit
 
 RING_SIZE = 32 << 20
-"""Bytes: twenty seconds of four robots with a set point each millisecond, if nobody watched at all."""
+"""Bytes: about 20 seconds of four robots with one set point per millisecond, if nothing is read."""
 
 _MAX_DESCRIPTORS = 1024
-"""Files that may be open: two for a TCP client, one for a UDP client and for one that is silent so far."""
+"""Limit of open file descriptors: two for a TCP client; one for a UDP client or one without a first frame."""
 
 _POLL_INTERVAL = 0.05
 _BEGINS_WITHIN = 30.0
 _ANSWERS_WITHIN = 3.0
 _ENDS_WITHIN = 60.0
-"""Seconds that the watching process has."""
+"""Seconds that the watcher may take to end."""
 
 _SESSIONS_CLOSE_WITHIN = 3.0
-"""Seconds for all sessions that are ended in their clients' place: a controller that is gone answers none."""
+"""Seconds for closing all sessions in the clients' place. A controller that is gone answers nothing."""
 
 _TOTALS_WITHIN = 0.5
-"""Seconds that a terminal has for what is told at the end."""
+"""Seconds for printing the totals at the end."""
 
 _STDIN = 0
 
 _SILENT_FOR_NS = 30_000_000_000
-"""ns after which a client is taken to have gone, once the terminal is closed."""
+"""ns of silence after which a client counts as gone, once the terminal is closed."""
 
 
 class ProxySupervisor:
-    """A relay and what watches it.
+    """The relay and the process that watches it.
 
     Attributes:
-        relay: for callers that attach more to it before it runs.
-        is_recording_incomplete: after `close`: a recording was requested, and it is incomplete.
+        relay: The relay. Callers can attach more to it before it runs.
+        is_recording_incomplete: After `close`: True if a recording was requested and is incomplete.
     """
 
     def __init__(
@@ -77,17 +77,17 @@ class ProxySupervisor:
         *,
         low_latency: bool = False,
     ) -> None:
-        """Make a relay that listens nowhere yet.
+        """Create a relay without listeners.
 
         Args:
-            options: of the watcher.
-            end_signals: from which the signals come that end programs; see `end_signal_socket`.
-            policy: the rules; None without.
-            low_latency: keep the machine's processors out of deep sleep while there is much traffic.
+            options: Options of the watcher.
+            end_signals: Socket that delivers the signals that end programs; see `end_signal_socket`.
+            policy: The rules. None without rules.
+            low_latency: Keep the machine's processors out of deep sleep while there is much traffic.
 
         Raises:
-            FileWriteError: there is no room for the memory that it shares with the watcher, or the system
-                gives nothing to wait with.
+            FileWriteError: The memory shared with the watcher cannot be allocated, or the system provides no
+                way to wait for file descriptors.
         """
         self._options = options
         self._end_signals = end_signals
@@ -114,30 +114,30 @@ class ProxySupervisor:
         self._closing_requests: list[tuple[int, str, list[str]]] = []
 
     def listen(self, listener: ListenerSpec, forget_after: int) -> Endpoint:
-        """Listen; return where. Clients are taken when it runs.
+        """Listen, and return the address. Clients are accepted once `run` is called.
 
         Args:
-            listener: where, and where to.
-            forget_after: ns of silence after which a UDP client is forgotten.
+            listener: Address to listen on, and address of the controller.
+            forget_after: Silence after which a UDP client is forgotten, in ns.
 
         Raises:
-            ProxyListenError: it cannot be listened on.
-            UnreachableError: the controller's name is unknown.
+            ProxyListenError: The address cannot be listened on.
+            UnreachableError: The controller's name cannot be resolved.
         """
         address, ports = open_listeners(self.relay, listener, forget_after)
         self._ports += ports
         return address
 
     def start_watcher(self, wait_for_scripts: Callable[[float], bool] | None = None) -> None:
-        """Start the process that watches, and wait until it does.
+        """Start the watcher process and wait until it is ready.
 
         Args:
-            wait_for_scripts: waits up to so many seconds for what else has to begin; returns whether it has.
-                Nothing is recorded before, but the process is loaded meanwhile.
+            wait_for_scripts: Waits up to the given seconds for the scripts, and returns whether they have
+                started. Recording starts after that; the watcher process is loaded meanwhile.
 
         Raises:
-            FileWriteError: the recording cannot be written, or no process be started.
-            KeyboardInterrupt: it is to end already.
+            FileWriteError: The recording cannot be written, or the process cannot be started.
+            KeyboardInterrupt: A signal has asked the proxy to end.
         """
         arguments = self._memory.name, self._watcher_end, self._options
         watcher = self._context.Process(target=run_watcher, args=arguments, name="watch")
@@ -166,7 +166,7 @@ class ProxySupervisor:
             self.relay.watch(self._watcher_pipe.fileno(), lambda _: self._receive_from_watcher())
 
     def end_with_parent(self) -> None:
-        """Do as when the terminal is closed once standard input ends: whoever started the proxy is gone."""
+        """Treat the end of standard input, the end of the parent program, as a closed terminal."""
         if sys.platform == "win32":  # there a pipe cannot be waited for together with sockets
             return
         if sys.stdin is None or not _has_other_end(_STDIN):
@@ -175,22 +175,22 @@ class ProxySupervisor:
             self.relay.watch(_STDIN, self._on_parent_input)
 
     def run(self, on_ready: Callable[[], None]) -> None:
-        """Pass bytes on until told to end, then end in order; `start_watcher` came before.
+        """Forward bytes until asked to end, then shut down in order. Call `start_watcher` first.
 
         Args:
-            on_ready: called when clients are taken.
+            on_ready: Called once clients are accepted.
 
         Raises:
-            KeyboardInterrupt: it is to end already.
+            KeyboardInterrupt: A signal has asked the proxy to end before it started.
         """
         self._raise_if_ended()
         self.relay.watch(self._end_signals.fileno(), self._on_signal)
-        # Beside busy programs one round trip in ten waited 4 ms without the priority. With it, Linux wakes
-        # the relay where it ran last, not where its waker runs: that processor had better not sleep.
+        # Without the priority, one round trip in ten waited 4 ms beside busy programs. With it, Linux wakes
+        # the relay on the processor where it ran last, not on its waker's. That one should not sleep.
         with realtime_priority() as grade:
             if not grade.realtime:
                 self._send_to_watcher(grade.text.encode())
-            # Not earlier: it tries something in a thread, whose stack stays, and would be locked as well.
+            # Not earlier: it runs a trial in a thread. The thread's stack stays, and would be locked as well.
             if self._is_watched:
                 assert self._watcher is not None
                 assert self._watcher.pid is not None
@@ -211,7 +211,7 @@ class ProxySupervisor:
                 self._print_totals()
 
     def _print_totals(self) -> None:
-        """Tell what is known here, as who watched it tells nothing any more."""
+        """Print what this process knows, because the watcher is gone."""
         from bcapscope.live.relay_figures import loss_lines, totals_text  # the watcher's, and NumPy with it
 
         report = () if self.relay.policy is None else self.relay.policy.report()
@@ -219,10 +219,10 @@ class ProxySupervisor:
         _print_aside("\n".join((*report, totals_text(counts), *loss_lines(counts)))).join(_TOTALS_WITHIN)
 
     def close(self) -> None:
-        """Wait for the watcher's summary, unless asked once more to end, and let go of everything."""
+        """Wait for the watcher's summary, unless asked again to end, and release all resources."""
         if self._wakefulness is not None:
             self._wakefulness.allow_sleep()
-        for port in self._ports:  # it gave up before the relay had them
+        for port in self._ports:  # `run` was not reached, so the relay does not own them
             port.close()
             port.release()
         self._ports.clear()
@@ -231,7 +231,7 @@ class ProxySupervisor:
         if self._watcher_priority is not None:
             self._watcher_priority.raise_for_good()
         if self._watcher is not None:
-            if not self._is_watched:  # it has not begun, or has ended
+            if not self._is_watched:  # it has not started, or has ended
                 self._watcher.kill()
             until = time.monotonic() + _ENDS_WITHIN
             while self._watcher.is_alive() and time.monotonic() < until and not self.must_end_now():
@@ -246,9 +246,9 @@ class ProxySupervisor:
         self._release_memory()
 
     def _check_recording(self, code: int | None) -> None:
-        """Decide by the exit code of the watcher whether the recording is complete."""
+        """Set `is_recording_incomplete` from the watcher's exit code."""
         self.is_recording_incomplete = self._options.record is not None and code != 0
-        if self.is_recording_incomplete and code != INCOMPLETE:  # it could not say so itself
+        if self.is_recording_incomplete and code != INCOMPLETE:  # the watcher could not report it itself
             print_stderr(f"{printable(str(self._options.record))} is incomplete: the recorder ended early")
 
     def _release_memory(self) -> None:
@@ -257,29 +257,29 @@ class ProxySupervisor:
         self._unlink_memory()
 
     def _unlink_memory(self) -> None:
-        """Take the name off the shared memory, which then goes with its users, however these end.
+        """Remove the name of the shared memory. The system then frees it when its last user ends, in any way.
 
-        A hang-up also ends Python's own process that would else remove it.
+        A hang-up also ends the Python process that would otherwise remove it.
         """
         if self._is_memory_linked:
             self._is_memory_linked = False
             self._memory.unlink()
 
     def _raise_if_ended(self) -> None:
-        """Give up before it began, if that is asked for."""
+        """Raise `KeyboardInterrupt` if a signal has asked the proxy to end before it started."""
         with suppress(BlockingIOError):
             self._end_signals.recv(1)
             raise KeyboardInterrupt
 
     def must_end_now(self) -> bool:
-        """Tell whether it is to end at once, now that it ends; a closed terminal asks for nothing."""
+        """Return whether a signal asked for an immediate end during shutdown. SIGHUP does not count."""
         with suppress(BlockingIOError):
             if any(number != getattr(signal, "SIGHUP", None) for number in self._end_signals.recv(16)):
                 self._must_end_now = True
         return self._must_end_now
 
     def _on_signal(self, _: int) -> None:
-        """End; when the terminal is closed, go on without it until no client is left."""
+        """Start the shutdown. After SIGHUP, continue without the terminal until no client is left."""
         for number in self._end_signals.recv(16):
             if number == getattr(signal, "SIGHUP", None):
                 self._is_terminal_closed = True
@@ -287,7 +287,7 @@ class ProxySupervisor:
                 self._begin_ending()
 
     def _begin_ending(self) -> None:
-        """End in order, and at once when asked again."""
+        """Shut down in order, or at once if this is the second request."""
         if self._watcher_priority is not None:
             self._watcher_priority.raise_for_good()
         if self._ending_since or not self._send_to_watcher(CLOSE_SESSIONS):
@@ -300,7 +300,7 @@ class ProxySupervisor:
             self._is_terminal_closed = True
 
     def _do_periodic_work(self) -> None:
-        """Do what is due from time to time."""
+        """Do the periodic work of the relay process."""
         if self._wakefulness is not None:
             self._wakefulness.update(datagrams_passed(self._ring.counts), time.monotonic())
         if self._is_watched and self._watcher_priority is not None:
@@ -315,10 +315,10 @@ class ProxySupervisor:
                 self._begin_ending()
 
     def _receive_from_watcher(self) -> None:
-        """Take what the watcher says, if it does: how the open sessions can be ended, or nothing any more.
+        """Read the watcher's message, if there is one: the requests that close the open sessions, or its end.
 
-        The look around may have taken what the poller told of in the same breath; who waited here for more
-        would wait for ever, as the watcher then waits for the relay.
+        The periodic work may already have read the message that the poller reported. Waiting here for another
+        one would block for ever, because the watcher waits for the relay.
         """
         try:
             if not self._watcher_pipe.poll():
@@ -334,7 +334,7 @@ class ProxySupervisor:
                 self.relay.stop()
 
     def _send_to_watcher(self, message: bytes) -> bool:
-        """Say something to the watcher; tell whether it is there."""
+        """Send a message to the watcher. Return whether the watcher is running."""
         try:
             self._watcher_pipe.send_bytes(message)
         except OSError:
@@ -342,7 +342,7 @@ class ProxySupervisor:
         return self._is_watched
 
     def _close_udp_sessions(self) -> None:
-        """End the sessions of UDP clients at the controller, in their place, those that may move first."""
+        """Close the sessions of UDP clients in their place, first those whose robot may move."""
         until = time.monotonic() + _SESSIONS_CLOSE_WITHIN
         for number, state, requests in sorted(self._closing_requests, key=lambda goodbye: not goodbye[1]):
             session = self.relay.sessions.get(number)
@@ -359,15 +359,15 @@ class ProxySupervisor:
 
 
 def _has_other_end(descriptor: int) -> bool:
-    """Tell whether somebody is at the other end of a file descriptor; a file, or /dev/null, is at its end."""
+    """Return whether a file descriptor has another end. A file and /dev/null have none."""
     mode = os.fstat(descriptor).st_mode
     return stat.S_ISFIFO(mode) or stat.S_ISSOCK(mode) or os.isatty(descriptor)
 
 
 def _print_aside(text: str) -> threading.Thread:
-    """Tell something in a thread of its own, as a terminal that is stopped takes nothing; return that.
+    """Print in a thread of its own, since a stopped terminal blocks writers. Return the thread.
 
-    It writes past Python's buffer, whose lock the end of the program would wait for.
+    It bypasses Python's buffer: the end of the program would wait for the buffer's lock.
     """
 
     def write() -> None:
@@ -380,10 +380,10 @@ def _print_aside(text: str) -> threading.Thread:
 
 
 def _shared_memory(size: int) -> SharedMemory:
-    """Make memory that processes share, all of it there at once: a page that is missing later would kill."""
+    """Create zeroed shared memory with all pages allocated: a page missing later would kill the process."""
     try:
         if sys.platform != "win32":
-            resource_tracker.ensure_running()  # who cannot start it later would leave the memory behind
+            resource_tracker.ensure_running()  # if it cannot start later, the memory would stay behind
         memory = SharedMemory(create=True, size=size)
         try:
             if hasattr(os, "posix_fallocate"):

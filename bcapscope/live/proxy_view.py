@@ -1,4 +1,4 @@
-"""What a proxy shows: frames or calls as they come, as `decode` and `calls` write them."""
+"""What a proxy displays: frames or calls as they arrive, formatted as by `decode` and `calls`."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ RenderedLines: TypeAlias = Iterator[str | bytes]
 
 
 class ProxyView:
-    """Renders what is to be shown, nothing for the rest."""
+    """Renders the frames or calls that the options choose."""
 
     def __init__(self, options: ViewOptions, palette: Palette) -> None:
-        """Take what is to be shown, and colours."""
+        """Prepare the renderers and the filter that the options call for."""
         wanted = options.compiled_filter()
         self._questions = RecentRequests()
         self._records = CallRecordRenderer()
@@ -50,16 +50,16 @@ class ProxyView:
         self._chooses_calls = wanted is not None or options.form is TrafficFormat.JSON
 
     def drop_conversation(self, conversation: Conversation) -> None:
-        """Forget a client that has gone."""
+        """Forget a client that is gone."""
         self._questions.close_conversation(conversation)
         self._records.drop_conversation(conversation)
 
     def frame_lines(self, observation: Observation, note: str) -> Sequence[str | bytes]:
-        """Return the lines of a frame.
+        """Return the lines of a frame, () if it is not displayed.
 
         Args:
-            observation: the frame.
-            note: what a rule did to it.
+            observation: The frame.
+            note: What a rule did to it; "" for nothing.
         """
         if not self._has_begun and (self._frame_renderer is not None or self._call_renderer is not None):
             self._has_begun = True
@@ -70,7 +70,7 @@ class ProxyView:
         return list(self._frame_renderer(told)) if self._wants_frame(told) else ()
 
     def call_lines(self, settled: PairingResult, subject: TrackedObject | None) -> Sequence[str | bytes]:
-        """Return the lines of a call, or of a reply that belongs to none."""
+        """Return the lines of a call or of a stray reply, () if it is not displayed."""
         if self._call_renderer is None:
             return ()
         chosen = self._wants_call(settled) if isinstance(settled, Call) else not self._chooses_calls

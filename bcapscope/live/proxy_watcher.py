@@ -1,7 +1,7 @@
-"""The process that watches a proxy: it records, decodes, shows and judges, and never holds the relay up.
+"""The process that watches a proxy: it records, decodes, displays and diagnoses, and never delays the relay.
 
-It looks every few hundredths of a second at what the relay has written into the ring. When the relay ends,
-or is killed, it takes what is left, closes the recording and sums up.
+It reads what the relay wrote into the ring every few hundredths of a second. When the relay ends or is
+killed, it reads the rest, closes the recording and prints a summary.
 """
 
 from __future__ import annotations
@@ -38,47 +38,50 @@ from bcapscope.traffic.observation import Conversation, Transport
 from bcapscope.traffic.tracker import Tracker
 
 POLL_INTERVAL = 0.025
-"""Seconds between looks at the ring."""
+"""Seconds between polls of the ring."""
 
 _DECODE_FOR = 0.024
-"""Seconds of decoding between two looks, in which what comes is not recorded."""
+"""Longest time for decoding between two polls, in seconds. Nothing is recorded meanwhile."""
 
 _MAY_WAIT_SHARE = 0.25
-"""Share of the ring up to which others have most of the time for themselves though more comes than a spell is
-enough for: a processor that is taken costs each round trip."""
+"""Highest fill ratio of the ring at which decoding may fall behind.
+
+Up to it, the watcher rests most of the time, although more traffic arrives than it can decode in
+`_DECODE_FOR`. A processor that the watcher occupies lengthens each round trip.
+"""
 
 _SHOWN_WITHIN_NS = 2_000_000_000
-"""ns after which what passed is shown, whatever that costs; as long as there is a processor for it."""
+"""Age in ns at which traffic is displayed at any cost, if a processor is available."""
 
 _REST_FACTOR, _LONGEST_REST = 1.5, 0.075
-"""How long that time is, as a multiple of what a look took, and s at most."""
+"""Rest between two polls: a multiple of the duration of the poll, and its maximum in seconds."""
 
 _STATUS_EVERY_NS = 500_000_000
 _DECODING_DELAY_NS = round(3 * POLL_INTERVAL * 1e9)
-"""ns that something may have passed before it is seen here."""
+"""Longest time in ns from the arrival of a datagram to its decoding here."""
 
 _NICENESS = 10
 _RECORDS_AT_ONCE = 128
-"""Records that are shown together."""
+"""Records that are decoded and displayed together."""
 _RECORDS_PER_YIELD = 32
-"""Records that are recorded before others have their turn."""
+"""Records that are recorded before the watcher yields the processor."""
 _FRAMES_PER_YIELD = 4
-"""Frames that are decoded before they have: to ask whether they wait takes a quarter of the time of one."""
+"""Frames decoded before the watcher yields the processor. A yield costs a quarter of decoding a frame."""
 
 _CATCHES_UP_WITHIN = 10.0
-"""Seconds that what is left may take at the end to be decoded; all of it is recorded."""
+"""Seconds for decoding the rest at the end. The rest is recorded in full."""
 
 
 def watch_relay(memory: str, relay: Connection, options: ProxyOptions) -> bool:
     """Watch a relay until it ends.
 
     Args:
-        memory: name of the ring's.
-        relay: over which it asks and is answered; its end is the relay's.
-        options: what is to be done.
+        memory: Name of the shared memory that holds the ring.
+        relay: Pipe to the relay, for its requests and the answers. The relay's end closes when it ends.
+        options: What to record and display.
 
     Returns:
-        Whether the recording, if one was requested, is complete.
+        False if a recording was requested and is incomplete.
     """
     _give_relay_priority()
     screen = TerminalWriter()
@@ -110,7 +113,7 @@ def watch_relay(memory: str, relay: Connection, options: ProxyOptions) -> bool:
 
 
 def _give_relay_priority() -> None:
-    """Leave the processor, and the signals that the terminal sends, to the relay."""
+    """Give the relay precedence: lower this process's priority and ignore the terminal's signals."""
     for name in ("SIGINT", "SIGHUP", "SIGTERM"):
         if hasattr(signal, name):
             signal.signal(getattr(signal, name), signal.SIG_IGN)
@@ -119,20 +122,20 @@ def _give_relay_priority() -> None:
 
 
 class RecorderTask:
-    """Records what the relay wrote, ahead of all that is made of it.
+    """Records the relay's traffic before the watcher decodes it.
 
     Attributes:
-        reader: reads for it; what it has read stays in the ring until it is decoded as well.
+        reader: Reads ahead of the watcher's reader. Records stay in the ring until they are decoded as well.
     """
 
     def __init__(self, reader: RingReader, recorder: ProxyRecorder) -> None:
-        """Take a reader that is ahead of the watcher's, and what writes."""
+        """Use a reader that is ahead of the watcher's."""
         self.reader = reader
         self._recorder = recorder
         self._yield_cpu = yield_function(reader)
 
     def record_available(self) -> None:
-        """Record what there is; the first look may only find how much that is."""
+        """Record everything written so far. The first call may only find out how much there is."""
         until = self.reader.bytes_written
         while self.reader.position < until:
             self._recorder.add_records(self.reader.read_records(_RECORDS_PER_YIELD))
@@ -141,10 +144,10 @@ class RecorderTask:
 
 
 class ProxyWatcher:
-    """Takes what the relay wrote, and does with it what is wished.
+    """Reads what the relay wrote, and decodes, displays and diagnoses it as the options say.
 
-    What waits to be decoded waits in the ring, whose size is fixed. Who has gone is forgotten; beside the
-    clients that are there, of whom the relay has a limit, it holds what tracker and diagnosis bound.
+    Undecoded records wait in the ring, whose size is fixed. The watcher forgets clients that are gone.
+    Besides the open clients, whose number the relay limits, it holds only what tracker and diagnosis bound.
     """
 
     def __init__(
@@ -176,7 +179,7 @@ class ProxyWatcher:
         self._counts_before: tuple[int, ...] = ()
 
     def run(self, relay: Connection) -> None:
-        """Watch until the relay is gone and all that it left is taken."""
+        """Watch until the relay has ended and everything that it wrote is read."""
         asked = False
         while True:
             rest = self.poll()
@@ -196,10 +199,11 @@ class ProxyWatcher:
         self._finish()
 
     def poll(self) -> float:
-        """Take what the relay has written: record all of it, then decode, show and judge for a spell.
+        """Record everything that the relay wrote, then decode, display and diagnose for at most
+        `_DECODE_FOR`.
 
         Returns:
-            Seconds that others may have for themselves before the next look.
+            Seconds to rest before the next poll.
         """
         began = time.monotonic()
         if self._recorder_task is not None:
@@ -214,7 +218,7 @@ class ProxyWatcher:
         )
 
     def _may_rest(self) -> bool:
-        """Tell whether what was not decoded can wait: more comes, there is room and time, and no haste."""
+        """Return whether undecoded records may wait: traffic arrives, and room, time and urgency allow it."""
         reader, before = self._reader, self._written_before
         self._written_before = reader.bytes_written
         if (
@@ -226,7 +230,7 @@ class ProxyWatcher:
         return reader.fill_ratio < _MAY_WAIT_SHARE
 
     def _decode(self) -> bool:
-        """Decode; tell whether the spell was too short."""
+        """Decode for at most `_DECODE_FOR`. Return True if the time did not suffice."""
         until = time.monotonic() + _DECODE_FOR
         recorded = None if self._recorder_task is None else self._recorder_task.reader.position
         while records := self._reader.read_records(_RECORDS_AT_ONCE, recorded):
@@ -258,13 +262,14 @@ class ProxyWatcher:
                 self._terminal.write_message(printable(record.data.decode("utf-8", "replace")))
 
     def _close_conversation(self, conversation: Conversation, why: str) -> None:
-        """Settle the calls of a client that has gone, tell what it left behind, and forget it."""
+        """Complete the calls of a client that is gone, report the state that it left, and forget it."""
         self._terminal.write_lines(self._settled_lines(self._tracker.close_conversation(conversation)))
         left = self._session_closer.remove_client(conversation)
         self._handles.close_conversation(conversation)
         self._diagnosis.on_conversation_closed(conversation)
         self._view.drop_conversation(conversation)
-        if left and not (self._has_sent_closing and conversation.transport is Transport.UDP):  # that is told
+        # Once the closing requests are sent, the relay reports the UDP sessions itself.
+        if left and not (self._has_sent_closing and conversation.transport is Transport.UDP):
             self._terminal.write_message(f"{conversation.client} is gone ({why}) while {left}")
 
     def _settled_lines(self, settled: Iterable[PairingResult]) -> list[str | bytes]:
@@ -281,7 +286,7 @@ class ProxyWatcher:
         return lines
 
     def _do_periodic_work(self) -> None:
-        """Do what is due whether or not anything passes."""
+        """Do the work that is due even without traffic: expire calls, print findings, update the status."""
         now = time.time_ns()
         color = self._colors
         if not self._reader.bytes_waiting:
@@ -305,7 +310,7 @@ class ProxyWatcher:
             self._publish_status(now)
 
     def _publish_status(self, now: int) -> None:
-        """Tell how it goes: the relay, for whoever asks it, and the terminal."""
+        """Publish the delays in the ring for the relay, and show the status on the terminal."""
         for place, figure in enumerate(self._delays.figures()):
             self._reader.figures[place] = figure
         self._next_status_at = now + _STATUS_EVERY_NS
@@ -325,8 +330,8 @@ class ProxyWatcher:
         self._counts_before, self._status_shown_at = counts, now
 
     def _closing_requests(self) -> bytes:
-        """Return how the relay can end the sessions that are open: JSON, client and frames in hex."""
-        # What was answered is over, though a late retry of it might still come.
+        """Return the requests that close the open sessions, as JSON: client, open state, frames in hex."""
+        # Treat answered calls as complete, although a late retry could still arrive.
         self._terminal.write_lines(
             self._settled_lines(self._tracker.expire(time.time_ns() + RETRY_WITHIN_NS))
         )
@@ -340,7 +345,7 @@ class ProxyWatcher:
         return json.dumps(goodbyes).encode()
 
     def _skip_undecoded(self) -> None:
-        """Pass over what there is no time for, but for what the relay tells."""
+        """Skip records that there is no time to decode, except messages from the relay."""
         if self._reader.bytes_waiting:
             self._terminal.write_message(
                 "what passed last was not looked at, as it takes too long; a recording has it"
@@ -349,7 +354,7 @@ class ProxyWatcher:
             self._show_relay_messages(self._reader.read_records())
 
     def _finish(self) -> None:
-        """Settle what is open and sum up."""
+        """Complete the open calls and print the summary."""
         while self._recorder_task is not None and self._recorder_task.reader.bytes_waiting:
             self._recorder_task.record_available()
         self._skip_undecoded()

@@ -1,4 +1,4 @@
-"""How a proxy does: what passes a second, how long it holds what passes, what was lost."""
+"""Performance figures of a proxy: datagrams per second, delays in the relay, losses."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _DIRECTIONS = ((True, "to the controller"), (False, "to the client"))
 
 
 class DelayStatistics:
-    """How long the relay held what it passed on as it came."""
+    """Delays in the relay of data that was forwarded unchanged."""
 
     def __init__(self) -> None:
         self._histograms = {True: Histogram(), False: Histogram()}
@@ -23,7 +23,7 @@ class DelayStatistics:
         self._has_warned = False
 
     def add_records(self, records: Iterable[RingRecord]) -> None:
-        """Take in what passed; what a rule touched is not meant to pass at once."""
+        """Add the delays of records, except of data that a rule touched: rules may delay on purpose."""
         found: dict[bool, list[int]] = {True: [], False: []}
         for kind, up, _, came, left, _, note in records:
             if kind is RingRecordKind.DATA and came and left and not note:
@@ -36,7 +36,7 @@ class DelayStatistics:
                 self._worst_ns = max(self._worst_ns, *delays)
 
     def pop_warning(self) -> str:
-        """Return, once, that the proxy is too slow for set points; "" if it is not or that was told."""
+        """Return a warning the first time that the proxy is too slow for set points; otherwise ""."""
         if self._has_warned or not self._slow_count:
             return ""
         self._has_warned = True
@@ -46,7 +46,7 @@ class DelayStatistics:
         )
 
     def status_text(self) -> str:
-        """Return the median and the worst thousandth of both directions, in a few words."""
+        """Return the median and the 99.9th percentile of both directions, as text; "" without data."""
         parts = []
         for up, name in ((True, "up"), (False, "down")):
             spread = self._histograms[up].distribution()
@@ -55,7 +55,7 @@ class DelayStatistics:
         return f"held p50/p99.9 µs {', '.join(parts)}" if parts else ""
 
     def figures(self) -> list[int]:
-        """Return what `ring_buffer.DelayFigure` lists."""
+        """Return the values of `ring_buffer.DelayFigure`, in ns, in its order."""
         found: list[int] = []
         for up, _ in _DIRECTIONS:
             spread = self._histograms[up].distribution()
@@ -64,7 +64,7 @@ class DelayStatistics:
         return [*found, self._slow_count]
 
     def summary_lines(self) -> Iterator[str]:
-        """Sum up."""
+        """Yield the lines of the summary."""
         for up, name in _DIRECTIONS:
             spread = self._histograms[up].distribution()
             if spread is not None:
@@ -85,12 +85,12 @@ def _spread_text(spread: DistributionSummary) -> str:
 
 
 def rates_text(counts: Sequence[int], before: Sequence[int], seconds: float) -> str:
-    """Return what passed a second, in a few words.
+    """Return the datagrams sent per second, as text.
 
     Args:
-        counts: by `RelayCounter`.
-        before: the same at some time before.
-        seconds: since then.
+        counts: Counts, indexed by `RelayCounter`.
+        before: Earlier counts.
+        seconds: Seconds between both.
     """
     up, down = (
         (counts[way] - before[way]) / seconds if before else 0.0
@@ -100,7 +100,7 @@ def rates_text(counts: Sequence[int], before: Sequence[int], seconds: float) -> 
 
 
 def loss_lines(counts: Sequence[int]) -> Iterator[str]:
-    """Yield what did not pass, or was not watched."""
+    """Yield a line for each kind of traffic that was lost, denied, changed by rules or not watched."""
     if counts[RelayCounter.LOST]:
         yield f"{counts[RelayCounter.LOST]} dropped by the system: no room in a socket's buffer"
     if counts[RelayCounter.FULL]:
@@ -114,7 +114,7 @@ def loss_lines(counts: Sequence[int]) -> Iterator[str]:
 
 
 def totals_text(counts: Sequence[int]) -> str:
-    """Return what passed in all."""
+    """Return the totals as text."""
     text = (
         f"{counted(counts[RelayCounter.CLIENTS], 'client')}; datagrams up {counts[RelayCounter.CAME_UP]} in, "
         f"{counts[RelayCounter.LEFT_UP]} out, down {counts[RelayCounter.CAME_DOWN]} in, "

@@ -1,7 +1,7 @@
-"""A capture of what passes a server, written by a thread of its own, so that no client waits for a disk.
+"""A capture of a server's traffic, written by a thread of its own so that no client waits for a disk.
 
-Packets are made by the thread of the server, when the client has its answer: a second thread that makes
-packets takes the interpreter from the first, and costs milliseconds. The one here only waits for the disk.
+The server's thread encodes packets after it has answered the client. Encoding in a second thread would take
+the interpreter from the first and cost milliseconds. The recorder's thread only waits for the disk.
 """
 
 from __future__ import annotations
@@ -23,29 +23,29 @@ from bcapscope.protocol.text_format import counted
 from bcapscope.render.escape import printable
 
 MAX_WAITING = 16 << 20
-"""Bytes that wait for the disk, what they cost besides included, before packets are left out and counted."""
+"""Bytes that may wait for the disk, overhead included. Beyond that, packets are left out and counted."""
 
 _PACKET_OVERHEAD = 512
-"""Bytes of memory that a packet takes besides its own."""
+"""Bytes of memory that a packet needs besides its data."""
 
 _WRITE_INTERVAL = 0.02
-"""Seconds between looks at what there is to write."""
+"""Seconds between writes to the disk."""
 
 _MAKE_FOR_NS = 1_000_000
-"""ns in which packets are made, before the server looks whether somebody has a request."""
+"""ns for encoding packets before the server checks for new requests."""
 
 _ENDS_WITHIN = 5.0
-"""Seconds that what is left may take at the end."""
+"""Seconds for writing the rest at the end."""
 
 _WriteStep: TypeAlias = Callable[[SocketRecording], None]
 _Direction: TypeAlias = tuple[Address, Address]
 
 
 def create_capture(path: Path) -> BinaryIO | RawIOBase:
-    """Make a new file for a capture; it has no buffer, so that a kill loses nothing that was written.
+    """Create a capture file. It is unbuffered, so that a kill loses nothing that was written.
 
     Raises:
-        FileWriteError: it exists already, or cannot be made.
+        FileWriteError: The file exists already, or cannot be created.
     """
     try:
         return path.open("xb", buffering=0)
@@ -54,11 +54,11 @@ def create_capture(path: Path) -> BinaryIO | RawIOBase:
 
 
 class _BlockBuffer(RawIOBase):
-    """Where packets are laid down for the other thread to take.
+    """Encoded packets that wait for the writing thread.
 
     Attributes:
-        blocks: what was written, each time a piece.
-        size: of all that was ever written, with `_PACKET_OVERHEAD` for each.
+        blocks: Blocks in the order of writing.
+        size: Total of all bytes ever written, plus `_PACKET_OVERHEAD` for each write.
     """
 
     def __init__(self) -> None:
@@ -66,16 +66,17 @@ class _BlockBuffer(RawIOBase):
         self.size = 0
 
     def write(self, data: Any) -> int:
-        """Take a piece."""
+        """Append one block."""
         self.blocks.append(bytes(data))
         self.size += len(data) + _PACKET_OVERHEAD
         return len(data)
 
 
 class ServerRecorder:
-    """Writes a capture behind the server's back; what there was no time to write is counted and told.
+    """Writes a capture without delaying the server. It counts and reports packets that it cannot write in
+    time.
 
-    All but its own thread is done by the thread of the server.
+    All methods except the writing thread's run in the server's thread.
     """
 
     def __init__(
@@ -86,13 +87,13 @@ class ServerRecorder:
         *,
         most_waiting: int = MAX_WAITING,
     ) -> None:
-        """Begin.
+        """Start the writing thread.
 
         Args:
-            file: where to write, not buffered.
-            name: of the file, for people.
-            warn: takes a sentence, and waits for nobody.
-            most_waiting: bytes that may wait.
+            file: Unbuffered file to write to.
+            name: Name of the file, for messages.
+            warn: Called with a message. It must not block.
+            most_waiting: Bytes that may wait for the disk.
         """
         self._file = file
         self._name = printable(name)
@@ -136,7 +137,7 @@ class ServerRecorder:
             self._gap_bytes[way] = self._gap_bytes.get(way, 0) + len(data)
 
     def on_stream_end(self, source: Address, target: Address, time: int, *, reset: bool = False) -> None:
-        """Record that an end of a TCP connection, of which there is anything, has ended it."""
+        """Record that one end has closed a TCP connection, if any of its bytes are recorded."""
         if not self._recorded_directions.isdisjoint(((source, target), (target, source))) and self._has_room(
             0
         ):
@@ -166,15 +167,15 @@ class ServerRecorder:
             self._queue_step(0, forget)
 
     def on_idle(self) -> bool:
-        """Make packets of what was taken, and let the thread write them; called when all are answered.
+        """Encode waiting packets and wake the writing thread. Call this once all requests are answered.
 
         Returns:
-            Whether there is more of it, and it should be called again soon.
+            True if packets remain and the method should be called again soon.
         """
         return self._make_packets(_MAKE_FOR_NS)
 
     def _make_packets(self, most: int) -> bool:
-        """Make packets for so many ns; return whether there is more to do."""
+        """Encode packets for at most `most` ns. Return whether packets remain."""
         steps = self._steps
         if not steps:
             return False
@@ -188,7 +189,7 @@ class ServerRecorder:
         return bool(steps)
 
     def close(self) -> bool:
-        """Write what is left, if the disk takes it soon; tell whether nothing is missing."""
+        """Write the rest for at most `_ENDS_WITHIN` seconds. Return whether the capture is complete."""
         self._make_packets(round(_ENDS_WITHIN * 1e9))
         self._is_closing.set()
         self._has_work.set()
@@ -207,7 +208,7 @@ class ServerRecorder:
         if self._failed:
             return False
         waiting = self._queued_size + self._buffer.size - self._written_size
-        # Once packets are missing, half of the room must be free: rather one long gap than many short ones.
+        # After a loss, half of the room must be free again: one long gap is better than many short ones.
         if waiting + size + _PACKET_OVERHEAD <= (
             self._most_waiting // 2 if self._skipped else self._most_waiting
         ):
@@ -218,7 +219,7 @@ class ServerRecorder:
         return False
 
     def _end_gap(self) -> str:
-        """Go on behind packets that are missing; return what is to be noted with the next one."""
+        """Resume after missing packets. Return the comment for the next packet, "" if none is missing."""
         if not self._skipped:
             return ""
         missing, self._skipped = self._skipped, 0

@@ -1,7 +1,7 @@
-"""What commands that answer clients share: who can reach them, the log, the capture, the end.
+"""What commands that serve clients share: reachability, log, capture and shutdown.
 
-Nothing that they tell holds up an answer: lines, sentences and the capture are written by threads of their
-own, and what there is no time for is counted.
+Output never delays a reply: separate threads write lines, messages and the capture. Output that there is no
+time to write is counted.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from bcapscope.simulator.simulator_server import ControllerModel, SimulatorServe
 
 
 def reachability_text(host: str) -> str:
-    """Say in half a sentence who can reach what listens on an address."""
+    """Return who can reach a listener on this address, as text for use inside a sentence."""
     address = ipaddress.ip_address(host.partition("%")[0])
     if address.is_loopback:
         return "only this machine reaches it"
@@ -32,23 +32,23 @@ def reachability_text(host: str) -> str:
 
 
 def _do_nothing(descriptor: int) -> None:
-    """Take no notice."""
+    """Ignore the descriptor."""
 
 
 class ServerRunner:
-    """A server of a command, with all that is told of it, from its start to its end.
+    """Runs the server of a command with its log and capture, from start to end.
 
     Attributes:
-        log: of the calls.
-        print_message: writes a sentence to stderr, and waits for nobody.
+        log: The call log.
+        print_message: Writes a message to stderr without blocking.
     """
 
     def __init__(self, *, quiet: bool, record: str | None) -> None:
-        """Get ready.
+        """Set up the output.
 
         Args:
-            quiet: no line a call.
-            record: file that keeps what passes.
+            quiet: Print no line per call.
+            record: File for the capture of the traffic. None for no capture.
         """
         self._terminal = TerminalWriter()
         self.print_message = self._terminal.write_message
@@ -58,11 +58,11 @@ class ServerRunner:
 
     @contextmanager
     def listen(self, answerer: ControllerModel, host: str, port: int) -> Iterator[SimulatorServer]:
-        """Listen; what is done with the server ends in order with Ctrl-C or a signal that ends programs.
+        """Listen. Ctrl-C, or a signal that ends programs, leaves the context in order.
 
         Raises:
-            SimulatorListenError: the server cannot listen on this address.
-            FileWriteError: the capture cannot be written.
+            SimulatorListenError: The server cannot listen on this address.
+            FileWriteError: The capture cannot be written.
         """
         interrupt_on_end_signals()
         with closing(SimulatorServer(answerer, host, port)) as server:
@@ -80,15 +80,15 @@ class ServerRunner:
         on_readable: Callable[[int], None] = _do_nothing,
         watched: list[int] | None = None,
     ) -> None:
-        """Serve until interrupted, with real-time priority where the system gives it.
+        """Serve until interrupted, with real-time priority where the system grants it.
 
-        A controller keeps its 8 ms: beside six busy processes on two processors three plays of five were
-        ended by a simulator without it that found their set points too late.
+        The controller must keep its cycle of 8 ms. Measured without the priority, beside six busy processes
+        on two processors: the simulator found set points too late and ended three of five plays.
 
         Args:
-            server: that listens.
-            on_readable: called with each of `watched` that can be read.
-            watched: file descriptors; `on_readable` may change it.
+            server: The listening server.
+            on_readable: Called with each descriptor of `watched` that is readable.
+            watched: File descriptors to wait for. `on_readable` may change the list.
         """
         watched = [] if watched is None else watched
         with end_signal_socket() as end, realtime_priority(collect_garbage=True):
@@ -102,7 +102,7 @@ class ServerRunner:
             serve(server, self._on_idle, take_or_end, watched)
 
     def close(self, summary: str) -> bool:
-        """Write what is left, and the summary; return whether the capture has everything."""
+        """Write the rest and the summary. Return whether the capture is complete."""
         self.log.flush()
         complete = self._recorder is None or self._recorder.close()
         self.print_message(summary)
@@ -115,9 +115,9 @@ class ServerRunner:
 
 
 class ServerCallLog:
-    """Lines for stdout, made when the client has its answer, handed on at the latest after `_FLUSH_AFTER_NS`.
+    """Lines for stdout, formatted after the client has its reply and written within `_FLUSH_AFTER_NS`.
 
-    Reasons of refusals go to stderr, also where no line per call is wanted.
+    Reasons for refusals go to stderr, even if lines per call are switched off.
     """
 
     _FLUSH_AFTER_NS = 20_000_000
@@ -131,7 +131,7 @@ class ServerCallLog:
         self._flushed_at = 0
 
     def on_call(self, peer: Peer, report: CallReport) -> None:
-        """Note a call."""
+        """Log a call."""
         self.call_count += 1
         if report.result.reason:
             self._terminal.write_message(refusal_line(peer, report))
@@ -139,18 +139,18 @@ class ServerCallLog:
             self._pending.append((peer, report))
 
     def add_note(self, text: str) -> None:
-        """Note something that is no call."""
+        """Log a note that is not a call."""
         if self._wanted:
             self._pending.append(f"# {text}")
 
     def flush_if_due(self) -> None:
-        """Make the lines of what was told; hand them on if the last time is long ago."""
+        """Format the pending entries. Write them if the last write is longer ago than `_FLUSH_AFTER_NS`."""
         self._format_pending()
         if self._lines and time.monotonic_ns() - self._flushed_at > self._FLUSH_AFTER_NS:
             self.flush()
 
     def flush(self) -> None:
-        """Hand on what there is."""
+        """Format and write all pending entries."""
         self._format_pending()
         self._flushed_at = time.monotonic_ns()
         if self._lines:

@@ -1,4 +1,4 @@
-"""Standard output and standard error: sentences for the user, colours, and a stream that takes no more."""
+"""Standard output and standard error: messages for the user, colours, and streams that are closed."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _ANSI_SEQUENCE = re.compile(r"\x1b\[[;?0-9]*[a-zA-Z]")
 
 
 def print_stderr(text: str) -> None:
-    """Write a line to stderr, coloured only on a terminal; write nothing if the terminal was closed."""
+    """Write a line to stderr, coloured only on a terminal. Write nothing if the terminal was closed."""
     stream = sys.stderr
     if stream is None:
         return
@@ -33,7 +33,7 @@ def choose_palette(color: str) -> Palette:
 
 
 def discard_stdout() -> None:
-    """Give up what standard output did not take, which would else be tried again at exit."""
+    """Discard output that stdout did not accept. Python would otherwise write it again at exit."""
     _redirect_to_null(sys.stdout)
 
 

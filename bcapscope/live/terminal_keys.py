@@ -1,4 +1,4 @@
-"""Single keys from the terminal, for a command that goes on meanwhile."""
+"""Single key presses from the terminal, for a command that keeps running."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ _SEQUENCE = re.compile(r"\x1b(\[[0-9;]*[A-Za-z~]|O[A-Za-z])")  # arrows, functio
 
 
 class TerminalKeys:
-    """Reads keys at once and unseen while it is on; Ctrl-C still is what it was.
+    """Reads keys at once and without echo while it is on. Ctrl-C works as usual.
 
     Attributes:
-        is_on: keys are read.
+        is_on: True while keys are read.
     """
 
     def __init__(self) -> None:
-        """Begin switched off."""
+        """Start switched off."""
         self.is_on = False
         self._is_available = _has_terminal()
         self._saved_attributes: list[Any] = []
         self._escape_count = 0
 
     def start(self) -> None:
-        """Switch on, where there is a terminal."""
+        """Switch on, if there is a terminal."""
         if self._is_available and not self.is_on:
             import termios
             import tty
@@ -37,7 +37,7 @@ class TerminalKeys:
             self.is_on = True
 
     def stop(self) -> None:
-        """Switch off: the terminal is again as it was."""
+        """Switch off and restore the terminal's settings."""
         if self.is_on:
             import termios
 
@@ -46,10 +46,10 @@ class TerminalKeys:
                 termios.tcsetattr(0, termios.TCSADRAIN, self._saved_attributes)
 
     def read_keys(self) -> str:
-        """Return what was typed, in small letters; call it when file descriptor 0 is readable.
+        """Return the typed characters in lower case. Call it when file descriptor 0 is readable.
 
-        Two strokes of Escape come as two Escapes at once, however slowly they were typed; the sequences that
-        arrows and the like send come as nothing.
+        Two presses of Escape are returned together as two Escapes, however slowly they were typed. The
+        sequences that arrow keys and similar keys send are removed.
         """
         data = os.read(0, 64)
         if not data:
@@ -62,7 +62,7 @@ class TerminalKeys:
 
 
 def _has_terminal() -> bool:
-    """Tell whether there is one to read from: not for a job in the background, and not on Windows."""
+    """Return whether a terminal can be read: not in a background job, and not on Windows."""
     if sys.platform == "win32" or sys.stdin is None or sys.stdin.closed:
         return False
     try:

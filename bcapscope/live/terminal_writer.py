@@ -1,4 +1,4 @@
-"""A terminal that is written to by threads of its own, so that nobody waits for one that has stopped."""
+"""Write to a terminal from separate threads, so that a stopped terminal blocks nothing else."""
 
 from __future__ import annotations
 
@@ -15,27 +15,27 @@ from typing import TextIO
 from bcapscope.live.standard_streams import discard_stdout
 
 MAX_WAITING = 20_000
-"""Lines that wait for a terminal, or whatever reads them, before newer ones are dropped and counted."""
+"""Lines that may wait for stdout. Beyond that, newer lines are dropped and counted."""
 
 _LINES_WITHIN = 2.0
-"""Seconds that the lines that are left may take at the end."""
+"""Seconds for writing the remaining lines at the end."""
 
 _MESSAGES_WITHIN = 0.5
-"""Seconds that the sentences behind them may take."""
+"""Seconds for writing the remaining messages after the lines."""
 
 _WRITE_SIZE = 4096
-"""Bytes: a pipe takes so many as a whole or not at all (PIPE_BUF of Linux)."""
+"""Bytes of one write. A pipe accepts that many completely or not at all (PIPE_BUF of Linux)."""
 
 ERASE_LINE = "\r\x1b[K"
-"""Takes the line at the bottom away."""
+"""Erases the status line."""
 
 
 class TerminalWriter:
-    """Data for stdout, sentences for stderr, and a line at the bottom of a terminal that is always anew.
+    """Writes data to stdout, messages to stderr, and a status line at the bottom of a terminal.
 
-    Each has its thread: what cannot be shown as data is told in a sentence. When stdout is closed, or a file
-    on a full disk, that is told, and everything else goes on. Both are written without a buffer: its lock,
-    held by a thread that waits for a terminal, would hold up the end of the program.
+    Lines and messages each have a thread: a message reports lines that cannot be shown. If stdout is closed,
+    or is a file on a full disk, a message reports it and everything else continues. Both are unbuffered. A
+    thread that waits for a terminal would hold the buffer's lock and delay the end of the program.
     """
 
     def __init__(self) -> None:
@@ -49,7 +49,7 @@ class TerminalWriter:
         self._stderr_is_terminal = sys.stderr.isatty()
         self._changed = threading.Condition()
         self._stderr_lock = threading.Lock()
-        # Where lines go elsewhere, nobody who writes at the bottom of the terminal must wait for them.
+        # If stdout goes elsewhere, writing the status line must not wait for lines.
         self._shares_terminal = self._stderr_is_terminal and sys.stdout.isatty()
         self._stdout_lock: AbstractContextManager[object] = (
             self._stderr_lock if self._shares_terminal else nullcontext()
@@ -61,11 +61,11 @@ class TerminalWriter:
 
     @property
     def shows_status(self) -> bool:
-        """Whether anybody sees the line at the bottom."""
+        """Whether stderr is a terminal, which shows the status line."""
         return self._stderr_is_terminal
 
     def write_lines(self, lines: Sequence[bytes | str]) -> None:
-        """Write lines of data, when the terminal can take them."""
+        """Queue lines of data for stdout."""
         if not self._stdout_works:
             return
         with self._changed:
@@ -77,20 +77,20 @@ class TerminalWriter:
             self._changed.notify_all()
 
     def write_message(self, text: str) -> None:
-        """Write a sentence."""
+        """Queue a message for stderr."""
         with self._changed:
             if len(self._messages) < MAX_WAITING:
                 self._messages.append(text)
             self._changed.notify_all()
 
     def set_status(self, text: str) -> None:
-        """Write the line at the bottom."""
+        """Replace the status line."""
         with self._changed:
             self._status = text
             self._changed.notify_all()
 
     def close(self) -> None:
-        """Write what is left, if the terminal takes it soon: lines, then sentences."""
+        """Write the remaining lines, then the remaining messages, as far as the time limits allow."""
         with self._changed:
             self._no_more_lines = True
             self._changed.notify_all()
@@ -136,7 +136,7 @@ class TerminalWriter:
             why = "has no room" if is_full else "is closed"
             self.write_message(f"standard output {why}: nothing is shown there any more, all else goes on")
 
-    # sentences, and the line at the bottom
+    # messages and the status line
 
     def _run_messages(self) -> None:
         over = False
@@ -163,18 +163,18 @@ class TerminalWriter:
 
     def _put_error(self, text: str) -> None:
         if text:
-            with suppress(OSError, ValueError):  # a terminal that is closed hears no sentences
+            with suppress(OSError, ValueError):  # a closed terminal shows no messages
                 for _ in _write_unbuffered(sys.stderr, text.encode("utf-8", "backslashreplace")):
                     pass
 
 
 def _write_unbuffered(stream: TextIO, data: bytes) -> Iterator[bytes]:
-    """Write, past the buffer; yield each part that is out."""
+    """Write without the buffer. Yield each part once it is written."""
     raw = getattr(stream.buffer, "raw", stream.buffer)
     at = 0
     while at < len(data):
         count = raw.write(data[at : at + _WRITE_SIZE])
-        if not count:  # whoever gave us the stream made it one that does not wait
+        if not count:  # the stream that the caller passed on does not block
             select.select((), (raw,), ())
             continue
         yield data[at : at + count]

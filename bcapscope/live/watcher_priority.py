@@ -1,13 +1,15 @@
-"""How the watching process gives way to those whose bytes pass, and when it must not.
+"""How the watcher gives way to the programs whose bytes the relay forwards, and when it must not.
 
-On two processors, beside a client and a server, the 99.9th percentile of round trips was 2.6 ms while the
-watcher had a low priority (nice 10) and 0.5 ms while it had the idle one: whoever wakes goes before a program
-of idle priority soon, before any other only at the end of its slice of some 3 ms. Neither is sure, as Linux
-counts what each has had and looks again only at a tick, every 1 to 10 ms (sched(7), EEVDF): so between two
-pieces of work, a tenth of a millisecond or two each, it also yields, which is such a look.
+Measured on two processors, beside a client and a server: the 99.9th percentile of round trips was 2.6 ms with
+a low priority of the watcher (nice 10), and 0.5 ms with idle priority. A process that wakes up soon replaces
+one of idle priority. It replaces any other only at the end of its slice of about 3 ms.
 
-But beside programs that are always busy idle priority gives next to nothing, and who yields gives a whole
-slice away. So the relay, which has the processor when it needs it, looks how far the watcher has come.
+Neither is certain. Linux accounts for past run time and decides again only at a tick, every 1 to 10 ms
+(sched(7), EEVDF). So the watcher also yields between two pieces of work of 0.1 or 0.2 ms each, which makes
+Linux decide.
+
+Beside programs that are always busy, idle priority gets almost no processor time, and a yield gives a whole
+slice away. So the relay, which always gets the processor, checks how far the watcher has read.
 """
 
 from __future__ import annotations
@@ -23,20 +25,22 @@ from pathlib import Path
 from bcapscope.proxy.ring_buffer import RingReader, RingWriter
 
 LATE_AFTER = 0.2
-"""Seconds after which what had passed at one look is to be recorded, or shown where nothing is recorded."""
+"""Seconds within which the watcher should record written records, or display them if nothing is recorded."""
 
 OVERDUE_AFTER = 0.4
-"""The same, if it is to be recorded within a second whatever else the machine does."""
+"""Seconds of delay that call for `WatcherUrgency.ALL`, so that everything is recorded within a second,
+whatever else the machine does.
+"""
 
 MAX_RING_SHARE = 0.5
-"""Share of the ring that may wait."""
+"""Highest share of the ring that may wait for the watcher."""
 
 IDLE_AGAIN_AFTER = 30.0
-"""Seconds without delay after which the watcher gives way again."""
+"""Seconds without delay after which the watcher returns to idle priority."""
 
 
 class WatcherUrgency(IntEnum):
-    """In what haste the watcher is."""
+    """How urgently the watcher needs the processor."""
 
     NONE = 0
     """It has idle priority, and yields."""
@@ -47,14 +51,14 @@ class WatcherUrgency(IntEnum):
 
 
 class WatcherPriority:
-    """Has the watcher give way as long as it keeps up."""
+    """Gives the watcher idle priority while it keeps up."""
 
     def __init__(self, ring: RingWriter, set_idle: Callable[[bool], None]) -> None:
-        """Have it give way.
+        """Start with idle priority.
 
         Args:
-            ring: that it reads.
-            set_idle: called with whether it is to have idle priority, when that changes.
+            ring: The ring that the watcher reads.
+            set_idle: Called when idle priority is to change, with True for idle.
         """
         self._ring = ring
         self._set_idle = set_idle
@@ -63,10 +67,10 @@ class WatcherPriority:
         self._set_urgency(WatcherUrgency.NONE)
 
     def update(self, now: float) -> None:
-        """Look how far it has come.
+        """Check how far the watcher has read, and adapt its priority.
 
         Args:
-            now: s, of any clock that runs evenly.
+            now: Seconds of a steady clock.
         """
         haste = self._needed_urgency(now)
         if haste:
@@ -76,7 +80,7 @@ class WatcherPriority:
             self._set_urgency(WatcherUrgency.NONE)
 
     def raise_for_good(self) -> None:
-        """Have it give way no more, as somebody waits for its end."""
+        """Keep the watcher at full urgency from now on, because the user waits for its end."""
         self._last_late_at = math.inf
         self._set_urgency(WatcherUrgency.ALL)
 
@@ -98,10 +102,10 @@ class WatcherPriority:
 
 
 def yield_function(ring: RingReader) -> Callable[[], None]:
-    """Return what the watcher calls between two pieces of work, so that whoever waits has its turn.
+    """Return a function that yields the processor; the watcher calls it between two pieces of work.
 
     Args:
-        ring: that it reads.
+        ring: The ring that the watcher reads.
     """
     if not hasattr(os, "sched_yield"):
         return lambda: None
@@ -114,10 +118,10 @@ def yield_function(ring: RingReader) -> Callable[[], None]:
 
 
 def lower_priority(niceness: int) -> None:
-    """Let others go before this process.
+    """Lower the priority of this process.
 
     Args:
-        niceness: added to what it has.
+        niceness: Added to its nice value.
     """
     if hasattr(os, "sched_setscheduler"):
         with suppress(OSError):
@@ -128,10 +132,12 @@ def lower_priority(niceness: int) -> None:
 
 
 def idle_priority_switch(process: int) -> Callable[[bool], None]:
-    """Return what gives a process idle priority, or ours again; it does nothing if it could not come back.
+    """Return a function that switches a process to idle priority (True) or back to this process's priority.
+
+    It does nothing on systems where the process could not leave idle priority again.
 
     Args:
-        process: its number.
+        process: Process id.
     """
     possible = _can_leave_idle_priority()
     ours = os.getpriority(os.PRIO_PROCESS, 0) if possible else 0
@@ -140,17 +146,17 @@ def idle_priority_switch(process: int) -> Callable[[bool], None]:
         if not possible:
             return
         policy = os.SCHED_IDLE if idle else os.SCHED_OTHER
-        with suppress(OSError):  # it may have ended, or one of its threads
+        with suppress(OSError):  # the process, or one of its threads, may have ended
             for thread in Path(f"/proc/{process}/task").iterdir():
                 os.sched_setscheduler(int(thread.name), policy, os.sched_param(0))
-                with suppress(PermissionError):  # to come back takes less
+                with suppress(PermissionError):  # leaving idle priority needs fewer rights
                     os.setpriority(os.PRIO_PROCESS, int(thread.name), ours)
 
     return give
 
 
 def _can_leave_idle_priority() -> bool:
-    """Try, in a thread of its own, whether idle priority can be left again: not everybody may (sched(7))."""
+    """Test in a separate thread whether a process may leave idle priority; not every user may (sched(7))."""
     if not hasattr(os, "SCHED_IDLE"):
         return False
     tried: list[bool] = []

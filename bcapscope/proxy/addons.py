@@ -1,16 +1,16 @@
-"""Addons: classes of the user's own that see each message and may change, drop or answer it.
+"""Add-ons: the user's own classes that see each message and may change, drop or answer it.
 
-A script is a Python file. Each class in it that has a method of one of these names is made, without
-arguments, and its methods are called:
+A script is a Python file. The proxy creates one object, without arguments, of each class in it that has a
+method with one of these names, and calls its methods:
 
-    request(message)      a request came from a client
-    reply(message)        a reply came from the controller
-    settled(call)         a call has ended: answered, refused or given up
-    connected(client)     a client was heard for the first time
-    gone(client)          a client has gone
+    request(message)      a request arrived from a client
+    reply(message)        a reply arrived from the controller
+    settled(call)         a call is complete: answered, refused or given up
+    connected(client)     a client sent its first message
+    gone(client)          a client is gone
     done()                the proxy ends
 
-They run in a process of their own; a message waits until they have decided about it.
+Add-ons run in their own process. A message waits until they have decided about it.
 """
 
 from __future__ import annotations
@@ -38,17 +38,18 @@ from bcapscope.traffic.tracker import Tracker
 HOOKS = ("request", "reply", "settled", "connected", "gone", "done")
 
 SLOW_HOOK_NS = 2_000_000
-"""ns; a hook that takes longer is told. A set point's whole time-out is not more (DENSO Wave 2009, How to use
-the Slave mode)."""
+"""ns. A hook that takes longer is reported. The whole time-out of a set point is no longer (DENSO Wave 2009,
+How to use the Slave mode).
+"""
 
 
 class AddonClient(NamedTuple):
-    """A client, as addons are told of it.
+    """A client, as add-ons see it.
 
     Attributes:
-        number: never used twice.
-        address: where it is.
-        controller: whom it speaks to.
+        number: Number of the client, never used twice.
+        address: Address of the client.
+        controller: Address of the controller.
         transport: UDP or TCP.
     """
 
@@ -59,13 +60,13 @@ class AddonClient(NamedTuple):
 
 
 class PassingMessage:
-    """A message on its way, for hooks to look at and to change.
+    """A message in transit, which hooks can read and change.
 
     Attributes:
-        client: whose it is.
-        data: the bytes; other bytes put here go on in their place.
-        dropped: it does not go on.
-        call_kind: what it asks or answers, where that is known.
+        client: The client of the message.
+        data: The bytes. Assign other bytes to replace the message.
+        dropped: True if the message does not go on.
+        call_kind: The call that it requests or answers, if known.
     """
 
     def __init__(self, client: AddonClient, message: WireMessage) -> None:
@@ -80,12 +81,12 @@ class PassingMessage:
 
     @property
     def frame(self) -> Frame | None:
-        """The frame as it came; None for bytes that are none."""
+        """The frame as received; None for bytes that are not a frame."""
         return self._frames[0] if self._frames else None
 
     @property
     def function(self) -> str | None:
-        """Name of the function that it asks for or answers."""
+        """Name of the function that it calls or answers; None if unknown."""
         return None if self.call_kind is None else function_name(self.call_kind.function_id)
 
     @property
@@ -100,36 +101,36 @@ class PassingMessage:
 
     @property
     def answers(self) -> tuple[int, ...]:
-        """The results that the client gets in place of the controller's answer."""
+        """Result codes that the client gets in place of the controller's reply."""
         return tuple(self._answers)
 
     def drop(self) -> None:
-        """Let it end here."""
+        """Drop the message."""
         self.dropped = True
 
     def answer(self, hresult: int | str) -> None:
-        """Answer a request with a result, by name or number, and let it end here.
+        """Answer a request with a result code, by name or number, and drop the request.
 
         Raises:
-            ValueError: there is no such result.
+            ValueError: There is no such result code.
         """
         self._answers.append(HresultQuantity.read(hresult))
         self.dropped = True
 
 
 class AddonRunner:
-    """Calls the hooks of all addons; what goes wrong in one is told once and hurts nobody.
+    """Calls the hooks of all add-ons. An error in one is reported once and affects nothing else.
 
     Attributes:
-        notify: is given a line for the user.
+        notify: Called with a message for the user.
     """
 
     def __init__(self, addons: Sequence[object], clock: Callable[[], int] = time.perf_counter_ns) -> None:
-        """Take addons, in the order in which they are called.
+        """Use these add-ons, in the order in which they are called.
 
         Args:
-            addons: objects with methods named as `HOOKS`.
-            clock: ns, to find the slow ones.
+            addons: Objects with methods named as in `HOOKS`.
+            clock: Returns ns; measures slow hooks.
         """
         self.notify: Callable[[str], None] = lambda text: None
         self.errors = 0
@@ -143,11 +144,11 @@ class AddonRunner:
 
     @property
     def hooks(self) -> frozenset[str]:
-        """Names of the hooks that at least one addon has."""
+        """Names of the hooks that at least one add-on has."""
         return frozenset(name for name, found in self._hooks.items() if found)
 
     def run_message_hooks(self, client: AddonClient, message: WireMessage) -> PassingMessage:
-        """Show a message to all, each to the next as the one before has left it."""
+        """Show a message to all add-ons, to each as the previous one left it. Return the result."""
         passing = PassingMessage(client, message)
         name = "request" if message.flow.direction is Direction.REQUEST else "reply"
         for addon, hook in self._hooks[name]:
@@ -164,27 +165,27 @@ class AddonRunner:
         return passing
 
     def client_connected(self, client: AddonClient) -> None:
-        """Tell of a new client."""
+        """Report a new client."""
         self._call_all("connected", client)
 
     def client_gone(self, client: AddonClient, conversation: Conversation) -> None:
-        """Tell of the open calls of a client that has gone, then of that, and forget it."""
+        """Complete the open calls of a client that is gone, report its end, and forget it."""
         if self._tracker is not None:
             self._run_settled_hooks(self._tracker.close_conversation(conversation))
         self._call_all("gone", client)
 
     def expire_calls(self, since_1970: int) -> None:
-        """Tell of calls that have settled though nothing came."""
+        """Report calls that have completed by time alone."""
         if self._tracker is not None:
             self._run_settled_hooks(self._tracker.expire(since_1970))
 
     @property
     def has_open_calls(self) -> bool:
-        """Whether `expire_calls` is to be called from time to time."""
+        """Whether to call `expire_calls` from time to time."""
         return self._tracker is not None and bool(self._tracker.open_calls)
 
     def proxy_ended(self) -> None:
-        """Tell of the calls that are open, and of the end."""
+        """Complete the open calls, and report the end of the proxy."""
         if self._tracker is not None:
             self._run_settled_hooks(self._tracker.close())
         self._call_all("done")
@@ -202,8 +203,8 @@ class AddonRunner:
         began = self._clock()
         try:
             hook(*arguments)
-        except BaseException as error:  # the process has nothing else to end for
-            if self._is_new(addon, name, "error"):  # else looking for the place costs more than all the rest
+        except BaseException as error:  # even SystemExit: the process must continue
+            if self._is_new(addon, name, "error"):  # else finding the place costs more than all the rest
                 self.notify(f"{type(addon).__name__}.{name}: {_where(error)} (told once)")
         took = self._clock() - began
         if took > SLOW_HOOK_NS and self._is_new(addon, name, "slow"):
@@ -211,7 +212,7 @@ class AddonRunner:
             self.notify(f"{text} (told once)")
 
     def _is_new(self, addon: object, name: str, kind: str) -> bool:
-        """Count what went wrong; tell whether the user does not know it yet."""
+        """Count an error. Return whether the user does not know it yet."""
         self.errors += kind != "slow"
         key = (id(addon), name, kind)
         is_new = key not in self._reported
@@ -220,10 +221,10 @@ class AddonRunner:
 
 
 def load_addons(path: str) -> list[object]:
-    """Run a script and make its addons.
+    """Run a script and create its add-ons.
 
     Raises:
-        ScriptError: it cannot be read, goes wrong, or has no addon in it.
+        ScriptError: The script cannot be read, fails, or contains no add-on.
     """
     module = _load_module(path)
     kinds = [
@@ -261,7 +262,7 @@ def _load_module(path: str) -> ModuleType:
 
 
 def _where(error: BaseException) -> str:
-    """Say in a line what went wrong and where."""
+    """Return what failed and where, on one line."""
     if isinstance(error, SyntaxError):
         return f"{error.msg} (line {error.lineno})"
     frames = traceback.extract_tb(error.__traceback__)

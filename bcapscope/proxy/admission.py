@@ -1,7 +1,7 @@
-"""Decides which clients the proxy accepts when there are too many; does no I/O and reads no clock.
+"""Decides which clients the proxy admits when there are too many. It does no I/O and reads no clock.
 
-Each transport has places of its own, and no address may take all of them. A new client whose first frame is a
-stop always gets one: some are kept for that.
+Each transport has its own slots, and no address may take all of them. A new client whose first frame is a
+stop always gets a slot: some are reserved for that.
 """
 
 from __future__ import annotations
@@ -14,54 +14,53 @@ from typing import Protocol
 from bcapscope.transport.first_frame_queue import source_network
 
 MAX_CLIENTS = 256
-"""Clients of each transport, of all listeners; DENSO's C server takes 20 (orin_bcap C/src/bcap_server.c)."""
+"""Clients of each transport, on all listeners; DENSO's C server has 20 (orin_bcap C/src/bcap_server.c)."""
 
 MAX_PER_SOURCE = 192
-"""Clients of one address, behind which a whole plant may be; the rest is enough for three controllers."""
+"""Clients of one address, which may stand for a whole plant. The rest is enough for three controllers."""
 
 RESERVED_SLOTS = 4
-"""Further places of each transport, for clients whose first frame is a stop. The newest of them stay."""
+"""More slots of each transport, for clients whose first frame is a stop. The newest of them stay."""
 
 REPLACE_INTERVAL_NS = 5_000_000
-"""ns between two changes of places that are all taken: a flood from ever new UDP ports may not cost the relay
-more than that."""
+"""ns between two evictions when all slots are taken: limits the cost of a flood from ever new UDP ports."""
 
 REPLACE_BURST = 64
-"""Places that may change hands without that delay, after a quiet time."""
+"""Evictions without that delay, after a quiet time."""
 
 TOO_MANY_CLIENTS = "silent, and there are too many clients"
-"""Why a client ends that gives its place to another."""
+"""Reason for ending a client that is evicted for another."""
 
 
 class Occupant(Protocol):
-    """A client that has a place."""
+    """A client that has a slot."""
 
     @property
     def number(self) -> int:
-        """Its number, never used twice."""
+        """Number of the client, never used twice."""
 
     @property
     def source(self) -> str:
-        """Where it comes from; see `source_network`."""
+        """Network of the client; see `source_network`."""
 
     def evictable_idle_ns(self, now: int) -> int | None:
-        """Return the ns for which it has done nothing, if it may give its place to another; else None."""
+        """Return for how many ns the client was idle, if it may be evicted for another; else None."""
 
     def close(self, reset: bool, why: str) -> None:
-        """End it."""
+        """End the client."""
 
 
 class ClientSlot(Enum):
-    """A place that a new client gets."""
+    """Kind of slot that a new client gets."""
 
     NONE = 0
     REGULAR = 1
     RESERVED = 2
-    """One of those for stops."""
+    """A slot reserved for stops."""
 
 
 class ClientSlots:
-    """The places of one transport."""
+    """The slots of one transport."""
 
     def __init__(self) -> None:
         self._regular: dict[int, Occupant] = {}
@@ -76,12 +75,12 @@ class ClientSlots:
         return len(self._regular) + len(self._reserved)
 
     def find_slot(self, host: str, now: int, is_stop: bool) -> ClientSlot:
-        """Find a place for a new client; others may be ended for it.
+        """Find a slot for a new client. Others may be evicted for it.
 
         Args:
-            host: address of the client.
-            now: ns of a clock that does not go back.
-            is_stop: its first frame is a stop.
+            host: Address of the client.
+            now: ns of a monotonic clock.
+            is_stop: True if its first frame is a stop.
         """
         source = source_network(host)
         if self._sources[source] >= MAX_PER_SOURCE:
@@ -97,12 +96,12 @@ class ClientSlots:
         return ClientSlot.RESERVED
 
     def occupy(self, occupant: Occupant, slot: ClientSlot, is_fresh: bool) -> None:
-        """Give a client its place.
+        """Give a client its slot.
 
         Args:
-            occupant: the client.
-            slot: that `find_slot` returned, or `RESERVED_SLOTS` for a client that must not stay for long.
-            is_fresh: it has only just appeared, and may never speak again.
+            occupant: The client.
+            slot: Result of `find_slot`, or `ClientSlot.RESERVED` for a client that must not stay long.
+            is_fresh: True if the client has sent one datagram and may never send another.
         """
         number = occupant.number
         if slot is ClientSlot.RESERVED:
@@ -114,11 +113,11 @@ class ClientSlots:
             self._fresh[number] = occupant
 
     def mark_established(self, number: int) -> None:
-        """Note that a fresh client has spoken again."""
+        """Note that a fresh client has sent again."""
         self._fresh.pop(number, None)
 
     def release(self, number: int) -> None:
-        """Note that a client has ended."""
+        """Free the slot of a client that has ended."""
         self._fresh.pop(number, None)
         self._reserved.pop(number, None)
         occupant = self._regular.pop(number, None)
@@ -129,7 +128,7 @@ class ClientSlots:
                 del self._sources[source]
 
     def end_oldest_stop(self) -> bool:
-        """End the client that has been in a kept place for longest; return whether there was one."""
+        """End the client that has held a reserved slot longest. Return whether there was one."""
         oldest = next(iter(self._reserved.values()), None)
         if oldest is None:
             return False
@@ -138,7 +137,7 @@ class ClientSlots:
         return True
 
     def _evict_one(self, source: str | None, now: int) -> bool:
-        """End a client, of one source or of any, that may give its place up; return whether there was one."""
+        """Evict a client, of one source or of any, that may be evicted. Return whether there was one."""
         victim = self._oldest_replaceable(source, now) or self._longest_idle(source, now)
         if victim is None:
             return False
@@ -147,8 +146,10 @@ class ClientSlots:
         return True
 
     def _longest_idle(self, source: str | None, now: int) -> Occupant | None:
-        """Return the client that has been quiet for longest; a search that found none is not repeated at
-        once."""
+        """Return the client that was idle longest, None if there is none.
+
+        A search without result is not repeated for the same `now`.
+        """
         if now != self._exhausted_at:
             self._exhausted_at = now
             self._exhausted_sources.clear()
@@ -163,7 +164,7 @@ class ClientSlots:
         return None
 
     def _oldest_replaceable(self, source: str | None, now: int) -> Occupant | None:
-        """Return the oldest fresh client, of one source or of any, if its place may change hands now."""
+        """Return the oldest fresh client, of one source or any; None if no eviction is allowed now."""
         earned = (now - self._replaced_at) // REPLACE_INTERVAL_NS
         if earned:
             self._replacements_left = min(self._replacements_left + earned, REPLACE_BURST)

@@ -44,7 +44,7 @@ class FaultStatus(msgspec.Struct, frozen=True):
 
 
 class HeldStatus(msgspec.Struct, frozen=True):
-    """A message that waits, as `proxy.control_api` reports it."""
+    """A held message, as `proxy.control_api` reports it."""
 
     number: JsonCount
     client: str
@@ -61,7 +61,7 @@ class HeldStatus(msgspec.Struct, frozen=True):
     more: JsonCount = 0
 
     def __post_init__(self) -> None:
-        """Refuse what the properties could not read."""
+        """Reject values that the properties cannot read."""
         bytes.fromhex(self.hex)
         _endpoint(self.client)
         _endpoint(self.server)
@@ -79,12 +79,12 @@ class HeldStatus(msgspec.Struct, frozen=True):
 
     @property
     def call_kind(self) -> CallKind | None:
-        """The function that it calls or answers, if known."""
+        """The call that it requests or answers; None if unknown."""
         return None if self.function_id is None else CallKind(self.function_id, self.command)
 
 
 class RelayDelays(msgspec.Struct, frozen=True):
-    """How long the relay holds what it passes on as it came: ns; `slow` counts what took too long."""
+    """Delays in the relay of data forwarded unchanged, in ns; `slow` counts delays that are too long."""
 
     p50_up: JsonCount = 0
     p99_up: JsonCount = 0
@@ -123,12 +123,12 @@ class ProxyStats(msgspec.Struct, frozen=True):
 
     @property
     def are_scripts_off(self) -> bool:
-        """Whether a script was switched off."""
+        """Whether scripts were switched off."""
         return self.scripts not in (None, "on")
 
     @property
     def ports(self) -> tuple[int, ...]:
-        """Where it listens."""
+        """The ports that the proxy listens on."""
         return tuple(int(way.partition(" > ")[0].rpartition(":")[2]) for way in self.listening)
 
 
@@ -136,7 +136,7 @@ def parse_stats(answer: ControlAnswer) -> ProxyStats:
     """Read an answer to ``stats``.
 
     Raises:
-        msgspec.ValidationError: what answered is no proxy of this version.
+        msgspec.ValidationError: The answer is not from a proxy of this version.
     """
     return msgspec.convert(answer, ProxyStats)
 
@@ -145,7 +145,7 @@ def parse_list(answer: ControlAnswer, name: str, kind: type[T]) -> list[T]:
     """Read an answer that is a list.
 
     Raises:
-        msgspec.ValidationError: what answered is no proxy of this version.
+        msgspec.ValidationError: The answer is not from a proxy of this version.
     """
     return msgspec.convert(answer.get(name), list[kind])  # type: ignore[valid-type]  # it is a type when it runs
 

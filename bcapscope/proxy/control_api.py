@@ -1,18 +1,18 @@
-"""What can be asked and told from outside while the proxy runs: lines of JSON in, lines of JSON out.
+"""Requests to a running proxy, and its answers. Each is one line of JSON.
 
     {"do": "rules"}                              the faults, their switches and counts
-    {"do": "add", "rule": "loss=5% request"}     in one line, or with "fault" as in a file
+    {"do": "add", "rule": "loss=5% request"}     one line, or "fault" as in a file
     {"do": "remove", "name": "drop"}
     {"do": "on", "name": "drop"}                 also off
-    {"do": "intercept", "if": "command == slvMove", "patience": "60s"}    without "if": nothing more
-    {"do": "held"}                               messages that wait
+    {"do": "intercept", "if": "command == slvMove", "patience": "60s"}    without "if": hold nothing
+    {"do": "held"}                               the held messages
     {"do": "forward", "number": 3}
     {"do": "edit", "number": 3, "hex": "01 …"}   or "rewrite": "set arg[2][0]=10"
     {"do": "drop", "number": 3}
-    {"do": "clients"}                            who is there, and how the way to the controller is
+    {"do": "clients"}                            clients, and their connections to the controller
     {"do": "stats"}
 
-The answer has "ok": true and what was asked for, or "ok": false and "error".
+The answer has "ok": true and the result, or "ok": false and "error".
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from bcapscope.proxy.intercept import HeldMessage
 from bcapscope.proxy.rule_policy import RulePolicy
 
 LONGEST_LINE = 1 << 20
-"""Bytes; a message in hexadecimal digits has 1006 on UDP and seldom more than 20,000 on TCP."""
+"""Bytes. A message in hexadecimal has 1006 digits on UDP, and seldom more than 20,000 on TCP."""
 
 
 class _ControlRequest(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="do"):
@@ -48,14 +48,14 @@ class ListFaults(_ControlRequest, frozen=True, kw_only=True, tag="rules"):
 
 
 class AddFault(_ControlRequest, frozen=True, kw_only=True, tag="add"):
-    """Set up a fault: in one line, or as in a file."""
+    """Add a fault, given as one line (`rule`) or as in a file (`fault`)."""
 
     rule: str = ""
     fault: dict[str, Any] = {}
 
 
 class RemoveFault(_ControlRequest, frozen=True, kw_only=True, tag="remove"):
-    """Take a fault away."""
+    """Remove a fault."""
 
     name: str
 
@@ -73,24 +73,24 @@ class DisableFault(_ControlRequest, frozen=True, kw_only=True, tag="off"):
 
 
 class SetIntercept(_ControlRequest, frozen=True, kw_only=True, tag="intercept", rename={"when": "if"}):
-    """Hold other messages from now on, or none."""
+    """Hold messages that match another filter from now on, or none."""
 
     when: FrameCondition | None = None
     patience: Duration | None = None
 
 
 class ListHeld(_ControlRequest, frozen=True, kw_only=True, tag="held"):
-    """List the messages that wait."""
+    """List the held messages."""
 
 
 class ForwardHeld(_ControlRequest, frozen=True, kw_only=True, tag="forward"):
-    """Send a message on as it came."""
+    """Send a held message on unchanged."""
 
     number: int
 
 
 class EditHeld(_ControlRequest, frozen=True, kw_only=True, tag="edit"):
-    """Send a message on with other bytes, or rewritten as by a fault."""
+    """Send a held message on with other bytes, or rewritten as by a fault."""
 
     number: int
     hex: str = ""
@@ -98,7 +98,7 @@ class EditHeld(_ControlRequest, frozen=True, kw_only=True, tag="edit"):
 
 
 class DropHeld(_ControlRequest, frozen=True, kw_only=True, tag="drop"):
-    """Drop a message that waits."""
+    """Drop a held message."""
 
     number: int
 
@@ -108,7 +108,7 @@ class ListClients(_ControlRequest, frozen=True, kw_only=True, tag="clients"):
 
 
 class GetStats(_ControlRequest, frozen=True, kw_only=True, tag="stats"):
-    """Give figures."""
+    """Return the figures."""
 
 
 ControlRequest: TypeAlias = (
@@ -132,7 +132,7 @@ class ControlResponse(NamedTuple):
 
     Attributes:
         line: JSON and a line feed.
-        is_json: the question was JSON; who sends anything else is no client of ours.
+        is_json: True if the request was JSON. A program that sends anything else is not a control client.
     """
 
     line: bytes
@@ -140,7 +140,7 @@ class ControlResponse(NamedTuple):
 
 
 class ControlApi:
-    """Answers questions, without sockets or clocks."""
+    """Executes requests from the control socket, without sockets or clocks."""
 
     def __init__(
         self,
@@ -148,19 +148,19 @@ class ControlApi:
         figures: Callable[[], Mapping[str, object]] = dict,
         upstream: Callable[[int], str] = lambda number: "",
     ) -> None:
-        """Take the rules that are asked for.
+        """Use the rules of a proxy.
 
         Args:
-            rules: of the proxy.
-            figures: gives those of the relay, for `stats`.
-            upstream: tells of a client's number how its way to the controller is.
+            rules: Rules of the proxy.
+            figures: Returns the figures of the relay, for `stats`.
+            upstream: Returns the state of the connection to the controller, by number of the client.
         """
         self._rules = rules
         self._figures = figures
         self._upstream = upstream
 
     def handle_line(self, line: bytes, now: int) -> ControlResponse:
-        """Do what a line of JSON asks for."""
+        """Execute a line of JSON. Return the answer; errors become answers as well."""
         try:
             asked = orjson.loads(line)
         except orjson.JSONDecodeError as error:
@@ -219,7 +219,7 @@ class ControlApi:
         return {"name": request.name}
 
     def _edited_bytes(self, request: EditHeld) -> bytes:
-        """Make the bytes that go on in place of a message that is held."""
+        """Return the bytes that replace a held message."""
         held = next((each for each in self._rules.intercept.held if each.number == request.number), None)
         if held is None:
             raise KeyError(request.number)
@@ -234,7 +234,7 @@ class ControlApi:
             rewriter.rewrite(item, held.flow) if isinstance(item, Frame) else item.raw
             for item in parse_datagram(held.data)
         )
-        if data == held.data:  # a slip in what was typed is not to let a motion pass as it is
+        if data == held.data:  # a typing error must not let a motion pass unchanged
             raise ValueError(
                 "that changes nothing: no such argument, a value that does not fit its type, "
                 "or the one that it has"
@@ -291,7 +291,7 @@ def _client_fields(client: ClientActivity, upstream: str, now: int) -> dict[str,
 
 
 def _seconds_ago(then: int, now: int) -> float | None:
-    """Tell how many seconds ago something was; None for never."""
+    """Return how many seconds ago something happened; None for never."""
     return round((now - then) / 1e9, 3) if then else None
 
 
@@ -317,5 +317,5 @@ def _held_fields(held: HeldMessage, now: int) -> dict[str, object]:
 def _json_line(answer: Mapping[str, object]) -> bytes:
     try:
         return orjson.dumps(answer, default=str) + b"\n"
-    except TypeError:  # half a character, from the wire or in a file's name, which UTF-8 has not
+    except TypeError:  # lone surrogate, from the wire or a file name, which UTF-8 cannot encode
         return json.dumps(answer, default=str, ensure_ascii=False).encode("utf-8", "replace") + b"\n"

@@ -1,7 +1,7 @@
-"""The other end of the control socket: asks the proxy and reads its answers.
+"""The client of the control socket: sends requests to the proxy and reads its answers.
 
-Any program may listen at the address. An answer is bounded in size and time before it is read, and its values
-are strings from the wire: escape them before you print them.
+Any program may listen on the address. The size and time of an answer are bounded before it is read. Its
+values are strings from the wire: escape them before you print them.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ ANSWERS_WITHIN = 10.0
 """Seconds that a whole answer may take."""
 
 LARGEST_LIST = 16 << 20
-"""Bytes of a list of held messages; a thousand of 8,000 bytes each fit. Other answers have `LONGEST_LINE`."""
+"""Bytes of a list of held messages: a thousand of 8,000 bytes each fit. Other answers have `LONGEST_LINE`."""
 
 _LONGEST_REASON = 1000
 
@@ -39,10 +39,10 @@ class _HeldList(msgspec.Struct, frozen=True):
 
 
 class ControlRefused(BcapError):
-    """The proxy did not do what was asked of it; the text is its reason.
+    """The proxy refused a request; the text is its reason.
 
     Attributes:
-        line: the answer as it came, JSON.
+        line: The answer as received, JSON.
     """
 
     def __init__(self, reason: str, line: bytes) -> None:
@@ -52,19 +52,19 @@ class ControlRefused(BcapError):
 
 
 class ControlClient:
-    """A connection to a proxy, made when the first question is asked, and anew after it broke."""
+    """A connection to a proxy. It opens with the first request, and again after it broke."""
 
     def __init__(self, address: str) -> None:
-        """Take the address that the proxy was given by ``--control``."""
+        """Use the address that the proxy got with ``--control``."""
         self._address = address
         self._socket: socket.socket | None = None
 
     def request(self, command: Mapping[str, object]) -> ControlAnswer:
-        """Ask, and return the answer; takes `ANSWERS_WITHIN` at most.
+        """Send a request and return the answer. Takes at most `ANSWERS_WITHIN` seconds.
 
         Raises:
-            ControlError: nothing listens there, or it does not answer as a proxy does.
-            ControlRefused: the proxy did not do it.
+            ControlError: No program listens there, or it does not answer as a proxy does.
+            ControlRefused: The proxy refused the request.
         """
         line = self.request_raw(command)
         try:
@@ -75,7 +75,7 @@ class ControlClient:
         return answer
 
     def list_held(self) -> list[HeldStatus]:
-        """Ask which messages wait.
+        """Return the held messages.
 
         Raises:
             ControlError, ControlRefused: as `request`.
@@ -90,7 +90,7 @@ class ControlClient:
             ) from error
 
     def request_raw(self, command: Mapping[str, object]) -> bytes:
-        """Ask, and return the answer as it came, one line of JSON.
+        """Send a request and return the answer as received, one line of JSON.
 
         Raises:
             ControlError, ControlRefused: as `request`.
@@ -99,7 +99,7 @@ class ControlClient:
         try:
             line = self._exchange(orjson.dumps(command) + b"\n", limit)
             envelope = msgspec.json.decode(line, type=_Envelope)
-        except ConnectionError as error:  # while it was asked; one that cannot be made is a ControlError
+        except ConnectionError as error:  # during the request; a failure to connect is a ControlError
             self.close()
             raise ControlError(f"the proxy on {self._address} has ended") from error
         except OSError as error:

@@ -1,4 +1,4 @@
-"""The socket of the `ControlApi`: in the file system with the rights 0600, or on loopback."""
+"""The socket of the `ControlApi`: a path with mode 0600, or a port on loopback."""
 
 from __future__ import annotations
 
@@ -21,46 +21,46 @@ MAX_CONNECTIONS = 16
 _BACKLOG = 128
 
 IDLE_AFTER = 10.0
-"""Seconds after its last command for which a connection is not closed for a new one."""
+"""Seconds after its last command for which a connection is not closed in favour of a new one."""
 
 
 class ControlError(BcapError):
-    """There can be no control socket at that address, or nobody is behind it."""
+    """A control socket cannot be opened at this address, or no proxy listens on it."""
 
 
 class DescriptorWatcher(Protocol):
-    """Waits for file descriptors."""
+    """Waits for events of file descriptors."""
 
     def watch(self, descriptor: int, handler: Callable[[int], None], mask: int = READ) -> None:
-        """Call `handler` whenever something happens to it."""
+        """Call `handler` for every event of a descriptor."""
 
     def change(self, descriptor: int, mask: int) -> None:
-        """Wait for something else of it."""
+        """Wait for other events of a descriptor."""
 
     def pause(self, descriptor: int) -> None:
-        """Wait for nothing of it for a while."""
+        """Ignore a descriptor for a while."""
 
     def unwatch(self, descriptor: int) -> None:
-        """Forget it."""
+        """Stop waiting for a descriptor."""
 
 
 class ControlServer:
-    """Listens, and hands lines to a desk.
+    """Listens, and passes lines to the `ControlApi`.
 
     Attributes:
-        address: where: a path, or host and port.
+        address: Path, or host and port.
     """
 
     def __init__(self, address: str, api: ControlApi, watcher: DescriptorWatcher) -> None:
         """Listen.
 
         Args:
-            address: ``HOST:PORT`` on loopback, anything else is a path.
-            api: answers.
-            watcher: waits for the sockets.
+            address: ``HOST:PORT`` on loopback; anything else is a path.
+            api: Executes the commands.
+            watcher: Waits for the sockets.
 
         Raises:
-            ControlError: that cannot be done.
+            ControlError: The address cannot be listened on.
         """
         self._api = api
         self._watcher = watcher
@@ -75,7 +75,7 @@ class ControlServer:
         watcher.watch(self._socket.fileno(), self._on_acceptable)
 
     def close(self) -> None:
-        """Close all, and take the file away."""
+        """Close all connections, and remove the path."""
         for connection in list(self._connections.values()):
             connection.close()
         self._watcher.unwatch(self._socket.fileno())
@@ -89,7 +89,7 @@ class ControlServer:
             sock, _address = self._socket.accept()
         except (BlockingIOError, ConnectionError):
             return
-        except OSError:  # no more file descriptors, say: who asks has to wait
+        except OSError:  # for example, no file descriptors: the client has to wait
             self._watcher.pause(self._socket.fileno())
             return
         if len(self._connections) >= MAX_CONNECTIONS and not self._close_idle_connection():
@@ -99,7 +99,7 @@ class ControlServer:
         self._connections[sock.fileno()] = _Connection(sock, self._api, self._watcher, self._connections)
 
     def _close_idle_connection(self) -> bool:
-        """Close the connection that has been idle for longest, one without a command first, if any."""
+        """Close the longest idle connection, first one without a command. Return False if none is idle."""
         idle = min(self._connections.values(), key=lambda each: each.last_command_at)
         if time.monotonic() - idle.last_command_at < IDLE_AFTER:
             return False
@@ -111,7 +111,7 @@ class _Connection:
     """A connected control client.
 
     Attributes:
-        last_command_at: s of `time.monotonic` when the last command came; minus infinity for never.
+        last_command_at: Time of the last command, seconds of `time.monotonic`; minus infinity for never.
     """
 
     def __init__(
@@ -138,7 +138,7 @@ class _Connection:
             self._socket.close()
 
     def _on_ready(self, _: int) -> None:
-        """Go on by one answer at most: what passes the relay waits for no more, nor is more kept of it."""
+        """Give at most one answer per event, to keep traffic moving and memory bounded."""
         try:
             if not self._backlog and (b"\n" in self._received or self._read()):
                 self._answer_next_line()
@@ -149,7 +149,7 @@ class _Connection:
             self.close()
 
     def _read(self) -> bool:
-        """Read on; tell whether there is a whole line now."""
+        """Read more. Return whether there is a complete line now."""
         data = self._socket.recv(1 << 16)
         self._received += data
         if not data or (b"\n" not in data and len(self._received) > LONGEST_LINE):
@@ -165,11 +165,11 @@ class _Connection:
             self.last_command_at = time.monotonic()
             reply = self._api.handle_line(line, time.monotonic_ns())
             self._backlog += reply.line
-            # A browser that a web page sends here talks HTTP, with JSON of the page's making after it.
+            # A web page can make a browser connect here. It sends HTTP, then JSON of the page's choice.
             self._closes_after_send = not reply.is_json
 
     def _send(self) -> None:
-        """Send what the other end takes; end, or wait for what comes next."""
+        """Send what the client accepts. Then close, or wait for the next event."""
         with suppress(BlockingIOError):
             while self._backlog:
                 del self._backlog[: self._socket.send(self._backlog)]
@@ -181,7 +181,7 @@ class _Connection:
 
 
 def is_tcp_address(address: str) -> bool:
-    """Tell whether an address is a port on a host, and no path."""
+    """Return whether an address is ``HOST:PORT`` and not a path."""
     host, colon, port = address.rpartition(":")
     return bool(colon) and port.isdecimal() and "/" not in host and os.sep not in host
 
@@ -190,7 +190,7 @@ def connect_control(address: str, timeout: float = 5.0) -> socket.socket:
     """Connect to a control socket.
 
     Raises:
-        ControlError: nobody is behind it.
+        ControlError: No proxy listens on the address.
     """
     try:
         if is_tcp_address(address):
@@ -254,7 +254,7 @@ def _listen_at_path(path: str) -> socket.socket:
 
 
 def _remove_stale_socket(path: str) -> None:
-    """Take away the socket that a proxy has left that was killed."""
+    """Remove the socket file of a proxy that was killed."""
     try:
         mode = os.lstat(path).st_mode
     except FileNotFoundError:

@@ -1,4 +1,4 @@
-"""One direction of a client: what came, and how it is cut into messages."""
+"""State of one direction of a client, and how its data is split into messages."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ class DirectionState:
     """One direction of a client.
 
     Attributes:
-        flow: for filters and faults.
-        client: number of the client.
-        splitter: of a stream, while something must see its frames.
-        has_begun: bytes have passed.
-        piece_count: datagrams, or reads of a stream, that came.
-        last_piece_at: when the last of them came; ns.
-        has_ended: the stream has ended.
-        overtaken_by: number of the latest message that stops the motions before it; 0 for none.
+        flow: Sender and receiver, for filters and faults.
+        client: Number of the client.
+        splitter: Splitter of a stream; None while no rule needs its frames.
+        has_begun: True once bytes have passed.
+        piece_count: Number of datagrams, or of reads of a stream.
+        last_piece_at: Time of the last of them, ns.
+        has_ended: True once the stream has ended.
+        overtaken_by: Number of the latest message that stops the motions before it; 0 for none.
     """
 
     __slots__ = (
@@ -42,7 +42,7 @@ class DirectionState:
     )
 
     def __init__(self, client: int, flow: Flow, budget: ByteBudget | None = None) -> None:
-        """Begin; `budget` counts what is held of unfinished frames of all streams."""
+        """Set up the direction; `budget` counts the bytes of unfinished frames of all streams."""
         self._budget = budget
         self.client = client
         self.flow = flow
@@ -52,11 +52,11 @@ class DirectionState:
 
     @property
     def is_stream(self) -> bool:
-        """Whether frames must be cut out of it."""
+        """Whether it is a stream that must be split into frames."""
         return self.flow.conversation.transport is Transport.TCP
 
     def cut_messages(self, data: bytes, into_frames: bool) -> Iterator[bytes]:
-        """Cut what came into messages; a stream that nothing must see the frames of passes as it comes."""
+        """Yield the messages in received data. A stream whose frames no rule needs is not split."""
         if not self.is_stream:
             yield data
             return
@@ -71,22 +71,22 @@ class DirectionState:
             yield whole
 
     def take_incomplete(self) -> list[bytes]:
-        """Give back what was kept of a frame that is not complete; nothing more is cut."""
+        """Stop splitting. Return the bytes kept of an incomplete frame."""
         splitter, self.splitter = self.splitter, None
         return [piece.item.raw for piece in splitter.close()] if splitter else []
 
 
 class ClientActivity(NamedTuple):
-    """A client that is there.
+    """Activity of a connected client.
 
     Attributes:
-        number: of the client.
-        conversation: between the client and the controller.
-        since: ns.
-        up: datagrams, or reads of a stream, that came from the client.
-        last_request_at: when the last of them came, ns; 0 for never.
-        down: those that came from the controller.
-        last_reply_at: when the last of them came, ns; 0 for never.
+        number: Number of the client.
+        conversation: Conversation between the client and the controller.
+        since: Time of its first bytes, ns.
+        up: Datagrams, or reads of a stream, from the client.
+        last_request_at: Time of the last of them, ns; 0 for never.
+        down: Datagrams, or reads of a stream, from the controller.
+        last_reply_at: Time of the last of them, ns; 0 for never.
     """
 
     number: int
@@ -99,13 +99,13 @@ class ClientActivity(NamedTuple):
 
 
 class DecisionBuilder:
-    """What is done about something that came: actions in order, and what is said of it.
+    """Collects the decision about received data: actions in order, and notes.
 
     Attributes:
-        actions: in order; those that were given out already are not among them.
-        notes: what is said.
-        waiting: how many messages in it wait for the scripts.
-        ticket: names it while any does; 0 for none so far.
+        actions: Actions in order, without those already returned.
+        notes: Notes for the user.
+        waiting: Number of messages in the data that wait for the scripts.
+        ticket: Identifies the data while a message waits; 0 for none so far.
     """
 
     __slots__ = ("actions", "notes", "ticket", "waiting")
@@ -117,16 +117,16 @@ class DecisionBuilder:
 
     @property
     def note(self) -> str:
-        """All notes on it."""
+        """All notes as one text, each once."""
         return "; ".join(dict.fromkeys(self.notes))
 
 
 class UndecidedMessage(NamedTuple):
-    """A message that the scripts are asked about.
+    """A message that the scripts have to decide about.
 
     Attributes:
-        state: on which it came.
-        builder: what is done about all that came with it.
+        state: Direction of the message.
+        builder: Decision about all data that arrived with it.
     """
 
     state: DirectionState
@@ -134,11 +134,11 @@ class UndecidedMessage(NamedTuple):
 
 
 class SplitRequests(NamedTuple):
-    """Requests that were held when their client, or the proxy, came to its end.
+    """Requests that were held when their client or the proxy ended.
 
     Attributes:
-        forwarded: what goes on all the same, a datagram or piece of a stream each.
-        dropped: frames that do not, and bytes that are none.
+        forwarded: Datagrams or pieces of a stream that are still sent.
+        dropped: Frames that are not sent, and bytes that are not a frame.
     """
 
     forwarded: list[bytes]
@@ -146,10 +146,10 @@ class SplitRequests(NamedTuple):
 
 
 def split_held_requests(state: DirectionState, held: Iterable[bytes]) -> SplitRequests:
-    """Choose what goes on of requests that were held too long: what stops the robot or lets go of something.
+    """Choose which held requests are still sent: those that stop the robot or release something.
 
-    A motion that comes when nobody waits for it any more does harm; a stop never does. Of a stream goes on
-    before it what is left of a frame that has begun to go, or the stop would be taken for its rest.
+    A motion that starts when its client no longer waits does harm; a stop never does. On a stream, the rest
+    of a partly sent frame goes first. Otherwise the controller would take the stop for that rest.
     """
     if not state.is_stream:
         parted = [_split_frames(parse_datagram(data)) for data in held]
@@ -180,7 +180,7 @@ def _split_frames(items: Iterable[Frame | Malformed]) -> SplitRequests:
 def join_untouched_bytes(
     actions: list[SendAction | CloseAction], state: DirectionState
 ) -> Sequence[SendAction | CloseAction]:
-    """Join bytes of a stream that pass untouched into one piece again, as they came."""
+    """Join consecutive bytes of a stream that no rule touched into one piece again."""
     if not state.is_stream or len(actions) < 2:
         return actions
     found: list[SendAction | CloseAction] = []

@@ -1,4 +1,4 @@
-"""Messages that are held until someone sends them on, edited or not, or drops them."""
+"""Messages that are held until the user sends them on, edited or not, or drops them."""
 
 from __future__ import annotations
 
@@ -18,33 +18,33 @@ from bcapscope.traffic.filter.getters import FRAME_GETTERS, AnnotatedFrame
 from bcapscope.traffic.observation import Conversation, Direction, Flow, Transport
 
 MAX_HELD = 1000
-"""Messages; what comes when there are so many passes, and says so."""
+"""Messages that may be held. Further ones pass, with a note."""
 
 MAX_BYTES = 16 << 20
-"""Bytes of these messages."""
+"""Bytes of held messages."""
 
 HOLD_TIME_NS = 60_000_000_000
-"""ns that a message waits unless told otherwise: long enough to edit one, and a robot is not left hanging."""
+"""ns that a message is held by default: long enough to edit it, short enough not to leave a robot waiting."""
 
 _Subject: TypeAlias = tuple[AttemptedCall, Direction]
-"""What is decided about: a call over UDP, or its answer, whichever of its tries brings it."""
+"""Subject of a decision: a UDP call or its reply, whichever attempt carries it."""
 
 
 class HeldMessage(NamedTuple):
-    """A message that waits.
+    """A held message.
 
     Attributes:
-        number: to name it by, never used twice.
-        client: its number.
-        flow: who speaks to whom.
-        data: the message; of a call that was tried again the latest try, as its client takes no other answer.
-        call_kind: what it asks or answers, where that is known.
-        since: ns.
-        until: ns; then it goes on unchanged, unless its client has given it up.
-        last_attempt_at: when the latest try of it came, ns.
-        repeats: how many more packets of the same call came meanwhile, which are not held apart.
-        subject: what is decided about, where there may be retries.
-        abandoned_because: what its client has done since that tells that it waits no longer; "" for nothing.
+        number: Name of the message for the user, never used twice.
+        client: Number of the client.
+        flow: Sender and receiver.
+        data: The message; of a retried call the latest attempt, since its client accepts no other reply.
+        call_kind: The call that it requests or answers, if known.
+        since: Start of the hold, ns.
+        until: End of the hold, ns. Then the message goes on unchanged, unless its client has abandoned it.
+        last_attempt_at: Time of the latest attempt, ns.
+        repeats: Number of later packets of the same call. They are not held separately.
+        subject: Subject of the decision, if there may be retries.
+        abandoned_because: What the client did that shows that it no longer waits; "" for nothing.
     """
 
     number: int
@@ -60,12 +60,12 @@ class HeldMessage(NamedTuple):
     abandoned_because: str = ""
 
     def abandonment_reason(self, now: int) -> str:
-        """Tell how one knows that nobody waits for what is asked any more; "" where somebody may.
+        """Return how bcapscope knows that the client no longer waits for a reply; "" if the client may wait.
 
-        A motion that begins long after its client has told its user that it failed does harm. Nobody waits
-        when the client's stream has ended or it has asked for something else, as clients make one call at a
-        time; nor on UDP when it has not asked again within `RETRY_WITHIN_NS`. On TCP, where there are no
-        retries, a client that is silent may wait.
+        A motion that starts long after the client reported a failure to its user does harm. A client makes
+        one call at a time, so it no longer waits once its stream has ended or it has sent another request. On
+        UDP, it no longer waits if it has not retried within `RETRY_WITHIN_NS`. On TCP, where there are no
+        retries, a silent client may wait.
         """
         if self.abandoned_because or self.flow.direction is Direction.RESPONSE:
             return self.abandoned_because
@@ -76,11 +76,11 @@ class HeldMessage(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class InterceptResult:
-    """What becomes of a message that concerns the intercept.
+    """What happens to a message that concerns the intercept.
 
     Attributes:
-        note: in words.
-        data: what goes on in its place now; None for nothing.
+        note: Description for the user.
+        data: Bytes that go on now in its place; None for nothing.
     """
 
     note: str
@@ -89,12 +89,12 @@ class InterceptResult:
 
 @dataclass(frozen=True, slots=True)
 class _PastDecision:
-    """What was decided about a message whose retries may still come.
+    """A decision about a message whose retries may still come.
 
     Attributes:
-        number: of the message.
-        data: went on in its place; None for itself, empty for nothing.
-        until: ns; no retry is expected after that.
+        number: Number of the message.
+        data: Bytes that replaced the message; None if it was unchanged, empty if it was dropped.
+        until: Time in ns after which no retry is expected.
     """
 
     number: int
@@ -103,14 +103,15 @@ class _PastDecision:
 
 
 class Intercept:
-    """Holds the messages that a filter is true for, each call once: what is decided holds for its retries.
+    """Holds the messages that match a filter. Each call is held once, and the decision applies to its
+    retries.
 
-    Requests that stop the robot or let go of something are never held.
+    Requests that stop the robot or release something are never held.
 
     Attributes:
-        condition: the filter; None while nothing is to be held.
-        hold_time: ns that a message waits.
-        held_so_far: how many were held so far.
+        condition: The filter; None to hold nothing.
+        hold_time: Time that a message is held, ns.
+        held_so_far: Number of messages held so far.
     """
 
     def __init__(self, condition: FrameCondition | None = None, hold_time: int = HOLD_TIME_NS) -> None:
@@ -123,7 +124,7 @@ class Intercept:
         self.set_condition(condition)
 
     def set_condition(self, condition: FrameCondition | None) -> None:
-        """Hold other messages from now on; what is held already stays."""
+        """Hold messages that match another filter from now on. Messages already held stay."""
         self.condition = condition
         self._matches_frame: Callable[[AnnotatedFrame], bool] | None = None
         if condition is not None:
@@ -131,12 +132,12 @@ class Intercept:
 
     @property
     def is_idle(self) -> bool:
-        """Whether no message concerns it."""
+        """Whether the intercept has nothing to do with any message."""
         return self.condition is None and not self._held and not self._past_decisions
 
     @property
     def held(self) -> list[HeldMessage]:
-        """All that is held, the oldest first."""
+        """All held messages, oldest first."""
         return list(self._held.values())
 
     @property
@@ -146,9 +147,9 @@ class Intercept:
         return len(self._held) >= MAX_HELD or held >= MAX_BYTES
 
     def hold_or_pass(self, client: int, message: WireMessage) -> InterceptResult | None:
-        """Hold a message or let it pass; None for one that does not concern the intercept.
+        """Hold a message or let it pass. Return None if it does not concern the intercept.
 
-        All messages must pass here, in order.
+        The caller must show all messages to this method, in order.
         """
         while self._past_decisions and next(iter(self._past_decisions.values())).until < message.now:
             del self._past_decisions[next(iter(self._past_decisions))]
@@ -172,15 +173,15 @@ class Intercept:
         return InterceptResult(f"intercept: held as {self._hold(client, message, subject)}", None)
 
     def release(self, number: int, now: int, data: bytes | None = None) -> HeldMessage:
-        """Let go of a message and return it; the same becomes of its retries.
+        """Release a message and return it. The decision also applies to its retries.
 
         Args:
-            number: of the message.
+            number: Number of the message.
             now: ns.
-            data: what goes on in its place; None for itself, empty for nothing.
+            data: Bytes that replace the message; None to leave it unchanged, empty to drop it.
 
         Raises:
-            KeyError: nothing of this number is held.
+            KeyError: No message with this number is held.
         """
         held = self._held.pop(number)
         if held.subject is not None:
@@ -189,11 +190,11 @@ class Intercept:
         return held
 
     def due(self) -> int | None:
-        """Tell when the next message has waited too long."""
+        """Return when the next hold ends, in ns; None if nothing is held."""
         return min((held.until for held in self._held.values()), default=None)
 
     def pop_expired(self, now: int) -> list[HeldMessage]:
-        """Let go of what has waited too long; what has been given up is dropped with its retries."""
+        """Release messages whose hold has ended. Abandoned messages are dropped, with their retries."""
         return [
             self.release(held.number, now, b"" if held.abandonment_reason(now) else None)
             for held in self.held
@@ -201,17 +202,17 @@ class Intercept:
         ]
 
     def mark_abandoned(self, flow: Flow, why: str) -> None:
-        """Take notice that nobody waits any more for what is held of a flow by now."""
+        """Mark the held messages of a flow as abandoned by their client, with the reason."""
         for held in self.held:
             if held.flow is flow and not held.abandoned_because:
                 self._held[held.number] = held._replace(abandoned_because=why)
 
     def holds(self, flow: Flow) -> bool:
-        """Tell whether anything of a flow is held."""
+        """Return whether a message of a flow is held."""
         return any(held.flow is flow for held in self._held.values())
 
     def remove_held(self, flow: Flow) -> list[HeldMessage]:
-        """Let go of all that is held of one direction, and return it."""
+        """Remove all held messages of one flow, and return them."""
         found = [held for held in self.held if held.flow is flow]
         for held in found:
             del self._held[held.number]
@@ -220,11 +221,11 @@ class Intercept:
         return found
 
     def close_conversation(self, conversation: Conversation) -> None:
-        """Forget a conversation that is over, of which nothing is held any more."""
+        """Forget a conversation that has ended and has no held messages."""
         self._attempts.close_conversation(conversation)
 
     def _subject(self, message: WireMessage) -> tuple[_Subject | None, bool]:
-        """Tell what a message is about, if there may be retries of it, and whether nobody asked before it."""
+        """Return the subject of a message, None without retries, and whether it is a first attempt."""
         if self.is_idle or not message.is_datagram or len(message.frames) != 1:
             return None, bool(message.frames)
         (frame,), flow = message.frames, message.flow
@@ -241,7 +242,7 @@ class Intercept:
     def _repeat_decision(
         self, message: WireMessage, subject: _Subject, decided: _PastDecision
     ) -> InterceptResult:
-        """Let become of a retry what became of the message."""
+        """Apply the decision about a message to its retry."""
         self._remember_decision(subject, replace(decided, until=message.now + RETRY_WITHIN_NS))
         (frame,), number = message.frames, decided.number
         if decided.data is None:
@@ -253,14 +254,14 @@ class Intercept:
         return InterceptResult(f"intercept: dropped, as it is another try of {number}", None)
 
     def _remember_decision(self, subject: _Subject, decided: _PastDecision) -> None:
-        """Remember a decision, behind all others: the first to end stands first."""
+        """Store a decision at the end, so that the order is that of expiry."""
         self._past_decisions.pop(subject, None)
         self._past_decisions[subject] = decided
         if len(self._past_decisions) > MAX_HELD:
             del self._past_decisions[next(iter(self._past_decisions))]
 
     def _should_hold(self, message: WireMessage) -> bool:
-        """Tell whether a message is to be held."""
+        """Return whether a message is to be held."""
         test = self._matches_frame
         if test is None or not any(test(told) for told in message.annotated_frames):
             return False
@@ -270,7 +271,7 @@ class Intercept:
         return not any(always_passes(item.code, item.variants) for item in items if isinstance(item, Frame))
 
     def _hold(self, client: int, message: WireMessage, subject: _Subject | None) -> int:
-        """Hold a message; return its number."""
+        """Hold a message. Return its number."""
         self.held_so_far += 1
         held = HeldMessage(
             self.held_so_far,

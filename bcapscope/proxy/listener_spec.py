@@ -1,4 +1,4 @@
-"""Where a proxy listens, where what comes there goes to, and whose it may be."""
+"""Where a proxy listens, which controller it forwards to, and which clients it accepts."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _IPV6 = frozenset("0123456789abcdefABCDEF:.")
 
 
 class ListenerSpecError(BcapError):
-    """A listener is described in a way that makes no sense; the message names the part."""
+    """The description of a listener is invalid; the message names the part."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,10 +29,10 @@ class ListenerSpec:
     """One address to listen on for one controller.
 
     Attributes:
-        listen: an IP address of this machine; port 0 takes one that is free.
-        to: the controller, by address or name.
-        transports: what to listen on.
-        allow: where clients may be; () for anywhere.
+        listen: IP address of this machine; port 0 takes a free port.
+        to: Controller, by address or name.
+        transports: Transports to listen on.
+        allow: Networks that clients may connect from; () for any.
     """
 
     listen: Endpoint
@@ -41,7 +41,7 @@ class ListenerSpec:
     allow: tuple[Network, ...] = ()
 
     def allows(self, host: str) -> bool:
-        """Tell whether a client may be at this IP address."""
+        """Return whether a client with this IP address may connect."""
         if not self.allow:
             return True
         address = ipaddress.ip_address(host.partition("%")[0])
@@ -51,16 +51,17 @@ class ListenerSpec:
 def parse_listener_specs(
     listen: Sequence[str], to: Sequence[str], transport: str = "both", allow: Sequence[str] = ()
 ) -> tuple[ListenerSpec, ...]:
-    """Pair what is said of each listener.
+    """Combine the options of each listener.
 
     Args:
-        listen: ``HOST:PORT`` each, ``[HOST]:PORT`` for IPv6; ``udp:`` or ``tcp:`` before it for one of them.
-        to: as many controllers, in the same order and notation, without transport.
-        transport: ``udp``, ``tcp`` or ``both`` for those that do not say.
-        allow: addresses or networks in CIDR notation.
+        listen: ``HOST:PORT`` each, ``[HOST]:PORT`` for IPv6; a prefix ``udp:`` or ``tcp:`` selects a
+            transport.
+        to: The same number of controllers, in the same order and notation, without transport.
+        transport: ``udp``, ``tcp`` or ``both`` for listeners without a prefix.
+        allow: Addresses or networks in CIDR notation.
 
     Raises:
-        ListenerSpecError: something is missing, twice there, or no address.
+        ListenerSpecError: Something is missing, duplicated, or not an address.
     """
     if not listen:
         raise ListenerSpecError("there is nothing to listen on: --listen HOST:PORT --to HOST:PORT")

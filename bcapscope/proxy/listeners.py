@@ -1,4 +1,4 @@
-"""Opening what listeners say."""
+"""Opens the listeners of a specification."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ _TRIES = 20
 def open_listeners(
     relay: Relay, spec: ListenerSpec, forget_after: int = EXPIRE_AFTER_NS
 ) -> tuple[Endpoint, list[TcpListener | UdpListener]]:
-    """Listen; return where, and the ports, which take clients when the relay is given them.
+    """Listen. Return the address, and the listeners, which accept clients once the relay has them.
 
-    Port 0 takes one that is free, on both transports if both are wanted.
+    Port 0 takes a free port, the same one for both transports.
 
     Raises:
-        ProxyListenError: it cannot be listened on.
-        UnreachableError: the controller's name is unknown.
+        ProxyListenError: The address cannot be listened on.
+        UnreachableError: The controller's name cannot be resolved.
     """
     for last in range(_TRIES - 1, -1, -1):
         ports: list[TcpListener | UdpListener] = []

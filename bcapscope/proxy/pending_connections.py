@@ -1,4 +1,4 @@
-"""TCP clients between their connection and their first frame, which decides whether they get a place."""
+"""TCP clients between their connection and their first frame, which decides whether they get a slot."""
 
 from __future__ import annotations
 
@@ -13,29 +13,29 @@ from bcapscope.transport.first_frame_queue import FirstFrameQueue
 from bcapscope.transport.tcp_link import close_with_reset
 
 Admit: TypeAlias = Callable[[socket.socket, SocketAddress, bytes, int], None]
-"""Takes a client, its address, the bytes that it has sent, and when the last of them came, ns since 1970."""
+"""Admits a client: socket, address, bytes sent so far, and receipt of the last of them in ns since 1970."""
 
 _AT_ONCE = 4096
-"""Bytes that are read at a time."""
+"""Bytes of one read."""
 
 
 class ConnectionHost(Protocol):
-    """The part of the relay that is needed here."""
+    """The part of the relay that pending connections need."""
 
     now: int
 
     def watch(self, descriptor: int, handler: Callable[[int], None]) -> None:
-        """Call `handler` whenever a file descriptor can be read."""
+        """Call `handler` whenever a file descriptor is readable."""
 
     def unwatch(self, descriptor: int) -> None:
-        """Forget a file descriptor."""
+        """Stop waiting for a file descriptor."""
 
     def deny(self, client: Endpoint, why: str) -> None:
-        """Count a client that does not get a place, and tell the user now and then."""
+        """Count a client that is not admitted, and report some of them to the user."""
 
 
 class PendingConnections:
-    """Clients that have connected and not sent a complete frame yet; the controller does not know them."""
+    """Connected clients without a complete frame so far. The controller does not know them."""
 
     def __init__(self, host: ConnectionHost) -> None:
         self._host = host
@@ -46,7 +46,7 @@ class PendingConnections:
         return len(self._clients)
 
     def add(self, client: socket.socket, address: SocketAddress, admit: Admit) -> None:
-        """Take a client that has just connected; `admit` is called when its first frame is complete."""
+        """Add a client that has just connected; `admit` is called once its first frame is complete."""
         client.setblocking(False)
         descriptor = client.fileno()
         dropped = self._lobby.add(descriptor, address[0])
@@ -57,7 +57,7 @@ class PendingConnections:
         self._read(descriptor)
 
     def drop_lowest_priority(self) -> bool:
-        """End the client with the lowest priority; return whether there was one."""
+        """End the client with the lowest priority. Return whether there was one."""
         dropped = self._lobby.drop_one()
         if dropped is None:
             return False
@@ -70,7 +70,7 @@ class PendingConnections:
             self._refuse(descriptor, "did not complete its first frame in time")
 
     def close(self) -> None:
-        """End all."""
+        """End all pending clients."""
         while (descriptor := self._lobby.drop_one()) is not None:
             close_with_reset(self._remove(descriptor)[0])
 

@@ -1,6 +1,6 @@
-"""What the relay asks those who look into what passes; without them it asks nobody and looks at nothing.
+"""The interface between the relay and its rules. Without rules, the relay inspects nothing.
 
-Nothing here reads a clock or a socket. Times are ns of a clock that does not go back.
+Nothing here reads a clock or a socket. Times are ns of a monotonic clock.
 """
 
 from __future__ import annotations
@@ -13,16 +13,16 @@ import msgspec
 from bcapscope.traffic.observation import Conversation, Direction
 
 
-# Every message makes some of these: a struct compares by its type, which a named tuple
-# does not, and takes 0.1 µs to make (named tuple 0.4, frozen dataclass 0.9).
+# Every message creates some of these. A struct compares by its type, which a named tuple does not, and takes
+# 0.1 µs to create (named tuple 0.4, frozen dataclass 0.9).
 class SendAction(msgspec.Struct, frozen=True):
-    """Bytes to be sent now.
+    """Bytes to send now.
 
     Attributes:
-        client: on whose connection.
-        toward: REQUEST is sent to the controller, RESPONSE to the client.
-        data: a datagram, or the next bytes of a stream.
-        note: what a rule did to it, for the recording and the screen; "" if it passes as it came.
+        client: Number of the client whose connection is used.
+        toward: REQUEST sends to the controller, RESPONSE to the client.
+        data: A datagram, or the next bytes of a stream.
+        note: What a rule did to it, for the recording and the screen; "" if it is unchanged.
     """
 
     client: int
@@ -35,9 +35,9 @@ class CloseAction(msgspec.Struct, frozen=True):
     """The end of a client's connection, on both sides.
 
     Attributes:
-        client: whose.
-        reset: by RST, where a stream can; what was not sent yet is lost. Else what is to be sent goes out.
-        note: which rule, for the screen.
+        client: Number of the client.
+        reset: True to reset a stream, which loses unsent bytes. False to send them first.
+        note: The rule, for the screen.
     """
 
     client: int
@@ -46,13 +46,13 @@ class CloseAction(msgspec.Struct, frozen=True):
 
 
 class LateDecision(msgspec.Struct, frozen=True):
-    """What becomes of something that came earlier and waited.
+    """A decision about data that arrived earlier and waited.
 
     Attributes:
-        client: whose.
-        ticket: `PolicyDecision.ticket` of what came.
-        note: as in `PolicyDecision`.
-        actions: likewise, after those that were given out while it waited.
+        client: Number of the client.
+        ticket: `PolicyDecision.ticket` of the data.
+        note: As in `PolicyDecision`.
+        actions: As in `PolicyDecision`, after the actions returned while the data waited.
     """
 
     client: int
@@ -65,12 +65,12 @@ PolicyAction: TypeAlias = SendAction | CloseAction | LateDecision
 
 
 class PolicyDecision(msgspec.Struct, frozen=True):
-    """What becomes of something that came in.
+    """A decision about received data.
 
     Attributes:
-        note: on what came, such as "loss=5%: dropped"; "" if no rule touched it.
-        actions: what is to be done at once, in order; what is for later comes from `Policy.pop_due_actions`.
-        ticket: names what came if it waits for a `LateDecision`; 0 if all is decided.
+        note: What a rule did, such as "loss=5%: dropped"; "" if no rule touched the data.
+        actions: Actions to do at once, in order. `Policy.pop_due_actions` returns later ones.
+        ticket: Identifies data that waits for a `LateDecision`; 0 if all is decided.
     """
 
     note: str
@@ -79,47 +79,45 @@ class PolicyDecision(msgspec.Struct, frozen=True):
 
 
 class Policy(Protocol):
-    """Decides which messages pass. None of the methods may raise, and only `close` may wait."""
+    """Decides which messages pass. No method raises, and only `close` may block."""
 
     def add_client(self, client: int, conversation: Conversation, now: int) -> None:
-        """Meet a client: its number, never used twice, and its conversation with the controller itself."""
+        """Register a client: its number, never used twice, and its conversation with the controller."""
 
     def receive(self, client: int, direction: Direction, data: bytes, now: int) -> PolicyDecision:
-        """Take a datagram, or the next bytes of a stream, in the order in which they come."""
+        """Decide about a datagram, or the next bytes of a stream, in the order of arrival."""
 
     def holds(self, client: int, direction: Direction) -> bool:
-        """Tell whether something of this direction is still to be sent; its end is passed on after that.
+        """Return whether data of this direction is still to be sent. Its end is forwarded after that.
 
         The client may be gone by now.
         """
 
     def is_full(self, client: int) -> bool:
-        """Return whether so much is held that no stream of a client is to be read before `pop_due_actions`
-        has given out some.
-        """
+        """Return whether so much is held that a client's streams must wait for `pop_due_actions`."""
 
     def on_stream_end(
         self, client: int, direction: Direction, now: int
     ) -> Sequence[SendAction | CloseAction]:
-        """Take notice that a stream has ended in one direction; return what is to be done about its rest."""
+        """Handle the end of a stream in one direction. Return the actions for its incomplete rest."""
 
     def hides_end(self, client: int) -> bool:
-        """Tell whether neither side of a client's connection may hear of the other's end, by FIN or RST."""
+        """Return whether each side of a client must not learn of the other's end, by FIN or RST."""
 
     def release_held(self, client: int, now: int) -> Sequence[SendAction | CloseAction]:
-        """Return what is to be done at once as a client, which is still there, is about to end."""
+        """Return the actions to do before a client ends. The client is still registered."""
 
     def remove_client(self, client: int, now: int) -> None:
         """Forget a client."""
 
     def due(self) -> int | None:
-        """Return when `pop_due_actions` is to be called; None while nothing waits."""
+        """Return when to call `pop_due_actions`; None while nothing waits."""
 
     def pop_due_actions(self, now: int) -> Sequence[PolicyAction]:
-        """Return what is to be done by `now`."""
+        """Return the actions that are due by `now`."""
 
     def close(self, now: int) -> None:
-        """Take notice that nothing more comes."""
+        """End the rules: no more data arrives."""
 
     def report(self) -> Sequence[str]:
-        """Sum up, in a few lines for people, what the rules did."""
+        """Return a summary of what the rules did, in a few lines."""

@@ -1,4 +1,4 @@
-"""Waiting for sockets: epoll where there is one, else select."""
+"""Waiting for sockets: with epoll where available, else with select."""
 
 from __future__ import annotations
 
@@ -11,46 +11,46 @@ import time
 from typing import Protocol
 
 READ, WRITE, ERROR, HANG_UP = 1, 4, 8, 16
-"""Bits of what is waited for and of what happened, those of epoll."""
+"""Bits of events, with the values of epoll."""
 
 
 class Poller(Protocol):
-    """Knows for each file descriptor what is waited for."""
+    """Waits for events of file descriptors."""
 
     def register(self, descriptor: int, mask: int, /) -> object:
-        """Begin to wait."""
+        """Start to wait for events of a descriptor."""
 
     def modify(self, descriptor: int, mask: int, /) -> object:
-        """Wait for something else."""
+        """Wait for other events of a descriptor."""
 
     def unregister(self, descriptor: int, /) -> object:
-        """Wait no more."""
+        """Stop waiting for a descriptor."""
 
     def poll(self, seconds: float | None, /) -> list[tuple[int, int]]:
-        """Return what happened, at the latest after so many seconds, if there is a limit."""
+        """Return descriptors with their events, after `seconds` at the latest. None waits without limit."""
 
     def close(self) -> object:
-        """Let go."""
+        """Release the poller."""
 
 
 class SelectPoller:
-    """The same with select, for systems without epoll."""
+    """A poller that uses select, for systems without epoll."""
 
     def __init__(self) -> None:
         self._masks: dict[int, int] = {}
 
     def register(self, descriptor: int, mask: int) -> None:
-        """Begin to wait."""
+        """Start to wait for events of a descriptor."""
         self._masks[descriptor] = mask
 
     modify = register
 
     def unregister(self, descriptor: int) -> None:
-        """Wait no more."""
+        """Stop waiting for a descriptor."""
         self._masks.pop(descriptor, None)
 
     def poll(self, seconds: float | None) -> list[tuple[int, int]]:
-        """Return what happened; what went wrong on a socket shows when it is read or written."""
+        """Return descriptors with their events. A socket's error shows when it is read or written."""
         readers = [each for each, mask in self._masks.items() if mask & READ]
         writers = [each for each, mask in self._masks.items() if mask & WRITE]
         readable, writable, broken = select.select(readers, writers, writers, seconds)
@@ -60,17 +60,17 @@ class SelectPoller:
         return list(found.items())
 
     def close(self) -> None:
-        """Let go."""
+        """Forget all descriptors."""
         self._masks.clear()
 
 
 def make_poller() -> Poller:
-    """Return the best that the system has."""
+    """Return the best poller that the system offers."""
     return select.epoll() if hasattr(select, "epoll") else SelectPoller()
 
 
 def wait_precisely(poller: Poller, seconds: float) -> list[tuple[int, int]]:
-    """Wait as `poll` does, to the microsecond: epoll alone counts milliseconds."""
+    """Wait as `poll` does, to the microsecond. epoll alone counts milliseconds."""
     if isinstance(poller, SelectPoller):
         return poller.poll(seconds)
     assert isinstance(poller, select.epoll)
@@ -79,9 +79,9 @@ def wait_precisely(poller: Poller, seconds: float) -> list[tuple[int, int]]:
 
 
 def open_ticker(seconds: float) -> int | None:
-    """Open a file descriptor that can be read every so many seconds; None where there is no such thing.
+    """Open a file descriptor that becomes readable every `seconds`; None where the system has no such timer.
 
-    Waiting with a limit sets a timer each time, which costs microseconds; this one is set once.
+    Waiting with a limit sets a timer each time, which costs microseconds. This timer is set once.
     """
     if sys.platform != "linux":
         return None

@@ -1,7 +1,7 @@
-"""From what the relay tells to observations: what each client said and was told.
+"""Decodes the relay's records into observations: the requests and replies of each client.
 
-Observed is the clients' side: requests as they came, replies as they were sent on. What the rules lost on
-the way to the controller was still said; what they lost on the way back was not heard.
+Observations show the clients' side: requests as received, replies as sent on. A request that a rule dropped
+on the way to the controller is observed; a reply that a rule dropped is not.
 """
 
 from __future__ import annotations
@@ -25,18 +25,18 @@ from bcapscope.traffic.observation import (
 )
 
 _MAX_MARKS = 256
-"""Pieces of one unfinished frame whose times are kept apart."""
+"""Pieces of one unfinished frame whose times are kept separately."""
 
 
 class ClientEndpoints(NamedTuple):
-    """A client of the relay.
+    """Addresses of a client's two connections.
 
     Attributes:
         transport: UDP or TCP.
-        client: where it is.
-        listen: where it came to.
-        upstream: our end towards the controller.
-        controller: where that is.
+        client: Address of the client.
+        listen: Address that the client sends to.
+        upstream: Address of the proxy toward the controller.
+        controller: Address of the controller.
     """
 
     transport: Transport
@@ -60,9 +60,7 @@ class _DirectionStream:
         self.flow = Flow(conversation, direction)
         self.splitter = StreamSplitter(budget=budget)
         self.size = 0
-        self.arrival_times: list[tuple[int, int]] = [
-            (0, 0)
-        ]  # offset in the stream, and when what is there came
+        self.arrival_times: list[tuple[int, int]] = [(0, 0)]  # offset in the stream, time of receipt
 
 
 class _Client:
@@ -78,15 +76,15 @@ class _Client:
         )
 
     def on_end(self, up: bool, reset: bool, time: int) -> None:
-        """Note that an end closed the connection."""
+        """Note that one end closed the connection."""
         self.conversation.record_end(self.directions[up].flow.direction, reset, time)
 
 
 class RecordDecoder:
-    """Follows all clients.
+    """Decodes the records of all clients.
 
     Attributes:
-        observation_count: observations so far.
+        observation_count: Number of observations so far.
     """
 
     def __init__(self) -> None:
@@ -97,21 +95,21 @@ class RecordDecoder:
 
     @property
     def client_numbers(self) -> dict[Conversation, int]:
-        """The relay's number of each client that is there."""
+        """The relay's number of each connected client."""
         return {client.conversation: number for number, client in self._clients.items()}
 
     @property
     def last_heard(self) -> dict[Conversation, int]:
-        """When each client that is there was heard last, ns since 1970."""
+        """Time of the last request of each connected client, ns since 1970."""
         return {client.conversation: client.last_heard for client in self._clients.values()}
 
     def pop_closed_clients(self) -> list[tuple[Conversation, str]]:
-        """Return who has gone since this was asked last, and why: words from the relay."""
+        """Return the clients that have gone since the last call, each with the relay's reason."""
         gone, self._closed_clients = self._closed_clients, []
         return gone
 
     def decode(self, records: Iterable[RingRecord]) -> Iterator[tuple[Observation, str]]:
-        """Yield what was said, with what a rule did to it."""
+        """Yield each observation, with a note of what a rule did to it ("" for nothing)."""
         clients = self._clients
         for record in records:
             kind, up, number, came, left, data, note = record
@@ -138,7 +136,7 @@ class RecordDecoder:
                 yield from self._decode_event(client, record)
 
     def _decode_event(self, client: _Client, record: RingRecord) -> Iterator[tuple[Observation, str]]:
-        """Yield what anything but data brings to light."""
+        """Yield the observations that result from a record without data."""
         kind = record.kind
         if kind is RingRecordKind.HOLE:
             if record.up and record.received_at:
@@ -171,7 +169,7 @@ class RecordDecoder:
 
     def _decode_end(self, client: _Client, record: RingRecord) -> Iterator[tuple[Observation, str]]:
         _, up, _, came, left, *_ = record
-        if came:  # else it is the proxy that ends it
+        if came:  # else the proxy ended it
             client.on_end(up, record.kind is RingRecordKind.RESET, came)
         if time := came if up else left:
             yield from self._flush_direction(client.directions[up], time)

@@ -1,6 +1,6 @@
-"""The relay: one thread that moves bytes between clients and controllers and looks at none of them.
+"""The relay: one thread that moves bytes between clients and controllers without inspecting them.
 
-What passed goes into a ring that another process watches. Only where there are rules are they asked first.
+It writes its traffic into a ring that another process reads. If there are rules, it asks them first.
 """
 
 from __future__ import annotations
@@ -22,30 +22,31 @@ from bcapscope.transport.descriptors import SpareDescriptors
 
 Address: TypeAlias = tuple[str, int]
 Handler: TypeAlias = Callable[[int], None]
-"""Is called with what happened to a file descriptor."""
+"""Called with the events of a file descriptor, as bits."""
 
 POLL_INTERVAL = 0.05
-"""Seconds that it waits at most: what passed is told after that, and an order to end is noticed."""
+"""Longest wait in seconds. After it, pending records are written and a request to end is noticed."""
 
 _SWEEP_EVERY = 20
-"""So many times that makes one look at what does not come by itself: silent clients, full buffers."""
+"""Ticks between two sweeps, which check what causes no event: silent clients, full buffers."""
 
 _LONGEST_NOTE = 4096
-"""Bytes."""
+"""Longest note of a rule, in bytes."""
 
 _SPARE_DESCRIPTORS = 4
-"""File descriptors for stops when there are no others: two for a TCP client, one for a UDP client, and one
-for a client that has not said yet what it wants."""
+"""File descriptors kept for stops when there are no others: two for a TCP client, one for a UDP client, and
+one for a client that has not sent a complete frame yet.
+"""
 
 
 class RelaySession(Protocol):
-    """One client's way to its controller.
+    """The forwarding for one client.
 
     Attributes:
-        number: of the client, never used twice.
-        conversation: between the client and the controller itself.
-        source: where the client comes from; see `source_network`.
-        last_heard: `Relay.now` when it was last heard.
+        number: Number of the client, never used twice.
+        conversation: Conversation between the client and the controller, without the proxy.
+        source: Network of the client; see `source_network`.
+        last_heard: `Relay.now` when the client last sent something.
     """
 
     number: int
@@ -55,60 +56,60 @@ class RelaySession(Protocol):
 
     @property
     def upstream_state(self) -> str:
-        """How the way to the controller is: open, connecting, connected, half-open, refused."""
+        """State of the connection to the controller: open, connecting, connected, half-open, refused."""
 
     def send(self, up: bool, data: bytes) -> int:
-        """Send, to the controller or to the client; return when, 0 if not all of it went out yet."""
+        """Send data up or down. Return when, in ns since 1970; 0 if not all of it was sent yet."""
 
     def on_nothing_held(self, up: bool) -> None:
-        """Take notice that nothing of a direction is held back any more."""
+        """React to the fact that rules hold nothing of a direction any more."""
 
     def resume_reading(self) -> None:
-        """Read what was not read while rules held too much."""
+        """Read again after rules held too much."""
 
     def evictable_idle_ns(self, now: int) -> int | None:
-        """Return the ns for which it has done nothing, if it may give its place to another; else None."""
+        """Return for how many ns the client was idle, if it may be evicted for another; else None."""
 
     def close(self, reset: bool, why: str) -> None:
-        """Let go."""
+        """End the session and release its resources."""
 
     def sweep(self, now: int) -> None:
-        """Do what is due from time to time; `now` as `Relay.now`."""
+        """Do the periodic work; `now` as `Relay.now`."""
 
 
 class ClientListener(Protocol):
-    """A socket that clients come to."""
+    """A socket that accepts clients."""
 
     def open(self) -> None:
-        """Begin to take clients."""
+        """Start to accept clients."""
 
     def close(self) -> None:
-        """Take no more clients."""
+        """Accept no more clients."""
 
     def release(self) -> None:
-        """Let go of the socket; `close` came before, and no session is left."""
+        """Release the socket. Call `close` first; no session may be left."""
 
     def sweep(self, now: int) -> None:
-        """Do what is to be done from time to time; `now` as `Relay.now`."""
+        """Do the periodic work; `now` as `Relay.now`."""
 
 
 class Relay:
-    """Moves bytes.
+    """Moves bytes between clients and controllers.
 
     Attributes:
-        ring: the traffic, for the watching process.
-        counts: of the ring.
-        policy: the rules; None without.
-        sessions: those that are open, by number.
-        slots: which of them are clients, and who may become one, by transport.
+        ring: Traffic, for the watching process.
+        counts: Counts in the ring.
+        policy: The rules; None without rules.
+        sessions: Open sessions by number.
+        slots: Admitted clients of each transport, and the admission of new ones.
         pending_connections: TCP clients that have not sent a complete frame yet.
-        spares: file descriptors held back for stops.
-        buffer: for receiving; one thread needs one.
-        now: ns of a clock that does not go back, as it was some `POLL_INTERVAL` ago at most.
+        spares: File descriptors kept for stops.
+        buffer: Receive buffer; one suffices for one thread.
+        now: ns of a monotonic clock, at most about `POLL_INTERVAL` old.
     """
 
     def __init__(self, ring: RingWriter, policy: Policy | None = None) -> None:
-        """Begin without listeners."""
+        """Start without listeners."""
         self.ring = ring
         self.counts = ring.counts
         self.policy = policy
@@ -137,21 +138,21 @@ class Relay:
         self._paused_sessions: dict[int, RelaySession] = {}
 
     def listen(self, listeners: Iterable[ClientListener]) -> None:
-        """Take clients from these ports."""
+        """Accept clients on these listeners."""
         self.spares.refill()
         for port in listeners:
             self._listeners.append(port)
             port.open()
 
     def stop(self) -> None:
-        """End `run` soon; from a signal handler or from what it calls."""
+        """Let `run` return soon. Call it from a signal handler, or from code that `run` calls."""
         self._is_stopped = True
 
     def run(self, idle: Callable[[], None] = lambda: None) -> None:
-        """Move bytes until stopped.
+        """Move bytes until `stop` is called.
 
         Args:
-            idle: called some twenty times a second; it must not wait.
+            idle: Called about twenty times per second. It must not block.
         """
         self._is_stopped, self._idle = False, idle
         handler_of, poll, policy = self._handlers.get, self._poller.poll, self.policy
@@ -170,12 +171,12 @@ class Relay:
                 self._tick()
 
     def release_all_held(self) -> None:
-        """Send what rules still give out of what they hold, as all is about to end."""
+        """Send what rules release of the messages that they hold, because the proxy is about to end."""
         for session in list(self.sessions.values()):
             self.release_held(session)
 
     def close(self) -> None:
-        """Let go of all clients and ports."""
+        """Close all clients and listeners."""
         self.close_listeners()
         for session in list(self.sessions.values()):
             session.close(False, "the proxy ended")
@@ -190,50 +191,50 @@ class Relay:
         self._poller.close()
 
     def close_listeners(self) -> None:
-        """Take no more clients, and nothing more from those of UDP."""
+        """Accept no more clients, and receive no more datagrams from UDP clients."""
         if not self._is_closed:
             self._is_closed = True
             self.pending_connections.close()
             for port in self._listeners:
                 port.close()
 
-    # For ports and sessions.
+    # For listeners and sessions.
 
     def watch(self, descriptor: int, handler: Handler, mask: int = READ) -> None:
-        """Call `handler` whenever something happens to a file descriptor.
+        """Call `handler` for every event of a file descriptor.
 
-        One whose number was another's a moment ago is called for what happens from the next look on: what the
-        poller has told already happened to the other.
+        If the number belonged to another file a moment ago, calls start with the next poll. Events that the
+        poller has already returned belong to the other file.
         """
         handlers = self._new_handlers if descriptor in self._just_unwatched else self._handlers
         handlers[descriptor] = handler
         self._poller.register(descriptor, mask)
 
     def change(self, descriptor: int, mask: int) -> None:
-        """Wait for something else of a file descriptor."""
+        """Wait for other events of a file descriptor."""
         self._poller.modify(descriptor, mask)
 
     def unwatch(self, descriptor: int) -> None:
-        """Forget a file descriptor."""
+        """Stop waiting for a file descriptor."""
         if self._handlers.pop(descriptor, None) or self._new_handlers.pop(descriptor, None):
             self._just_unwatched.add(descriptor)
             self._paused.discard(descriptor)
             self._poller.unregister(descriptor)
 
     def pause(self, descriptor: int) -> None:
-        """Wait for nothing of a file descriptor for about a second, as nothing can be done about it now."""
+        """Ignore a file descriptor for about a second, because its events cannot be handled now."""
         self._poller.modify(descriptor, 0)
         self._paused.add(descriptor)
 
     def deny(self, client: Endpoint, why: str, what: str = "its connection is closed") -> None:
-        """Count a client that gets no place; tell the user of the 1st, 2nd, 4th, 8th … of them."""
+        """Count a client that is not admitted. Report the 1st, 2nd, 4th, 8th … of them to the user."""
         self.counts[RelayCounter.DENIED] += 1
         self._denied += 1
         if should_report(self._denied):
             self.notify(f"{client} {why}; {what}")
 
     def free_newcomer_descriptor(self) -> bool:
-        """Free a file descriptor for a TCP client that may yet send a stop; return whether there was one."""
+        """Free a file descriptor for a TCP client that may send a stop. Return whether one was freed."""
         return (
             self.spares.release_one(keep=1)
             or self.pending_connections.drop_lowest_priority()
@@ -242,7 +243,7 @@ class Relay:
         )
 
     def free_descriptor(self) -> bool:
-        """Free a file descriptor for a client that must get in; return whether there was one to free."""
+        """Free a file descriptor for a client that must be admitted. Return whether one was freed."""
         return (
             self.pending_connections.drop_lowest_priority()
             or self.spares.release_one()
@@ -253,12 +254,13 @@ class Relay:
         return any(places.end_oldest_stop() for places in self.slots.values())
 
     def add_client(self, session: RelaySession, ends: Sequence[Endpoint], received_at: int) -> None:
-        """Take in a new client.
+        """Register a new client.
 
         Args:
-            session: its way to the controller.
-            ends: the client, where it came to, our end towards the controller, and the controller.
-            received_at: its first bytes came, ns since 1970.
+            session: Its session.
+            ends: Addresses of the client, of the listener, of the proxy toward the controller, of the
+                controller.
+            received_at: Receipt of its first bytes, ns since 1970.
         """
         self.counts[RelayCounter.CLIENTS] += 1
         self.sessions[session.number] = session
@@ -274,7 +276,7 @@ class Relay:
         return self.counts[RelayCounter.CLIENTS] + 1
 
     def remove_client(self, session: RelaySession, why: str) -> None:
-        """Forget a client; that is told soon, behind what came of it and could not be passed on any more."""
+        """Forget a client. The ring gets this soon, after the client's last data that was not forwarded."""
         self._paused_sessions.pop(session.number, None)
         if self.sessions.pop(session.number, None) is not None:
             self.slots[session.conversation.transport].release(session.number)
@@ -285,11 +287,11 @@ class Relay:
                 self.policy.remove_client(session.number, time.monotonic_ns())
 
     def notify(self, text: str) -> None:
-        """Tell the user something."""
+        """Send a message to the user."""
         self.ring.write_required(RingRecordKind.NOTICE, 0, text.encode("utf-8", "replace"), time.time_ns())
 
     def apply_rules(self, session: RelaySession, up: bool, data: bytes, received_at: int) -> None:
-        """Ask the rules what becomes of something that came, and do it."""
+        """Let the rules decide about received data, and carry out the decision."""
         assert self.policy is not None
         decision = self.policy.receive(session.number, direction_of(up), data, time.monotonic_ns())
         arrival = _Arrival(session, up, data, received_at)
@@ -297,11 +299,11 @@ class Relay:
             self._undecided[decision.ticket] = arrival
             self._perform(decision.actions)
         else:
-            self.record_undecided(session, up)  # that came before
+            self.record_undecided(session, up)  # the earlier data of this direction
             self._record_and_perform(arrival, decision.note, decision.actions)
 
     def record_undecided(self, session: RelaySession, up: bool) -> None:
-        """Record what came in a direction and still waits, so that later notes come after it."""
+        """Record data of a direction that still waits, so that later notes follow it in the ring."""
         for ticket, each in list(self._undecided.items()) if self._undecided else ():
             if each.session is session and each.up is up:
                 del self._undecided[ticket]
@@ -310,7 +312,7 @@ class Relay:
     def _record_and_perform(
         self, arrival: _Arrival, note: str, actions: Sequence[SendAction | CloseAction]
     ) -> None:
-        """Record something that came, and do what was decided about it."""
+        """Record received data, and carry out the decision about it."""
         session, up, data, came = arrival
         if not note and len(actions) == 1:
             action = actions[0]
@@ -318,34 +320,34 @@ class Relay:
                 left = session.send(up, data)
                 self.ring.write_record(up, session.number, came, left, data)
                 return
-        self.counts[RelayCounter.RULED] += bool(note)  # what is only cut into frames is touched by none
+        self.counts[RelayCounter.RULED] += bool(note)  # data that is only split into frames has no note
         self.ring.write_record(up, session.number, came, 0, data, note=_encode_note(note))
         self._perform(actions)
 
     def on_stream_end(self, session: RelaySession, up: bool) -> bool:
-        """Tell the rules that a stream has ended in one direction; tell whether its end may be passed on."""
+        """Tell the rules that a direction has ended. Return whether the end may be forwarded."""
         if self.policy is None:
             return True
         self._perform(self.policy.on_stream_end(session.number, direction_of(up), time.monotonic_ns()))
         return not self.holds(session, up)
 
     def holds(self, session: RelaySession, up: bool) -> bool:
-        """Tell whether rules hold something of a direction, so that its end may not be passed on yet."""
+        """Return whether rules hold data of a direction, so that its end may not be forwarded yet."""
         return self.policy is not None and self.policy.holds(session.number, direction_of(up))
 
     def hides_end(self, session: RelaySession) -> bool:
-        """Tell whether neither side of a client may hear of the other's end."""
+        """Return whether each side of a client must not learn of the other's end."""
         return self.policy is not None and self.policy.hides_end(session.number)
 
     def pauses_reading(self, session: RelaySession) -> bool:
-        """Tell whether rules hold so much that a stream is not to be read; it hears when that has changed."""
+        """Return whether rules hold too much to read a stream. If so, `resume_reading` is called later."""
         if self.policy is None or not self.policy.is_full(session.number):
             return False
         self._paused_sessions[session.number] = session
         return True
 
     def release_held(self, session: RelaySession) -> bool:
-        """Send what rules give out of what they hold of a client that is about to end; tell if it was any."""
+        """Send what rules release for a client that is about to end. Return whether there was anything."""
         if self.policy is None or session.number not in self.sessions:
             return False
         actions = self.policy.release_held(session.number, time.monotonic_ns())
@@ -359,7 +361,7 @@ class Relay:
                 continue
             if isinstance(action, LateDecision):
                 arrival = self._undecided.pop(action.ticket, None)
-                if arrival is None:  # it is noted, without what became of it
+                if arrival is None:  # it is in the ring already, without the decision
                     self.counts[RelayCounter.RULED] += bool(action.note)
                     self._perform(action.actions)
                 else:
@@ -409,14 +411,14 @@ class Relay:
             self.ring.streams.discard(number)
 
     def _tick(self) -> None:
-        """Write what is noted; from time to time do what does not come by itself."""
+        """Write pending records and call `idle`; every `_SWEEP_EVERY` ticks, sweep."""
         self.ring.flush()
         self._record_removed_clients()
         self._idle()
         self._tick_count += 1
         if self._tick_count % _SWEEP_EVERY == 0:
             self._sweep()
-        # Not earlier: if nothing ran for long, what came meanwhile is heard before anybody is called silent.
+        # Not earlier: after a long standstill, waiting datagrams are read before a client counts as silent.
         self.now = time.monotonic_ns()
 
     def _sweep(self) -> None:
@@ -430,14 +432,14 @@ class Relay:
             session.sweep(self.now)
 
     def _adopt_new_handlers(self) -> None:
-        """Forget which file descriptors were left during a look, and begin with those that came instead."""
+        """Forget the removed file descriptors, and activate the handlers that reuse their numbers."""
         self._just_unwatched.clear()
         self._handlers.update(self._new_handlers)
         self._new_handlers.clear()
 
 
 class _Arrival(NamedTuple):
-    """Something that came; `received_at` is when, ns since 1970."""
+    """Received data; `received_at` in ns since 1970."""
 
     session: RelaySession
     up: bool
@@ -446,15 +448,15 @@ class _Arrival(NamedTuple):
 
 
 def _encode_note(note: str) -> bytes:
-    """Encode words for the ring; the name of a fault may have half characters in it, if it was typed so."""
+    """Encode a note for the ring. The name of a fault may contain lone surrogates, if it was typed so."""
     return note.encode("utf-8", "replace")[:_LONGEST_NOTE]
 
 
 def direction_of(up: bool) -> Direction:
-    """Return whether that is what clients or what controllers say."""
+    """Return the direction: requests go up, replies go down."""
     return Direction.REQUEST if up else Direction.RESPONSE
 
 
 def client_conversation(client: Endpoint, controller: Endpoint, transport: Transport) -> Conversation:
-    """Make the conversation of a client that came to a proxy."""
+    """Return the conversation of a client of the proxy."""
     return Conversation(client, controller, transport, "the proxy")

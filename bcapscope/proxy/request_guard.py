@@ -1,4 +1,4 @@
-"""The guard: requests that it does not let through, and those that nobody holds up."""
+"""The guard: refuses requests that are not allowed, and always passes stops."""
 
 from __future__ import annotations
 
@@ -35,26 +35,26 @@ class GuardTarget(NamedTuple):
     """A function, a command, or a command of one function.
 
     Attributes:
-        function_id: None for any function.
-        command: in lower case; None for any.
+        function_id: Number of the function; None for any.
+        command: Command in lower case; None for any.
     """
 
     function_id: int | None
     command: str | None
 
     def matches(self, question: CallKind) -> bool:
-        """Tell whether a request is meant."""
+        """Return whether the target covers a request."""
         if self.function_id not in (None, question.function_id):
             return False
         return self.command is None or (question.command or "").casefold() == self.command
 
     def may_match(self, function_id: int, command: str | None) -> bool:
-        """Tell whether a controller may take a request for what is meant.
+        """Return whether a controller may read a request as one that the target covers.
 
         Args:
-            function_id: of the request.
-            command: of the request; None where there is none that can be read for certain. What stands behind
-                a NUL or blanks around it counts for nothing, as in orin_bcap's C.
+            function_id: Function of the request.
+            command: Command of the request; None if it cannot be read for certain. Text after a NUL, and
+                blanks around the command, are ignored, as in orin_bcap's C.
         """
         if self.function_id not in (None, function_id):
             return False
@@ -66,10 +66,10 @@ class GuardTarget(NamedTuple):
 
 
 def read_target(text: str) -> GuardTarget:
-    """Read ``Robot_Move``, ``slvMove``, or ``Robot_Execute:AnyName`` for a command that is not known.
+    """Read ``Robot_Move``, ``slvMove``, or ``Robot_Execute:AnyName`` for an unknown command.
 
     Raises:
-        ValueError: there is no such function or command.
+        ValueError: There is no such function or command.
     """
     name, colon, command = text.partition(":")
     function_id = _FUNCTIONS.get(name.casefold())
@@ -90,12 +90,12 @@ def read_target(text: str) -> GuardTarget:
 
 
 class GuardResult(NamedTuple):
-    """What a guard has made of a message.
+    """Result of the guard for one message.
 
     Attributes:
-        passing: the bytes that may go on: whole frames.
-        refused: the other frames, and why.
-        dropped: bytes that are no frame.
+        passing: Bytes that may go on: whole frames.
+        refused: The other frames, each with the reason.
+        dropped: Number of bytes that are not a frame.
     """
 
     passing: bytes
@@ -106,26 +106,25 @@ class GuardResult(NamedTuple):
 class RequestGuard:
     """Refuses requests. Requests that stop something or release a handle always pass.
 
-    Only whole frames pass. A controller therefore finds no frame that the guard has not judged, wherever it
-    resumes after bytes that it rejects.
+    Only whole frames pass. So a controller that skips rejected bytes finds no frame unknown to the guard.
     """
 
     def __init__(
         self, read_only: bool = False, block: Iterable[GuardTarget] = (), allow: Iterable[GuardTarget] = ()
     ) -> None:
-        """Set it up.
+        """Set up the guard.
 
         Args:
-            read_only: refuse what moves the robot or changes its state, and what is not known.
-            block: refuse these.
-            allow: let these through though `read_only` would not; `block` comes first.
+            read_only: Refuse requests that move the robot or change its state, and unknown requests.
+            block: Refuse these requests.
+            allow: Pass these despite `read_only`. `block` has precedence.
         """
         self.read_only = read_only
         self._block = tuple(block)
         self._allow = tuple(allow)
 
     def filter_frames(self, data: bytes) -> GuardResult:
-        """Look at all that is in a datagram, or in a piece of a stream that was cut into frames."""
+        """Judge each frame in a datagram, or in a piece of a stream that was split into frames."""
         passing, refused, dropped = [], [], 0
         for item in parse_datagram(data):
             if not isinstance(item, Frame):
@@ -137,11 +136,12 @@ class RequestGuard:
         return GuardResult(b"".join(passing), tuple(refused), dropped)
 
     def refusal_reason(self, request: Frame) -> str:
-        """Return why a request is refused; "" if it is not.
+        """Return why a request is refused; "" if it passes.
 
-        Controllers read a damaged frame in different ways: by the values of its arguments, as orin_bcap's C,
-        C#, Java and Python do, or by their lengths, as the older C client does. The guard refuses it if one
-        of these readings might be refused. A frame inside the value of an argument is data: all skip it.
+        Controllers read a damaged frame in different ways. Some read it by the values of its arguments, as
+        orin_bcap's C, C#, Java and Python do; others by their lengths, as the older C client does. The guard
+        refuses the frame if any of these readings might be refused. A frame inside the value of an argument
+        is data: all readers skip it.
         """
         if _only_stops(request):
             return ""
@@ -169,19 +169,19 @@ class RequestGuard:
 
 
 def _only_stops(request: Frame) -> bool:
-    """Return whether a request, however it is read, stops something or releases a handle, and no more."""
+    """Return whether every reading of a request only stops something or releases a handle."""
     values = request.variants
     if not always_passes(request.code, values) or not _is_whole(request) or not _reads_one_way(request):
         return False
     if not request.problems:
         return True
-    # Its number alone decides what it does, so a client may err in the arguments.
+    # The function number alone decides what it does, so errors in the arguments do not matter.
     by_number = request.body is request.raw and always_passes(request.code, ())
     return by_number and not _hides_frame(request.raw)
 
 
 def _is_whole(frame: Frame) -> bool:
-    """Tell whether all find its end in the same place."""
+    """Return whether all readers find the frame's end in the same place."""
     raw = frame.raw
     return SMALLEST_FRAME <= len(raw) == frame.length and raw[-1] == EOT and frame.external_problem is None
 
@@ -189,8 +189,8 @@ def _is_whole(frame: Frame) -> bool:
 def _reads_one_way(frame: Frame) -> bool:
     """Return whether a frame cannot be both compressed and plain.
 
-    A frame that looks compressed must be so in every respect. As a plain one it would have 376 arguments or
-    more, for which it must have no room.
+    A frame that looks compressed must be valid as a compressed frame. As a plain frame it would have 376
+    arguments or more, which must not fit into it.
     """
     raw = frame.raw
     if not has_zlib_header(raw):
@@ -201,7 +201,7 @@ def _reads_one_way(frame: Frame) -> bool:
 
 
 def _hides_frame(raw: bytes) -> bool:
-    """Tell whether another frame may be found in these bytes, or begin in them and go on beyond."""
+    """Return whether another frame may be found in these bytes, or may start in them and continue beyond."""
     place = raw.find(SOH, 1)
     while place > 0:
         length = int.from_bytes(raw[place + 1 : place + 5], "little")

@@ -1,8 +1,8 @@
-"""From the relay to whoever watches it: a ring in memory that both share.
+"""A ring in shared memory, through which the relay passes its traffic to the watcher.
 
-Writing costs the relay about a microsecond, no system call, and never waits: what finds no room is counted.
-There is one writer and one reader. The reader takes what was written by the time of its look before, so that
-no processor's order of stores matters.
+A write costs the relay about a microsecond and no system call, and never waits. Records without room are
+counted. There is one writer and one reader. The reader reads what was written before its previous poll, so
+that the order in which processors store data does not matter.
 """
 
 from __future__ import annotations
@@ -15,43 +15,44 @@ from typing import NamedTuple, TypeAlias
 from bcapscope.transport.receive_timestamps import AncillaryData, kernel_timestamp
 
 HEADER_SIZE = 4096
-"""Bytes before the records: where writer and reader are, and the counts."""
+"""Bytes before the records: the positions of writer and reader, and the counts."""
 
 SET_POINT_DEADLINE_NS = 2_000_000
-"""ns in which a set point has to be answered (DENSO Wave 2009, How to use the Slave mode)."""
+"""ns within which a set point must be answered (DENSO Wave 2009, How to use the Slave mode)."""
 
 BATCH_SIZE = 16
-"""Datagrams that are noted before they are written together: writing costs time in which others may wait."""
+"""Datagrams that are collected before they are written together. Other datagrams may wait during a write."""
 
 MAX_WAITING_NOTICES = 1024
-"""Sentences that wait for room; those that come then are lost, and counted."""
+"""Messages for the user that may wait for room. Further ones are lost and counted."""
 
 _HEAD = struct.Struct("=IBBHIIqq")
 _PAD = struct.Struct("=IB3x")
 _HOLE = struct.Struct("=QQ")
-_WRITTEN, _READ, _AHEAD, _URGENCY, _COUNTS, _FIGURES = 0, 1, 2, 3, 8, 64  # places in the header, in 8 bytes
+_WRITTEN, _READ, _AHEAD, _URGENCY, _COUNTS, _FIGURES = 0, 1, 2, 3, 8, 64  # header indices, 8 bytes each
 _PADDING = tuple(bytes(-length % 8) for length in range(8))
 
 
 class RingRecordKind(IntEnum):
-    """What a record tells."""
+    """What a record describes."""
 
     PAD = 0
-    """Nothing: the rest of the memory is too small for the next one."""
+    """Nothing: the rest of the memory is too small for the next record."""
     DATA = 1
-    """A datagram or bytes of a stream: came, or left, or both."""
+    """A datagram or bytes of a stream that were received, sent, or both."""
     CLIENT_OPENED = 2
     """A new client; `data` is JSON."""
     END = 3
-    """A stream's direction has ended by FIN: it came, or left; `data` is why, where none had come."""
+    """A FIN for one direction of a stream, received or sent. `data` is the reason if none was received."""
     CLIENT_CLOSED = 4
-    """A client is forgotten; `data` is why."""
+    """A client was removed; `data` is the reason."""
     NOTICE = 5
-    """Something for the user, in words."""
+    """A message for the user, as text."""
     RESET = 6
-    """As `END`, by RST, after which there is no other direction either."""
+    """Like `END`, but by RST, which ends the other direction as well."""
     HOLE = 7
-    """Bytes of a stream that found no room, before what is told next of its client; how many: `hole_sizes`.
+    """Bytes of a stream that found no room, before the client's next record.
+    `hole_sizes` returns how many.
     """
 
 
@@ -59,30 +60,30 @@ class RelayCounter(IntEnum):
     """What the relay counts."""
 
     CAME_UP = 0
-    """Datagrams from clients."""
+    """Datagrams received from clients."""
     LEFT_UP = 1
     """Datagrams sent to controllers."""
     CAME_DOWN = 2
     LEFT_DOWN = 3
     BYTES_UP = 4
-    """Of streams, sent to controllers."""
+    """Bytes of streams sent to controllers."""
     BYTES_DOWN = 5
     FULL = 6
-    """Datagrams that the system would not send."""
+    """Datagrams that the system refused to send."""
     LOST = 7
     """Datagrams that found no room in a socket's buffer."""
     DENIED = 8
     """Datagrams and connections of clients that are not allowed, or too many."""
     CLIENTS = 9
-    """Clients, all in all."""
+    """Clients since the start."""
     UNWATCHED = 10
-    """Records that found no room."""
+    """Records that found no room in the ring."""
     RULED = 11
     """Datagrams and pieces of streams that a rule touched."""
 
 
 class DelayFigure(IntEnum):
-    """What the watcher finds out and leaves for the relay to tell: how long it holds what passes, in ns."""
+    """Delays in the relay that the watcher measures and leaves for the relay, in ns."""
 
     P50_UP = 0
     P99_UP = 1
@@ -93,7 +94,7 @@ class DelayFigure(IntEnum):
     P999_DOWN = 6
     MAX_DOWN = 7
     SLOW = 8
-    """How often it was longer than `SET_POINT_DEADLINE_NS`: times, not ns."""
+    """Number of delays longer than `SET_POINT_DEADLINE_NS`; not in ns."""
 
 
 _CAME, _LEFT = (
@@ -105,17 +106,17 @@ _KINDS = tuple(RingRecordKind)
 
 
 class RingRecord(NamedTuple):
-    """One thing that the relay did.
+    """One event in the relay.
 
     Attributes:
-        kind: what.
-        up: from client to controller; else the other way.
-        client: its number; 0 where it concerns none.
-        received_at: ns since 1970 when it was received, or happened; 0 for data that were only sent.
-        sent_at: ns since 1970 when it was about to be sent, so that no answer is older; 0 if it was not, or
-            not yet.
-        data: what.
-        note: what a rule did.
+        kind: Kind of event.
+        up: True from client to controller, False from controller to client.
+        client: Number of the client; 0 if the event concerns none.
+        received_at: Time of receipt or of the event, ns since 1970; 0 for data that was only sent.
+        sent_at: Time just before sending, ns since 1970, so that no reply is older; 0 if not sent, or not
+            yet.
+        data: Data; its meaning depends on `kind`.
+        note: What a rule did; "" for nothing.
     """
 
     kind: RingRecordKind
@@ -128,19 +129,19 @@ class RingRecord(NamedTuple):
 
 
 def hole_sizes(record: RingRecord) -> tuple[int, int]:
-    """Return how many bytes a record of the kind `HOLE` stands for: of those that came, and that left."""
+    """Return how many bytes a record of the kind `HOLE` stands for: bytes received, bytes sent."""
     came, left = _HOLE.unpack(record.data)
     return came, left
 
 
 class _Hole:
-    """What found no room of one direction of a stream.
+    """Bytes of one direction of a stream that found no room.
 
     Attributes:
-        received: bytes of what was received.
-        sent: bytes of what was sent.
-        received_at: when the last of them did, ns since 1970; 0 for none.
-        sent_at: the same.
+        received: Number of bytes received.
+        sent: Number of bytes sent.
+        received_at: Time of the last receipt, ns since 1970; 0 for none.
+        sent_at: Time of the last sending, ns since 1970; 0 for none.
     """
 
     __slots__ = ("received", "received_at", "sent", "sent_at")
@@ -159,7 +160,7 @@ class _Hole:
 
 class _Ring:
     def __init__(self, memory: memoryview) -> None:
-        """Use memory that both ends share, zeros at first, of `HEADER_SIZE` and a multiple of 8 bytes."""
+        """Use shared memory of `HEADER_SIZE` bytes plus a multiple of 8 bytes, initially zero."""
         self._marks = memory[:HEADER_SIZE].cast("Q")
         self._space = memory[HEADER_SIZE:]
         self._size = len(self._space)
@@ -168,17 +169,17 @@ class _Ring:
 
     @property
     def bytes_written(self) -> int:
-        """Bytes that were written so far."""
+        """Bytes written so far."""
         return self._marks[_WRITTEN]
 
     @property
     def fill_ratio(self) -> float:
-        """Share of the memory that no room is in, 0 to 1."""
+        """Occupied share of the memory, 0 to 1."""
         return (self._marks[_WRITTEN] - self._marks[_READ]) / self._size
 
     @property
     def urgency(self) -> int:
-        """In what haste the reader is to be, as the writer says; both know the numbers."""
+        """Urgency that the writer asks of the reader, as a number that both know."""
         return self._marks[_URGENCY]
 
     @urgency.setter
@@ -186,7 +187,7 @@ class _Ring:
         self._marks[_URGENCY] = haste
 
     def release(self) -> None:
-        """Let go of the memory."""
+        """Release the memory."""
         self.counts.release()
         self.figures.release()
         self._marks.release()
@@ -194,21 +195,20 @@ class _Ring:
 
 
 _Entry: TypeAlias = "tuple[RingRecordKind, bool, int, int, int, bytes | memoryview, bytes]"
-"""What is to be written: a `RingRecord` with its note still in bytes."""
+"""A record to be written: a `RingRecord` whose note is still bytes."""
 
 PendingDatagram: TypeAlias = tuple[bool, int, AncillaryData, int, bytes]
-"""A datagram: up, client, what the system said of it, when it had been sent (0 if it was not), bytes."""
+"""A datagram: up, client, ancillary data from the system, time of sending (0 if not sent), bytes."""
 
 
 class RingWriter(_Ring):
-    """The relay's end.
+    """The relay's end of the ring.
 
     Attributes:
-        counts: by `RelayCounter`; the relay's own, to be added to in place.
-        figures: by `DelayFigure`; the watcher's.
-        pending_datagrams: datagrams that are not written yet; whoever notes one looks whether they are
-            `BATCH_SIZE`.
-        streams: numbers of the clients whose bytes are streams, in which a hole has to be told.
+        counts: Counts of the relay, indexed by `RelayCounter`; add to them in place.
+        figures: Figures of the watcher, indexed by `DelayFigure`.
+        pending_datagrams: Datagrams not written yet. A caller that appends one calls `flush` at `BATCH_SIZE`.
+        streams: Numbers of the clients whose bytes are streams, in which holes must be recorded.
     """
 
     def __init__(self, memory: memoryview) -> None:
@@ -221,7 +221,7 @@ class RingWriter(_Ring):
         self.streams: set[int] = set()
 
     def flush(self) -> None:
-        """Write and count what is noted."""
+        """Write and count the pending datagrams."""
         notes = self.pending_datagrams
         if not notes:
             return
@@ -250,11 +250,11 @@ class RingWriter(_Ring):
 
     @property
     def bytes_read(self) -> int:
-        """Bytes that were taken so far, by the reader that is ahead if there is one."""
+        """Bytes read so far, by the reader that is ahead if there is one."""
         return max(self._marks[_READ], self._marks[_AHEAD])
 
     def detach_reader(self) -> None:
-        """Go on without a reader."""
+        """Continue without a reader."""
         self._is_reader_detached = True
         self._required.clear()
         self._holes.clear()
@@ -270,7 +270,7 @@ class RingWriter(_Ring):
         note: bytes = b"",
         kind: RingRecordKind = RingRecordKind.DATA,
     ) -> bool:
-        """Write a record, or count it as unwatched; tell whether there was room."""
+        """Write a record, or count it as unwatched. Return whether there was room."""
         self.flush()
         return self._write_or_count((kind, up, client, received_at, sent_at, data, note))
 
@@ -291,22 +291,22 @@ class RingWriter(_Ring):
         return True
 
     def _count_lost(self, entry: _Entry) -> None:
-        """Count what found no room, and remember that a stream goes on behind it."""
+        """Count a record that found no room, and remember the hole that it leaves in a stream."""
         kind, up, client, came, left, data, _ = entry
         self.counts[RelayCounter.UNWATCHED] += 1
         if kind is RingRecordKind.DATA and client in self.streams and not self._is_reader_detached:
             self._holes.setdefault((client, up), _Hole()).add(came, left, len(data))
 
     def _write_holes(self, client: int, size: int) -> bool:
-        """Tell what is missing of a client's streams; tell if there was room for that and for what follows.
+        """Write the holes of a client's streams. Return whether there was room for them and the next record.
 
-        Without room for both there would be many short holes instead of one.
+        Without room for both there would be many short holes instead of one long hole.
         """
         holes = [(up, hole) for up in (True, False) if (hole := self._holes.get((client, up)))]
         if not holes:
             return True
         needed = size + _HEAD.size + len(holes) * (_HEAD.size + _HOLE.size)
-        if self._written + 2 * needed - self._marks[_READ] > self._size:  # twice, for what is padded
+        if self._written + 2 * needed - self._marks[_READ] > self._size:  # twice, to allow for padding
             return False
         for up, hole in holes:
             data = _HOLE.pack(hole.received, hole.sent)
@@ -315,7 +315,7 @@ class RingWriter(_Ring):
         return True
 
     def _write(self, entry: _Entry) -> bool:
-        """Write a record, if there is room for it."""
+        """Write a record. Return whether there was room for it."""
         kind, up, client, came, left, data, note = entry
         length = len(data)
         need = 39 + length + len(note) & ~7
@@ -349,10 +349,11 @@ class RingWriter(_Ring):
         sent_at: int = 0,
         up: bool = False,
     ) -> None:
-        """Write what has to be known, now or as soon as there is room; everything else waits for it.
+        """Write a record that must not be lost, now or as soon as there is room. All other records wait for
+        it.
 
-        Where the reader stands still, what waits is bounded all the same: a client that comes and goes
-        meanwhile was never there, and not all is told.
+        The waiting records are bounded even if the reader stands still. A client that opens and closes
+        meanwhile is left out, and excess notices are lost.
         """
         self.flush()
         if self._is_reader_detached or (
@@ -366,7 +367,7 @@ class RingWriter(_Ring):
         self._write_waiting()
 
     def _remove_unseen_client(self, client: int) -> bool:
-        """Take back all that waits of a client that the reader has not met; tell whether that is so."""
+        """Discard the waiting records of a client unknown to the reader. Return whether it was unknown."""
         if not any(
             kind is RingRecordKind.CLIENT_OPENED and number == client
             for kind, _, number, *_ in self._required
@@ -384,7 +385,7 @@ class RingWriter(_Ring):
         unwatched = self.counts[RelayCounter.UNWATCHED]
         while owed:
             if not self._write_or_count(owed[0]):
-                self.counts[RelayCounter.UNWATCHED] = unwatched  # it is not given up
+                self.counts[RelayCounter.UNWATCHED] = unwatched  # it still waits and is not lost
                 break
             owed.popleft()
         self._required = owed
@@ -392,20 +393,20 @@ class RingWriter(_Ring):
 
 
 class RingReader(_Ring):
-    """The watcher's end, or one that reads ahead of it.
+    """The watcher's end of the ring, or a reader ahead of it.
 
     Attributes:
-        counts: by `RelayCounter`; the relay's.
-        figures: by `DelayFigure`; the watcher's own.
-        position: bytes that were taken so far.
+        counts: Counts of the relay, indexed by `RelayCounter`.
+        figures: Figures of the watcher, indexed by `DelayFigure`.
+        position: Bytes read so far.
     """
 
     def __init__(self, memory: memoryview, *, ahead: bool = False) -> None:
         """Read from the beginning.
 
         Args:
-            memory: that both ends share.
-            ahead: another reader comes behind; only what that one has taken makes room.
+            memory: Memory shared with the writer.
+            ahead: True if another reader follows. Only what the other one has read is freed.
         """
         super().__init__(memory)
         self.position = self._ready = 0
@@ -413,15 +414,15 @@ class RingReader(_Ring):
 
     @property
     def bytes_waiting(self) -> int:
-        """Bytes that were written and not taken yet."""
+        """Bytes written and not read yet."""
         return self.bytes_written - self.position
 
     def read_records(self, limit: int = 8192, until: int | None = None) -> list[RingRecord]:
-        """Return what had been written at the last look, so many records at most, and look again.
+        """Return records that were written before the previous call, and note what is written now.
 
         Args:
-            limit: records.
-            until: what lies behind the `position` of a reader that is ahead is left to it; None for no other.
+            limit: Highest number of records.
+            until: Position of the reader that is ahead; nothing beyond it is returned. None without one.
         """
         records: list[RingRecord] = []
         space, size, read = self._space, self._size, self.position
@@ -430,7 +431,7 @@ class RingReader(_Ring):
         new, head = tuple.__new__, _HEAD.unpack_from
         while read < ready and len(records) < limit:
             place = read % size
-            if place > whole:  # a pad whose head is cut by the end of the memory
+            if place > whole:  # padding whose header does not fit before the end of the memory
                 read += size - place
                 continue
             need, kind, up, noted, client, length, came, left = head(space, place)

@@ -1,9 +1,9 @@
 """The relay's policy: scripts, intercept, faults and guard, in this order.
 
-The guard comes last, right before the controller, so it sees what the others made of a message.
+The guard comes last, right before the controller, so it sees each message as the other rules changed it.
 
-Nothing here reads a clock or a socket. A stream is cut into frames only while something must see them; else
-its bytes pass as they come.
+Nothing here reads a clock or a socket. A stream is split into frames only while a rule must see them.
+Otherwise its bytes pass unchanged.
 """
 
 from __future__ import annotations
@@ -43,14 +43,14 @@ class RulePolicy:
     """Decides what happens to each message.
 
     Attributes:
-        shaper: the faults.
-        guard: what requests it refuses; None for none.
-        intercept: what is held.
-        scripts: the user's own; None without.
-        refused_requests: requests that the guard has refused, motions while the scripts are off, and motions
-            that a stop has overtaken.
-        dropped_held: requests that were held until their client no longer waited, and were dropped.
-        notify: is given a line for the user.
+        shaper: The faults.
+        guard: Refuses requests; None without a guard.
+        intercept: Holds messages.
+        scripts: Messages that wait for the user's scripts; None without scripts.
+        refused_requests: Number of requests that the guard refused, of motions refused while the scripts are
+            off, and of motions that a stop overtook.
+        dropped_held: Number of held requests that were dropped because their client no longer waited.
+        notify: Called with a message for the user.
     """
 
     def __init__(
@@ -62,14 +62,14 @@ class RulePolicy:
         *,
         epoch: int = 0,
     ) -> None:
-        """Set them up.
+        """Set up the rules.
 
         Args:
-            shaper: with or without faults.
-            guard: refuses requests.
-            intercept: holds messages.
-            scripts: see messages.
-            epoch: what to add to the clock's ns for those since 1970.
+            shaper: Injects faults, if there are any.
+            guard: Refuses requests.
+            intercept: Holds messages.
+            scripts: Shows messages to the scripts.
+            epoch: ns to add to the relay's clock to get ns since 1970.
         """
         self.shaper = shaper
         self.guard = guard
@@ -88,10 +88,10 @@ class RulePolicy:
         self._recent_requests, self._manners = RecentRequests(), ReplyFactory()
         self._tickets = 0
 
-    # as the relay's policy
+    # methods of `Policy`
 
     def add_client(self, client: int, conversation: Conversation, now: int) -> None:
-        """Meet a client."""
+        """Register a client."""
         self._directions[client] = {
             side: DirectionState(client, Flow(conversation, side), self._budget) for side in Direction
         }
@@ -119,7 +119,7 @@ class RulePolicy:
         return PolicyDecision(work.note, actions)
 
     def holds(self, client: int, direction: Direction) -> bool:
-        """Tell whether something of this direction is still to be sent; nothing of a client that is gone."""
+        """Return whether data of this direction is still to be sent; False for a client that is gone."""
         if client not in self._directions:
             return False
         way = self._directions[client][direction]
@@ -138,7 +138,7 @@ class RulePolicy:
     def on_stream_end(
         self, client: int, direction: Direction, now: int
     ) -> Sequence[SendAction | CloseAction]:
-        """Let go of a frame that breaks off where a stream has ended."""
+        """Release an incomplete frame at the end of a stream."""
         way, work = self._directions[client][direction], DecisionBuilder()
         way.has_ended = True
         for piece in way.take_incomplete():
@@ -147,14 +147,15 @@ class RulePolicy:
         return join_untouched_bytes(work.actions, way)
 
     def hides_end(self, client: int) -> bool:
-        """Tell whether neither side of a client may hear of the other's end."""
+        """Return whether each side of a client must not learn of the other's end."""
         ways = self._directions.get(client)
         return ways is not None and not self.shaper.passes_close(ways[Direction.REQUEST].flow.conversation)
 
     def release_held(self, client: int, now: int) -> Sequence[SendAction | CloseAction]:
-        """Give out what is still held of a client that is to end, or forget it.
+        """Return or discard what is held for a client that is about to end.
 
-        Answers go on, and requests that stop the robot or let go of something; all other requests do not.
+        Replies are sent on, and so are requests that stop the robot or release something. All others
+        are dropped. If the faults hide the end from the other side, nothing that rules held is sent.
         """
         work = DecisionBuilder()
         lost: list[Frame | bytes] = []
@@ -199,14 +200,14 @@ class RulePolicy:
             self.scripts.send_gone(client, now)
 
     def due(self) -> int | None:
-        """Tell when `pop_due_actions` is to be called."""
+        """Return when to call `pop_due_actions`, in ns of the relay's clock; None while nothing waits."""
         if self._outbox:
             return 0
         times = [self.shaper.due(), self.intercept.due(), self.scripts.due() if self.scripts else None]
         return min((time for time in times if time is not None), default=None)
 
     def pop_due_actions(self, now: int) -> Sequence[PolicyAction]:
-        """Give out what is to be done by now."""
+        """Return the actions that are due by `now`."""
         if self.scripts is not None:
             self._apply_script_decisions(self.scripts.advance(now, now + self._epoch), now)
         outbox, self._outbox = self._outbox, []
@@ -224,18 +225,18 @@ class RulePolicy:
         return [*outbox, *work.actions]
 
     def close(self, now: int) -> None:
-        """Let the scripts end, and wait until they have."""
+        """End the scripts and wait for them."""
         if self.scripts is not None:
             self.scripts.finish(now)
 
     def report(self) -> Sequence[str]:
-        """Sum up what the rules did."""
+        """Return a summary of what the rules did."""
         return report_lines(self)
 
-    # for the process of the scripts
+    # called for the scripts' process
 
     def on_script_data(self, data: bytes, now: int) -> None:
-        """Apply what the scripts' process decided; `pop_due_actions` returns what is then to be done."""
+        """Apply what the scripts decided. `pop_due_actions` returns the resulting actions."""
         if self.scripts is not None:
             self._apply_script_decisions(self.scripts.on_data(data, now), now)
 
@@ -247,14 +248,14 @@ class RulePolicy:
     # for the control socket and the screen
 
     def clients(self) -> Iterator[ClientActivity]:
-        """Yield who is there."""
+        """Yield the connected clients."""
         for number, ways in self._directions.items():
             up, down = ways[Direction.REQUEST], ways[Direction.RESPONSE]
             counts = up.piece_count, up.last_piece_at, down.piece_count, down.last_piece_at
             yield ClientActivity(number, up.flow.conversation, self._since[number], *counts)
 
     def on_rules_changed(self, now: int) -> None:
-        """Take notice that faults or the intercept have changed; what was kept for them only goes on."""
+        """React to changed faults or a changed intercept: send on bytes that were kept only for them."""
         if self._inspects_frames or self.shaper.needs_frames(now):
             return
         kept = [
@@ -267,10 +268,10 @@ class RulePolicy:
             self._outbox += work.actions
 
     def forward_held(self, number: int, now: int, data: bytes | None = None) -> None:
-        """Send on a message that is held, as it came or edited. The guard and the faults see it still.
+        """Send a held message on, unchanged or edited. The faults and the guard still apply to it.
 
         Raises:
-            KeyError: nothing of this number is held.
+            KeyError: No message with this number is held.
         """
         held = self.intercept.release(number, now, data)
         done = "sent on" if data is None or data == held.data else "edited"
@@ -280,10 +281,10 @@ class RulePolicy:
         self._outbox += work.actions
 
     def drop_held(self, number: int, now: int) -> None:
-        """Drop a message that is held, and its retries.
+        """Drop a held message and its retries.
 
         Raises:
-            KeyError: nothing of this number is held.
+            KeyError: No message with this number is held.
         """
         self.intercept.release(number, now, b"")
 
@@ -310,7 +311,7 @@ class RulePolicy:
     def _show_to_scripts(
         self, state: DirectionState, message: WireMessage, work: DecisionBuilder
     ) -> WireMessage | None:
-        """Show a message to the scripts; give what goes on of it now, without waiting for them."""
+        """Show a message to the scripts. Return what goes on now; None if it waits or is dropped."""
         scripts = self.scripts
         if scripts is None or not scripts.inspects_frames:
             return message
@@ -337,7 +338,7 @@ class RulePolicy:
     def _apply_script_decisions(
         self, decisions: Iterable[ScriptDecision[UndecidedMessage]], now: int
     ) -> None:
-        """Forward messages that the scripts have decided about, or failed to decide about in time."""
+        """Forward messages that the scripts decided about, or did not decide about in time."""
         for decision in decisions:
             (way, came), message, work = decision.token, decision.message, DecisionBuilder()
             if decision.answer is None:
@@ -359,7 +360,7 @@ class RulePolicy:
     def _apply_script_answer(
         self, state: DirectionState, message: WireMessage, answer: ScriptAnswer, work: DecisionBuilder
     ) -> WireMessage | None:
-        """Give what the scripts leave of a message."""
+        """Return what the scripts leave of a message; None for nothing."""
         for code in answer.results:
             self._answer(state, message.frames, code, "addon: answered", work)
         if answer.dropped:
@@ -374,7 +375,7 @@ class RulePolicy:
     def _pass_without_scripts(
         self, state: DirectionState, message: WireMessage, work: DecisionBuilder
     ) -> WireMessage | None:
-        """Return the parts of a message that pass while the scripts are off: all but motion."""
+        """Return the part of a message that passes while the scripts are off: everything except motion."""
         if state.flow.direction is Direction.RESPONSE:
             return message
         return self._without_motion(state, message, "script is off: motion is refused", work)
@@ -382,7 +383,7 @@ class RulePolicy:
     def _without_motion(
         self, state: DirectionState, message: WireMessage, note: str, work: DecisionBuilder
     ) -> WireMessage | None:
-        """Refuse the motions in a request; give the rest of it."""
+        """Refuse the motions in a request. Return the rest; None for nothing."""
         passing, refused = remove_motion(told.observation.item for told in message.annotated_frames)
         if not refused:
             return message
@@ -396,7 +397,7 @@ class RulePolicy:
     def _replace_message(
         self, message: WireMessage, data: bytes, note: str, work: DecisionBuilder
     ) -> WireMessage:
-        """Make the message that goes on in place of another."""
+        """Return a message with other bytes that replaces the original."""
         work.notes.append(note)
         changed = WireMessage(message.number, message.flow, data, message.now, message.time)
         changed.annotate(self._recent_requests)
@@ -413,7 +414,7 @@ class RulePolicy:
     def _apply_intercept(
         self, state: DirectionState, message: WireMessage, work: DecisionBuilder
     ) -> bytes | None:
-        """Give what the intercept lets pass of a message now; None for nothing."""
+        """Return the bytes that the intercept lets pass now; None for nothing."""
         considered = self.intercept.hold_or_pass(state.client, message)
         self._mark_abandoned(state)
         if considered is None:
@@ -433,7 +434,7 @@ class RulePolicy:
         ]
 
     def _mark_abandoned(self, state: DirectionState) -> None:
-        """Let the intercept know that a client that has ended its connection waits for nothing."""
+        """Tell the intercept that a client no longer waits for replies, once it has ended its connection."""
         if state.has_ended and state.flow.direction is Direction.REQUEST:
             self.intercept.mark_abandoned(state.flow, "its client's connection has ended")
 
@@ -444,7 +445,7 @@ class RulePolicy:
         self._carry_out(taken.outputs, work)
 
     def _send_guarded(self, state: DirectionState, data: bytes, note: str, work: DecisionBuilder) -> None:
-        """Send what is left of a message; what is for the controller as far as the guard lets it."""
+        """Send a message. A request goes through the guard first."""
         number, direction = state.client, state.flow.direction
         if self.guard is not None and direction is Direction.REQUEST:
             data = self._apply_guard(self.guard, state, data, work)
@@ -455,7 +456,7 @@ class RulePolicy:
     def _apply_guard(
         self, guard: RequestGuard, state: DirectionState, data: bytes, work: DecisionBuilder
     ) -> bytes:
-        """Give what the guard leaves of a request; the rest is answered in the controller's place."""
+        """Return what the guard lets pass of a request; the proxy answers the rest itself."""
         passing, refused, dropped = guard.filter_frames(data)
         for frame, why in refused:
             self.refused_requests += 1

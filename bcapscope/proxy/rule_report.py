@@ -1,4 +1,4 @@
-"""What the proxy's rules did, as sentences for people."""
+"""Summary of what the proxy's rules did, as text."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _MAX_NAMED = 8
 
 
 def report_lines(rules: RulePolicy) -> list[str]:
-    """Sum up what rules did."""
+    """Return a summary of what the rules did."""
     scripts = rules.scripts
     lines = [f"fault {name}: struck {_times_text(count)}" for name, count in rules.shaper.hit_counts.items()]
     if rules.guard is not None:
@@ -33,7 +33,7 @@ def report_lines(rules: RulePolicy) -> list[str]:
 
 
 def names_with_counts(lost: Iterable[Frame | bytes]) -> str:
-    """Name requests, or pieces of a stream, that were lost, each name with its count."""
+    """Name lost requests, or pieces of a stream, each name with its count."""
     names = Counter(map(_named, lost))
     more = len(names) - _MAX_NAMED
     return ", ".join(f"{count} {name}" for name, count in names.most_common(_MAX_NAMED)) + (

@@ -1,6 +1,6 @@
-"""What passes without the scripts: stops always, and while the scripts are off all but motion.
+"""What passes without the scripts: stops always, and everything except motion while the scripts are off.
 
-A stop overtakes what waits for the scripts. A motion that came before it must not start after it.
+A stop overtakes messages that wait for the scripts. A motion that arrived before it must not start after it.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ class BypassResult(NamedTuple):
     """A request that no script has seen.
 
     Attributes:
-        passing: the bytes that go on.
-        refused: the frames that would move something.
+        passing: Bytes that go on.
+        refused: Frames that would move something.
     """
 
     passing: bytes
@@ -32,7 +32,7 @@ class BypassResult(NamedTuple):
 
 
 def is_stop_request(message: WireMessage) -> bool:
-    """Return whether a message is a request that stops the robot or releases something, and no more."""
+    """Return whether a message is a request that only stops the robot or releases something."""
     if message.flow.direction is Direction.RESPONSE or not message.frames:
         return False
     return all(not each.problems and _always_passes(each) for each in message.frames)
@@ -41,15 +41,15 @@ def is_stop_request(message: WireMessage) -> bool:
 def mark_overtaken(
     stop: WireMessage, state: DirectionState, request_states: Iterable[DirectionState]
 ) -> None:
-    """Note whose motions that wait may not start any more, since a stop that came later does not wait.
+    """Mark the waiting motions that must not start any more, because a later stop overtakes them.
 
     A stop ends the motions of its own client. Robot_Halt and Robot_Hold end those of all clients of the
-    controller: they may come over a connection of their own. A release ends none.
+    controller, because they may arrive over a separate connection. A release ends none.
 
     Args:
-        stop: does not wait.
-        state: of its client's requests.
-        request_states: of all clients.
+        stop: The message that does not wait.
+        state: Request direction of its client.
+        request_states: Request directions of all clients.
     """
     codes = {each.code for each in stop.frames}
     if not codes.isdisjoint(_HALTS):
@@ -62,7 +62,7 @@ def mark_overtaken(
 
 
 def remove_motion(items: Iterable[Frame | Malformed]) -> BypassResult:
-    """Part what moves, or may, from the rest of a request."""
+    """Separate the frames that move something, or may, from the rest of a request."""
     passing, refused = [], []
     for item in items:
         if isinstance(item, Frame) and _moves(item):

@@ -1,4 +1,4 @@
-"""The process in which the scripts run: it takes orders from the proxy, calls the hooks and answers."""
+"""The process in which the scripts run: it receives orders from the proxy, calls the hooks and answers."""
 
 from __future__ import annotations
 
@@ -40,10 +40,10 @@ _READ = 1 << 16
 
 
 class ScriptHost:
-    """Does what the orders say, without sockets or clocks of its own."""
+    """Carries out orders, without sockets or clocks of its own."""
 
     def __init__(self, addons: AddonRunner) -> None:
-        """Take the addons; `tell` of them is taken over."""
+        """Use these add-ons. Their `notify` is replaced."""
         self._addons = addons
         self._clients: dict[int, tuple[AddonClient, Conversation]] = {}
         self._recent_requests = RecentRequests()
@@ -52,10 +52,10 @@ class ScriptHost:
         addons.notify = self._notices.append
 
     def execute(self, order: ScriptOrder) -> ScriptAnswer:
-        """Do what an order says.
+        """Carry out an order. Return the answer.
 
         Raises:
-            KeyError: the order is about a client that is not known.
+            KeyError: The order refers to an unknown client.
         """
         match order:
             case MessageShown():
@@ -101,20 +101,20 @@ class ScriptHost:
 def main(
     descriptor: int | None, traces: int | None, parent: int, paths: Sequence[str], megabytes: int
 ) -> None:
-    """Run scripts until the proxy ends; the entry of the process.
+    """Run scripts until the proxy ends; the entry point of the process.
 
     Args:
-        descriptor: of the socket to the proxy; None where standard input says how to make one.
-        traces: a file descriptor to which the place in the scripts is written on SIGUSR1; None for none.
-        parent: number of the proxy's process.
-        paths: of the scripts.
-        megabytes: that the process may allocate.
+        descriptor: Socket to the proxy; None if standard input describes it.
+        traces: File descriptor that receives the place in the scripts on SIGUSR1; None for none.
+        parent: Process id of the proxy.
+        paths: Paths of the scripts.
+        megabytes: Memory that the process may allocate.
     """
     proxy = _shared_socket() if descriptor is None else socket.socket(fileno=descriptor)
     try:
         _isolate(traces, parent, megabytes)
         _run(proxy, paths)
-    except (OSError, MemoryError):  # a script has closed the socket, or taken all memory: the proxy says that
+    except (OSError, MemoryError):  # a script closed the socket, or used all memory; the proxy reports it
         proxy.detach()
         sys.exit(1)
 
@@ -127,7 +127,7 @@ def _run(proxy: socket.socket, paths: Sequence[str]) -> None:
         return
     _send_statement(proxy, ScriptsLoaded(addons.hooks))
     gc.collect()
-    gc.freeze()  # what was loaded stays: looking through it for garbage would hold messages up
+    gc.freeze()  # loaded objects stay: a search for garbage in them would delay messages
     _serve(proxy, ScriptHost(addons))
 
 
@@ -145,28 +145,28 @@ def _send_statement(proxy: socket.socket, statement: ScriptStatement) -> None:
 
 
 def _isolate(traces: int | None, parent: int, megabytes: int) -> None:
-    """Make sure that the process ends with the proxy, keeps its memory limit, and can report where it is."""
+    """Let the process end with the proxy, limit its memory, and let it report its place in the scripts."""
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
-        if os.getppid() != parent:  # it ended before it could have been noticed
+        if os.getppid() != parent:  # the proxy ended before the signal was set up
             sys.exit()
     _limit_memory(megabytes << 20)
     if traces is not None:
         faulthandler.enable(traces, all_threads=False)
         faulthandler.register(signal.SIGUSR1, traces, all_threads=False)
-    # What was printed is not lost if the process is killed.
+    # Flush each line, so that printed text survives a kill.
     for stream in (sys.stdout, sys.stderr):
         if stream is not None:
             stream.reconfigure(line_buffering=True)  # type: ignore[union-attr]  # nobody has replaced it yet
 
 
 def _limit_memory(size: int) -> None:
-    """Let allocating more fail; where the system has no such limit, there is none."""
+    """Limit the memory that can be allocated. Some systems have no such limit."""
     if sys.platform == "win32":
         return
     import resource  # noqa: PLC0415 - there is none on Windows
 
-    # RLIMIT_DATA counts what can be written to, on Linux; RLIMIT_AS also what is only reserved.
+    # On Linux, RLIMIT_DATA counts writable memory; RLIMIT_AS also counts memory that is only reserved.
     kind = resource.RLIMIT_DATA if sys.platform == "linux" else resource.RLIMIT_AS
     with suppress(ValueError, OSError):
         resource.setrlimit(kind, (size, size))

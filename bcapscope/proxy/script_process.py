@@ -1,5 +1,4 @@
-"""The proxy's handle on the process of the scripts: starts it, reads it, and ends it however the proxy
-ends."""
+"""The proxy's handle on the process of the scripts: starts it, reads from it, and ends it with the proxy."""
 
 from __future__ import annotations
 
@@ -28,8 +27,8 @@ from bcapscope.proxy.script_protocol import (
 )
 
 DEFAULT_MEMORY_MB = 512
-"""Megabytes that the process may allocate by default. Python takes 20, NumPy on 4 processors 200
-and more on others, as its stacks count.
+"""Megabytes that the process may allocate by default. Python takes 20; NumPy takes 200 on 4 processors, and
+more on others, because its stacks count.
 """
 
 LEAST_MEMORY, MAX_MEMORY = 64, 65536
@@ -38,7 +37,7 @@ LOADS_WITHIN = 30.0
 """Seconds that the scripts may take to load."""
 
 FINISHES_WITHIN = 3.0
-"""Seconds that they have at the end for what they have not seen yet, and for `done`."""
+"""Seconds at the end for messages that the scripts have not seen yet, and for the hook `done`."""
 
 _GLANCE = 0.05
 _LOOKS_BACK = 0.05
@@ -55,14 +54,14 @@ class ScriptProcess:
     """A process that runs scripts.
 
     Attributes:
-        names: of the scripts, for the user.
+        names: File names of the scripts, for the user.
     """
 
     def __init__(self, paths: Sequence[str], megabytes: int = DEFAULT_MEMORY_MB) -> None:
-        """Start it.
+        """Start the process.
 
         Raises:
-            ScriptError: no process can be started.
+            ScriptError: The process cannot be started.
         """
         self.names = ", ".join(Path(path).name for path in paths)
         self._is_interrupted: Callable[[], bool] = lambda: False
@@ -92,7 +91,7 @@ class ScriptProcess:
                 _START.format(path=sys.path, argv=sys.argv, arguments=arguments),
             ]
 
-        if sys.platform == "win32":  # where a process inherits no sockets, and none is asked where it is
+        if sys.platform == "win32":  # a process inherits no sockets there, and cannot report its place
             process = subprocess.Popen(words(None, None), stdin=subprocess.PIPE)
             assert process.stdin is not None
             with process.stdin:
@@ -105,16 +104,16 @@ class ScriptProcess:
                 words(other.fileno(), traces),
                 stdin=subprocess.DEVNULL,
                 pass_fds=(other.fileno(), traces),
-                start_new_session=True,  # Ctrl-C is for the proxy, which lets the scripts end in order
+                start_new_session=True,  # Ctrl-C is for the proxy, which ends the scripts in order
             )
         finally:
             os.close(traces)
 
     def load(self, seconds: float) -> bool:
-        """Wait until the scripts are loaded; return False if that takes longer. `attach` came before.
+        """Wait until the scripts are loaded. Return False if that takes longer. Call `attach` first.
 
         Raises:
-            ScriptError: they cannot be used.
+            ScriptError: The scripts cannot be used.
         """
         until = time.monotonic() + seconds
         while True:
@@ -164,42 +163,44 @@ class ScriptProcess:
             raise ScriptError(f"{self.names} did not load within {LOADS_WITHIN:g} s{self.end()}")
 
     def attach(self, rules: RulePolicy, relay: DescriptorWatcher, is_interrupted: Callable[[], bool]) -> None:
-        """Let the process be heard while the relay runs, once it is loaded.
+        """Connect the process to the rules and the relay, once it is loaded.
 
         Args:
-            rules: that get what the scripts decide.
-            relay: waits for the socket.
-            is_interrupted: asked at the end, whether the user does not want to wait any more.
+            rules: Rules that receive the decisions of the scripts.
+            relay: Waits for the socket.
+            is_interrupted: Returns, at the end, whether the user does not want to wait any longer.
         """
         self._rules = rules
         self._relay = relay
         self._is_interrupted = is_interrupted
 
-    # as the rules' link
+    # methods of `ScriptLink`
 
     def send(self, frame: bytes) -> None:
-        """Send an order, now or as soon as the process takes it."""
+        """Send an order, now or as soon as the process accepts it."""
         self._backlog += frame
         self._flush()
 
     def receive(self) -> bytes:
-        """Return what has come and was not read yet, or nothing; `attach` has its end noticed."""
+        """Return bytes that were not read yet, b"" for none. The handler set by `attach` notices the end."""
         return self._receive() or b""
 
     def locate(self) -> None:
-        """Ask the process where in the scripts it is."""
+        """Ask the process for its place in the scripts."""
         if self._traces is not None and self._exit_code() is None:
             os.kill(self._process.pid, signal.SIGUSR1)
 
     def end(self) -> str:
-        """End the process at once; return what is known about its end and its place in the scripts."""
+        """End the process at once. Return how it ended and its place in the scripts, "" if unknown."""
         code = self._exit_code()
         self._kill()
         return "".join(f"; {text}" for text in (_exit_text(code), self._script_location()) if text)
 
     def finish(self, frame: bytes, is_done: Callable[[bytes], bool]) -> bool:
-        """Send the last order and wait until `is_done` returns True for what came; return False if that takes
-        too long.
+        """Send the last order and wait until `is_done` returns True for received bytes.
+
+        Returns:
+            False if that takes too long.
         """
         self._unwatch()
         self.send(frame)
@@ -239,7 +240,7 @@ class ScriptProcess:
                 self._rules.on_scripts_ended(now)
 
     def _receive(self) -> bytes | None:
-        """Read available bytes; return b"" at the end, None if there are none yet."""
+        """Return the available bytes: b"" at the end, None if there are none yet."""
         try:
             return self._socket.recv(1 << 16)
         except BlockingIOError:
@@ -248,13 +249,13 @@ class ScriptProcess:
             return b""
 
     def _flush(self) -> None:
-        """Write what the process takes, and wait for the rest."""
+        """Write what the process accepts. Wait to write the rest."""
         try:
             while self._backlog:
                 del self._backlog[: self._socket.send(self._backlog)]
         except BlockingIOError:
             pass
-        except OSError:  # it is gone, which is noticed where it is read
+        except OSError:  # the process is gone; reading notices that
             self._backlog.clear()
         if self._watcher is not None and self._waits_to_write is not bool(self._backlog):
             self._waits_to_write = bool(self._backlog)
@@ -269,24 +270,24 @@ class ScriptProcess:
         """End the process and all that it has started in its session."""
         self._unwatch()
         self._socket.close()
-        if self._process.returncode is None:  # else its number may be another's
+        if self._process.returncode is None:  # else its number may belong to another process
             if hasattr(os, "killpg"):
-                with suppress(OSError):  # it has just begun, or has gone into another group
+                with suppress(OSError):  # it has just started, or has moved to another group
                     os.killpg(self._process.pid, signal.SIGKILL)
             self._process.kill()
 
     def _exit_code(self) -> int | None:
-        """Return how the process has ended, as `subprocess` has it; None while it runs."""
+        """Return the exit code as `subprocess` does; None while the process runs."""
         if not hasattr(os, "waitid") or self._process.returncode is not None:
             return self._process.poll()
-        # Its number stays its own, as it is not reaped.
+        # The process is not reaped, so its number is not reused.
         ended = os.waitid(os.P_PID, self._process.pid, os.WEXITED | os.WNOHANG | os.WNOWAIT)
         if ended is None:
             return None
         return ended.si_status if ended.si_code == os.CLD_EXITED else -ended.si_status
 
     def _script_location(self) -> str:
-        """Return where in the scripts the process was when that was asked, or when it crashed."""
+        """Return the process's place in the scripts when it was asked or crashed; "" if unknown."""
         if self._traces is None:
             return ""
         try:

@@ -1,7 +1,7 @@
-"""What the proxy and the process of the scripts send each other: a length of four bytes, then MessagePack.
+"""Messages between the proxy and the process of the scripts: a length of four bytes, then MessagePack.
 
-The process runs the user's code, so nothing that it sends is trusted: types and lengths are checked here, and
-nothing in it can run code.
+The process runs the user's code, so the proxy trusts nothing that it sends. Types and lengths are checked
+here, and nothing in a message can run code.
 """
 
 from __future__ import annotations
@@ -15,10 +15,10 @@ from bcapscope.errors import BcapError
 T = TypeVar("T")
 
 LARGEST_FRAME_SIZE = 32 << 20
-"""Bytes of one frame: the largest b-CAP frame that can be read, twice."""
+"""Bytes of one frame: twice the size of the largest b-CAP frame that can be read."""
 
 MAX_SENTENCES, LONGEST_SENTENCE = 32, 2000
-"""How much one answer may say to the user: sentences, and characters of each."""
+"""Messages for the user in one answer, and characters of each."""
 
 _HEAD = 4
 
@@ -39,12 +39,12 @@ class _WireFrame(msgspec.Struct, frozen=True, array_like=True, tag=True):
 
 
 class ClientConnected(_WireFrame, frozen=True):
-    """A client was heard for the first time.
+    """A client sent its first message.
 
     Attributes:
-        client: its number.
-        ends: host and port of the client and of the controller.
-        transport: as `Transport` has it.
+        client: Number of the client.
+        ends: Host and port of the client and of the controller.
+        transport: Value of `Transport`.
     """
 
     client: int
@@ -53,14 +53,14 @@ class ClientConnected(_WireFrame, frozen=True):
 
 
 class MessageShown(_WireFrame, frozen=True):
-    """A message on its way.
+    """A message in transit.
 
     Attributes:
-        client: number of the client.
-        up: it is for the controller.
-        data: the datagram, or a frame or other bytes of a stream.
-        now: ns of the relay's clock.
-        time: the same since 1970.
+        client: Number of the client.
+        up: True toward the controller.
+        data: A datagram, or a frame or other bytes of a stream.
+        now: Time of receipt, ns of the relay's clock.
+        time: Time of receipt, ns since 1970.
     """
 
     client: int
@@ -71,13 +71,13 @@ class MessageShown(_WireFrame, frozen=True):
 
 
 class ClientGone(_WireFrame, frozen=True):
-    """A client has gone."""
+    """A client is gone."""
 
     client: int
 
 
 class ExpireCalls(_WireFrame, frozen=True):
-    """It is `time`, in ns since 1970: calls may have settled."""
+    """The current time in ns since 1970: calls may have completed."""
 
     time: int
 
@@ -87,35 +87,35 @@ class FinishScripts(_WireFrame, frozen=True):
 
 
 ScriptOrder: TypeAlias = ClientConnected | MessageShown | ClientGone | ExpireCalls | FinishScripts
-"""What the proxy sends; each order has one answer, in the same sequence."""
+"""What the proxy sends. Each order has one answer, in the same sequence."""
 
 
 class ScriptsLoaded(_WireFrame, frozen=True):
     """The scripts can be used.
 
     Attributes:
-        hooks: names of those that they have.
+        hooks: Names of the hooks that they have.
     """
 
     hooks: frozenset[str]
 
 
 class ScriptsUnusable(_WireFrame, frozen=True):
-    """A script cannot be used; `reason` names it and says why."""
+    """A script cannot be used; `reason` names it and the cause."""
 
     reason: _Sentence
 
 
 class ScriptAnswer(_WireFrame, frozen=True):
-    """What came of an order.
+    """The answer to an order.
 
     Attributes:
-        notices: sentences for the user.
-        errors: how often something has gone wrong in the scripts so far.
-        has_open_calls: calls are open, so `ExpireCalls` is to be sent from time to time.
-        data: bytes that go on in place of those of the message; None for those.
-        dropped: the message does not go on.
-        results: what the client gets in place of the controller's answer.
+        notices: Messages for the user.
+        errors: Number of errors in the scripts so far.
+        has_open_calls: True if calls are open and `ExpireCalls` must be sent from time to time.
+        data: Bytes that replace the message; None if it is unchanged.
+        dropped: True if the message does not go on.
+        results: Result codes that the client gets in place of the controller's reply.
     """
 
     notices: Annotated[tuple[_Sentence, ...], msgspec.Meta(max_length=MAX_SENTENCES)] = ()
@@ -139,22 +139,22 @@ def pack(frame: ScriptOrder | ScriptStatement) -> bytes:
 
 
 class FrameUnpacker(Generic[T]):
-    """Cuts frames out of bytes that come in any pieces."""
+    """Splits received bytes into frames."""
 
     def __init__(self, kinds: Any) -> None:
-        """Take frames of these kinds: a union such as `ScriptOrder`."""
+        """Decode frames of these kinds: a union such as `ScriptOrder`."""
         self._decoder: msgspec.msgpack.Decoder[T] = msgspec.msgpack.Decoder(kinds)
         self._buffer = bytearray()
 
     def feed_bytes(self, data: bytes) -> None:
-        """Take in the bytes that came next."""
+        """Add the bytes received next."""
         self._buffer += data
 
     def next_frame(self) -> T | None:
-        """Return the next frame; None until more bytes come.
+        """Return the next frame; None until more bytes arrive.
 
         Raises:
-            WireError: the bytes are not a frame.
+            WireError: The bytes are not a frame.
         """
         buffer = self._buffer
         if len(buffer) < _HEAD:

@@ -1,6 +1,6 @@
-"""Messages that wait for the scripts, and what happens to them when the scripts take too long.
+"""Messages that wait for the scripts, and what happens to them if the scripts take too long.
 
-Nothing here reads a clock or a socket. Times are ns of a clock that does not go back.
+Nothing here reads a clock or a socket. Times are ns of a monotonic clock.
 """
 
 from __future__ import annotations
@@ -30,35 +30,36 @@ from bcapscope.traffic.observation import Conversation, Direction, Flow
 T = TypeVar("T")
 
 TIME_LIMIT_NS = 100_000_000
-"""ns that the scripts have for one message by default."""
+"""Time in ns that the scripts have for one message by default."""
 
 SHORTEST_LIMIT, LONGEST_LIMIT = 1_000_000, 10_000_000_000
-"""ns. A process that is woken takes a share of a millisecond; a motion that is older than some seconds does
-harm, as its client waits no longer."""
+"""Bounds of the time limit, in ns. Waking a process takes a share of a millisecond. A motion that is seconds
+old does harm, because its client no longer waits.
+"""
 
 LONGEST_WAIT = 1_000_000_000
-"""ns that a message waits in all, behind others; a limit that is longer counts instead."""
+"""Longest total wait of a message in ns, including those before it. A longer time limit replaces it."""
 
 MAX_WAITING = 64
-"""Datagrams of one client; a client makes one call at a time and tries it eight times at most."""
+"""Datagrams of one client that may wait. A client makes one call at a time, with at most eight attempts."""
 
 MAX_BYTES = 1 << 16
-"""Bytes of one client that wait. Beyond it a stream is not read, and datagrams are dropped."""
+"""Bytes of one client that may wait. Beyond it a stream is not read, and datagrams are dropped."""
 
 MAX_BYTES_IN_ALL = 1 << 22
-"""The same of all clients. What the scripts are only shown is not shown when so much waits."""
+"""Bytes of all clients that may wait. Beyond it, messages that the scripts only see are not shown."""
 
 _LATE = 20_000_000
-"""ns. A relay that looks at the time so late was held up itself, and the scripts may have been, too."""
+"""ns. If the relay checks the time later than this, it was held up, and the scripts may have been as well."""
 
 _LOOKS_BACK = 50_000_000
-"""ns between knowing that the scripts are to be stopped and ending their process, which tells its place."""
+"""ns from the decision to stop the scripts to the end of their process, which reports its place meanwhile."""
 
 _EXPIRE_INTERVAL_NS = 50_000_000
-"""ns between looks for calls that have settled, as the tracker itself has it."""
+"""ns between checks for calls that have completed by time; the tracker uses the same interval."""
 
 _MAX_NOTICES = 200
-"""Sentences of the scripts that the proxy reports."""
+"""Messages of the scripts that the proxy shows to the user."""
 
 _OFF_CONSEQUENCE = (
     "stops pass, motion is refused, everything else passes unchanged; restart the proxy to let motion pass"
@@ -66,23 +67,25 @@ _OFF_CONSEQUENCE = (
 
 
 class ScriptLink(Protocol):
-    """The process of the scripts. None of the methods may raise or wait, but for `finish`."""
+    """The process of the scripts. No method raises, and only `finish` blocks."""
 
     def send(self, frame: bytes) -> None:
-        """Send it an order."""
+        """Send an order to the process."""
 
     def receive(self) -> bytes:
-        """Return what has come from it and was not read yet, or nothing."""
+        """Return the bytes that the process sent and that were not read yet, b"" for none."""
 
     def locate(self) -> None:
-        """Ask it where in the scripts it is."""
+        """Ask the process for its place in the scripts."""
 
     def end(self) -> str:
-        """End it at once; return what is known about its end and its place in the scripts, or nothing."""
+        """End the process at once. Return how it ended and its place in the scripts, "" if unknown."""
 
     def finish(self, frame: bytes, is_done: Callable[[bytes], bool]) -> bool:
-        """Send the last order and wait until `is_done` returns True for what came; return False if that takes
-        too long.
+        """Send the last order and wait until `is_done` returns True for received bytes.
+
+        Returns:
+            False if that takes too long.
         """
 
 
@@ -91,12 +94,12 @@ class PendingOrder(Generic[T]):
     """An order to the scripts that has no answer yet.
 
     Attributes:
-        hook: what is called for it.
-        sent_at: when it was sent to the scripts; ns.
-        client: whose it is.
-        size: bytes that are kept for it.
-        message: that is shown; None where it is about something else.
-        token: what the message is to who asked; None where it does not wait.
+        hook: Name of the hook that the order calls.
+        sent_at: Time of sending to the scripts, ns.
+        client: Number of the client.
+        size: Bytes that are kept for it.
+        message: The message shown; None if the order shows none.
+        token: The caller's token for the message; None if the message does not wait.
     """
 
     hook: str
@@ -107,7 +110,7 @@ class PendingOrder(Generic[T]):
     token: T | None = None
 
     def __str__(self) -> str:
-        """Name the hook, and what it was called for."""
+        """Return the hook, and the call that it was run for."""
         names = [call_name(each.code, each.variants) for each in self.message.frames] if self.message else []
         if self.hook != "request" or not names:
             return self.hook
@@ -116,12 +119,12 @@ class PendingOrder(Generic[T]):
 
 @dataclass(frozen=True, slots=True)
 class ScriptDecision(Generic[T]):
-    """What was decided about a message.
+    """A decision about a message.
 
     Attributes:
-        message: itself.
-        token: what it is to who asked.
-        answer: of the scripts; None where they are off and have given none.
+        message: The message.
+        token: The caller's token for the message.
+        answer: Answer of the scripts; None if they are off and gave none.
     """
 
     message: WireMessage
@@ -130,26 +133,26 @@ class ScriptDecision(Generic[T]):
 
 
 class ScriptQueue(Generic[T]):
-    """Shows messages to the scripts, in order, and gives out what they decide.
+    """Shows messages to the scripts, in order, and returns their decisions.
 
-    Scripts that take longer than `limit` for one message are switched off, and so are those whose process
-    ends or sends invalid data.
+    Scripts that take longer than `limit` for one message are switched off. So are scripts whose process ends
+    or sends invalid data.
 
     Attributes:
-        names: of the scripts, for messages to the user.
-        is_on: whether messages are shown.
-        off_because: why not; "" while they are.
-        errors: how often something went wrong in the scripts.
-        notify: called with a sentence for the user.
+        names: Names of the scripts, for messages to the user.
+        is_on: True while messages are shown.
+        off_because: Reason why the scripts are off; "" while they are on.
+        errors: Number of errors in the scripts.
+        notify: Called with a message for the user.
     """
 
     def __init__(self, names: str, link: ScriptLink, limit: int = TIME_LIMIT_NS) -> None:
-        """Wait for `on_loaded`.
+        """Create a queue that waits for `on_loaded`.
 
         Args:
-            names: of the scripts.
-            link: their process.
-            limit: ns for one message.
+            names: Names of the scripts.
+            link: Process of the scripts.
+            limit: Time for one message, ns.
         """
         self.names = names
         self.is_on = True
@@ -164,7 +167,7 @@ class ScriptQueue(Generic[T]):
         self._usage: dict[int, _ClientUsage] = {}
         self._size = self._decided_size = 0
         self._head_since = 0
-        self._relay_delay = 0  # while the relay stood still
+        self._relay_delay = 0  # ns by which the relay itself was held up
         self._was_late = False
         self._has_open_calls = False
         self._expire_at = 0
@@ -178,34 +181,34 @@ class ScriptQueue(Generic[T]):
 
     @property
     def status(self) -> str:
-        """Whether the scripts are on, and else why not."""
+        """State of the scripts: "on", or "off" with the reason."""
         return "on" if self.is_on else f"off: {self.off_because}"
 
     @property
     def inspects_frames(self) -> bool:
-        """Whether it has to see messages: to show them, or since the scripts are off."""
+        """Whether the queue needs frames: to show them, or to refuse motion while the scripts are off."""
         return not self.is_on or not self._hooks.isdisjoint(("request", "reply", "settled"))
 
     def decides(self, direction: Direction) -> bool:
         """Return whether messages of a direction wait for the scripts."""
         return self.is_on and ("request" if direction is Direction.REQUEST else "reply") in self._hooks
 
-    # what the scripts are sent
+    # orders to the scripts
 
     def send_connected(self, client: int, conversation: Conversation, now: int) -> None:
-        """Report a client to the scripts."""
+        """Report a new client to the scripts."""
         ends = conversation.client, conversation.server
         self._send_order(
             ClientConnected(client, ends, conversation.transport), PendingOrder("connected", now, client)
         )
 
     def show_message(self, client: int, message: WireMessage, token: T | None) -> None:
-        """Show a message.
+        """Show a message to the scripts.
 
         Args:
-            client: number of the client.
-            message: itself.
-            token: is given back with what is decided; None where the message does not wait for that.
+            client: Number of the client.
+            message: The message.
+            token: Returned with the decision; None if the message does not wait for it.
         """
         up = message.flow.direction is Direction.REQUEST
         if token is None:
@@ -219,11 +222,11 @@ class ScriptQueue(Generic[T]):
         )
 
     def send_gone(self, client: int, now: int) -> None:
-        """Tell that a client has gone, of which nothing waits any more."""
+        """Report to the scripts that a client is gone. Nothing of it waits any more."""
         self._send_order(ClientGone(client), PendingOrder("gone", now, client))
 
     def finish(self, now: int) -> None:
-        """Tell that the proxy ends, wait until the scripts have seen all, and end their process."""
+        """Tell the scripts that the proxy ends, wait for their answers, and end their process."""
         self._is_ending = True
         if self.is_on:
             self._enqueue(PendingOrder("done", now))
@@ -231,10 +234,10 @@ class ScriptQueue(Generic[T]):
                 self._switch_off(f"its process took too long at the end for {self._queue[0]}", now)
         self._end_process()
 
-    # what comes of it
+    # answers of the scripts
 
     def on_data(self, data: bytes, now: int) -> Iterator[ScriptDecision[T]]:
-        """Take in bytes from the scripts' process; yield what is decided."""
+        """Process bytes from the scripts' process. Yield the decisions."""
         if not self.is_on:
             return
         self._answers.feed_bytes(data)
@@ -248,7 +251,7 @@ class ScriptQueue(Generic[T]):
             yield from self._flush_undecided()
 
     def on_process_ended(self, now: int) -> Iterator[ScriptDecision[T]]:
-        """Handle that the scripts' process has ended, or has closed its connection."""
+        """Handle that the scripts' process ended, or closed its connection. Yield the decisions."""
         if self.is_on:
             during = f"during {self._queue[0]}" if self._queue else "between two messages"
             self._switch_off(f"its process ended {during}", now)
@@ -264,11 +267,11 @@ class ScriptQueue(Generic[T]):
         return self._expire_at if self._has_open_calls else None
 
     def advance(self, now: int, time: int) -> Iterator[ScriptDecision[T]]:
-        """Do what is due; yield what is decided.
+        """Do what is due. Yield the decisions.
 
         Args:
-            now: ns.
-            time: the same since 1970.
+            now: ns of the monotonic clock.
+            time: The same moment in ns since 1970.
         """
         due = self.due()
         if due is None or now < due:
@@ -279,7 +282,7 @@ class ScriptQueue(Generic[T]):
             self._expire_at = now + _EXPIRE_INTERVAL_NS
             self._send_order(ExpireCalls(time), PendingOrder("settled", now))
         else:
-            # What came in time counts, though the relay has not read it: it had other things to do.
+            # An answer that arrived in time counts, even if the relay had no time to read it.
             yield from self.on_data(self._link.receive(), now)
             yield from self._check_time_limit(now)
 
@@ -295,14 +298,14 @@ class ScriptQueue(Generic[T]):
             self._switch_off(self._slow_reason(now), now)
             yield from self._flush_undecided()
 
-    # for who asks
+    # queries of the policy
 
     def holds(self, flow: Flow) -> bool:
         """Return whether a message of a flow waits."""
         return any(_is_of(each, flow) for each in self._queue)
 
     def is_full(self, client: int) -> bool:
-        """Return whether so much of a client waits that nothing more of a stream is to be read."""
+        """Return whether so much of a client waits that its streams must not be read."""
         kept = self._usage.get(client)
         return (kept is not None and kept.size > MAX_BYTES) or self._decided_size > MAX_BYTES_IN_ALL
 
@@ -355,7 +358,7 @@ class ScriptQueue(Generic[T]):
         yield from _decided(waiting, answer)
 
     def _release(self, waiting: PendingOrder[T]) -> None:
-        """Count a message no more among those that wait for a decision."""
+        """Remove a message from the counts of those that wait for a decision."""
         if waiting.token is not None:
             kept = self._usage[waiting.client]
             kept.count -= 1
@@ -365,7 +368,7 @@ class ScriptQueue(Generic[T]):
                 del self._usage[waiting.client]
 
     def _flush_undecided(self) -> Iterator[ScriptDecision[T]]:
-        """Yield everything that waits."""
+        """Yield all waiting messages without an answer."""
         self._usage.clear()
         self._size = self._decided_size = 0
         while self._queue:
@@ -384,7 +387,7 @@ class ScriptQueue(Generic[T]):
         self._link.locate()
 
     def _end_process(self) -> None:
-        """End the process; tell why, if it was stopped."""
+        """End the process. Report the reason if the scripts were switched off."""
         self._end_at = None
         where = self._link.end()
         if self.off_because and not self._is_end_reported:
@@ -395,12 +398,12 @@ class ScriptQueue(Generic[T]):
 
     def _is_finished(self, data: bytes) -> bool:
         for _ in self.on_data(data, self._head_since + self._relay_delay):
-            pass  # its clients have gone
+            pass  # the clients are gone, so no decision matters
         return not self._queue
 
 
 class _ClientUsage:
-    """What is kept of one client: how many messages, and their bytes."""
+    """What waits of one client: number of messages, and bytes."""
 
     __slots__ = ("count", "size")
 
@@ -409,7 +412,7 @@ class _ClientUsage:
 
 
 def _is_of(waiting: PendingOrder[T], flow: Flow) -> bool:
-    """Return whether a message of a flow waits."""
+    """Return whether the order shows a waiting message of the flow."""
     return waiting.token is not None and waiting.message is not None and waiting.message.flow is flow
 
 

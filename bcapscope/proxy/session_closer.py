@@ -1,7 +1,8 @@
-"""What clients have left open at a controller, and how it is let go of when the proxy ends.
+"""Tracks what clients have left open at a controller, and closes it when the proxy ends.
 
-On UDP a controller cannot see that a client has gone: its handles, the arm that it took and slave mode stay.
-Only what gives back is ever sent: slave mode off, the arm, handles, the service; nothing that moves.
+On UDP a controller cannot see that a client is gone: its handles, its arm and slave mode stay. The proxy
+sends only requests that give something back: slave mode off, the arm, handles, the service. None of them
+moves the robot.
 """
 
 from __future__ import annotations
@@ -25,12 +26,12 @@ _POINT = "slvmove"
 
 
 class CloseSequence(NamedTuple):
-    """How a session can be ended in its client's place.
+    """The requests that close a session in its client's place.
 
     Attributes:
-        conversation: the client's.
-        open_state: what is open beside handles, in words: slave mode, the arm; "" for nothing.
-        requests: the frames to be sent in this order, each after the answer to the one before.
+        conversation: Conversation of the client.
+        open_state: What is open besides handles, as text: slave mode, the arm; "" for nothing.
+        requests: Frames to send in this order, each after the reply to the previous one.
     """
 
     conversation: Conversation
@@ -42,7 +43,7 @@ class _State:
     def __init__(self) -> None:
         self.slave_mode_handles: dict[int, None] = {}
         self.arm_handles: dict[int, None] = {}
-        self.set_point_refused = False  # the latest set point, perhaps as slave mode has ended by itself
+        self.set_point_refused = False  # result of the latest set point; slave mode may have ended
         self.serial = 0
         self.convention = ReservedConvention.UNKNOWN
 
@@ -56,15 +57,15 @@ class _State:
 
 
 class SessionCloser:
-    """Follows settled calls, in the order of their start."""
+    """Follows complete calls, in the order of their start."""
 
     def __init__(self, handles: HandleTracker) -> None:
-        """Take what knows the handles; it is told of each call by somebody else."""
+        """Use a handle tracker. Its owner shows it each call."""
         self._handles = handles
         self._states: dict[Conversation, _State] = {}
 
     def on_call(self, call: Call) -> None:
-        """Take in the next call."""
+        """Follow the next call."""
         state = self._states.get(call.conversation)
         if state is None:
             state = self._states[call.conversation] = _State()
@@ -77,18 +78,18 @@ class SessionCloser:
             self._update_state(state, call, command)
 
     def clients_in_slave_mode(self) -> Iterator[Conversation]:
-        """Yield the clients that are in slave mode, as far as was seen, and whose set points are accepted."""
+        """Yield the clients that are in slave mode, as far as seen, and whose set points are accepted."""
         for client, state in self._states.items():
             if state.slave_mode_handles and not state.set_point_refused:
                 yield client
 
     def remove_client(self, client: Conversation) -> str:
-        """Forget a client that has gone; return what it left open beside handles, in words."""
+        """Forget a client that is gone. Return what it left open besides handles, as text."""
         state = self._states.pop(client, None)
         return state.describe() if state is not None else ""
 
     def close_sequences(self) -> tuple[CloseSequence, ...]:
-        """Return how the sessions that are open can be ended; TCP clients' end with their connections."""
+        """Return how to close the open UDP sessions. TCP sessions end with their connections."""
         return tuple(
             CloseSequence(session.conversation, state.describe(), tuple(_closing_requests(session, state)))
             for session in self._handles.sessions()
@@ -122,7 +123,7 @@ def _switch(known: dict[int, None], handle: int, on: bool) -> None:
 
 
 def _closing_requests(session: ServiceSession, state: _State) -> Iterator[bytes]:
-    """Make the frames that end a session, with the serials that come next and the client's convention."""
+    """Yield the frames that close a session, with the next serials and the client's reserved convention."""
     calls: list[tuple[int, tuple[Variant, ...]]] = []
     for known, command, parameter in (
         (state.slave_mode_handles, "slvChangeMode", Variant(VT.I4, 0)),

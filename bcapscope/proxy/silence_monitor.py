@@ -1,4 +1,4 @@
-"""Clients that fall silent in slave mode: on UDP nothing else tells that they are gone."""
+"""Detects clients that fall silent in slave mode: on UDP nothing else shows that they are gone."""
 
 from __future__ import annotations
 
@@ -7,22 +7,23 @@ from collections.abc import Iterable, Iterator
 from bcapscope.traffic.observation import Conversation
 
 SILENT_AFTER_NS = 500_000_000
-"""ns without a request after which a client in slave mode is told to be silent: some sixty set points at 8 ms
-(DENSO Wave 2009, How to use the Slave mode), longer than all eight tries of one."""
+"""ns without a request after which a client in slave mode counts as silent: about 60 set points at 8 ms
+(DENSO Wave 2009, How to use the Slave mode). That is longer than all eight attempts of one call.
+"""
 
 
 class SilenceMonitor:
-    """Tells once of each silence, and of its end."""
+    """Reports each silence and its end, once."""
 
     def __init__(self) -> None:
         self._silent_since: dict[Conversation, int] = {}
 
     def check(self, clients: Iterable[tuple[Conversation, int]], now: int) -> Iterator[str]:
-        """Yield a sentence for each client that has fallen silent, or speaks again.
+        """Yield a message for each client that has fallen silent or sends again.
 
         Args:
-            clients: those in slave mode, and when each was heard last, ns.
-            now: ns; all that was said by then is known.
+            clients: Clients in slave mode, each with the time of its last request, ns.
+            now: Time in ns up to which all requests are known.
         """
         here = dict(clients)
         for client in [client for client in self._silent_since if client not in here]:

@@ -1,4 +1,4 @@
-"""Opening sockets, and what else systems do differently."""
+"""Opening sockets, and other differences between operating systems."""
 
 from __future__ import annotations
 
@@ -14,18 +14,19 @@ from bcapscope.traffic.observation import Endpoint, Transport
 from bcapscope.transport.receive_timestamps import enable_receive_timestamps
 
 SocketAddress: TypeAlias = tuple[Any, ...]
-"""As the socket module has it: host, port, and for IPv6 flow and scope."""
+"""An address of the socket module: host, port, and for IPv6 flow and scope."""
 
 LARGEST_DATAGRAM = 65535
-"""Bytes of a datagram."""
+"""Bytes of the largest datagram."""
 
 _RECEIVE_BUFFER = 4 << 20
 _SO_RCVBUFFORCE, _SO_MEMINFO = 33, 55  # asm-generic/socket.h of Linux
 _MEMINFO = struct.Struct("=9I")
 _MEMINFO_DROPS = 8  # linux/sock_diag.h, SK_MEMINFO_DROPS
 _BACKLOG = 1024
-"""Connections that wait to be accepted. If there are more, the system drops what a new client sends, and the
-client tries again after a second: too late for a stop."""
+"""Connections that may wait to be accepted. Beyond that, the system drops the packets of new clients. Such a
+client tries again after a second: too late for a stop.
+"""
 
 
 class ProxyListenError(BcapError):
@@ -33,14 +34,14 @@ class ProxyListenError(BcapError):
 
 
 class UnreachableError(BcapError):
-    """A controller's name is unknown, or nothing leads there."""
+    """A controller's name cannot be resolved."""
 
 
 def listen_on(endpoint: Endpoint, transport: Transport) -> socket.socket:
     """Open a socket for clients.
 
     Raises:
-        ProxyListenError: that cannot be done.
+        ProxyListenError: The address cannot be listened on.
     """
     family = socket.AF_INET6 if ":" in endpoint.host else socket.AF_INET
     stream = transport is Transport.TCP
@@ -50,7 +51,7 @@ def listen_on(endpoint: Endpoint, transport: Transport) -> socket.socket:
         sock.setblocking(False)
         if family == socket.AF_INET6:
             sock.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 1)
-        if stream and sys.platform != "win32":  # there it would let others take our port
+        if stream and sys.platform != "win32":  # on Windows it would let others take the port
             sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         sock.bind(_own_address(family, endpoint))
         if stream:
@@ -75,7 +76,7 @@ def resolve(endpoint: Endpoint, transport: Transport) -> tuple[int, SocketAddres
     """Return the address family and the address.
 
     Raises:
-        UnreachableError: there is no such host.
+        UnreachableError: There is no such host.
     """
     kind = socket.SOCK_STREAM if transport is Transport.TCP else socket.SOCK_DGRAM
     try:
@@ -88,10 +89,10 @@ def resolve(endpoint: Endpoint, transport: Transport) -> tuple[int, SocketAddres
 
 
 def connect_datagrams(family: int, address: SocketAddress) -> socket.socket:
-    """Open a socket that hears its peer only.
+    """Open a UDP socket that receives from one address only.
 
     Raises:
-        OSError: there is no way to it.
+        OSError: There is no route to the address.
     """
     sock = socket.socket(family, socket.SOCK_DGRAM)
     try:
@@ -105,7 +106,7 @@ def connect_datagrams(family: int, address: SocketAddress) -> socket.socket:
 
 
 def prepare_datagrams(sock: socket.socket) -> None:
-    """Ask for room and for times; what the system does not give is done without."""
+    """Request a large receive buffer and timestamps. The socket works without them as well."""
     sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BUFFER)
     if sys.platform == "linux":
         with suppress(OSError):  # beyond the usual limit only for root
@@ -114,7 +115,7 @@ def prepare_datagrams(sock: socket.socket) -> None:
 
 
 def keep_alive(sock: socket.socket) -> None:
-    """Have the system end a connection two minutes after its peer has vanished; without, it takes hours."""
+    """Let the system end a connection two minutes after its peer vanished; the default takes hours."""
     sock.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
     for name, value in (("TCP_KEEPIDLE", 60), ("TCP_KEEPINTVL", 10), ("TCP_KEEPCNT", 6)):
         if hasattr(socket, name):
@@ -122,7 +123,7 @@ def keep_alive(sock: socket.socket) -> None:
 
 
 def dropped_datagrams(sock: socket.socket) -> int:
-    """Return how many datagrams found no room in the buffer of a socket; 0 where the system does not say."""
+    """Return how many datagrams found no room in a socket's buffer; 0 where the system does not report it."""
     if sys.platform == "linux":
         with suppress(OSError, struct.error):
             found = sock.getsockopt(socket.SOL_SOCKET, _SO_MEMINFO, _MEMINFO.size)
@@ -136,9 +137,9 @@ def endpoint_of(address: SocketAddress) -> Endpoint:
 
 
 def local_address_for(sock: socket.socket, client: SocketAddress) -> Endpoint:
-    """Return the address by which `client` reaches us through a socket that takes datagrams.
+    """Return the address by which `client` reaches a UDP socket of this machine.
 
-    Where it listens on all addresses, that is the one that the system answers from.
+    If the socket listens on all addresses, this is the one that the system replies from.
     """
     own = sock.getsockname()
     if own[0] not in ("0.0.0.0", "::"):
@@ -150,7 +151,7 @@ def local_address_for(sock: socket.socket, client: SocketAddress) -> Endpoint:
 
 
 def os_error_text(error: Exception) -> str:
-    """Return what the system says, without what Python says around it."""
+    """Return the system's text for an error, without Python's additions."""
     number = error.errno if isinstance(error, OSError) else None
     if number is not None and number > 0 and not isinstance(error, socket.gaierror):
         return os.strerror(number).lower()
@@ -158,5 +159,5 @@ def os_error_text(error: Exception) -> str:
 
 
 def should_report(count: int) -> bool:
-    """Return whether to report an event that may happen with each datagram: the 1st, 2nd, 4th, 8th … time."""
+    """Return whether to report a frequent event: the 1st, 2nd, 4th, 8th … time."""
     return count & (count - 1) == 0

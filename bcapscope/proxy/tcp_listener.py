@@ -1,4 +1,4 @@
-"""The socket that TCP clients connect to, and which of them become clients of the controller."""
+"""The socket that TCP clients connect to, and their admission."""
 
 from __future__ import annotations
 
@@ -16,24 +16,25 @@ from bcapscope.transport.descriptors import OUT_OF_DESCRIPTORS_TEXT, accept_conn
 from bcapscope.transport.tcp_link import close_with_reset
 
 _MAX_ACCEPTED = 16
-"""Clients that are accepted before other sockets have their turn."""
+"""Clients that are accepted before other sockets are served."""
 
 
 class TcpListener:
     """A socket that clients connect to.
 
     Attributes:
-        relay: whose it is.
-        address: where it listens.
-        controller: address family and address of the controller.
-        to: the same as the user typed it.
+        relay: The relay that it belongs to.
+        address: Address that it listens on.
+        controller: Address family and address of the controller.
+        to: Host and port of the controller.
     """
 
     def __init__(self, relay: Relay, spec: ListenerSpec) -> None:
         """Listen.
 
         Raises:
-            ProxyListenError: the address cannot be used.
+            ProxyListenError: The address cannot be listened on.
+            UnreachableError: The controller's name cannot be resolved.
         """
         self.relay = relay
         self.controller = resolve(spec.to, Transport.TCP)
@@ -44,19 +45,19 @@ class TcpListener:
         self._is_pause_reported = False
 
     def open(self) -> None:
-        """Begin to take clients."""
+        """Start to accept clients."""
         self.relay.watch(self._socket.fileno(), self._on_acceptable)
 
     def close(self) -> None:
-        """Take no more clients."""
+        """Accept no more clients."""
         self.relay.unwatch(self._socket.fileno())
         self._socket.close()
 
     def release(self) -> None:
-        """Do nothing: the socket is closed by now."""
+        """Do nothing: `close` has closed the socket."""
 
     def sweep(self, now: int) -> None:
-        """Do nothing."""
+        """Do nothing: a TCP listener has no periodic work."""
 
     def _on_acceptable(self, _: int) -> None:
         for _ in range(_MAX_ACCEPTED):
@@ -64,7 +65,7 @@ class TcpListener:
                 return
 
     def _accept(self) -> bool:
-        """Take a client; return whether another one may be waiting."""
+        """Accept a client. Return whether another one may be waiting."""
         relay = self.relay
         try:
             accepted = accept_connection(self._socket, relay.free_newcomer_descriptor)
@@ -83,7 +84,7 @@ class TcpListener:
         return True
 
     def _admit(self, client: socket.socket, address: SocketAddress, first: bytes, came: int) -> None:
-        """Give a client that has sent its first frame a place and a connection to the controller."""
+        """Give a client that has sent its first frame a slot and a connection to the controller."""
         relay = self.relay
         places, is_stop = relay.slots[Transport.TCP], first_frame_stops(first)
         place = places.find_slot(address[0], relay.now, is_stop)
@@ -114,10 +115,10 @@ class TcpListener:
         self.relay.deny(endpoint_of(address), why)
 
     def _new_socket(self, is_stop: bool) -> socket.socket:
-        """Open a socket, for a stop at the expense of others.
+        """Open a socket toward the controller. For a stop, end others to free a file descriptor.
 
         Raises:
-            OSError: there is no file descriptor, or the like.
+            OSError: There is no file descriptor, or a similar resource is missing.
         """
         while True:
             try:
@@ -127,7 +128,7 @@ class TcpListener:
                     raise
 
     def _pause_accepting(self, error: OSError) -> None:
-        """Accept no clients for a while; reports this once, until one can be accepted again."""
+        """Accept no clients for a while. Report it once, until a client can be accepted again."""
         if not self._is_pause_reported:
             self._is_pause_reported = True
             self.relay.notify(f"cannot accept clients on {self.address} TCP: {os_error_text(error)}")

@@ -1,4 +1,4 @@
-"""Streams: half-close, reset and back-pressure pass through."""
+"""A TCP client and its connection to the controller. Half-close, reset and back-pressure are passed on."""
 
 from __future__ import annotations
 
@@ -16,39 +16,44 @@ from bcapscope.transport.first_frame_queue import source_network
 from bcapscope.transport.tcp_link import close_with_reset
 
 CONNECT_TIMEOUT_NS = 10_000_000_000
-"""ns."""
+"""Longest time for connecting to the controller, in ns."""
 
 REPLY_TIMEOUT_NS = 200_000_000_000
-"""ns for which a client that has ended its side may wait for a reply: a call may run 180 s, the default of
-InvokeTimeout (orin_bcap C/src/bCAPServer/bcap_server.c)."""
+"""ns that a client may wait for a reply after it ended its side. A call may take 180 s, the default of
+InvokeTimeout (orin_bcap C/src/bCAPServer/bcap_server.c).
+"""
 
 STUCK_AFTER_NS = 10_000_000_000
-"""ns without a byte after which a connection ends of which only the controller's side has, and after which a
-connection that is half closed, or does not read, gives its place to a new client."""
+"""Idle time in ns after which the session ends if only the controller has ended its side.
+
+After the same time a new client may evict a connection that is half closed, or whose client or controller
+does not read.
+"""
 
 ANSWERED_IDLE_NS = 1_000_000_000
-"""The same where the client has ended its side and something has come for it since."""
+"""Idle time in ns for eviction, if the client has ended its side and has received something since."""
 
 MAX_PENDING = 1 << 18
-"""Bytes that rules may hand over for a peer that does not read, before nothing more is read for it. Without
-rules it is what one read gave."""
+"""Bytes from rules that may wait for a receiver that does not read, before reading stops. Without rules, the
+result of one read may wait.
+"""
 
 _AT_ONCE = 1 << 16
 
 _RESETS = errno.ECONNRESET, errno.EPIPE
-"""What the system says of a connection that its peer has reset."""
+"""Errors of a connection that its peer has reset."""
 
 
 class _HalfConnection:
     """One direction of a connection.
 
     Attributes:
-        up: from client to controller.
-        source: what is read.
-        sink: what is written.
-        pending: what could not be written yet.
-        source_ended: the source has ended.
-        sink_shut: and the sink was told.
+        up: True from client to controller.
+        source: Socket that is read.
+        sink: Socket that is written.
+        pending: Bytes that could not be written yet.
+        source_ended: True once the source has ended.
+        sink_shut: True once that end is forwarded to the sink.
     """
 
     __slots__ = ("pending", "sink", "sink_shut", "source", "source_ended", "up")
@@ -65,10 +70,10 @@ class TcpSession:
     """A client and its connection to the controller.
 
     Attributes:
-        number: of the client.
-        conversation: between the client and the controller.
-        source: where the client comes from.
-        last_heard: `Relay.now` when the client was last heard.
+        number: Number of the client.
+        conversation: Conversation between the client and the controller.
+        source: Network of the client; see `source_network`.
+        last_heard: `Relay.now` when the client last sent something.
     """
 
     def __init__(
@@ -79,19 +84,19 @@ class TcpSession:
         address: SocketAddress,
         first: tuple[bytes, int],
     ) -> None:
-        """Take in a client.
+        """Register a client.
 
         Args:
-            relay: whose it is.
-            to: the controller as the user names it.
-            ends: the client's connection, and the one to the controller, which is being made.
-            address: of the client.
-            first: what it has sent so far, and when that came, ns since 1970.
+            relay: The relay that the session belongs to.
+            to: Host and port of the controller.
+            ends: Socket of the client, and socket that is connecting to the controller.
+            address: Address of the client.
+            first: Bytes that the client has sent so far, and their receipt in ns since 1970.
         """
         client, server = ends
         for sock in ends:
             sock.setblocking(False)
-            with suppress(OSError):  # on macOS a client that has gone by now has no options any more
+            with suppress(OSError):  # on macOS a connection that the client closed has no options any more
                 sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
                 keep_alive(sock)
         self.number = relay.next_number()
@@ -114,19 +119,23 @@ class TcpSession:
 
     @property
     def upstream_state(self) -> str:
-        """How the connection to the controller is."""
+        """State of the connection to the controller."""
         if self._is_half_open:
             return "half-open"
         return "connected" if self._connected else "connecting"
 
     def fail(self, problem: int) -> None:
-        """Give up: the controller cannot be reached."""
+        """End the session because the controller cannot be reached.
+
+        Args:
+            problem: Error number of the system.
+        """
         text = os_error_text(OSError(problem, ""))
         self._relay.notify(f"{self.conversation.client}: no connection to {self._to} over TCP: {text}")
         self.close(True, "the controller cannot be reached")
 
     def send(self, up: bool, data: bytes) -> int:
-        """Send what rules give; return when, 0 if not all of it went out yet."""
+        """Send data from the rules. Return when, in ns since 1970; 0 if not all of it was sent yet."""
         if self._closed:
             return 0
         half = self._up if up else self._down
@@ -136,20 +145,20 @@ class TcpSession:
         return left if sent == len(data) else 0
 
     def on_nothing_held(self, up: bool) -> None:
-        """Pass the end of a direction on, if it has ended; else read on what was not read meanwhile."""
+        """Forward the end of a direction if it has ended, and resume reading."""
         self._shut_sink_when_flushed(self._up if up else self._down)
         self._update_masks()
 
     def resume_reading(self) -> None:
-        """Read what was not read while rules held too much."""
+        """Read again after rules held too much."""
         self._update_masks()
 
     def close(self, reset_both: bool, why: str) -> None:
-        """Close both connections, after what rules still give out of what they held."""
+        """Send what rules release for the client, then close both connections."""
         self._close(reset_both, why, why.encode())
 
     def _close(self, reset_both: bool, why: str, cause: bytes = b"") -> None:
-        """Close; `cause` goes with the ends of those directions that were not ended by their sources."""
+        """Close both connections. `cause` is recorded with each direction that its source had not ended."""
         if self._is_ending:
             return
         self._is_ending = True
@@ -158,11 +167,12 @@ class TcpSession:
         for half in (self._up, self._down):
             if half.pending and not reset_both:
                 self._send_last(half)
-            self._close_sink(half, reset_both and not (spoke and half.up), cause)  # or that would be lost
+            # A reset would discard the requests that were just released.
+            self._close_sink(half, reset_both and not (spoke and half.up), cause)
         self._relay.remove_client(self, why)
 
     def _close_sink(self, half: _HalfConnection, by_reset: bool, cause: bytes) -> None:
-        """Close the socket that a direction leads to, unless it is broken and was closed before."""
+        """Close the sink of a direction, unless it broke and is closed already."""
         sock = half.sink
         if sock.fileno() < 0:
             return
@@ -185,12 +195,12 @@ class TcpSession:
         received_at: int = 0,
         sent_at: int = 0,
     ) -> None:
-        """Tell how a direction has ended."""
+        """Record how a direction ended."""
         self._relay.record_undecided(self, half.up)
         self._relay.ring.write_required(how, self.number, cause, received_at, sent_at=sent_at, up=half.up)
 
     def _send_last(self, half: _HalfConnection) -> None:
-        """Write what is pending, as far as it is taken at once."""
+        """Write the pending bytes that the system accepts at once. Report the rest as lost."""
         left, sent, when = len(half.pending), 0, time.time_ns()
         with suppress(OSError):
             sent = half.sink.send(half.pending)
@@ -202,7 +212,7 @@ class TcpSession:
             self._relay.notify(f"{self.conversation.client}: {left} bytes were not taken by {whose} any more")
 
     def evictable_idle_ns(self, now: int) -> int | None:
-        """Return the ns for which nothing has moved, if that is too long for a connection that is stuck."""
+        """Return the idle time in ns, if it is long enough to evict a stuck connection; else None."""
         quiet = now - self._last_activity
         if self._up.source_ended and self._is_answered:
             return quiet if quiet > ANSWERED_IDLE_NS else None
@@ -216,9 +226,7 @@ class TcpSession:
         return quiet if is_stuck and quiet > STUCK_AFTER_NS else None
 
     def sweep(self, now: int) -> None:
-        """Give up a connection that is not made or has been half closed for too long; go on where rules held
-        too much, or have lost what they held before an end.
-        """
+        """End a session that does not connect or was half closed too long; else resume what rules delayed."""
         if not self._connected and now - self.last_heard > CONNECT_TIMEOUT_NS:
             self.fail(errno.ETIMEDOUT)
         elif not self._is_half_open and self._is_expired(now - self._last_activity):
@@ -230,7 +238,7 @@ class TcpSession:
             self._update_masks()
 
     def _is_expired(self, quiet: int) -> bool:
-        """Return whether one side has ended and the other has been quiet for longer than any call takes."""
+        """Return whether one side has ended and the other was idle for longer than any call takes."""
         if any(self._relay.holds(self, half.up) for half in (self._up, self._down)):
             return False
         if self._down.sink_shut:
@@ -258,7 +266,7 @@ class TcpSession:
     def _handle(
         self, happened: int, sock: socket.socket, incoming: _HalfConnection, outgoing: _HalfConnection
     ) -> None:
-        """Do what can be done on one socket: read the half that begins there, write the other."""
+        """Handle events of one socket: read the direction that starts there, write the other."""
         problem = sock.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR) if happened & ERROR else 0
         if problem:
             self._on_source_broken(incoming, problem)
@@ -268,7 +276,7 @@ class TcpSession:
         if happened & (READ | HANG_UP) and not self._closed:
             if self._may_read(incoming):
                 self._read(incoming)
-            elif happened & HANG_UP:  # or it would be told again and again
+            elif happened & HANG_UP:  # otherwise the poller would report it again and again
                 self._set_mask(sock, None)
             else:
                 self._update_masks()
@@ -295,7 +303,7 @@ class TcpSession:
             self._on_bytes(half, memoryview(relay.buffer)[:size], came)
 
     def _on_bytes(self, half: _HalfConnection, data: bytes | memoryview, received_at: int) -> None:
-        """Do with bytes that came what the rules say, or pass them on."""
+        """Let the rules decide about received bytes; without rules, forward them."""
         relay = self._relay
         if relay.policy is None:
             self._forward_bytes(half, memoryview(data), received_at)
@@ -305,7 +313,7 @@ class TcpSession:
             self._update_masks()
 
     def _on_source_end(self, half: _HalfConnection) -> None:
-        """Take notice that the source of a direction says no more."""
+        """Handle the end of a direction's source."""
         half.source_ended = True
         if self._relay.on_stream_end(self, half.up):
             self._shut_sink_when_flushed(half)
@@ -324,7 +332,7 @@ class TcpSession:
                 ring.write_record(half.up, self.number, 0, left, data[:sent])
 
     def _write(self, half: _HalfConnection, data: memoryview) -> tuple[int, int]:
-        """Write what the sink takes and keep the rest; return when, and how many bytes it took."""
+        """Write what the sink accepts, and keep the rest. Return the time and the number of bytes written."""
         sent = 0
         left = time.time_ns()
         if not half.pending:
@@ -342,7 +350,7 @@ class TcpSession:
         return left, sent
 
     def _flush(self, half: _HalfConnection) -> None:
-        """Write what is pending."""
+        """Write pending bytes."""
         data = bytes(half.pending[:_AT_ONCE])
         half.pending, pending = bytearray(), half.pending
         left, sent = self._write(half, memoryview(data))
@@ -357,7 +365,7 @@ class TcpSession:
         self._update_masks()
 
     def _shut_sink_when_flushed(self, half: _HalfConnection) -> None:
-        """Pass the end of a direction on, once all before it is out; let go when both are over."""
+        """Forward the end of a direction once its bytes are written. Close the session if both have ended."""
         if half.pending or half.sink_shut or not half.source_ended or self._closed:
             return
         half.sink_shut = True
@@ -368,7 +376,7 @@ class TcpSession:
             self._close(False, "ended by both sides")
 
     def _on_source_broken(self, half: _HalfConnection, problem: int) -> None:
-        """Pass on that the source of a direction is broken, unless the other side is not to hear of it."""
+        """End the session, or keep the other side open if the rules hide ends: a source broke."""
         was_reset = problem in _RESETS
         if was_reset:
             self._record_end(RingRecordKind.RESET, half, received_at=time.time_ns())
@@ -383,17 +391,17 @@ class TcpSession:
         self._close(True, why, b"" if was_reset else why.encode())
 
     def _may_read(self, half: _HalfConnection) -> bool:
-        """Tell whether more may be read: never while a peer does not take what there is."""
+        """Return whether more may be read. Reading waits while the receiver does not accept pending bytes."""
         policy = self._relay.policy
         if self._relay.pauses_reading(self):
             return False
         most = 0 if policy is None else MAX_PENDING
         if half.up and policy is not None and len(self._down.pending) > most:
-            return False  # what rules answer would pile up for a client that asks and does not listen
+            return False  # else replies from rules would pile up for a client that does not read them
         return self._connected and not half.source_ended and len(half.pending) <= most
 
     def _update_masks(self) -> None:
-        """Tell the poller what is waited for now."""
+        """Tell the poller which events to wait for now."""
         if self._closed:
             return
         for sock, incoming, outgoing in (
@@ -404,7 +412,7 @@ class TcpSession:
 
     def _set_mask(self, sock: socket.socket, mask: int | None) -> None:
         descriptor = sock.fileno()
-        if descriptor < 0:  # closed, and the other side does not know
+        if descriptor < 0:  # closed, while the other side is kept open
             return
         known = self._masks[descriptor]
         if mask == known:

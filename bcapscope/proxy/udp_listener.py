@@ -1,4 +1,4 @@
-"""Datagrams: each client gets a socket of its own, so that the controller tells them apart."""
+"""UDP clients. Each has its own socket toward the controller, which tells clients apart by their ports."""
 
 from __future__ import annotations
 
@@ -31,41 +31,45 @@ from bcapscope.transport.first_frame_queue import source_network
 from bcapscope.transport.receive_timestamps import ANCILLARY_SIZE, kernel_timestamp, receive_function
 
 EXPIRE_AFTER_NS = 600_000_000_000
-"""ns of silence after which a client is forgotten. It would then be another client to the controller, so this
-is long; its socket costs nothing."""
+"""ns of silence after which a client is forgotten. If it sends again, the controller sees another client.
+
+So the time is long; the socket of a silent client costs nothing.
+"""
 
 EVICTABLE_AFTER_NS = 10_000_000_000
-"""ns of silence after which a client gives its place to a new one if all are taken, as in DENSO's C server
-(orin_bcap C/src/bcap_server.c)."""
+"""ns of silence after which a new client may evict a client, if all slots are taken. As in DENSO's C server
+(orin_bcap C/src/bcap_server.c).
+"""
 
 _MAX_OLD = 10_000
 _TRIES = 2
 _PATIENCE = 0.3
-"""Seconds for the answer to a try."""
+"""Seconds to wait for the reply to one attempt."""
 
 _STILL_EXECUTING = S_EXECUTING.to_bytes(4, "little")
 
 _MAX_STRANGERS = 256
-"""Addresses that are told to be refused, each once."""
+"""Refused addresses that are reported, each once."""
 
 
 class UdpListener:
     """A socket that clients send to.
 
     Attributes:
-        relay: whose it is.
-        address: where it listens.
-        controller: address family and address of the controller.
-        to: the same as the user says it.
-        listening_socket: the socket.
-        refused: the user was told that the controller refuses datagrams.
+        relay: The relay that it belongs to.
+        address: Address that it listens on.
+        controller: Address family and address of the controller.
+        to: Host and port of the controller.
+        listening_socket: The socket.
+        refused: True once the user knows that the controller refuses datagrams.
     """
 
     def __init__(self, relay: Relay, spec: ListenerSpec, forget_after: int = EXPIRE_AFTER_NS) -> None:
         """Listen.
 
         Raises:
-            ProxyListenError: that cannot be done.
+            ProxyListenError: The address cannot be listened on.
+            UnreachableError: The controller's name cannot be resolved.
         """
         self.relay = relay
         self.controller = resolve(spec.to, Transport.UDP)
@@ -81,7 +85,7 @@ class UdpListener:
         self._dropped = self._unreachable_count = 0
 
     def open(self) -> None:
-        """Begin to take clients; what came before is as if nobody had listened, since it may be old."""
+        """Start to accept clients. Datagrams received before are discarded, because they may be old."""
         with suppress(OSError):
             for _ in range(_MAX_OLD):
                 self.listening_socket.recv(LARGEST_DATAGRAM)
@@ -91,7 +95,7 @@ class UdpListener:
         )
 
     def close(self) -> None:
-        """Take nothing more; what comes for clients is still sent to them."""
+        """Receive nothing more. Replies for clients are still sent."""
         self._count_drops()
         self.relay.unwatch(self.listening_socket.fileno())
 
@@ -100,7 +104,7 @@ class UdpListener:
         self.listening_socket.close()
 
     def sweep(self, now: int) -> None:
-        """Forget who was silent for long; count what the system dropped."""
+        """Remove clients that were silent for long, and count the datagrams that the system dropped."""
         self._count_drops()
         for session in (*self._sessions.values(), *self._fresh_sessions.values()):
             if now - session.last_heard > self._forget_after:
@@ -112,7 +116,7 @@ class UdpListener:
         self._fresh_sessions.pop(address, None)
 
     def _forwarding_handler(self) -> Handler:
-        """Make what passes datagrams on as they come; all that it needs is at hand, as it runs so often."""
+        """Return a handler that forwards datagrams unchanged, with all it needs in local variables."""
         receive, known, meet = receive_function(self.listening_socket), self._sessions.get, self._session_for
         relay, ring, now = self.relay, self.relay.ring, time.time_ns
         notes, note, flush = ring.pending_datagrams, ring.pending_datagrams.append, ring.flush
@@ -120,7 +124,7 @@ class UdpListener:
         def take(_: int) -> None:
             try:
                 data, control, _flags, address = receive(LARGEST_DATAGRAM, ANCILLARY_SIZE)
-            except OSError:  # nothing there after all; on Windows an earlier client's closed port
+            except OSError:  # spurious event; on Windows, the closed port of an earlier client
                 return
             session = known(address) or meet(address, data)
             if session is None:
@@ -138,7 +142,7 @@ class UdpListener:
         return take
 
     def _ruled_handler(self) -> Handler:
-        """Make what asks the rules first."""
+        """Return a handler that asks the rules first."""
         receive, relay = receive_function(self.listening_socket), self.relay
 
         def take(_: int) -> None:
@@ -155,7 +159,7 @@ class UdpListener:
         return take
 
     def _session_for(self, address: SocketAddress, data: bytes) -> UdpSession | None:
-        """Return the session of a client that was heard once at most; None if it may not have one."""
+        """Return the session of a client's first or second datagram; None if the client is not admitted."""
         session = self._fresh_sessions.pop(address, None)
         if session is not None:
             self._sessions[address] = session
@@ -174,7 +178,7 @@ class UdpListener:
             relay.notify(f"{endpoint_of(address)} is not allowed; its datagrams are dropped")
 
     def _admit(self, address: SocketAddress, is_stop: bool) -> UdpSession | None:
-        """Give a new client a place and a socket of its own towards the controller."""
+        """Give a new client a slot and its own socket toward the controller; None if it is refused."""
         relay = self.relay
         places = relay.slots[Transport.UDP]
         place = places.find_slot(address[0], relay.now, is_stop)
@@ -201,10 +205,10 @@ class UdpListener:
         self.relay.deny(endpoint_of(address), why, "its datagrams are dropped")
 
     def _new_socket(self, is_stop: bool) -> socket.socket:
-        """Open a socket towards the controller, for a stop at the expense of others.
+        """Open a socket toward the controller. For a stop, end others to free a file descriptor.
 
         Raises:
-            OSError: there is no way to the controller, or no file descriptor.
+            OSError: There is no route to the controller, or no file descriptor.
         """
         while True:
             try:
@@ -227,14 +231,14 @@ class UdpListener:
 
 
 class UdpSession:
-    """A client and its socket.
+    """A client and its socket toward the controller.
 
     Attributes:
-        number: of the client.
-        conversation: between the client and the controller.
-        source: where the client comes from.
-        last_heard: `Relay.now` when the client was last heard.
-        send_up: sends to the controller.
+        number: Number of the client.
+        conversation: Conversation between the client and the controller.
+        source: Network of the client; see `source_network`.
+        last_heard: `Relay.now` when the client last sent something.
+        send_up: Sends a datagram to the controller.
     """
 
     __slots__ = (
@@ -252,7 +256,7 @@ class UdpSession:
     )
 
     def __init__(self, listener: UdpListener, address: SocketAddress, upstream: socket.socket) -> None:
-        """Take in a client that was heard for the first time."""
+        """Register a client that has sent its first datagram."""
         relay = listener.relay
         client = endpoint_of(address)
         self.number = relay.next_number()
@@ -279,11 +283,11 @@ class UdpSession:
 
     @property
     def upstream_state(self) -> str:
-        """How the way to the controller is, as far as datagrams can tell."""
+        """State of the controller, as far as UDP shows it."""
         return "refused" if self._listener.refused else "open"
 
     def send(self, up: bool, data: bytes) -> int:
-        """Send a datagram; return when, 0 if the system would not."""
+        """Send a datagram. Return when, in ns since 1970; 0 if the system did not send it."""
         left = time.time_ns()
         try:
             if up:
@@ -297,7 +301,7 @@ class UdpSession:
         return left
 
     def retry_send_up(self, data: bytes, error: OSError) -> int:
-        """Send up what the system did not take, if it only had to tell of an earlier datagram first."""
+        """Send again if an earlier datagram caused the error. Return when in ns; 0 if not sent."""
         if not isinstance(error, ConnectionRefusedError):
             return self._count_send_failure(data, error)
         self._notify_refused()
@@ -309,9 +313,12 @@ class UdpSession:
         return left
 
     def send_closing_requests(self, requests: Sequence[bytes], until: float) -> int:
-        """Send requests in the client's place, each after the answer to the one before; return how many
-        were answered. It waits, so nothing else passes meanwhile; from `until`, seconds of `time.monotonic`,
-        nothing more is sent.
+        """Send requests in the client's place, each after the reply to the previous one.
+
+        The method blocks the relay. After `until`, in seconds of `time.monotonic`, it sends nothing more.
+
+        Returns:
+            Number of requests that were answered.
         """
         for count, request in enumerate(requests):
             if not any(time.monotonic() < until and self._request(request) for _ in range(_TRIES)):
@@ -319,7 +326,7 @@ class UdpSession:
         return len(requests)
 
     def _request(self, request: bytes) -> bool:
-        """Send a request and wait for its answer."""
+        """Send a request and wait for its reply. Return whether it came in time."""
         relay = self._relay
         left = self.send(True, request)
         relay.ring.write_record(True, self.number, 0, left, request, note=b"the proxy ends the session")
@@ -335,20 +342,20 @@ class UdpSession:
         return False
 
     def evictable_idle_ns(self, now: int) -> int | None:
-        """Return the ns for which the client was silent, if that is too long when others want its place."""
+        """Return the client's silence in ns, if it is long enough to evict the client; else None."""
         silent = now - self.last_heard
         return silent if silent >= EVICTABLE_AFTER_NS else None
 
     def on_nothing_held(self, up: bool) -> None:
-        """Do nothing: datagrams have no end."""
+        """Do nothing: datagrams have no end to forward."""
 
     def resume_reading(self) -> None:
         """Do nothing: datagrams are always read."""
 
     def close(self, reset: bool, why: str) -> None:
-        """Close the socket, after what rules still give out of what they held."""
+        """Send what rules release for the client, then close the socket."""
         self._relay.release_held(self)
-        if self._upstream.fileno() < 0:  # that ended it: a rule says so
+        if self._upstream.fileno() < 0:  # a rule has closed it during the release
             return
         self._count_drops()
         self._relay.unwatch(self._upstream.fileno())
@@ -357,11 +364,11 @@ class UdpSession:
         self._relay.remove_client(self, why)
 
     def sweep(self, now: int) -> None:
-        """Count what the system dropped; who is silent is the port's business."""
+        """Count the datagrams that the system dropped. The listener removes silent clients."""
         self._count_drops()
 
     def _forwarding_handler(self) -> Handler:
-        """Make what passes datagrams on as they come; all that it needs is at hand, as it runs so often."""
+        """Return a handler that forwards datagrams unchanged, with all it needs in local variables."""
         receive, send, address, number = (
             receive_function(self._upstream),
             self._send_down,
@@ -391,7 +398,7 @@ class UdpSession:
         return take
 
     def _ruled_handler(self) -> Handler:
-        """Make what asks the rules first."""
+        """Return a handler that asks the rules first."""
         receive, relay, port = receive_function(self._upstream), self._relay, self._listener
 
         def take(_: int) -> None:
@@ -407,18 +414,18 @@ class UdpSession:
         return take
 
     def _on_receive_error(self, error: OSError) -> None:
-        """Tell of a refusal by ICMP; anything else is no datagram, and that is all."""
+        """Report a refusal by ICMP. Any other error only means that there is no datagram."""
         if isinstance(error, ConnectionRefusedError):
             self._notify_refused()
 
     def _notify_refused(self) -> None:
-        """Tell once, until something comes from the controller again."""
+        """Report a refusal once, until the controller sends something again."""
         if not self._listener.refused:
             self._listener.refused = True
             self._relay.notify(f"{self._listener.to} refuses datagrams: nobody listens on UDP there (ICMP)")
 
     def _count_send_failure(self, data: bytes, error: OSError) -> int:
-        """Count what cannot be sent."""
+        """Count a datagram that cannot be sent, and report some of them. Return 0."""
         relay = self._relay
         relay.counts[RelayCounter.FULL] += 1
         if should_report(relay.counts[RelayCounter.FULL]):
