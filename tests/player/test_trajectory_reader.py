@@ -7,12 +7,14 @@ import os
 import struct
 from contextlib import suppress
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from bcapscope.player import trajectory_reader, yaml_text
 from bcapscope.player.column_layout import ReadOptions
 from bcapscope.player.trajectory import TrajectoryError
 from bcapscope.player.trajectory_documents import EXTRACT_FORMAT, MAX_VALUES
@@ -148,9 +150,15 @@ def test_files_that_are_too_large(tmp_path: Path, name: str, size: int) -> None:
         read_trajectories(path)
 
 
-@pytest.mark.parametrize("name", ["way.yaml", "a.json"])
-def test_files_of_too_many_values(tmp_path: Path, name: str) -> None:
-    path = write(tmp_path / name, '{"points": [' + "[]," * MAX_VALUES + "[]]}")
+@pytest.mark.parametrize(("name", "reader"), [("way.yaml", yaml_text), ("a.json", trajectory_reader)])
+def test_files_of_too_many_values(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, reader: ModuleType
+) -> None:
+    monkeypatch.setattr(reader, "MAX_VALUES", 1000)
+    shorter = '{"points": [' + "[]," * 500 + "[]]}"
+    with pytest.raises(TrajectoryError, match="no trajectory"):
+        read_trajectories(write(tmp_path / name, shorter))
+    path = write(tmp_path / name, '{"points": [' + "[]," * 1000 + "[]]}")
     with pytest.raises(TrajectoryError, match=f"more than {MAX_VALUES} values"):
         read_trajectories(path)
 

@@ -13,6 +13,8 @@ from tests.security.harness import MEMORY_LIMIT, run_measured
 SCALE = 0.02
 CASES = list(zip(bombs.bombs(SCALE), cycle(bombs.commands(Path(), Path())), strict=False))
 
+pytestmark = pytest.mark.deep
+
 
 @pytest.mark.parametrize(("bomb", "command"), CASES)
 def test_a_bomb_is_read_in_bounded_memory(bomb: str, command: str, tmp_path: Path) -> None:

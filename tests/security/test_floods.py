@@ -6,6 +6,8 @@ import pytest
 
 from tests.security import floods
 
+pytestmark = pytest.mark.deep
+
 
 @pytest.mark.parametrize("name", floods.names())
 def test_a_flood_is_survived(name: str) -> None:

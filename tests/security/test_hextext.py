@@ -4,8 +4,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import pytest
+
 from tests.security import hextext
 from tests.security.harness import MEMORY_LIMIT
+
+pytestmark = pytest.mark.deep
 
 
 def test_texts_are_read_in_bounded_memory(tmp_path: Path) -> None:

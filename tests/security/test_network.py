@@ -10,7 +10,10 @@ from tests.security import connections, descriptors, fulldisk, halfopen, slow, s
 
 SECONDS = 0.5
 
-pytestmark = pytest.mark.skipif(not sys.platform.startswith("linux"), reason="measured by /proc")
+pytestmark = [
+    pytest.mark.deep,
+    pytest.mark.skipif(not sys.platform.startswith("linux"), reason="measured by /proc"),
+]
 
 
 def test_silent_connections() -> None:

@@ -122,6 +122,7 @@ def test_the_window_of_the_pages(tmp_path: Path, request: pytest.FixtureRequest)
     album.check()
 
 
+@pytest.mark.deep
 @pytest.mark.timeout(300)
 @pytest.mark.usefixtures("_same_times")
 def test_each_of_its_parts(
