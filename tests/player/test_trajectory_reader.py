@@ -155,7 +155,7 @@ def test_files_of_too_many_values(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, reader: ModuleType
 ) -> None:
     monkeypatch.setattr(reader, "MAX_VALUES", 1000)
-    shorter = '{"points": [' + "[]," * 500 + "[]]}"
+    shorter = '{"points": [' + "[]," * 300 + "[]]}"
     with pytest.raises(TrajectoryError, match="no trajectory"):
         read_trajectories(write(tmp_path / name, shorter))
     path = write(tmp_path / name, '{"points": [' + "[]," * 1000 + "[]]}")
