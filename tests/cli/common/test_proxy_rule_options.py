@@ -185,7 +185,7 @@ def test_a_message_is_held_edited_and_sent_on(tmp_path: Path) -> None:
         with subprocess.Popen([*call, *more], stdout=subprocess.PIPE, text=True) as client:
             while not (held := ctl(proxy.control, "held")):
                 assert client.poll() is None
-            assert "S_OK Variable_GetValue pVal=I4(0)  # goes on unchanged in " in held[0]
+            assert "S_OK Variable_GetValue pVal=I4(0)  # sent unchanged in " in held[0]
             assert (
                 run_here("proxy", "ctl", proxy.control, "edit", "7", "set arg[0]=1").err
                 == "no message 7 is held\n"
