@@ -74,4 +74,4 @@ def test_a_command_that_cannot_write_exits_with_the_code_and_a_harmless_message(
     for run_program in (run, run_here):
         ran = run_program("extract", CAPTURES / "slave-session.pcapng", "-o", path)
         assert ran.code == ExitCode.UNWRITABLE
-        assert ran.err.endswith("a\\x1b.csv: exists already; --force overwrites it\n")
+        assert ran.err.endswith("a\\x1b.csv: exists already. Add --force to overwrite it\n")
