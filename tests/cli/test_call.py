@@ -206,7 +206,7 @@ def test_what_energises_or_moves_needs_arming_or_the_simulator(words: tuple[str,
     name = "Variable_PutValue" if "Variable_PutValue" in " ".join(words) else words[0]
     ran, executed = _call(*words)
     assert ran.code == ExitCode.UNARMED
-    assert "may move a robot" in ran.err
+    assert "may move or energise a robot" in ran.err
     assert "Add --arm" in ran.err
     assert name not in [call[0] for call in executed]
     assert executed[-1] == ("Service_Stop",)
@@ -311,7 +311,7 @@ def test_hex() -> None:
 @pytest.mark.parametrize(
     ("words", "reason"),
     [
-        ((), "which function?"),
+        ((), "no function given"),
         (("Robot_Mov",), "Robot_Move?"),
         (("Robot_Move",), "lComp is missing"),
         (("Robot_GoHome", "1", "2"), "Robot_GoHome takes hRobot"),

@@ -167,7 +167,7 @@ def test_a_full_disk_is_told_in_one_sentence(style: list[str]) -> None:
     with Path("/dev/full").open("wb") as full:
         done = subprocess.run(argv, stdout=full, stderr=subprocess.PIPE, check=False)
     assert done.returncode == ExitCode.UNWRITABLE
-    assert done.stderr == b"Error: standard output: no space left on device\n"
+    assert done.stderr == b"Error: cannot write to standard output: no space left on device\n"
 
 
 def test_a_truncated_compressed_capture_gives_all_before_the_cut(tmp_path: Path) -> None:

@@ -58,7 +58,7 @@ def test_as_client_and_as_server_at_once() -> None:
         words = ("replay", SESSION, "127.0.0.1", "--port", str(port), "--as", "client")
         refused = run(*words)
         assert refused.code == ExitCode.UNARMED
-        assert "the recording was not sent. It can move or energise a robot" in refused.err
+        assert "the recording was not sent. It may move or energise a robot" in refused.err
         assert "Add --arm" in refused.err
         done = run(*words, "--arm", "-f", "function != Robot_Execute")
         assert (done.code, len(done.lines)) == (ExitCode.OK, 7)

@@ -41,7 +41,10 @@ def test_no_room_for_the_page_is_told_in_a_sentence() -> None:
         argv = [sys.executable, "-m", "bcapscope", "report", str(LOST), "-o", "-"]
         done = subprocess.run(argv, stdout=full, stderr=subprocess.PIPE, check=False)
     assert done.returncode == ExitCode.UNWRITABLE
-    assert done.stderr.decode().splitlines()[-1] == "Error: standard output: no space left on device"
+    assert (
+        done.stderr.decode().splitlines()[-1]
+        == "Error: cannot write to standard output: no space left on device"
+    )
 
 
 def test_nothing_is_overwritten_unless_told(tmp_path: Path) -> None:

@@ -43,7 +43,7 @@ def can_prompt() -> bool:
 def unarmed_reason(host: str) -> str:
     """Return why a call that needs arming was not sent to `host`, and what to do."""
     return (
-        f"It can move or energise a robot, and {host} is not bcapscope's simulator. "
+        f"It may move or energise a robot, and {host} is not bcapscope's simulator. "
         "Add --arm if the robot may move."
     )
 

@@ -50,9 +50,9 @@ def test_another_name_may_be_given_at_the_end(tmp_path: Path) -> None:
 
 
 def test_what_is_no_file_is_never_replaced(tmp_path: Path) -> None:
-    with pytest.raises(FileWriteError, match="something else"):
+    with pytest.raises(FileWriteError, match="not a regular file"):
         check_output_path(tmp_path, overwrite=True)
-    with pytest.raises(FileWriteError, match="something else"):
+    with pytest.raises(FileWriteError, match="not a regular file"):
         check_output_path(Path("/dev/null"), overwrite=True)
 
 

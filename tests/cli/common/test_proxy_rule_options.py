@@ -258,7 +258,7 @@ def test_a_script_that_goes_wrong_is_told_once_and_all_passes(tmp_path: Path) ->
         (("--intercept", "serial >"), 2, "a value to compare serial with is missing"),
         (("--hold", "5"), 2, "'5' is no duration"),
         (("--script", "none.py"), 2, "does not exist"),
-        (("--rules", "none.yaml"), 2, "none.yaml cannot be read: No such file or directory"),
+        (("--rules", "none.yaml"), 2, "cannot read none.yaml: No such file or directory"),
         pytest.param(
             ("--rules", "/dev/zero"),
             2,

@@ -30,7 +30,9 @@ def test_a_port_behind_the_host_counts() -> None:
         pytest.param(["[]"], "[] is not a valid host name or address", id="empty brackets"),
         pytest.param(["robot:x\x1b[31m"], "x\\x1b[31m is not a port", id="a word for a port"),
         pytest.param(["robot:65536"], "65536 is not a port", id="a port beyond the last"),
-        pytest.param(["robot:5007", "-p", "5008"], "robot:5007 and --port 5008 exclude each other", id="two"),
+        pytest.param(
+            ["robot:5007", "-p", "5008"], "robot:5007 and --port 5008 name different ports", id="two"
+        ),
     ],
 )
 def test_what_names_no_controller_is_told(words: list[str], told: str) -> None:

@@ -23,7 +23,7 @@ TO = ("--to", "127.0.0.1:9")
     ("words", "reason"),
     [
         (["--proxy", "--listen", "127.0.0.1:0"], "each --listen needs its --to"),
-        (["--proxy", "--sim"], "one of -i, --proxy and --sim"),
+        (["--proxy", "--sim"], "only one of HOST, FILE, -i, --proxy and --sim"),
         (["--listen", "127.0.0.1:0", *TO], "add --proxy"),
         (["--read-only"], "add --proxy"),
         (["--scenario", "emergency-stop"], "add --sim"),
