@@ -65,17 +65,17 @@ def command(
 
 def _read_side(path: str, reader: CaptureReader, wanted: Filter | None) -> ComparedCapture:
     """Read a capture to its end, in one pass."""
-    stays: list[SlaveSession] = []
+    sessions: list[SlaveSession] = []
     chosen = None if wanted is None else wanted.bind(CALL_GETTERS)
-    diagnosis, summary = Diagnosis(chosen, stays.append), StatisticsBuilder()
+    diagnosis, summary = Diagnosis(chosen, sessions.append), StatisticsBuilder()
 
     def on_settled(settled: PairingResult) -> None:
         diagnosis.on_pairing_result(settled)
         if isinstance(settled, Call) and (chosen is None or chosen(settled)):
             summary.add_call(settled)
-        del stays[MAX_SESSIONS:]
+        del sessions[MAX_SESSIONS:]
 
     read_to_end(reader, diagnosis.on_observation, on_settled)
     findings = diagnosis.finish(reader.ended_at)
-    first = sorted(stays, key=lambda stay: stay.number)[:MAX_SESSIONS]
+    first = sorted(sessions, key=lambda session: session.number)[:MAX_SESSIONS]
     return ComparedCapture(path, summary.statistics(), tuple(first), findings)

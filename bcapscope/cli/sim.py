@@ -183,7 +183,7 @@ def _actions(
 
     def reset() -> None:
         server.reset()
-        print_message("reset: all clients are forgotten")
+        print_message("all clients are forgotten")
 
     def press() -> None:
         machine.press_emergency_stop(server.now())

@@ -36,11 +36,13 @@ def command(arguments: FigureArguments) -> None:
     Exit codes: as for `decode`.
     """
     reading = arguments.reader
-    stays = _warn_if_none(_read_slave_sessions(arguments), arguments)
+    sessions = _warn_if_none(_read_slave_sessions(arguments), arguments)
     if arguments.as_json:
-        reading.output.write_lines(map(slave_session_record, stays), reading.show_progress)
+        reading.output.write_lines(map(slave_session_record, sessions), reading.show_progress)
     else:
-        lines = (line for stay in stays for line in (*slave_session_lines(stay, arguments.palette), ""))
+        lines = (
+            line for session in sessions for line in (*slave_session_lines(session, arguments.palette), "")
+        )
         reading.output.write_lines(lines, reading.show_progress)
     reading.print_summary()
     sys.exit(reading.exit_code)
@@ -64,9 +66,9 @@ def _warn_if_none(
 ) -> Iterator[SlaveSession]:
     """Yield the sessions; print a message if there is none."""
     none = True
-    for stay in slave_sessions:
+    for session in slave_sessions:
         none = False
-        yield stay
+        yield session
     if none and arguments.reader.exit_code is not ExitCode.UNREADABLE:
         print_stderr(
             "no slave-mode session found"

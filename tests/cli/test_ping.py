@@ -40,8 +40,8 @@ def test_what_is_there_and_how_fast() -> None:
     assert calls == "5 calls, 0 lost"
     assert spread.startswith("round trip, ms: p50 ")
     assert [line.partition(" for ")[2][:20] for line in verdicts] == [
-        "set points each 8 ms",
-        "set points each 1 ms",
+        "set points every 8 ms",
+        "set points every 1 ms",
     ]
     (peer,) = server.peers.values()
     assert not any(needs_arming(ID[str(name)], ()) for name in peer.functions)
