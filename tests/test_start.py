@@ -74,7 +74,10 @@ def test_help_that_finds_no_room_is_told_in_one_sentence() -> None:
     argv = [sys.executable, "-m", "bcapscope", "--help"]
     with Path("/dev/full").open("wb") as full:
         done = subprocess.run(argv, stdout=full, stderr=subprocess.PIPE, check=False)
-    assert (done.returncode, done.stderr) == (6, b"Error: standard output: no space left on device\n")
+    assert (done.returncode, done.stderr) == (
+        6,
+        b"Error: cannot write to standard output: no space left on device\n",
+    )
 
 
 def test_scapy_is_imported_only_by_the_modules_that_need_it() -> None:

@@ -1,6 +1,6 @@
-"""The command line: one module per subcommand, imported when it is called.
+"""The command line: one module per command, imported when the command is called.
 
-Data goes to stdout, everything else to stderr; the exit codes are in `common.exit_codes`.
+Data goes to stdout, everything else to stderr. `common.exit_codes` defines the exit codes.
 """
 
 from __future__ import annotations
@@ -23,41 +23,41 @@ from bcapscope.protocol.text_format import shortened
 from bcapscope.render.escape import printable
 
 _COMMANDS = {
-    "decode": "Read frames, one line each.",
-    "calls": "Pair requests, retries and replies: a line a call.",
-    "diagnose": "Tell what went wrong, the first cause first.",
-    "slave": "Slave mode: cycle times, retries, the controller's buffer, clock and motion.",
-    "stats": "Figures by client and command: rates, latencies, retries, refusals.",
-    "compare": "What differs between a good capture and a bad one.",
-    "extract": "Write the trajectories of slave mode to CSV or JSON.",
-    "report": "Write a page with findings, figures and pictures, to mail.",
+    "decode": "Decode frames, one line each.",
+    "calls": "Show calls: each request with its retries and reply, one line per call.",
+    "diagnose": "Explain what went wrong, root cause first.",
+    "slave": "Show slave-mode sessions: cycle times, retries, buffer, clock and motion.",
+    "stats": "Show figures by client and command: rates, latencies, retries, refusals.",
+    "compare": "Compare a good capture with a bad one.",
+    "extract": "Write slave-mode trajectories to CSV or JSON.",
+    "report": "Write one HTML page with findings, figures and charts.",
     "call": "Call functions of a controller.",
-    "ping": "Is a controller there, what is it, how fast does it answer?",
-    "replay": "Play one side of a recorded session again.",
-    "play": "Play a trajectory in slave mode.",
-    "tui": "The screen: test a controller; traffic, live or from a file.",
-    "proxy": "In the middle: see, record, disturb.",
-    "sim": "A controller without a robot, to try things on.",
-    "fields": "List the fields and the language of --filter.",
+    "ping": "Check that a controller answers, and how fast.",
+    "replay": "Play one side of a recording again.",
+    "play": "Move a robot along a trajectory in slave mode.",
+    "tui": "Open the screen: test a controller, show live traffic or a capture.",
+    "proxy": "Proxy: watch, record and disturb live traffic.",
+    "sim": "Simulate a controller without a robot.",
+    "fields": "List the fields of --filter and explain its syntax.",
 }
 
 
 _DISK_FULL = {errno.ENOSPC, errno.EFBIG, getattr(errno, "EDQUOT", errno.ENOSPC)}
 
-_LONGEST_MESSAGE = 2000  # characters of an error, which may repeat what was typed
+_LONGEST_MESSAGE = 2000  # characters; an error message can quote the command line
 
 _GC_THRESHOLDS = (20_000, 20, 100)
-"""How rarely to look for cycles: frames and calls hold none, and looking takes a twentieth of the time."""
+"""Rare garbage collection: frames and calls form no cycles, and searching took a twentieth of the time."""
 
 
 class _UnwritableFileError(click.ClickException):
-    """A file cannot be written; the message is free of control characters."""
+    """A file cannot be written. The message contains no control characters."""
 
     exit_code = ExitCode.UNWRITABLE
 
 
 class _LazyGroup(click.Group):
-    """Knows its commands by name and imports one only when it is called or asked for its help."""
+    """Imports the module of a command only when the command runs or shows its help."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         return list(_COMMANDS)
@@ -85,35 +85,38 @@ class _LazyGroup(click.Group):
 @click.group(cls=_LazyGroup, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(__version__, prog_name="bcapscope", message="%(prog)s %(version)s")
 def cli() -> None:
-    """See what a b-CAP client and a DENSO robot controller say to each other, and why it went wrong."""
+    """Decode, explain, test and simulate b-CAP, the protocol of DENSO robot controllers.
+
+    `bcapscope COMMAND --help` lists the options of a command.
+    """
 
 
 def main() -> None:
     """Run the command line and exit with an `ExitCode`."""
     gc.set_threshold(*_GC_THRESHOLDS)
-    if sys.stdout is None or sys.stderr is None:  # closed by whoever started us
+    if sys.stdout is None or sys.stderr is None:  # closed by the parent process
         if sys.stderr is not None:
             click.echo("Error: standard output is closed", err=True)
         sys.exit(ExitCode.UNWRITABLE)
     try:
-        # Not by cli.main(): that ends with 1 when the reader of stdout has gone.
+        # cli.main() would exit with 1 when the reader of stdout closes it.
         with cli.make_context("bcapscope", sys.argv[1:]) as context:
             cli.invoke(context)
     except click.exceptions.Exit as end:
         sys.exit(end.exit_code)
     except click.ClickException as error:
-        told = io.StringIO()
-        error.show(told)
-        click.echo(shortened(told.getvalue().rstrip("\n"), _LONGEST_MESSAGE), err=True)
+        message = io.StringIO()
+        error.show(message)
+        click.echo(shortened(message.getvalue().rstrip("\n"), _LONGEST_MESSAGE), err=True)
         sys.exit(error.exit_code)
     except KeyboardInterrupt:
         sys.exit(ExitCode.INTERRUPTED)
-    except BrokenPipeError:  # the reader of stdout has seen enough
+    except BrokenPipeError:  # the reader closed stdout, as `head` does
         discard_stdout()
     except OSError as error:
         if error.filename is not None or error.errno not in _DISK_FULL:
             raise
-        discard_stdout()  # which has help or the version, as click writes them: all else sees to itself
+        discard_stdout()  # click was writing help or the version; commands handle their own output
         refused = StdoutWriteError(error)
         refused.show()
         sys.exit(refused.exit_code)

@@ -1,4 +1,4 @@
-"""``bcapscope call``: calls to a controller, one or several in one session."""
+"""``bcapscope call``: make one or several calls to a controller in one session."""
 
 from __future__ import annotations
 
@@ -44,11 +44,11 @@ _NAMED = (
 
 
 class _ScriptFile(click.File):
-    """A file or standard input, which may be closed."""
+    """A text file or standard input; reports a closed standard input as an error."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> IO[Any]:
         if value == "-" and sys.stdin is None:
-            self.fail("standard input is closed", param, ctx)
+            self.fail("standard input is closed; give a file", param, ctx)
         return super().convert(value, param, ctx)
 
 
@@ -57,22 +57,33 @@ class _ScriptFile(click.File):
 )
 @target_options
 @click.argument("words", nargs=-1, metavar="[FUNCTION [ARG]...]", type=click.UNPROCESSED)
-@click.option("-e", "--exec", "more", metavar="CALL", multiple=True, help="One more call, as one word.")
+@click.option(
+    "-e",
+    "--exec",
+    "more",
+    metavar="CALL",
+    multiple=True,
+    help="Make this call too, quoted as one word; may be repeated.",
+)
 @click.option(
     "--script",
     metavar="FILE",
     type=_ScriptFile(encoding="utf-8-sig"),
-    help="Calls, one a line; - is standard input.",
+    help="Read calls from this file, one per line; - is standard input.",
 )
-@click.option("--robot", help="Name of the robot that is opened where one is needed; Arm unless given.")
-@click.option("--task", help="Likewise of the task; RobSlave unless given.")
-@click.option("--variable", help="Likewise of the variable, of the robot if only robots have one.")
-@click.option("--file", help="Likewise of the file.")
-@click.option("--extension", help="Likewise of the extension.")
-@click.option("--command", "command_", help="Likewise of the command.")
+@click.option("--robot", help="Open the robot of this name if a call needs one (default: Arm).")
+@click.option("--task", help="Open the task of this name if a call needs one (default: RobSlave).")
+@click.option(
+    "--variable",
+    help="Open the variable of this name if a call needs one: on the robot if only robots have it, otherwise "
+    "on the controller.",
+)
+@click.option("--file", help="Open the file of this name if a call needs one.")
+@click.option("--extension", help="Open the extension of this name if a call needs one.")
+@click.option("--command", "command_", help="Open the command object of this name if a call needs one.")
 @click.option("--arm", is_flag=True, help="Allow calls that may energise or move a robot.")
-@click.option("--hex", "dump", is_flag=True, help="Every packet that went out or came in, under its call.")
-@click.option("--json", "as_json", is_flag=True, help="One JSON object a call: the reply.")
+@click.option("--hex", "dump", is_flag=True, help="Show a hex dump of each call's packets below it.")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object per call, with its reply.")
 @options.color
 def command(
     *,
@@ -96,8 +107,8 @@ def command(
     Calls that may energise or move a robot need --arm, except to bcapscope's own simulator. Calls that stop
     it or switch it off never do. The action log records armed calls.
 
-    Exit codes: 0 all calls succeeded; 2 invalid command line; 8 a call was refused; 9 no answer; 10 --arm is
-    missing.
+    Exit codes: 0: all calls succeeded; 2: invalid command line; 8: the controller refused a call; 9: no
+    answer; 10: a call needs --arm.
     """
     if dump and as_json:
         raise click.UsageError("--hex and --json exclude each other")
@@ -107,7 +118,7 @@ def command(
     if script is not None:
         requests += reader.parse_script(iter(partial(script.readline, LONGEST_LINE + 1), ""))
     if not requests:
-        raise click.UsageError("which function? Give FUNCTION, --exec or --script")
+        raise click.UsageError("no function given. Give FUNCTION, --exec or --script")
     names = {owner: given for owner in _NAMED if (given := _given_name(named, owner)) is not None}
     check_owners(requests, {*DEFAULT_OBJECT_NAMES, *names})
     calls = _CallRunner(target, names, arm, _AnswerPrinter(dump, as_json, color))
@@ -125,7 +136,7 @@ def _given_name(named: Mapping[str, str | None], owner: ObjectClass) -> str | No
 
 
 class _AnswerPrinter:
-    """Writes answers, and under them the packets that belong to them."""
+    """Prints replies, with the packets of the call below if wanted."""
 
     def __init__(self, dump: bool, as_json: bool, color: str) -> None:
         self._dump = dump
@@ -137,7 +148,7 @@ class _AnswerPrinter:
     def print_answer(
         self, request: PlannedCall, arguments: Sequence[Variant], settled: RequesterOutcome
     ) -> None:
-        """Write one answer; `packets` are those of its call."""
+        """Print one reply; `packets` are those of its call."""
         function = request.function
         name = call_name(function.id, arguments)
         if isinstance(settled, CallTimedOut):
@@ -165,7 +176,7 @@ class _AnswerPrinter:
 
 
 class _CallRunner:
-    """Makes calls in one session."""
+    """Makes the calls in one session."""
 
     def __init__(
         self, target: ControllerTarget, names: Mapping[ObjectClass, str], arm: bool, printer: _AnswerPrinter
@@ -177,7 +188,7 @@ class _CallRunner:
         self._log: ArmedCallLogger | None = None
 
     async def run(self, requests: Sequence[PlannedCall]) -> ExitCode:
-        """Make all calls, up to the first that fails; log those that need arming, if they are armed."""
+        """Make the calls up to the first failure. With --arm, log those that need it."""
         if not self._armed:
             return await self._run_calls(requests)
         with log_armed_calls("call", LoggedConnection.of_target(self._target)) as self._log:

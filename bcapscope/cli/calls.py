@@ -1,4 +1,4 @@
-"""``bcapscope calls``: requests with their retries and replies, and what became of them."""
+"""``bcapscope calls``: show requests with their retries and replies, one line per call."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ from bcapscope.traffic.handle_tracker import HandleTracker, TrackedObject
 _MAX_SESSIONS_LISTED = 8
 
 
-@click.command(short_help="Pair requests, retries and replies: a line a call.")
+@click.command(short_help="Show calls: each request with its retries and reply, one line per call.")
 @options.paths
 @options.interface
 @options.ports
-@click.option("--tree", is_flag=True, help="Each call's frames under it, with the times between.")
-@click.option("--json", "as_json", is_flag=True, help="One JSON object a call.")
+@click.option("--tree", is_flag=True, help="Show each call's frames below it, with the times between them.")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object per call.")
 @options.filter_option(RecordKind.CALL)
 @options.time_format
 @options.color
@@ -45,13 +45,13 @@ def command(
     clock: str,
     color: str,
 ) -> None:
-    """Pair the frames of captures to calls.
+    """Show the calls in captures: each request with its retries, notices and reply.
 
-    A line has: number, start, client > server, function and command, result, time to the accepted reply,
-    retries and what they came from as far as the capture can tell, frame numbers of requests > replies.
-    Calls come when they settle; the number tells the order in which they started.
+    A line shows number, start, client > controller, function, command, result and the time to the accepted
+    reply. Then follow the retries, their cause if the capture shows it, and the frame numbers of requests >
+    replies. A call is printed when it ends. Calls are numbered in the order in which they started.
 
-    Exit codes: as of decode.
+    Exit codes: as for `decode`.
     """
     if tree and as_json:
         raise click.UsageError("--tree and --json exclude each other")
@@ -72,7 +72,7 @@ def command(
 
 
 class _FilteredCalls:
-    """What settled, with the objects that handles stand for, and what is to be said at the end."""
+    """The calls that the filter selects, with the objects that their handles stand for, and a summary."""
 
     def __init__(self, settled: Iterable[PairingResult], wanted: Filter | None) -> None:
         self._settled = settled
@@ -82,7 +82,7 @@ class _FilteredCalls:
         self._first_stray = 0
 
     def all_items(self) -> Iterator[tuple[PairingResult, TrackedObject | None]]:
-        """Yield the calls that are wanted, and what belongs to no call unless something else is wanted."""
+        """Yield the selected calls; without a filter, also stray replies."""
         wanted = self._test
         for item in self._settled:
             if isinstance(item, Call):
@@ -96,20 +96,20 @@ class _FilteredCalls:
                     yield item, None
 
     def calls(self) -> Iterator[tuple[Call, TrackedObject | None]]:
-        """Yield the calls that are wanted; for what belongs to none, JSON has no place."""
+        """Yield the selected calls without stray replies, which JSON output leaves out."""
         for item, subject in self.all_items():
             if isinstance(item, Call):
                 yield item, subject
 
     def print_summary(self) -> None:
-        """Tell on stderr what belongs to no call, and which sessions left something behind."""
+        """Print stray replies, and sessions that left objects behind, to stderr."""
         if self._stray_count:
             count = counted(self._stray_count, "reply", "replies")
-            print_stderr(f"{count} to no open call, the first in frame {self._first_stray}")
+            print_stderr(f"{count} to no open call; first: frame {self._first_stray}")
         unclean = [session for session in self._handles.sessions() if not session.is_clean]
         for session in unclean[:_MAX_SESSIONS_LISTED]:
             print_stderr(session_text(session))
         if len(unclean) > _MAX_SESSIONS_LISTED:
             print_stderr(
-                f"… and {len(unclean) - _MAX_SESSIONS_LISTED} more sessions that were not ended in order"
+                f"… and {len(unclean) - _MAX_SESSIONS_LISTED} more sessions that did not release everything"
             )

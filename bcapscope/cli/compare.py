@@ -1,4 +1,4 @@
-"""``bcapscope compare``: what differs between two captures."""
+"""``bcapscope compare``: show the differences between two captures."""
 
 from __future__ import annotations
 
@@ -25,26 +25,27 @@ from bcapscope.traffic.filter.getters import CALL_GETTERS
 _path = click.Path(allow_dash=True)
 
 
-@click.command(short_help="What differs between a good capture and a bad one.")
+@click.command(short_help="Compare a good capture with a bad one.")
 @click.argument("good", type=_path)
 @click.argument("bad", type=_path)
 @options.ports
-@click.option("--json", "as_json", is_flag=True, help="One JSON object.")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 @options.filter_option(RecordKind.CALL)
 @options.color
 def command(
     *, good: str, bad: str, ports: tuple[int, ...], as_json: bool, wanted: Filter | None, color: str
 ) -> None:
-    """Tell what differs between two captures, in the figures of stats and slave and the findings of diagnose.
+    """Compare two captures by the figures of `stats` and `slave` and the findings of `diagnose`.
 
-    What two good runs would not differ by stands first. Calls of the same function and command are compared
-    with each other, all clients together; stays in slave mode in the order in which they began. A filter
-    chooses calls in both, as it does for stats, slave and diagnose.
+    Notable differences come first: larger ones than between two good runs. Calls are compared by function
+    and command, all clients together. Slave-mode sessions are compared in the order in which they began.
 
-    Exit codes: as of decode, whichever capture was worse; 4 if either could not be read.
+    --filter selects calls in both captures, as for `stats`, `slave` and `diagnose`.
+
+    Exit codes: as for `decode`, the higher code of the two captures; 4: one of them could not be read.
     """
     if good == bad == "-":
-        raise click.UsageError("standard input can be only one of the two")
+        raise click.UsageError("both captures are standard input (-): give a file for one of them")
     readings = [CaptureReader([path], ports) for path in (good, bad)]
     named = list(zip((good, bad), readings, strict=True))
     first, second = (_read_side(path, reading, wanted) for path, reading in named)
@@ -63,18 +64,18 @@ def command(
 
 
 def _read_side(path: str, reader: CaptureReader, wanted: Filter | None) -> ComparedCapture:
-    """Read a capture to its end, once."""
-    stays: list[SlaveSession] = []
+    """Read a capture to its end, in one pass."""
+    sessions: list[SlaveSession] = []
     chosen = None if wanted is None else wanted.bind(CALL_GETTERS)
-    diagnosis, summary = Diagnosis(chosen, stays.append), StatisticsBuilder()
+    diagnosis, summary = Diagnosis(chosen, sessions.append), StatisticsBuilder()
 
-    def take(settled: PairingResult) -> None:
+    def on_settled(settled: PairingResult) -> None:
         diagnosis.on_pairing_result(settled)
         if isinstance(settled, Call) and (chosen is None or chosen(settled)):
             summary.add_call(settled)
-        del stays[MAX_SESSIONS:]
+        del sessions[MAX_SESSIONS:]
 
-    read_to_end(reader, diagnosis.on_observation, take)
+    read_to_end(reader, diagnosis.on_observation, on_settled)
     findings = diagnosis.finish(reader.ended_at)
-    first = sorted(stays, key=lambda stay: stay.number)[:MAX_SESSIONS]
+    first = sorted(sessions, key=lambda session: session.number)[:MAX_SESSIONS]
     return ComparedCapture(path, summary.statistics(), tuple(first), findings)

@@ -1,4 +1,4 @@
-"""``bcapscope decode``: frames, one after the other."""
+"""``bcapscope decode``: decode frames, one line each."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ T = TypeVar("T")
 
 
 class FrameFormat(StrEnum):
-    """How frames are written, if not as lines."""
+    """Output formats other than lines."""
 
     TREE = "tree"
     CSV = "csv"
@@ -43,20 +43,20 @@ def _format_option(style: FrameFormat, text: str) -> Callable[[F], F]:
     return click.option(f"--{style}", "styles", flag_value=style, type=FrameFormat, multiple=True, help=text)
 
 
-@click.command(short_help="Read frames, one line each.")
+@click.command(short_help="Decode frames, one line each.")
 @options.paths
 @options.interface
 @click.option(
     "--text",
     metavar="FILE",
-    help="Read hex as people paste it from mails, documents and tools; - is standard input.",
+    help="Read frames from hex text, pasted from a mail, a document or a tool; - is standard input.",
 )
 @options.ports
-@_format_option(FrameFormat.TREE, "Every field, with its bytes.")
-@_format_option(FrameFormat.CSV, "A table with a header.")
-@_format_option(FrameFormat.JSON, "One JSON object a frame.")
-@click.option("--hex", "dump", is_flag=True, help="A hexdump under each frame.")
-@click.option("--full", is_flag=True, help="In trees, every byte and element of what is long.")
+@_format_option(FrameFormat.TREE, "Show every field with its bytes.")
+@_format_option(FrameFormat.CSV, "Print a CSV table with a header.")
+@_format_option(FrameFormat.JSON, "Print one JSON object per frame.")
+@click.option("--hex", "dump", is_flag=True, help="Show a hex dump below each frame.")
+@click.option("--full", is_flag=True, help="With --tree, show every byte and element of long values.")
 @options.filter_option(RecordKind.FRAME)
 @options.time_format
 @options.color
@@ -73,21 +73,24 @@ def command(
     clock: str,
     color: str,
 ) -> None:
-    """Read the frames of captures (pcap, pcapng, either may be gzipped; - is standard input).
+    """Decode the frames of captures, one line each.
 
-    A line has: number, time, from > to, transport and kind, serial, reserved, then function or result,
-    command and arguments, and after !! what is wrong with the bytes.
+    PATH is a capture (pcap or pcapng, plain or gzipped), or - for standard input.
 
-    Exit codes: 0 all was read; 2 invalid command line; 3 a capture is damaged or breaks off, all
-    before the damage was given out; 4 nothing could be read; 6 the output could not be written; 130 Ctrl-C.
+    A line shows number, time, source > destination, transport, direction, serial and reserved. Then follow
+    the function or the result, the command and the arguments. Problems with the bytes follow !!.
+
+    Exit codes: 0: everything was read; 2: invalid command line; 3: a capture is damaged or incomplete, and
+    everything before the damage was printed; 4: nothing could be read; 6: the output could not be written;
+    130: Ctrl-C.
     """
     if len(set(styles)) > 1:
         raise click.UsageError(f"{' and '.join(f'--{style}' for style in styles)} exclude each other")
     style = styles[0] if styles else None
     if full and style is not FrameFormat.TREE:
-        raise click.UsageError("--full goes with --tree")
+        raise click.UsageError("--full has no effect without --tree: add --tree")
     if dump and style in (FrameFormat.CSV, FrameFormat.JSON):
-        raise click.UsageError("--hex goes with lines and trees")
+        raise click.UsageError("--hex works with lines and --tree only: leave out --csv and --json")
     reading = CaptureReader(paths, ports, interface, text)
     if style is FrameFormat.JSON:
         lines: Iterable[str] | Iterable[bytes] = _render_frames(reading, wanted, FrameRecordRenderer().record)
@@ -116,13 +119,13 @@ def command(
 
 
 def _frames_with_context(reader: CaptureReader, wanted: Filter | None) -> Iterator[AnnotatedFrame]:
-    """Tell what each observation is about, and pass on those that are wanted."""
-    told = _render_frames(reader, None, AnnotatedFrame)
-    return told if wanted is None else filter(wanted.bind(FRAME_GETTERS), told)
+    """Yield each selected frame with the call that it belongs to and the comments on its packet."""
+    frames = _render_frames(reader, None, AnnotatedFrame)
+    return frames if wanted is None else filter(wanted.bind(FRAME_GETTERS), frames)
 
 
 def _render_frames(reader: CaptureReader, wanted: Filter | None, render: Callable[..., T]) -> Iterator[T]:
-    """Render each observation that is wanted, with what it is about and what the capture has on it."""
+    """Render each selected frame, given the call that it belongs to and the comments on its packet."""
     if wanted is not None:
         return starmap(render, _frames_with_context(reader, wanted))
     about, comments = RecentRequests().kind_of, reader.comments

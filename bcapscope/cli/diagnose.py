@@ -1,4 +1,4 @@
-"""``bcapscope diagnose``: what went wrong, the first cause first."""
+"""``bcapscope diagnose``: explain what went wrong, root cause first."""
 
 from __future__ import annotations
 
@@ -21,24 +21,25 @@ from bcapscope.traffic.filter.getters import CALL_GETTERS
 _PIPE_WIDTH = 100
 
 
-@click.command(short_help="Tell what went wrong, the first cause first.")
+@click.command(short_help="Explain what went wrong, root cause first.")
 @options.captures
 @options.ports
-@click.option("--json", "as_json", is_flag=True, help="One JSON object a finding.")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object per finding.")
 @options.filter_option(RecordKind.CALL)
 @options.color
 def command(
     *, paths: tuple[str, ...], ports: tuple[int, ...], as_json: bool, wanted: Filter | None, color: str
 ) -> None:
-    """Look for what went wrong in captures, and tell the first cause first.
+    """Find problems in captures and print findings, root cause first.
 
-    A finding has: number, severity, rule, one sentence, the frames that prove it, what to do, and where the
-    rule is from. Consequences stand under their cause. docs/rules.md lists the rules.
+    A finding has a number, a severity, a rule and one sentence. It names the frames that prove it, what to
+    do, and the source of the rule. Consequences are indented below their root cause. docs/rules.md lists the
+    rules.
 
-    A filter chooses calls: told is what concerns them and what that follows from. The rules see all calls
-    even so, as most of them reason about what came before, or never came.
+    --filter selects calls: `diagnose` shows only findings about the selected calls, and their causes. The
+    rules still read all calls, because most of them depend on earlier or missing calls.
 
-    Exit codes: 0 all was read, whether or not something was found; else as of decode.
+    Exit codes: 0: everything was read, with or without findings; the others as for `decode`.
     """
     reading = CaptureReader(paths, ports)
     diagnosis = _diagnose(reading, wanted)
@@ -55,7 +56,7 @@ def command(
 
 
 def _diagnose(reader: CaptureReader, wanted: Filter | None) -> Diagnosis:
-    """Show a reading to all rules, to its end."""
+    """Read to the end and apply all rules."""
     chosen = None if wanted is None else wanted.bind(CALL_GETTERS)
     diagnosis = Diagnosis(chosen)
     read_to_end(reader, diagnosis.on_observation, diagnosis.on_pairing_result)

@@ -1,4 +1,4 @@
-"""``bcapscope extract``: the trajectories of slave mode, one file a stay."""
+"""``bcapscope extract``: write slave-mode trajectories, one file per session."""
 
 from __future__ import annotations
 
@@ -40,13 +40,16 @@ _WRITERS: dict[str, Callable[[CapturedTrajectory], TrajectoryWriter]] = {
 }
 
 
-@click.command(short_help="Write the trajectories of slave mode to CSV or JSON.")
+@click.command(short_help="Write slave-mode trajectories to CSV or JSON.")
 @options.captures
 @options.output_option(
-    "Where to; the name ends in .csv or .json. Of several stays each gets its number in the name."
+    "Write to this file, whose name ends in .csv or .json. With several sessions, each file name gets the "
+    "number of the session."
 )
 @options.ports
-@click.option("--client", metavar="ADDRESS", help="Only what this client sent, by address, or address:port.")
+@click.option(
+    "--client", metavar="ADDRESS", help="Write only what this client sent, given as address or address:port."
+)
 @options.filter_option(RecordKind.CALL)
 @force_option
 def command(
@@ -58,20 +61,23 @@ def command(
     wanted: Filter | None,
     force: bool,
 ) -> None:
-    """Write the set points of slave mode (slvMove) with the poses that came back, one file a stay.
+    """Write the set points of slave mode (slvMove) with the poses that the controller returned.
 
-    A set point is one line, however often it was sent, with the time of its first request. What the
-    controller refused is left out; what it was not seen to answer is not.
+    Each set point is one row, however often it was sent, with the time of its first request. Set points that
+    the controller refused are left out. Set points without a captured reply are included.
 
-    Of one stay the file is called FILE.csv; of several FILE-1.csv, FILE-2.csv and so on, by the number that
-    the stay has in the capture. What is there already is not overwritten.
+    Each slave-mode session gets a file: FILE.csv if there is one session; FILE-1.csv, FILE-2.csv and so on
+    if there are several. The numbers are those of the sessions in the capture. Existing files are not
+    overwritten without --force.
 
-    Exit codes: 0 all was written; 2 invalid command line; 3 a capture is damaged or breaks off,
-    all before the damage was written; 4 nothing could be read; 5 there are no set points to write; 6 a file
-    was not written.
+    Exit codes: 0: everything was written; 2: invalid command line; 3: a capture is damaged or incomplete,
+    and everything before the damage was written; 4: nothing could be read; 5: there are no set points to
+    write; 6: a file was not written.
     """
     if output.suffix.casefold() not in _WRITERS:
-        raise click.BadParameter("the name has to end in .csv or .json", param_hint="--output")
+        raise click.BadParameter(
+            f"{printable(str(output))} does not end in .csv or .json", param_hint="--output"
+        )
     interrupt_on_end_signals()
     files = _TrajectoryFiles(output, force)
     reading = CaptureReader(paths, ports)
@@ -104,18 +110,18 @@ def _read_pieces(reader: CaptureReader, trajectories: TrajectoryExtractor) -> It
 def _print_left_out(trajectories: TrajectoryExtractor, client: str | None, some: bool) -> None:
     by_whom = "" if client is None else f" by {printable(client)}"
     if not trajectories.set_points:
-        print_stderr(f"no set points (slvMove){by_whom}, so there is no trajectory")
+        print_stderr(f"no set points (slvMove){by_whom} found, so no trajectory was written")
         return
     reasons = [f"{count} {reason}" for reason, count in trajectories.left_out.items()]
     if reasons:
         print_stderr(f"left out: {', '.join(reasons)}")
     if not some:
         count = counted(trajectories.set_points, "set point")
-        print_stderr(f"{count}{by_whom}, none of which is part of a trajectory")
+        print_stderr(f"{count}{by_whom} found, but none is part of a trajectory")
 
 
 class _TrajectoryFile(NamedTuple):
-    """A file in the making."""
+    """A file that is being written."""
 
     trajectory: CapturedTrajectory
     file: AtomicFile
@@ -124,7 +130,7 @@ class _TrajectoryFile(NamedTuple):
 
 
 class _Tally:
-    """Counts what a file holds."""
+    """Counts the set points of a file."""
 
     def __init__(self) -> None:
         self.points = self.unanswered = 0
@@ -137,7 +143,7 @@ class _Tally:
 
 
 class _TrajectoryFiles(ExitStack):
-    """The files of all stays; the name of the only one has no number, which is known at the end."""
+    """The files of all sessions; a single file has no number, so names are decided at the end."""
 
     def __init__(self, path: Path, overwrite: bool) -> None:
         super().__init__()
@@ -153,17 +159,17 @@ class _TrajectoryFiles(ExitStack):
         output.tally.add(steps)
 
     def commit(self) -> list[str]:
-        """Give the files their names; return a sentence on each."""
+        """Give the files their names; return one sentence about each."""
         several = len(self._outputs) > 1
         for number, output in self._outputs.items():
             check_output_path(self._name(number if several else None), self._overwrite)
             output.file.write(output.writer.tail())
-        told = []
+        summaries = []
         for number, output in sorted(self._outputs.items()):
             path = self._name(number if several else None)
             output.file.commit(path, self._overwrite)
-            told.append(f"{printable(str(path))}: {_file_summary(output)}")
-        return told
+            summaries.append(f"{printable(str(path))}: {_file_summary(output)}")
+        return summaries
 
     def _open(self, trajectory: CapturedTrajectory) -> _TrajectoryFile:
         path = self._name(trajectory.session_number)

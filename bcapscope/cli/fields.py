@@ -1,4 +1,4 @@
-"""``bcapscope fields``: what a filter can ask for."""
+"""``bcapscope fields``: list the fields and the syntax of filters."""
 
 from __future__ import annotations
 
@@ -12,9 +12,13 @@ from bcapscope.traffic.filter.field_table import FIELDS, RecordKind
 _KIND_NAMES: dict[tuple[RecordKind, ...], str] = {(RecordKind.FRAME,): "frames", (RecordKind.CALL,): "calls"}
 
 
-@click.command(short_help="List the fields and the language of --filter.")
+@click.command(short_help="List the fields of --filter and explain its syntax.")
 def command() -> None:
-    """List the fields that --filter knows, and explain its language."""
+    """List the fields that --filter can use, with their types, and explain its syntax.
+
+    Each line shows the name, the records that have the field (frames, calls or both), the type and the
+    meaning.
+    """
     output = DataOutput()
     rows = [
         (field.name, _KIND_NAMES.get(field.applies_to, "both"), field.type.value, field.meaning)

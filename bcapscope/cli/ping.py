@@ -1,4 +1,4 @@
-"""``bcapscope ping``: is a controller there, what is it, and is the way to it good enough."""
+"""``bcapscope ping``: check that a controller answers, and that the network is fast enough."""
 
 from __future__ import annotations
 
@@ -37,16 +37,16 @@ _VARIABLES = (
 
 @dataclass(slots=True)
 class _PingResult:
-    """What came out.
+    """The result of a ping.
 
     Attributes:
-        is_answering: somebody answered.
-        is_simulator: it is our own.
-        facts: what the controller says of itself.
-        refusal: why it would not be connected to; None where it was.
-        break_reason: why not all calls could be made; None where they could.
-        round_trips: ms.
-        lost: calls without an answer.
+        is_answering: a program answered.
+        is_simulator: it is bcapscope's simulator.
+        facts: variables that the controller returned, by name.
+        refusal: why the controller refused to connect; None if it did not.
+        break_reason: why not all calls could be made; None if they were.
+        round_trips: in ms.
+        lost: number of calls without a reply.
     """
 
     is_answering: bool = False
@@ -58,7 +58,7 @@ class _PingResult:
     lost: int = 0
 
 
-@click.command(short_help="Is a controller there, what is it, how fast does it answer?")
+@click.command(short_help="Check that a controller answers, and how fast.")
 @target_options
 @click.option(
     "-n",
@@ -66,7 +66,7 @@ class _PingResult:
     type=options.IntegerRange(1, options.LARGEST_COUNT),
     default=250,
     show_default=True,
-    help="Calls.",
+    help="Make this many calls.",
 )
 @click.option(
     "--interval",
@@ -74,19 +74,20 @@ class _PingResult:
     type=options.NumberRange(0),
     default=8.0,
     show_default=True,
-    help="From one call to the next.",
+    help="Start a call every this many ms.",
 )
-@click.option("--json", "as_json", is_flag=True, help="One JSON object.")
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 def command(*, target: ControllerTarget, count: int, interval: float, as_json: bool) -> None:
-    """Connect, ask what is there, and measure calls that only read; none is sent twice.
+    """Check that a controller answers, identify it, and measure round trips.
 
-    The verdict is for set points each 8 ms (Sync) and each 1 ms (Async): nearly all answers within that
-    time, and no more losses than retries make good.
+    `ping` connects and makes calls that only read. It sends each of them once, without retries. Then it
+    judges whether the network is fit for set points every 8 ms (Sync) and every 1 ms (Async). It is fit if
+    nearly all replies come within that time and retries make up for the losses.
 
-    Ctrl-C ends it before all calls are made; what was found until then is shown.
+    Ctrl-C ends `ping` early; it prints the results so far.
 
-    Exit codes: 0 calls were answered; 2 invalid command line; 9 no answer, or the connection
-    broke; 130 it was ended.
+    Exit codes: 0: calls were answered; 2: invalid command line; 9: no answer, or the connection broke; 130:
+    Ctrl-C.
     """
     found = _PingResult()
     code = ExitCode.UNANSWERED
@@ -123,13 +124,13 @@ async def _ping(target: ControllerTarget, count: int, interval: float, found: _P
 
 
 async def _read_facts(reach: ObjectOpener, found: _PingResult) -> None:
-    """Read what the controller says of itself, as far as it has such variables."""
+    """Read the variables that identify the controller, if it has them."""
     for name, owner, variable in _VARIABLES:
         try:
             parent = await reach.handle_for(owner)
             opened = await reach.invoke(f"{owner}_GetVariable", parent, variable, "")
             value = await reach.invoke("Variable_GetValue", opened)
-            if value is not None:  # EMPTY says nothing
+            if value is not None:  # EMPTY: the variable has no value
                 found.facts[name] = value
             await reach.invoke("Variable_Release", opened)
         except ControllerError:
@@ -145,7 +146,7 @@ async def _measure(session: Session, handle: int, count: int, interval: float, f
         for _ in range(count):
             await asyncio.sleep(due - loop.time())
             settled = await session.perform_call(_GET_ATTRIBUTE, (Variant(VT.I4, handle),))
-            due = max(due + interval, loop.time())  # after a long wait the next ones do not hurry
+            due = max(due + interval, loop.time())  # after a long wait, do not catch up in a burst
             if isinstance(settled, CallTimedOut):
                 found.lost += 1
             else:
@@ -157,16 +158,16 @@ async def _measure(session: Session, handle: int, count: int, interval: float, f
 def _lines(target: ControllerTarget, found: _PingResult) -> Iterator[str]:
     spread = _spread(found)
     if not found.is_answering:
-        yield f"{target}: nothing was answered"
+        yield f"{target}: no answer"
         return
     kind = "bcapscope's simulator" if found.is_simulator else "a controller"
     facts = "".join(f", {name} {printable(str(value))}" for name, value in found.facts.items())
     yield f"{target}: {kind}{facts}"
     if found.refusal is not None:
-        yield f"not connected to: {printable(found.refusal)}"
+        yield f"connection refused: {printable(found.refusal)}"
     yield f"{len(found.round_trips) + found.lost} calls, {found.lost} lost"
     if found.break_reason is not None:
-        yield f"ended before all calls were made: {printable(found.break_reason)}"
+        yield f"ended early: {printable(found.break_reason)}"
     if spread is not None:
         yield (
             f"round trip, ms: p50 {spread.p50:.3f}, p90 {spread.p90:.3f}, p99 {spread.p99:.3f}, "
@@ -174,7 +175,7 @@ def _lines(target: ControllerTarget, found: _PingResult) -> Iterator[str]:
         )
     for verdict in _verdicts(found):
         word = "fit" if verdict.fit else "not fit"
-        yield f"{word} for set points each {verdict.period_ms:g} ms: {verdict.reason}"
+        yield f"{word} for set points every {verdict.period_ms:g} ms: {verdict.reason}"
 
 
 def _record(target: ControllerTarget, found: _PingResult) -> dict[str, object]:

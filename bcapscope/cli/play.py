@@ -1,4 +1,4 @@
-"""``bcapscope play``: a trajectory from a file, played in slave mode."""
+"""``bcapscope play``: move a robot along a trajectory from a file, in slave mode."""
 
 from __future__ import annotations
 
@@ -27,17 +27,18 @@ _NEW_FILE = click.Path(path_type=Path)
 
 
 def _parse_mode(context: click.Context, parameter: click.Parameter, value: str) -> SlaveModePacing | int:
-    """Read a kind of slave mode, or a number as slvChangeMode takes it."""
+    """Parse `sync`, `async`, or a number for slvChangeMode."""
     text = value.casefold()
     if text in list(SlaveModePacing):
         return SlaveModePacing(text)
     number = parse_integer(text, 1, _HIGHEST_MODE)
     if number is None:
-        raise click.BadParameter(f"{shortened(value, 40)!r} is neither sync, async nor a number up to 0x303")
+        reason = f"{shortened(value, 40)!r} is not a mode. Give sync, async, or a number up to 0x303"
+        raise click.BadParameter(reason)
     return number
 
 
-@click.command(short_help="Play a trajectory in slave mode.")
+@click.command(short_help="Move a robot along a trajectory in slave mode.")
 @trajectory_options
 @target_options
 @click.option(
@@ -46,31 +47,33 @@ def _parse_mode(context: click.Context, parameter: click.Parameter, value: str) 
     metavar="MODE",
     default=SlaveModePacing.SYNC.value,
     show_default=True,
-    help="sync: the controller sets the pace (Sync on RC7, mode 2 later); async: we do; or the number for "
-    "slvChangeMode, such as 0x202.",
+    help="Use this slave mode. sync: the controller sets the pace (Sync on RC7, mode 2 on later "
+    "controllers). async: `play` sets the pace. Or give the number for slvChangeMode, such as 0x202.",
 )
-@click.option("--robot", default="Arm", show_default=True, help="Name for Controller_GetRobot.")
-@click.option("--task", default="RobSlave", show_default=True, help="Program that RC7 needs for slave mode.")
-@click.option("--move-to-start", is_flag=True, help="Go to the first set point without asking.")
+@click.option("--robot", default="Arm", show_default=True, help="Open the robot with this name.")
+@click.option(
+    "--task", default="RobSlave", show_default=True, help="Start this task, which RC7 needs for slave mode."
+)
+@click.option("--move-to-start", is_flag=True, help="Move to the first set point without confirmation.")
 @click.option(
     "--approach",
     metavar="PERCENT",
     type=options.NumberRange(0.1, 100),
     default=10.0,
     show_default=True,
-    help="Speed of that motion.",
+    help="Move to the first set point at this speed, in percent.",
 )
-@click.option("--arm", is_flag=True, help="Do not ask whether a robot may be energised and moved.")
-@click.option("--dry-run", is_flag=True, help="End after the pre-flight; nothing moves or changes.")
+@click.option("--arm", is_flag=True, help="Energise and move a robot without confirmation.")
+@click.option("--dry-run", is_flag=True, help="Stop after the pre-flight check; nothing moves or changes.")
 @click.option(
     "--log",
     metavar="FILE.csv",
     type=_NEW_FILE,
-    help="Save the controller's own log of the motion, which is emptied first; read over TCP.",
+    help="Save the controller's own log of the motion. `play` clears this log first, and reads it over TCP.",
 )
-@click.option("--record", metavar="FILE.pcapng", type=_NEW_FILE, help="Save what was said as a new capture.")
-@click.option("--no-realtime", is_flag=True, help="Do not take real-time priority.")
-@click.option("--json", "as_json", is_flag=True, help="The pre-flight and the summary as JSON objects.")
+@click.option("--record", metavar="FILE.pcapng", type=_NEW_FILE, help="Record the traffic to a new capture.")
+@click.option("--no-realtime", is_flag=True, help="Run without real-time priority.")
+@click.option("--json", "as_json", is_flag=True, help="Print the pre-flight check and the summary as JSON.")
 @options.color
 def command(
     *,
@@ -89,24 +92,26 @@ def command(
     as_json: bool,
     color: str,
 ) -> None:
-    """Play FILE in slave mode: a control log or other CSV, ROS JointTrajectory as JSON or YAML, what
-    `extract` wrote, a capture, or a WINCAPS III project.
+    """Move the robot of HOST along the set points of FILE, in slave mode.
 
-    `play` first shows how it read the file, and the problems that it found. Then a process of its
-    own starts RobSlave (RC7), takes the arm, switches the motor on, moves to the first set point, enters
-    slave mode and sends the set points. At the end it restores the state that it found. The action log
-    records the calls that energise or move a robot.
+    FILE is a control log or another CSV table, a ROS JointTrajectory as JSON or YAML, output of `extract`, a
+    capture, or a WINCAPS III project.
 
-    While it plays, s, space, Ctrl-C or Ctrl-Z lets the robot come to rest on its way; h, Escape twice or
-    Ctrl-C twice halts it at once.
+    `play` first shows how it read the file, and the problems that it found. Then a separate process starts
+    RobSlave (RC7), takes the arm and switches the motor on. It moves to the first set point, enters slave
+    mode and sends the set points. At the end it restores the original state. The action log records the calls
+    that energise or move a robot.
 
-    Exit codes: 0 played to the end, or stopped where there is none (--loop 0); 2 invalid command line; 4 the
-    file cannot be read; 6 a file was not written; 8 the controller refused something; 9 no answer; 10 the
-    motion was not confirmed, or another client moves the robot; 11 the trajectory is not fit to play; 130
+    While `play` runs, press s, space, Ctrl-C or Ctrl-Z to bring the robot to rest on its path. Press h,
+    Escape twice or Ctrl-C twice to halt it at once.
+
+    Exit codes: 0: played to the end, or with --loop 0, stopped by you; 2: invalid command line; 4: the file
+    cannot be read; 6: a file was not written; 8: the controller refused a call; 9: no answer; 10: the motion
+    was not confirmed, or another client moves the robot; 11: the trajectory failed the pre-flight check; 130:
     stopped or halted.
     """
     if os.name != "posix":
-        raise click.UsageError("the player's process and its signals need Linux, macOS or the like")
+        raise click.UsageError("play needs POSIX signals: run it on Linux or macOS")
     for path in (log, record):
         if path is not None:
             check_output_path(path)

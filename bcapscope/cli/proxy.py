@@ -1,4 +1,4 @@
-"""``bcapscope proxy``: in the middle between clients and controllers."""
+"""``bcapscope proxy``: watch, record and disturb live traffic."""
 
 from __future__ import annotations
 
@@ -53,36 +53,39 @@ def _warn_no_low_latency(context: click.Context, parameter: click.Parameter, wan
     return wanted
 
 
-@click.group(invoke_without_command=True, short_help="In the middle: see, record, disturb.")
+@click.group(invoke_without_command=True, short_help="Proxy: watch, record and disturb live traffic.")
 @click.option(
     "--listen",
     metavar="HOST:PORT",
     multiple=True,
-    help="Address of this machine that clients are pointed at; udp: or tcp: before it for one of them. Port "
-    "0 takes one that is free. May be repeated, each with its --to.",
+    help="Listen on this address. Prefix udp: or tcp: for one transport only; port 0 chooses a free one. "
+    "Repeat --listen and --to together for several controllers.",
 )
-@click.option("--to", metavar="HOST:PORT", multiple=True, help="The controller.")
+@click.option("--to", metavar="HOST:PORT", multiple=True, help="Forward to this controller.")
 @click.option(
     "--transport",
     type=click.Choice(["udp", "tcp", "both"]),
     default="both",
     show_default=True,
-    help="What to listen on, where --listen does not say.",
+    help="Listen on this transport where --listen has no prefix.",
 )
 @click.option(
-    "--allow", metavar="ADDRESS", multiple=True, help="Where clients may be: an address, or a network."
+    "--allow",
+    metavar="ADDRESS",
+    multiple=True,
+    help="Accept only clients at this address or in this network; may be repeated. Default: all.",
 )
 @click.option(
     "--record",
     metavar="FILE.pcapng",
     type=click.Path(dir_okay=False, path_type=Path),
-    help="Write all that passes, on both sides, to a new capture.",
+    help="Record the traffic of both sides to a new capture.",
 )
 @click.option(
     "--ring",
     metavar="RING",
     callback=_parse_ring,
-    help="Record to a ring of files, 10x100MB, 24x1h or 24x1h,500MB; the oldest is removed.",
+    help="Record to a ring of files, such as 10x100MB, 24x1h or 24x1h,500MB; the oldest file is removed.",
 )
 @click.option(
     "--forget",
@@ -90,7 +93,7 @@ def _warn_no_low_latency(context: click.Context, parameter: click.Parameter, wan
     type=options.NumberRange(1),
     default=600.0,
     show_default=True,
-    help="Forget UDP clients that are silent for so long.",
+    help="Forget UDP clients that were silent for this many seconds.",
 )
 @click.option(
     "--low-latency",
@@ -99,23 +102,32 @@ def _warn_no_low_latency(context: click.Context, parameter: click.Parameter, wan
     help="Keep the processors of this machine out of deep sleep while there is much traffic. Needs write "
     "access to /dev/cpu_dma_latency (Linux) and costs electricity.",
 )
-@click.option("--calls", is_flag=True, help="Show calls, as `calls` does; else frames, as `decode` does.")
+@click.option("--calls", is_flag=True, help="Show calls, like `calls`. Default: frames, like `decode`.")
 @click.option(
     "--tree",
     "form",
     flag_value=TrafficFormat.TREE,
     type=TrafficFormat,
-    help="Every field, or each call's frames.",
+    help="Show every field of a frame, or with --calls the frames of each call.",
 )
 @click.option(
-    "--json", "form", flag_value=TrafficFormat.JSON, type=TrafficFormat, help="One JSON object each."
+    "--json",
+    "form",
+    flag_value=TrafficFormat.JSON,
+    type=TrafficFormat,
+    help="Print one JSON object per frame, or with --calls per call.",
 )
 @click.option(
-    "-f", "--filter", "wanted", metavar="EXPRESSION", default="", help="Show only what this is true for."
+    "-f",
+    "--filter",
+    "wanted",
+    metavar="EXPRESSION",
+    default="",
+    help="Show only what matches this filter; `bcapscope fields` lists the fields.",
 )
 @options.time_format
 @options.color
-@click.option("-q", "--quiet", is_flag=True, help="Show nothing of what passes.")
+@click.option("-q", "--quiet", is_flag=True, help="Do not show the traffic.")
 @rule_options
 @attended_option
 @click.pass_context
@@ -141,21 +153,21 @@ def command(
 ) -> None:
     """Forward traffic between b-CAP clients and controllers: watch, record and disturb it.
 
-    The proxy forwards bytes at once and unchanged; another process records and shows them. Ctrl-C ends the
-    open sessions, closes the recording and prints a summary; a second Ctrl-C ends at once.
+    Without rules, the proxy forwards bytes at once and unchanged. Another process records and shows them.
 
-    Rules act on the traffic: faults, --read-only and the like, --intercept, --script. Each message passes the
-    scripts first, then the intercept, then the faults in their order, and the guard last, right before the
-    controller. With `--control ADDRESS` you can change the rules while the proxy runs: `bcapscope proxy ctl
-    ADDRESS`. At the end the proxy sends held replies and held requests that stop the robot, and drops the
-    others.
+    Ctrl-C ends the open sessions, closes the recording and prints a summary. A second Ctrl-C ends at once.
 
-    Scripts run in a process of their own. Only messages that a script decides about wait for it, and stops
-    never do. A script that takes longer than --script-timeout, or whose process ends, is switched off.
+    Rules change or refuse traffic. Each message passes them in this order: scripts (--script), held messages
+    (--intercept), faults (--fault, --rules), and the guard (--read-only, --block, --allow-command). With
+    `--control ADDRESS`, you can change the rules while the proxy runs: `bcapscope proxy ctl ADDRESS`. When
+    the proxy ends, it sends held replies and held requests that stop the robot, and drops the others.
 
-    Exit codes: 0 you ended it; 2 invalid command line; 4 the proxy cannot listen on an address, or cannot use
-    a script; 6 the recording cannot be written, or is incomplete because the disk was full or the recorder
-    stopped; 9 there is no controller of that name.
+    All scripts run in one separate process. Only messages that a script can change wait for it; stops never
+    wait. All scripts are switched off if one of them exceeds --script-timeout, or if their process ends.
+
+    Exit codes: 0: you ended it; 2: invalid command line; 4: the proxy cannot listen on an address, or cannot
+    use a script; 6: the recording cannot be written, or is incomplete because the disk was full or the
+    recorder stopped; 9: the name of a controller is unknown.
     """
     if context.invoked_subcommand is not None:
         return
@@ -213,7 +225,7 @@ command.add_command(ctl)
 
 
 def _start_watcher(proxy: ProxySupervisor, policy: RulePolicy | None, scripts: ScriptProcess | None) -> None:
-    """Start the process that watches, while the scripts are loaded."""
+    """Start the watching process, and load the scripts meanwhile."""
     if scripts is None or policy is None:
         proxy.start_watcher()
     else:
@@ -222,12 +234,12 @@ def _start_watcher(proxy: ProxySupervisor, policy: RulePolicy | None, scripts: S
 
 
 def _single_recording(record: Path | None, ring: RotationLimits | None) -> str | None:
-    """Name the recording, if it is one file."""
+    """Return the path of the recording if it is one file."""
     return None if record is None or ring is not None else str(record.resolve())
 
 
 def _print_greetings(proxy: ProxySupervisor, greetings: list[str]) -> None:
-    """Greet by way of the watcher, whose the bottom of the terminal is by now."""
+    """Print the greetings through the watcher, which now owns the bottom line of the terminal."""
     for greeting in greetings:
         proxy.relay.notify(greeting)
 
@@ -235,13 +247,13 @@ def _print_greetings(proxy: ProxySupervisor, greetings: list[str]) -> None:
 def _announce_to_parent(
     proxy: ProxySupervisor, greetings: list[str], listening: list[str], control: str
 ) -> None:
-    """Greet who has started the proxy, and attend to it."""
+    """Report to the parent process that the proxy is ready, and end with that process."""
     print_stderr("\n".join(greetings))
     announce_ready(listening, control)
     proxy.end_with_parent()
 
 
 def _greeting(listener: ListenerSpec, address: Endpoint) -> str:
-    words = " and ".join(each.upper() for each in listener.transports)
-    only = f", of whom only {', '.join(map(str, listener.allow))} may" if listener.allow else ""
-    return f"{address} {words} > {listener.to}; {reachability_text(address.host)}{only}"
+    transports = " and ".join(each.upper() for each in listener.transports)
+    only = f"; only {', '.join(map(str, listener.allow))} may connect" if listener.allow else ""
+    return f"{address} {transports} > {listener.to}; {reachability_text(address.host)}{only}"

@@ -1,4 +1,4 @@
-"""``bcapscope proxy ctl``: ask and tell a proxy that runs."""
+"""``bcapscope proxy ctl``: control a running proxy."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ from bcapscope.cli.common.exit_codes import ExitCode
 from bcapscope.faults.quantities import Duration
 from bcapscope.live.standard_streams import print_stderr
 from bcapscope.protocol.codec.frame import parse_datagram
+from bcapscope.protocol.text_format import counted
 from bcapscope.proxy.control_answers import ClientStatus, ControlAnswer, FaultStatus, HeldStatus, parse_list
 from bcapscope.proxy.control_client import ControlClient, ControlRefused
 from bcapscope.proxy.control_socket import ControlError
@@ -28,39 +29,39 @@ T = TypeVar("T")
 R = TypeVar("R")
 
 _INDENTED = re.compile(r"\n(?=  )")
-"""Where a reason goes on in an indented line, which shows the place in a rule. No reason has other lines."""
+"""Between a reason and its indented lines, which show the position in a rule. A reason has no other lines."""
 
 
-@click.group("ctl", short_help="Ask and tell a proxy that runs.")
+@click.group("ctl", short_help="Control a running proxy.")
 @click.argument("address")
-@click.option("--json", "as_json", is_flag=True, help="Print the answer as it came.")
+@click.option("--json", "as_json", is_flag=True, help="Print the proxy's answer as JSON.")
 @click.pass_context
 def command(context: click.Context, address: str, as_json: bool) -> None:
-    """Ask and tell the proxy that was started with `--control ADDRESS`.
+    """Control the running proxy that was started with `--control ADDRESS`.
 
-    Exit codes: 0 done; 4 nobody listens there; 8 the proxy refused.
+    Exit codes: 0: done; 2: invalid command line; 4: no proxy listens on ADDRESS; 8: the proxy refused.
     """
     context.obj = _ControlCommand(address, as_json)
 
 
 class _ControlCommand:
-    """The way to a proxy, and the form of what is printed."""
+    """Sends requests to a proxy; prints its answers if they are wanted as JSON."""
 
     def __init__(self, address: str, as_json: bool) -> None:
         self._address = address
         self._as_json = as_json
 
     def ask(self, **question: object) -> ControlAnswer:
-        """Ask; return the answer, or {} if it was printed as JSON. A refusal ends the program."""
+        """Send a request; return the answer, or {} if it was printed as JSON. Exit if the proxy refuses."""
         return self._ask_or_print(question, lambda proxy: proxy.request(question), {})
 
     def ask_list(self, name: str, kind: type[T]) -> Sequence[T]:
-        """Ask for a list; as `ask`."""
+        """Request a list; otherwise like `ask`."""
         question = {"do": name}
         return self._ask_or_print(question, lambda proxy: parse_list(proxy.request(question), name, kind), ())
 
     def ask_held(self) -> Sequence[HeldStatus]:
-        """Ask for the messages that wait; as `ask`."""
+        """Request the held messages; otherwise like `ask`."""
         return self._ask_or_print({"do": "held"}, ControlClient.list_held, ())
 
     def _ask_or_print(
@@ -95,7 +96,7 @@ class _ControlCommand:
 
 
 def _json_text(line: bytes) -> str:
-    """Write an answer as it came, but with every character escaped that a terminal may obey."""
+    """Return an answer unchanged, except that control characters are escaped for the terminal."""
     text = line.decode("utf-8", "replace").strip()
     return text if text.isprintable() else "".join(map(_json_character, text))
 
@@ -103,7 +104,7 @@ def _json_text(line: bytes) -> str:
 def _json_character(char: str) -> str:
     if char.isprintable():
         return char
-    if char in "\t\r\n":  # JSON has them only between its parts
+    if char in "\t\r\n":  # JSON has them only between tokens
         return " "
     return "".join(f"\\u{unit:04x}" for unit in memoryview(char.encode("utf-16-le")).cast("H"))
 
@@ -111,7 +112,7 @@ def _json_character(char: str) -> str:
 @command.command("rules", short_help="List the faults.")
 @click.pass_obj
 def _rules(ctl: _ControlCommand) -> None:
-    """List the faults, whether they are on, and how often they have struck."""
+    """List the faults, whether they are on, and how often they were injected."""
     for rule in ctl.ask_list("rules", FaultStatus):
         echo(
             f"{'on ' if rule.on else 'off'}  {printable(rule.name):<16} struck {rule.struck:<6}  "
@@ -119,21 +120,21 @@ def _rules(ctl: _ControlCommand) -> None:
         )
 
 
-@command.command("add", short_help="Set up a fault.")
+@command.command("add", short_help="Add a fault.")
 @click.argument("rule")
 @click.pass_obj
 def _add(ctl: _ControlCommand, rule: str) -> None:
-    """Set up a fault, written as behind `--fault`; its name is printed."""
+    """Add a fault in the notation of `proxy --fault`, and print its name."""
     answer = ctl.ask(do="add", rule=rule)
     if "name" in answer:
         echo(printable(str(answer["name"])))
 
 
-@command.command("remove", short_help="Take a fault away.")
+@command.command("remove", short_help="Remove a fault.")
 @click.argument("name")
 @click.pass_obj
 def _remove(ctl: _ControlCommand, name: str) -> None:
-    """Take a fault away."""
+    """Remove a fault."""
     ctl.ask(do="remove", name=name)
 
 
@@ -160,22 +161,25 @@ def _duration_text(context: click.Context, parameter: click.Parameter, value: st
         raise click.BadParameter(f"{error}", context, parameter) from None
 
 
-@command.command("intercept", short_help="Hold other messages, or none.")
+@command.command("intercept", short_help="Change which messages are held.")
 @click.argument("expression", required=False)
 @click.option(
-    "--hold", metavar="TIME", callback=_duration_text, help="How long, such as 60s; see `proxy --hold`."
+    "--hold",
+    metavar="TIME",
+    callback=_duration_text,
+    help="Hold them at most this long, such as 60s (default: as before); see `proxy --hold`.",
 )
 @click.pass_obj
 def _intercept(ctl: _ControlCommand, expression: str | None, hold: str | None) -> None:
-    """Hold what EXPRESSION is true for from now on; without it nothing more."""
+    """From now on, hold messages that match the filter EXPRESSION; without it, hold none."""
     question = {"if": expression} if expression else {}
     ctl.ask(do="intercept", **question, **({"patience": hold} if hold else {}))
 
 
-@command.command("held", short_help="List the messages that wait.")
+@command.command("held", short_help="List the held messages.")
 @click.pass_obj
 def _held(ctl: _ControlCommand) -> None:
-    """List the messages that wait: their numbers, how many seconds they have waited, and what they say."""
+    """List the held messages with number, seconds held, and content."""
     for held in ctl.ask_held():
         for line in _held_lines(held):
             echo(line)
@@ -185,57 +189,57 @@ def _held_lines(held: HeldStatus) -> list[str]:
     renderer = FrameLineRenderer()
     renderer.set_time_origin(0)
     waited = round(held.waited_s * 1e9)
-    fate = f"is dropped, as {printable(held.given_up)}," if held.given_up else "goes on unchanged"
-    left = [f"{fate} in {held.left_s:.1f} s"]
+    end = f"dropped in {held.left_s:.1f} s ({printable(held.given_up)})"
+    notes = [end if held.given_up else f"sent unchanged in {held.left_s:.1f} s"]
     if held.more:
-        left.append(f"{held.more} more tries of it came")
+        notes.append(f"{counted(held.more, 'retry', 'retries')} held")
     return [
         renderer.line(
-            Observation(held.number, waited, waited, held.flow, item, 0), held.call_kind, tuple(left)
+            Observation(held.number, waited, waited, held.flow, item, 0), held.call_kind, tuple(notes)
         )
         for item in parse_datagram(held.data)
     ]
 
 
-@command.command("forward", short_help="Send a message on.")
+@command.command("forward", short_help="Send a held message.")
 @click.argument("number", type=options.IntegerRange(1, options.LARGEST_COUNT))
 @click.pass_obj
 def _forward(ctl: _ControlCommand, number: int) -> None:
-    """Send a message on as it came."""
+    """Send a held message unchanged."""
     ctl.ask(do="forward", number=number)
 
 
-@command.command("edit", short_help="Send a message on, changed.")
+@command.command("edit", short_help="Change a held message and send it.")
 @click.argument("number", type=options.IntegerRange(1, options.LARGEST_COUNT))
 @click.argument("changes", nargs=-1)
-@click.option("--hex", "data", metavar="BYTES", help="Send these bytes in its place.")
+@click.option("--hex", "data", metavar="BYTES", help="Send these bytes instead, given in hex.")
 @click.pass_obj
 def _edit(ctl: _ControlCommand, number: int, changes: tuple[str, ...], data: str | None) -> None:
-    """Send a message on with CHANGES, as behind the fault `rewrite`: set arg[2][0]=10."""
+    """Send a held message with CHANGES, in the notation of the fault `rewrite`: set arg[2][0]=10."""
     ctl.ask(do="edit", number=number, hex=data or "", rewrite=" ".join(changes))
 
 
-@command.command("drop", short_help="Drop a message.")
+@command.command("drop", short_help="Drop a held message.")
 @click.argument("number", type=options.IntegerRange(1, options.LARGEST_COUNT))
 @click.pass_obj
 def _drop(ctl: _ControlCommand, number: int) -> None:
-    """Drop a message that waits."""
+    """Drop a held message."""
     ctl.ask(do="drop", number=number)
 
 
 @command.command("clients", short_help="List the clients.")
 @click.pass_obj
 def _clients(ctl: _ControlCommand) -> None:
-    """List who is there: since when, what came from each side, and how the way to the controller is."""
+    """List the clients: connection time, messages in each direction, connection to the controller."""
     for client in ctl.ask_list("clients", ClientStatus):
         way = f"{client.client} > {client.server} {client.transport} {client.upstream}"
         echo(f"{printable(way)}  for {client.since_s:.1f} s, {client.up} up, {client.down} down")
 
 
-@command.command("stats", short_help="Give figures.")
+@command.command("stats", short_help="Show figures.")
 @click.pass_obj
 def _stats(ctl: _ControlCommand) -> None:
-    """Give figures: strikes, refusals, what is held, what has passed."""
+    """Show figures: injected faults, refusals, held messages and traffic."""
     for name, value in ctl.ask(do="stats").items():
         if name != "ok":
             echo(printable(f"{name.replace('_', ' ')}: {_figure_text(value)}"))

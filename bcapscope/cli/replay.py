@@ -1,4 +1,4 @@
-"""``bcapscope replay``: one side of a recorded session, played again."""
+"""``bcapscope replay``: play one side of a recording again."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ from bcapscope.traffic.filter.field_table import RecordKind
 _MAX_LISTED = 8
 
 
-@click.command(short_help="Play one side of a recorded session again.")
+@click.command(short_help="Play one side of a recording again.")
 @click.argument("capture", type=click.Path(allow_dash=True))
 @optional_target_options
 @click.option(
@@ -64,33 +64,56 @@ _MAX_LISTED = 8
     "side",
     type=click.Choice(["client", "server"]),
     required=True,
-    help="Call HOST as the recorded client did, or answer clients as the recorded controller did.",
+    help="client: make the calls of the recorded client to HOST. server: answer clients as the recorded "
+    "controller did.",
 )
-@click.option("--client", metavar="ADDRESS", help="Whose session, by address, or address:port.")
+@click.option(
+    "--client", metavar="ADDRESS", help="Play the calls of this client, given as address or address:port."
+)
 @options.filter_option(RecordKind.CALL)
-@click.option("--arm", is_flag=True, help="Do not ask whether a robot may be energised and moved.")
+@click.option("--arm", is_flag=True, help="As client: energise and move a robot without confirmation.")
 @click.option(
     "--limit",
     "limits",
     metavar="LIMIT",
     multiple=True,
-    help="Of the arm: J1=-170..170, J1..J3.speed=300, J1.acceleration=6000.",
+    help="As client: check against this limit of the arm; may be repeated. Examples: J1=-170..170, "
+    "J1..J3.speed=300, J1.acceleration=6000.",
 )
-@click.option("--anywhere", is_flag=True, help="Enter slave mode wherever the robot stands.")
-@click.option("--keep-going", is_flag=True, help="Do not end where a call fails that had succeeded.")
+@click.option(
+    "--anywhere",
+    is_flag=True,
+    help="As client: enter slave mode even if the robot is not at the first set point.",
+)
+@click.option(
+    "--keep-going",
+    is_flag=True,
+    help="As client: continue after a call that fails and did not fail in the recording.",
+)
 @click.option(
     "--longest-pause",
     metavar="SECONDS",
     type=options.NumberRange(0),
     default=5.0,
     show_default=True,
-    help="Cut longer pauses between calls.",
+    help="As client: shorten pauses between calls to this many seconds.",
 )
 @click.option("--no-delay", is_flag=True, help="As server: answer at once, not after the recorded time.")
-@click.option("--listen", metavar="ADDRESS", default="127.0.0.1", show_default=True, help="As server.")
-@click.option("--record", metavar="FILE.pcapng", type=click.Path(dir_okay=False), help="As server.")
-@click.option("--json", "as_json", is_flag=True, help="As client: one JSON object a call.")
-@click.option("-q", "--quiet", is_flag=True, help="Do not write a line a call.")
+@click.option(
+    "--listen",
+    metavar="ADDRESS",
+    default="127.0.0.1",
+    show_default=True,
+    help="As server: listen on this address of this machine.",
+)
+@click.option(
+    "--record",
+    metavar="FILE.pcapng",
+    type=click.Path(dir_okay=False),
+    help="As server: record the traffic to a new capture.",
+)
+@click.option("--json", "as_json", is_flag=True, help="As client: print one JSON object per call.")
+@click.option("-q", "--quiet", is_flag=True, help="Do not print calls; as client, print only differences.")
 @options.color
 def command(
     *,
@@ -111,29 +134,29 @@ def command(
     quiet: bool,
     color: str,
 ) -> None:
-    """Play the client's side of a recorded session to the controller HOST, or the controller's to clients.
+    """Play one side of a recording: make the client's calls to HOST, or answer clients as the controller did.
 
     As client, `replay` makes each call at its recorded time, with the handles that this controller gives, and
-    compares the result with the recorded one. It retries as this network needs. It first opens what the
-    recording uses but does not open. At the end it leaves slave mode and releases everything that is still
-    open.
+    compares the result with the recorded one. It retries as this network needs. First it opens objects that
+    the recording uses but does not open. At the end it leaves slave mode and releases everything that is
+    still open.
 
-    Before anything is sent the set points go through the pre-flight of `play`. A recording that may energise
-    or move a robot needs --arm or your confirmation, except with bcapscope's own simulator. The action log
-    records armed calls. `replay` enters slave mode only if the robot is at the first set point, unless you
-    give --anywhere.
+    Before `replay` sends anything, the set points go through the pre-flight check of `play`. A recording that
+    may energise or move a robot needs --arm or your confirmation, except with bcapscope's own simulator. The
+    action log records armed calls. `replay` enters slave mode only if the robot is at the first set point;
+    --anywhere skips this check.
 
-    As server, `replay` answers a call as the next call like it was answered in the recording.
+    As server, `replay` gives each call the reply that the next equal call got in the recording.
 
-    Exit codes: 0 all went as recorded; 2 invalid command line; 4 the capture cannot be read, or replay cannot
-    listen on the address; 5 there are no calls to play; 6 the capture cannot be written, or is incomplete; 8
-    a result differs; 9 no answer; 10 the motion was not confirmed; 11 the set points are not fit to be
-    played.
+    Exit codes: 0: all results were as recorded; 2: invalid command line; 3: the capture is damaged and
+    contains no calls to play; 4: the capture cannot be read, or replay cannot listen on the address; 5: there
+    are no calls to play; 6: the recording cannot be written, or is incomplete; 8: a result differs; 9: no
+    answer; 10: the motion was not confirmed; 11: the set points failed the pre-flight check.
     """
     if side == "client" and not target.host:
-        raise click.UsageError("which HOST is to be called?")
+        raise click.UsageError("--as client needs a controller: give HOST")
     if side == "server" and target.host:
-        raise click.UsageError("a server calls nobody: leave HOST out; --listen says where it answers")
+        raise click.UsageError("--as server takes no HOST: leave it out. --listen sets the address")
     script = _choose_script(CaptureReader([capture], ()), wanted, client)
     if side == "server":
         serving = ServerRunner(quiet=quiet, record=record)
@@ -164,14 +187,14 @@ def _choose_script(reader: CaptureReader, wanted: Filter | None, client: str | N
     if client is not None:
         scripts = tuple(script for script in scripts if client in _client_names(script))
     if not scripts:
-        print_stderr("no calls are there to play")
+        print_stderr("no calls to play found")
         sys.exit(reader.exit_code or ExitCode.NO_DATA)
     if len(scripts) > 1:
         listed = ", ".join(
             f"{_client_names(script)[0]} ({len(script.calls)})" for script in scripts[:_MAX_LISTED]
         )
         more = f" and {len(scripts) - _MAX_LISTED} more" if len(scripts) > _MAX_LISTED else ""
-        raise click.UsageError(f"whose calls? Choose with --client among {listed}{more}")
+        raise click.UsageError(f"the capture has several clients; choose one with --client: {listed}{more}")
     return scripts[0]
 
 
@@ -181,12 +204,12 @@ def _client_names(script: ReplayScript) -> tuple[str, str]:
 
 
 def _served_text(calls: int, unknown: int) -> str:
-    strange = f", {unknown} of them not in the recording" if unknown else ""
-    return f"{counted(calls, 'call')}{strange}"
+    missing = f", {unknown} of them not in the recording" if unknown else ""
+    return f"{counted(calls, 'call')}{missing}"
 
 
 class _ReplayPrinter:
-    """Writes what came of each call."""
+    """Prints the result of each call."""
 
     def __init__(self, as_json: bool, quiet: bool, color: str) -> None:
         self._as_json = as_json
@@ -201,7 +224,7 @@ class _ReplayPrinter:
 
 
 class _PreflightCheck:
-    """The pre-flight of a script's set points."""
+    """The pre-flight check of a script's set points."""
 
     def __init__(self, script: ReplayScript, limits: tuple[str, ...], color: str, quiet: bool) -> None:
         self._limits = limits
@@ -212,13 +235,13 @@ class _PreflightCheck:
             with_limits(UNKNOWN_ARM, limits)
             self.stretches = tuple(set_point_runs(script))
         except UnreadableSetPointError as error:
-            print_stderr(f"bcapscope: {error}: nothing was sent")
+            print_stderr(f"bcapscope: {error}. Nothing was sent")
             sys.exit(ExitCode.UNFIT)
         except ValueError as error:
             raise click.UsageError(str(error)) from None
 
     def check(self, limits: ArmLimits, shown: bool = False) -> None:
-        """Check all set points, and show how that went; what is not fit to be played ends the program."""
+        """Check all set points; print the results if `shown` or unfit. Exit if a run is unfit."""
         found = [preflight_run(stretch, with_limits(limits, self._limits)) for stretch in self.stretches]
         bad = [each for each in found if not each.is_playable]
         for each in bad or (found if shown and not self._quiet else ()):
@@ -230,7 +253,7 @@ class _PreflightCheck:
 
 
 class _ReplayRunner:
-    """Plays a script to a controller and tells how it goes."""
+    """Plays a script to a controller and prints the results."""
 
     def __init__(
         self,
@@ -249,7 +272,7 @@ class _ReplayRunner:
         self._most_late_ns = 0
 
     async def play(self, target: ControllerTarget, armed: bool, longest_pause: int) -> ExitCode:
-        """Play it without an event loop, which knows no microseconds; return how it went."""
+        """Play the script without an event loop, whose timers are too coarse; return the exit code."""
         needs_arm, simulated = self._needs_arming(), False
         if self._preflight.stretches or (needs_arm and not armed):
             simulated = await _is_simulator(target)
@@ -302,7 +325,7 @@ async def _is_simulator(target: ControllerTarget) -> bool:
 
 
 def _confirm_robot(host: str) -> bool:
-    """Ask whether a robot may be energised and moved."""
+    """Ask the user to confirm that a robot may be energised and moved."""
     if can_prompt():
         print_stderr("This is not bcapscope's simulator: the recording may energise or move a robot.")
         if confirm_robot_may_move(host):

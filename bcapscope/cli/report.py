@@ -1,4 +1,4 @@
-"""``bcapscope report``: one page about captures, to read in a browser and to mail."""
+"""``bcapscope report``: write one HTML page about captures, to read in a browser or to mail."""
 
 from __future__ import annotations
 
@@ -21,27 +21,29 @@ from bcapscope.traffic.filter.compiler import Filter
 from bcapscope.traffic.filter.field_table import RecordKind
 from bcapscope.traffic.filter.getters import CALL_GETTERS
 
-_INSTALL = "a report needs plotly, which is not installed: pip install 'bcapscope[report]'"
+_INSTALL = "plotly is not installed. Install it with: pip install 'bcapscope[report]'"
 
 
-@click.command(short_help="Write a page with findings, figures and pictures, to mail.")
+@click.command(short_help="Write one HTML page with findings, figures and charts.")
 @options.captures
-@options.output_option("Where to, such as report.html; - is standard output.", allow_dash=True)
+@options.output_option("Write the page to this file, such as report.html; - is stdout.", allow_dash=True)
 @options.ports
 @options.filter_option(RecordKind.CALL)
 @force_option
 def command(
     *, paths: tuple[str, ...], output: Path, ports: tuple[int, ...], wanted: Filter | None, force: bool
 ) -> None:
-    """Write what captures hold as one HTML page that needs no network and no other file.
+    """Write a report about captures: one HTML page that needs no network and no other file.
 
-    It has a summary, the findings of diagnose, a timeline, the pace of slave mode, how long calls took, and
-    what was sent again, in words, tables and pictures. It takes plotly: pip install 'bcapscope[report]'.
-    A filter chooses calls, as it does for stats, slave and diagnose; the page says so.
+    The page has a summary, the findings of `diagnose` and a timeline. Tables and charts show the cycle times
+    of slave mode, the latencies of calls, and retries. The report needs plotly: pip install
+    'bcapscope[report]'.
 
-    Exit codes: 0 the page was written; 2 invalid command line; 3 a capture is damaged or breaks
-    off, all before the damage is in the page; 4 nothing could be read; 5 there was no b-CAP, so there is no
-    page; 6 the page could not be written; 7 plotly is not installed.
+    --filter selects calls, as for `stats`, `slave` and `diagnose`. The page shows the filter.
+
+    Exit codes: 0: the page was written; 2: invalid command line; 3: a capture is damaged or incomplete, and
+    the page covers everything before the damage; 4: nothing could be read; 5: the captures contain no b-CAP,
+    so no page was written; 6: the page could not be written; 7: plotly is not installed.
     """
     try:
         from bcapscope.render.report_page import report_page
@@ -58,7 +60,7 @@ def command(
     account = _read_report_data(reading, wanted)
     reading.print_summary()
     if account is None:
-        print_stderr("no b-CAP was seen, so there is no report")
+        print_stderr("no b-CAP found, so no report was written")
         sys.exit(reading.exit_code or ExitCode.NO_DATA)
     page = report_page(account, _capture_names(paths), __version__, _remarks(reading, wanted)).encode("utf-8")
     if to_stdout:
@@ -77,15 +79,14 @@ def _read_report_data(reader: CaptureReader, wanted: Filter | None) -> ReportDat
 
 
 def _capture_names(paths: Sequence[str]) -> list[str]:
-    """Name the captures without their folders, which are nobody's business but the user's."""
+    """Return the names of the captures without their folders, which are private to the user."""
     return ["standard input" if path == STDIN else Path(path).name for path in paths]
 
 
 def _remarks(reader: CaptureReader, wanted: Filter | None) -> list[str]:
     remarks = []
     if wanted is not None:
-        remarks.append(f"Only calls that fit this filter are told: {wanted.expression}")
+        remarks.append(f"This page covers only calls that match this filter: {wanted.expression}")
     if reader.exit_code is not ExitCode.OK:
-        told = "this page tells what stands before the damage"
-        remarks.append(f"Not all captures could be read to their end; {told}.")
+        remarks.append("A capture is damaged or incomplete. This page covers everything before the damage.")
     return remarks

@@ -1,4 +1,4 @@
-"""``bcapscope sim``: a controller without a robot."""
+"""``bcapscope sim``: simulate a controller without a robot."""
 
 from __future__ import annotations
 
@@ -25,22 +25,22 @@ from bcapscope.simulator.simulator import Simulator
 from bcapscope.simulator.simulator_server import SimulatorServer
 
 _HELP = (
-    "reset (forget all clients), stop (emergency stop), go (let it go), detector (RC7, late set points), "
-    "quit; the first letter will do"
+    "commands: reset (forget all clients), stop (press the emergency stop), go (release it), detector (RC7: "
+    "late set points), quit; the first letter is enough"
 )
 
 
-@click.command(short_help="A controller without a robot, to try things on.")
+@click.command(short_help="Simulate a controller without a robot.")
 @click.option(
     "--profile",
     type=click.Choice(list(PROFILES)),
-    help="What kind of controller it is; rc8, or that of the scenario, unless given.",
+    help="Simulate this kind of controller. Default: that of the scenario, otherwise rc8.",
 )
 @click.option(
     "--scenario",
     callback=choose_scenario,
     metavar="NAME|FILE.yaml",
-    help="Begin in a certain state, and let things go wrong.",
+    help="Play a scenario: begin in its state and inject its faults.",
 )
 @click.option(
     "--scenarios",
@@ -48,7 +48,7 @@ _HELP = (
     is_eager=True,
     expose_value=False,
     callback=list_scenarios,
-    help="List the scenarios and end.",
+    help="List the scenarios and exit.",
 )
 @click.option(
     "--behaviours",
@@ -56,19 +56,20 @@ _HELP = (
     is_eager=True,
     expose_value=False,
     callback=list_behaviours,
-    help="List what it does as real controllers do, how sure we are, and the sources; end.",
+    help="List the simulated behaviours with their certainty and sources, and exit.",
 )
 @click.option(
     "--seed",
     type=options.IntegerRange(0, options.LARGEST_SEED),
-    help="Random seed of the scenario; replaces its own.",
+    help="Random seed; replaces the one of the scenario.",
 )
 @click.option(
     "--defect",
     "defects",
     multiple=True,
     type=click.Choice([each.value for each in ServerDefect]),
-    help="Have this defect of DENSO's C server; cserver has all of them unless told.",
+    help="Simulate this defect of DENSO's C server; may be repeated. Default: all for cserver, none for the "
+    "others.",
 )
 @click.option(
     "--no-argument",
@@ -77,7 +78,11 @@ _HELP = (
     "always. Default: slvchangemode for rc7, never for the others.",
 )
 @click.option(
-    "--listen", metavar="HOST", default="127.0.0.1", show_default=True, help="Address of this machine."
+    "--listen",
+    metavar="HOST",
+    default="127.0.0.1",
+    show_default=True,
+    help="Listen on this address of this machine.",
 )
 @click.option(
     "-p",
@@ -85,15 +90,15 @@ _HELP = (
     type=options.IntegerRange(0, 65535),
     default=5007,
     show_default=True,
-    help="For UDP and TCP; 0 takes one that is free.",
+    help="Listen on this port, UDP and TCP; 0 chooses a free one.",
 )
 @click.option(
     "--record",
     metavar="FILE.pcapng",
     type=click.Path(dir_okay=False),
-    help="Write what passes to a new capture.",
+    help="Record the traffic to a new capture.",
 )
-@click.option("-q", "--quiet", is_flag=True, help="Do not write a line a call.")
+@click.option("-q", "--quiet", is_flag=True, help="Do not print the calls.")
 @attended_option
 def command(
     *,
@@ -108,17 +113,17 @@ def command(
     quiet: bool,
     attended: bool,
 ) -> None:
-    """Answer b-CAP clients over UDP and TCP as a DENSO controller does, until Ctrl-C.
+    """Simulate a DENSO controller: answer b-CAP clients over UDP and TCP until Ctrl-C.
 
-    A line a call goes to stdout. Commands can be typed meanwhile: reset forgets all clients, as the button
-    on the pendant does; stop presses the emergency stop and go lets it go; detector switches whether a late
-    set point is an error in the Async modes of RC7; quit ends.
+    `sim` prints one line per call. While it runs, you can type commands. reset forgets all clients, like the
+    button on the pendant. stop presses the emergency stop, and go releases it. detector switches whether a
+    late set point is an error in the Async modes of RC7. quit ends `sim`.
 
-    With --scenario it is one of the controllers that give their users trouble, each with the reason that
-    diagnose finds in a capture of it; what a scenario does is a line that begins with #.
+    --scenario simulates a controller with a known problem, whose root cause `diagnose` finds in a capture.
+    Lines that begin with # show what the scenario does.
 
-    Exit codes: 0 it was ended; 2 there is no such scenario, or it makes no sense; 4 the address cannot be
-    listened on; 6 the capture cannot be written, or lacks what could not be written in time.
+    Exit codes: 0: you ended it; 2: invalid command line or scenario; 4: `sim` cannot listen on the address;
+    6: the recording cannot be written, or is incomplete.
     """
     played = _played_scenario(scenario, profile, defects, no_argument)
     serving = ServerRunner(quiet=quiet, record=record)
@@ -140,18 +145,19 @@ def command(
             _actions(simulator, server, serving.print_message), serving.print_message, attended
         )
         serving.serve(server, keys.read_commands, keys.watched)
-    dropped = f"{simulator.dropped} datagrams dropped (no sound requests, or no place for their client)"
-    unheard = f"; {server.datagram_queue.dropped} more came too fast" if server.datagram_queue.dropped else ""
-    if not serving.close(f"{serving.log.call_count} calls; {dropped}{unheard}"):
+    dropped = f"{simulator.dropped} datagrams dropped (invalid requests, or too many clients)"
+    overrun = server.datagram_queue.dropped
+    more = f"; {overrun} more dropped because they came too fast" if overrun else ""
+    if not serving.close(f"{serving.log.call_count} calls; {dropped}{more}"):
         sys.exit(ExitCode.UNWRITABLE)
 
 
 def _played_scenario(
     scenario: Scenario | None, profile: str | None, defects: tuple[str, ...], no_argument: str | None
 ) -> Scenario:
-    """Return what is to be played: a scenario in which nothing happens where none was asked for."""
+    """Return the scenario to play; without --scenario, one without events."""
     if scenario is not None and profile not in (None, scenario.profile):
-        raise click.UsageError(f"the scenario has the profile {scenario.profile}; leave --profile out")
+        raise click.UsageError(f"the scenario needs profile {scenario.profile}: leave out --profile")
     chosen = scenario or Scenario(title="", profile=ProfileName(profile or ProfileName.RC8))
     own = tuple(map(ServerDefect, defects)) or chosen.defects
     bare = chosen.no_argument if no_argument is None else NoArgument(no_argument)
@@ -183,9 +189,9 @@ def _actions(
         machine.press_emergency_stop(server.now())
         print_message("the emergency stop is pressed")
 
-    def let_go() -> None:
+    def release() -> None:
         machine.emergency = False
-        print_message("the emergency stop is let go")
+        print_message("the emergency stop is released")
 
     def switch_detector() -> None:
         machine.slave.async_detector = not machine.slave.async_detector
@@ -195,14 +201,14 @@ def _actions(
     return {
         "reset": reset,
         "stop": press,
-        "go": let_go,
+        "go": release,
         "detector": switch_detector,
         "quit": _quit,
     }
 
 
 class _TypedCommands:
-    """Commands typed, or piped, while it runs."""
+    """Commands that the user types or pipes in while the simulator runs."""
 
     def __init__(
         self, actions: dict[str, Callable[[], None]], print_message: Callable[[str], None], attended: bool
@@ -214,7 +220,7 @@ class _TypedCommands:
         self.watched = [0] if _can_be_read() else []
 
     def read_commands(self, descriptor: int) -> None:
-        """Read what was typed and do it."""
+        """Read the input and run the commands in it."""
         data = os.read(descriptor, 1024)
         if not data:
             self.watched.remove(descriptor)
@@ -233,7 +239,7 @@ class _TypedCommands:
 
 
 def _can_be_read() -> bool:
-    """Tell whether stdin can be waited for: not on Windows, and not by a job in the background."""
+    """Return whether stdin can be polled: not on Windows, and not in a background job."""
     if sys.platform == "win32" or sys.stdin is None or sys.stdin.closed:
         return False
     try:

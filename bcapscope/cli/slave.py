@@ -1,4 +1,4 @@
-"""``bcapscope slave``: stays in slave mode."""
+"""``bcapscope slave``: show slave-mode sessions."""
 
 from __future__ import annotations
 
@@ -19,26 +19,30 @@ from bcapscope.traffic.call import Call
 from bcapscope.traffic.filter.getters import CALL_GETTERS
 
 
-@click.command(short_help="Slave mode: cycle times, retries, the controller's buffer, clock and motion.")
-@figure_command("One JSON object a stay.")
+@click.command(short_help="Show slave-mode sessions: cycle times, retries, buffer, clock and motion.")
+@figure_command("Print one JSON object per session.")
 def command(arguments: FigureArguments) -> None:
-    """Tell about each stay in slave mode: who entered and how it ended, when set points were sent and
-    answered, and what they command.
+    """Show each slave-mode session: who entered it, how it ended, its timing and its motion.
 
-    The cycle is the time between the first requests of successive set points, jitter its distance from the
-    grid. Latency runs from the first request to the accepted reply, the round trip from the request that it
-    answers. What the controller's buffer held is predicted by a model, which tells what it takes for granted.
+    The cycle time runs from the first request of one set point to that of the next. Jitter is the deviation
+    of a cycle from the time grid. Latency runs from the first request to the accepted reply, the round trip
+    from the request that this reply answers.
 
-    A filter chooses set points; what begins and ends a stay is followed all the same.
+    The controller's buffer cannot be observed. `slave` estimates its level with a model and lists the
+    model's assumptions.
 
-    Exit codes: as of decode.
+    --filter selects set points. The calls that begin and end a session always count.
+
+    Exit codes: as for `decode`.
     """
     reading = arguments.reader
-    stays = _warn_if_none(_read_slave_sessions(arguments), arguments)
+    sessions = _warn_if_none(_read_slave_sessions(arguments), arguments)
     if arguments.as_json:
-        reading.output.write_lines(map(slave_session_record, stays), reading.show_progress)
+        reading.output.write_lines(map(slave_session_record, sessions), reading.show_progress)
     else:
-        lines = (line for stay in stays for line in (*slave_session_lines(stay, arguments.palette), ""))
+        lines = (
+            line for session in sessions for line in (*slave_session_lines(session, arguments.palette), "")
+        )
         reading.output.write_lines(lines, reading.show_progress)
     reading.print_summary()
     sys.exit(reading.exit_code)
@@ -48,10 +52,10 @@ def _read_slave_sessions(arguments: FigureArguments) -> Iterator[SlaveSession]:
     watcher = SelectedSlaveSessions(
         None if arguments.call_filter is None else arguments.call_filter.bind(CALL_GETTERS), arguments.window
     )
-    take = watcher.add_call
+    add_call = watcher.add_call
     for item in read_calls(arguments.reader):
         if isinstance(item, Call):
-            ended = take(item)
+            ended = add_call(item)
             if ended:
                 yield from ended
     yield from watcher.finish(arguments.reader.ended_at)
@@ -60,12 +64,14 @@ def _read_slave_sessions(arguments: FigureArguments) -> Iterator[SlaveSession]:
 def _warn_if_none(
     slave_sessions: Iterable[SlaveSession], arguments: FigureArguments
 ) -> Iterator[SlaveSession]:
-    """Pass stays on; tell if there is none in what was read."""
+    """Yield the sessions; print a message if there is none."""
     none = True
-    for stay in slave_sessions:
+    for session in slave_sessions:
         none = False
-        yield stay
+        yield session
     if none and arguments.reader.exit_code is not ExitCode.UNREADABLE:
         print_stderr(
-            "no slave mode here" if arguments.call_filter is None else "no set point fits the filter"
+            "no slave-mode session found"
+            if arguments.call_filter is None
+            else "no set point matches the filter"
         )

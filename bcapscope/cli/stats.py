@@ -1,4 +1,4 @@
-"""``bcapscope stats``: figures by client and command."""
+"""``bcapscope stats``: show figures by client and command."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from bcapscope.render.statistics_text import statistics_lines, statistics_record
 from bcapscope.traffic.call import Call
 
 
-@click.command(short_help="Figures by client and command: rates, latencies, retries, refusals.")
-@figure_command("One JSON object; with --window one a slice.")
+@click.command(short_help="Show figures by client and command: rates, latencies, retries, refusals.")
+@figure_command("Print one JSON object; with --window, one per window.")
 def command(arguments: FigureArguments) -> None:
-    """Sum up the calls of captures.
+    """Show figures about the calls in captures, by client and by command.
 
-    Line time is the share of the whole time that the client spent waiting for replies of that kind. Latencies
-    run from the first request to the accepted reply.
+    Line time is the share of the total time that the client spent waiting for replies to such calls. Latency
+    runs from the first request to the accepted reply.
 
-    Exit codes: as of decode.
+    Exit codes: as for `decode`.
     """
     reading = arguments.reader
     calls = read_filtered_calls(reading, arguments.call_filter)

@@ -1,4 +1,4 @@
-"""``bcapscope tui``: the screen."""
+"""``bcapscope tui``: open the screen."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ from bcapscope.live.standard_streams import print_stderr
 from bcapscope.render.escape import printable
 
 _SUFFIXES = (".pcap", ".pcapng", ".cap", ".txt", ".gz")
-"""Endings that no host has; a name that has one is meant to be a file."""
+"""Suffixes that no host name has: the argument is meant as a file."""
 
 
 class TesterTarget(NamedTuple):
-    """The controller that is to be tested, as `tui.screens.tester_screen.TesterOptions` has it."""
+    """The controller to test, in the fields of `tui.screens.tester_screen.TesterOptions`."""
 
     host: str
     port: int
@@ -35,7 +35,7 @@ class TesterTarget(NamedTuple):
     profile: str
 
 
-@click.command(short_help="The screen: a tester for controllers, and traffic frame by frame.")
+@click.command(short_help="Open the screen: test a controller, show live traffic or a capture.")
 @click.argument("path", metavar="[HOST|FILE]", required=False, type=click.Path())
 @options.interface
 @options.ports
@@ -44,32 +44,50 @@ class TesterTarget(NamedTuple):
     is_flag=False,
     flag_value="",
     metavar="[ADDRESS]",
-    help="Show a proxy: one of its own, with --listen, --to and rules as `bcapscope proxy` has them, or the "
-    "one that was started with `--control ADDRESS`.",
+    help="Show a proxy. Without ADDRESS, start one with --listen, --to and rules, as for `bcapscope proxy`. "
+    "With ADDRESS, show the running proxy that was started with `--control ADDRESS`.",
 )
-@click.option("--listen", metavar="HOST:PORT", multiple=True, help="Of the proxy, see `bcapscope proxy`.")
-@click.option("--to", metavar="HOST:PORT", multiple=True, help="Of the proxy: the controller.")
+@click.option(
+    "--listen",
+    metavar="HOST:PORT",
+    multiple=True,
+    help="Let the proxy listen on this address; see `bcapscope proxy`.",
+)
+@click.option("--to", metavar="HOST:PORT", multiple=True, help="Let the proxy forward to this controller.")
 @click.option(
     "--record",
     metavar="FILE.pcapng",
     type=click.Path(dir_okay=False, path_type=Path),
-    help="Of the proxy: keep what passes.",
+    help="Let the proxy record the traffic to a new capture.",
 )
 @click.option(
-    "--sim", is_flag=True, help="Start a simulator on loopback, port 5007 or -p, and show what it is asked."
+    "--sim", is_flag=True, help="Start a simulator on 127.0.0.1, port 5007 or -p, and show its traffic."
 )
-@click.option("--scenario", metavar="NAME|FILE.yaml", help="Of that simulator; `bcapscope sim --scenarios`.")
-@click.option("--tcp/--udp", "tcp", help="What to talk to a controller over; UDP unless given.")
-@click.option("--option", metavar="TEXT", default="", help="Of the connection, as in the field: Timeout=300.")
+@click.option(
+    "--scenario",
+    metavar="NAME|FILE.yaml",
+    help="Play this scenario in the simulator; `bcapscope sim --scenarios` lists all.",
+)
+@click.option("--tcp/--udp", "tcp", help="Connect to the controller over TCP or UDP (default: UDP).")
+@click.option(
+    "--option",
+    metavar="TEXT",
+    default="",
+    help="Connect with these options, such as Timeout=300; empty by default.",
+)
 @click.option(
     "--profile",
     type=click.Choice(["rc7", "rc8", "rc9", "cserver"]),
     default="rc7",
     show_default=True,
-    help="What the built-in simulator is.",
+    help="Let the built-in simulator imitate this kind of controller. With --sim, the default is that of "
+    "`bcapscope sim`.",
 )
 @click.option(
-    "--requests", metavar="FOLDER", type=click.Path(path_type=Path), help="Where saved requests are kept."
+    "--requests",
+    metavar="FOLDER",
+    type=click.Path(path_type=Path),
+    help="Keep saved requests in this folder. Default: a folder of bcapscope in your user data.",
 )
 @serve_options
 @rule_options
@@ -93,26 +111,27 @@ def command(
     rules: RuleOptions,
     serve: ServeOptions,
 ) -> None:
-    """Test a controller, or show a capture, or what passes on an interface, a proxy, a simulator.
+    """Open the screen: test a controller, or show the traffic of a capture, interface, proxy or simulator.
 
-    With HOST, the Tester: connect, execute, robots, variables, tasks, slave mode, every byte. With no host it
-    talks to a built-in simulator. With a FILE or -i: frames, calls, findings, slave mode, statistics.
-    With --proxy the same of what passes, and on a second screen clients, rules and held messages; with --sim
-    of what a simulator is asked.
+    HOST opens the Tester: connect, execute, robots, variables, tasks, slave mode, and every byte. -p is then
+    the port of the controller. Without arguments, the Tester connects to a built-in simulator.
 
-    F1 tells the keys, Ctrl-P lists all that can be done, F12 halts the robot, Ctrl-Q ends. Labels are in
-    English or Japanese (LANG).
+    FILE or -i shows frames, calls, findings, slave mode and statistics. --proxy shows the same of a proxy's
+    traffic, and clients, rules and held messages on a second screen. --sim shows the traffic of a simulator.
 
-    Exit codes: 0 it was ended; 2 invalid command line; 4 the capture cannot be opened, an address
-    not be listened on, or no proxy be found; 6 there is no room for a recording or a journal; 9 there is no
-    controller of that name.
+    F1 shows the keys, Ctrl-P lists all commands, F12 halts the robot, Ctrl-Q quits. Labels are in English or
+    Japanese (LANG).
+
+    Exit codes: 0: you ended it; 2: invalid command line; 4: the capture cannot be opened, an address cannot
+    be listened on, or no proxy was found; 6: a recording or temporary file cannot be written; 9: the name of
+    the controller is unknown.
     """
     if sum((bool(path), bool(interface), proxy is not None, sim)) > 1:
-        raise click.UsageError("name a host or a capture, or one of -i, --proxy and --sim")
+        raise click.UsageError("give only one of HOST, FILE, -i, --proxy and --sim")
     if proxy is None and (listen or to or record or rules.command_line or rules.control):
-        raise click.UsageError("--listen, --to, --record and rules are those of a proxy: add --proxy")
+        raise click.UsageError("--listen, --to, --record and rules need --proxy: add --proxy")
     if scenario is not None and not sim:
-        raise click.UsageError("--scenario is that of a simulator: add --sim")
+        raise click.UsageError("--scenario has no effect without --sim: add --sim")
     if serve.is_wanted:
         serve_screen(serve)
     if proxy is not None:
@@ -128,7 +147,7 @@ def command(
         return
     is_file = bool(path) and Path(path or "").exists()
     if path and not is_file and (os.sep in path or Path(path).suffix in _SUFFIXES):
-        print_stderr(f"{printable(path)}: no such file")
+        print_stderr(f"{printable(path)}: no such file. Check the path")
         sys.exit(ExitCode.UNREADABLE)
     with _exit_without_folder():
         if is_file or interface:
@@ -138,9 +157,9 @@ def command(
 
 
 def _server_port(ports: tuple[int, ...]) -> int:
-    """Return the port that was given, or else that of b-CAP."""
+    """Return the given port, or the default port of b-CAP."""
     from bcapscope.client.retry_policies import (
-        DEFAULT_PORT,  # with all of the client, which a capture is shown without
+        DEFAULT_PORT,  # imported here because it loads the client, which showing a capture does not need
     )
 
     return ports[0] if ports else DEFAULT_PORT
@@ -148,7 +167,7 @@ def _server_port(ports: tuple[int, ...]) -> int:
 
 @contextmanager
 def _exit_without_folder() -> Iterator[None]:
-    """End the program where there is no room for what the screen keeps as long as it is there."""
+    """Exit if the screen cannot create its temporary folder."""
     from bcapscope.tui.traffic_processes.temporary_folder import TemporaryFolderError
 
     try:
@@ -195,7 +214,7 @@ def _show_tester(wanted: TesterTarget, requests: Path | None) -> None:
 
 
 def _show_traffic(path: str, interface: str, ports: tuple[int, ...]) -> None:
-    # Reading begins before the screen is even loaded, in a process of its own.
+    # A separate process starts to read before the screen is loaded.
     from bcapscope.tui.traffic_processes.traffic_feed import TrafficFeed
 
     feed = TrafficFeed(path=path, interface=interface, ports=ports)

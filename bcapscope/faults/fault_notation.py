@@ -1,41 +1,48 @@
-"""A fault in one line, as it is typed: ``delay=3ms±1ms request times 5 if command == slvMove``.
+"""A fault is written in one line: ``delay=3ms±1ms request times 5 if command == slvMove``.
 
-First the action, with its main value behind ``=``:
+First the action, with its main value after ``=``:
 
-    loss=5%                 that share is lost; drop loses all
-    drop  pass  partition  half-open
-    delay=3ms±1ms           later by so much, more or less (also written +-)
-    duplicate=2  reorder=1  more copies; how many overtake it
-    corrupt=1  truncate=20  bits turned over; bytes that are left
-    garbage=64              so many random bytes instead
-    burst=1%/25%            lost in bursts: probability that one begins, and that it ends
-    bandwidth=64kbit/s      also kB/s
-    answer=E_FAIL           that HRESULT instead of passing it on
-    serial=1                what is added to the serial of a response
-    executing=2s            S_EXECUTING for a while, then the response
-    close=reset             the TCP connection; also fin
-    rewrite                 with serial, reserved, code, set, limit or step
+    loss=5%                 lose this share of messages
+    drop                    lose all messages
+    delay=3ms±1ms           delay by this time, plus or minus a jitter (also +-)
+    duplicate=2             send this many more copies
+    reorder=1               let this many later messages overtake
+    corrupt=1               flip this many bits
+    truncate=20             keep only this many bytes
+    garbage=64              send this many random bytes instead
+    burst=1%/25%            lose bursts: probability that one begins / ends
+    bandwidth=64kbit/s      limit the rate; also kB/s
+    partition               let nothing through while the fault is active
+    half-open               let nothing more through in this conversation
+    pass                    leave the message alone, and skip all later faults
+    answer=E_FAIL           answer with this HRESULT; do not forward the request
+    serial=1                add this to the serial of a reply
+    executing=2s            send S_EXECUTING notices this long, then the reply
+    close=reset             close the TCP connection; also fin
+    rewrite                 change serial, reserved or code, or arguments with
+                            set, limit or step
 
-then, in any order, what it strikes and other fields of the action by name:
+Then, in any order, which messages the fault applies to, and other fields of
+the action by name:
 
-    request  response       only these; reply is the same as response
-    5%                      with that probability
-    try 1                   only the first try of a call, or the response to it
-    times 3                 that often
-    after 2s  for 10s       not before, and for how long
-    name lossy              for reports
-    distribution normal     of a jitter: uniform, normal, pareto
+    request  response       only this direction; reply means response
+    5%                      with this probability
+    try 1                   only the first attempt of a call, or its reply
+    times 3                 at most this often
+    after 2s  for 10s       begin after this time; end after this duration
+    name lossy              name for reports
+    distribution normal     of the jitter: uniform, normal, pareto
     set arg[2][0]=10        limit arg[2]=-90..90   step arg[2]=0.5
 
-and last ``if`` with a filter.
+Last ``if`` with a filter. `bcapscope fields` explains filters.
 
-In a file all fields have their names, those behind ``=`` as well:
+In a YAML file, every field has its name, also those after ``=``:
 
     faults:
       - {action: drop, probability: 5%, direction: response, try: 1}
       - {action: delay, time: 3ms, jitter: 1ms, times: 5, if: command == slvMove}
 
-and of the other actions, with the names of their main values:
+The other actions have these names for their main values:
 
     duplicate copies   reorder by       corrupt bits     truncate keep   garbage size
     burst enter leave  bandwidth rate   answer hresult   serial by       executing time
@@ -92,7 +99,7 @@ class _Word(NamedTuple):
 
 
 def read_fault(text: str) -> AnyFault:
-    """Read a fault.
+    """Parse a fault.
 
     Raises:
         NotationError: The text is no valid fault.

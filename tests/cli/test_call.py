@@ -122,19 +122,19 @@ def test_a_session_of_several_calls(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("calls", "reason"),
     [
-        (["Robot_Execute CurJnt", "Variable_GetValue"], "Variable_GetValue: of which variable?"),
+        (["Robot_Execute CurJnt", "Variable_GetValue"], "Variable_GetValue needs a variable."),
         (
             ["Controller_GetVariable I1", "Variable_Release", "Variable_GetName"],
-            "Variable_GetName: of which variable? Give --variable NAME, or open it before",
+            "Variable_GetName needs a variable. Add --variable NAME, or open one in an earlier call",
         ),
-        (["Robot_Execute CurJnt", "Robot_Bogus"], "line 2: there is no function 'Robot_Bogus'"),
+        (["Robot_Execute CurJnt", "Robot_Bogus"], "line 2: unknown function 'Robot_Bogus'"),
         (["Robot_Execute 'x"], "line 1: no closing quotation"),
-        (["Robot_GetName", "\0" * 100_000], "line 2: it is too long"),
+        (["Robot_GetName", "\0" * 100_000], "line 2: longer than 65536 characters"),
         (
             ["Controller_GetVariable I1", "Variable_PutValue on"],
             "line 2: Variable_PutValue, newVal: 'on' is no",
         ),
-        (["Robot_Execute CurJnt", "\udcff"], "this is no UTF-8"),
+        (["Robot_Execute CurJnt", "\udcff"], "not UTF-8"),
     ],
 )
 def test_calls_that_cannot_all_be_made_are_not_begun(calls: list[str], reason: str, tmp_path: Path) -> None:
@@ -206,7 +206,7 @@ def test_what_energises_or_moves_needs_arming_or_the_simulator(words: tuple[str,
     name = "Variable_PutValue" if "Variable_PutValue" in " ".join(words) else words[0]
     ran, executed = _call(*words)
     assert ran.code == ExitCode.UNARMED
-    assert "may move a robot" in ran.err
+    assert "may move or energise a robot" in ran.err
     assert "Add --arm" in ran.err
     assert name not in [call[0] for call in executed]
     assert executed[-1] == ("Service_Stop",)
@@ -311,13 +311,13 @@ def test_hex() -> None:
 @pytest.mark.parametrize(
     ("words", "reason"),
     [
-        ((), "which function?"),
+        ((), "no function given"),
         (("Robot_Mov",), "Robot_Move?"),
         (("Robot_Move",), "lComp is missing"),
         (("Robot_GoHome", "1", "2"), "Robot_GoHome takes hRobot"),
         (("Robot_Speed", "x", "1"), "Robot_Speed, lAxis: 'x' is no VT_I4"),
-        (("--exec", "Robot_Mov"), "line 1: there is no function"),
-        (("--tcp", "--convention", "seed", "Service_Start"), "seed is not for TCP"),
+        (("--exec", "Robot_Mov"), "line 1: unknown function"),
+        (("--tcp", "--convention", "seed", "Service_Start"), "seed does not exist on TCP"),
         (("--hex", "--json", "Service_Start"), "exclude each other"),
     ],
 )

@@ -108,7 +108,7 @@ def test_a_filter_leaves_out_what_belongs_to_no_call() -> None:
     assert "reply with serial 8 answers no request that was seen" in stray
     done = run("calls", "-", "-f", "call > 0", stdin=capture)
     assert done.lines == [call]
-    assert "1 reply to no open call, the first in frame 1" in done.err
+    assert "1 reply to no open call; first: frame 1" in done.err
     assert len(run("calls", "-", "--json", stdin=capture).lines) == 1
 
 

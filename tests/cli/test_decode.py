@@ -69,7 +69,7 @@ def test_tree_and_hexdump() -> None:
 def test_hex_goes_with_text_only() -> None:
     done = run_here("decode", RETRIES, "--hex", "--json")
     assert done.code == ExitCode.USAGE
-    assert "--hex goes with lines and trees" in done.err
+    assert "--hex works with lines and --tree only" in done.err
 
 
 def test_a_filter_keeps_numbers_and_pairing() -> None:
@@ -167,7 +167,7 @@ def test_a_full_disk_is_told_in_one_sentence(style: list[str]) -> None:
     with Path("/dev/full").open("wb") as full:
         done = subprocess.run(argv, stdout=full, stderr=subprocess.PIPE, check=False)
     assert done.returncode == ExitCode.UNWRITABLE
-    assert done.stderr == b"Error: standard output: no space left on device\n"
+    assert done.stderr == b"Error: cannot write to standard output: no space left on device\n"
 
 
 def test_a_truncated_compressed_capture_gives_all_before_the_cut(tmp_path: Path) -> None:
@@ -208,7 +208,7 @@ def test_a_missing_file_does_not_hide_the_others(tmp_path: Path) -> None:
 def test_no_capture_is_a_mistake_in_the_command_line(command: str) -> None:
     done = run_here(command)
     assert done.code == ExitCode.USAGE
-    assert "name a capture, - for standard input, or an interface with -i" in done.err
+    assert "give captures, - for standard input, or an interface with -i" in done.err
 
 
 @pytest.mark.parametrize(
@@ -221,7 +221,7 @@ def test_what_cannot_listen_does_not_speak_of_interfaces(line: list[str]) -> Non
 
 
 def test_a_server_on_another_port_is_told() -> None:
-    assert "told by" not in run_here("decode", RETRIES).err
+    assert "recognised by" not in run_here("decode", RETRIES).err
     lines = run_here("decode", RETRIES, "--port", "50001").lines
     assert "response" in lines[0]
 
@@ -231,7 +231,7 @@ def test_a_server_that_has_to_be_worked_out_is_said(tmp_path: Path) -> None:
     path = tmp_path / "other-port.pcap"
     path.write_bytes(data)
     done = run_here("decode", path)
-    assert "server 192.168.0.1:15007 (udp), told by " in done.err
+    assert "controller 192.168.0.1:15007 (udp), recognised by " in done.err
     assert len(done.lines) == len(run_here("decode", CAPTURES / "exchanges.pcap").lines)
 
 
@@ -290,7 +290,7 @@ def test_pasted_hex_is_read_and_what_is_wrong_with_it_said(golden: Callable[[str
 def test_a_text_without_hex_is_said(text: bytes) -> None:
     done = run("decode", "--text", "-", stdin=text)
     assert done.code == ExitCode.UNREADABLE
-    assert "there is no hex in this text" in done.err
+    assert "no hex found in this text" in done.err
 
 
 def test_one_source_at_a_time() -> None:
@@ -320,8 +320,8 @@ def test_closed_standard_streams_end_in_order(redirection: str, code: ExitCode) 
     ("words", "told"),
     [
         (("--json", "--csv"), "--json and --csv exclude each other"),
-        (("--full",), "--full goes with --tree"),
-        (("--full", "--json"), "--full goes with --tree"),
+        (("--full",), "--full has no effect without --tree"),
+        (("--full", "--json"), "--full has no effect without --tree"),
     ],
 )
 def test_styles_that_do_not_go_together_are_told(words: tuple[str, ...], told: str) -> None:

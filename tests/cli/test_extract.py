@@ -97,7 +97,7 @@ def test_one_client_of_several(tmp_path: Path, client: str) -> None:
     ran = run_here("extract", ROBOTS, "-o", tmp_path / "none.csv", "--client", "10.9.8.7")
     assert (ran.code, ran.err.splitlines()[-1]) == (
         ExitCode.NO_DATA,
-        "no set points (slvMove) by 10.9.8.7, so there is no trajectory",
+        "no set points (slvMove) by 10.9.8.7 found, so no trajectory was written",
     )
 
 
@@ -107,14 +107,14 @@ def test_a_filter_chooses_set_points(tmp_path: Path) -> None:
     assert "left out: 231 not asked for\n" in ran.err
     ran = run_here("extract", SESSION, "-o", tmp_path / "none.csv", "-f", "call < 3")
     assert ran.code == ExitCode.NO_DATA
-    assert "240 set points, none of which is part of a trajectory" in ran.err
+    assert "240 set points found, but none is part of a trajectory" in ran.err
     assert not (tmp_path / "none.csv").exists()
 
 
 def test_without_slave_mode(tmp_path: Path) -> None:
     ran = run_here("extract", NO_SLAVE_MODE, "-o", tmp_path / "way.csv")
     assert ran.code == ExitCode.NO_DATA
-    assert ran.err.splitlines()[-1] == "no set points (slvMove), so there is no trajectory"
+    assert ran.err.splitlines()[-1] == "no set points (slvMove) found, so no trajectory was written"
     assert list(tmp_path.iterdir()) == []
 
 
@@ -123,7 +123,7 @@ def test_nothing_is_overwritten_unless_told(tmp_path: Path, there: str) -> None:
     (tmp_path / there).write_text("mine")
     ran = run_here("extract", ROBOTS, "-o", tmp_path / "way.csv")
     assert ran.code == ExitCode.UNWRITABLE
-    assert f"{there}: exists already; --force overwrites it" in ran.err
+    assert f"{there}: exists already. Add --force to overwrite it" in ran.err
     assert [path.read_text() for path in tmp_path.iterdir()] == ["mine"]
     assert run_here("extract", ROBOTS, "-o", tmp_path / "way.csv", "--force").code == ExitCode.OK
     assert len(rows(tmp_path / "way-2.csv")) == 12

@@ -39,9 +39,9 @@ def test_what_is_there_and_how_fast() -> None:
     )
     assert calls == "5 calls, 0 lost"
     assert spread.startswith("round trip, ms: p50 ")
-    assert [line.partition(" for ")[2][:20] for line in verdicts] == [
-        "set points each 8 ms",
-        "set points each 1 ms",
+    assert [line.partition(" for ")[2].partition(":")[0] for line in verdicts] == [
+        "set points every 8 ms",
+        "set points every 1 ms",
     ]
     (peer,) = server.peers.values()
     assert not any(needs_arming(ID[str(name)], ()) for name in peer.functions)
@@ -79,7 +79,7 @@ def test_a_controller_that_refuses_the_connection_answers_all_the_same() -> None
     with udp_server(prepare) as server:
         ran = run_here("ping", "127.0.0.1", "--port", str(server.port), *_FEW)
     assert ran.code == ExitCode.OK
-    assert "not connected to: Controller_Connect was refused: E_INVALIDARG" in ran.out
+    assert "connection refused: Controller_Connect was refused: E_INVALIDARG" in ran.out
     assert "5 calls, 0 lost" in ran.out
 
 
@@ -92,20 +92,20 @@ def test_losses_are_counted_and_not_repeated() -> None:
         ran = run_here("ping", "127.0.0.1", "--port", str(server.port), *words)
     assert ran.code == ExitCode.UNANSWERED
     assert "5 calls, 5 lost" in ran.lines
-    assert ran.lines[-1] == "not fit for set points each 1 ms: nothing was answered"
+    assert ran.lines[-1] == "not fit for set points every 1 ms: nothing was answered"
 
 
 def test_what_was_found_is_shown_if_the_connection_breaks() -> None:
     with breaking_server("Controller_GetAttribute", 3) as port:
         ran = run_here("ping", "127.0.0.1", "--port", str(port), "--tcp", *_FEW)
     assert ran.code == ExitCode.UNANSWERED
-    assert "ended before all calls were made: the " in ran.out
+    assert "ended early: the " in ran.out
     assert ran.lines[1] in (
         "2 calls, 0 lost",
         "3 calls, 0 lost",
     )  # the last answer may come with the end
     assert "round trip, ms: p50 " in ran.out
-    assert ran.lines[-1] == "not fit for set points each 1 ms: the connection broke"
+    assert ran.lines[-1] == "not fit for set points every 1 ms: the connection broke"
 
 
 class _SlowOnce(dict[str, Answer | None]):
@@ -168,4 +168,4 @@ def test_a_signal_before_the_first_answer_makes_no_controller_of_nobody() -> Non
             program.send_signal(signal.SIGTERM)
             out, _ = program.communicate()
     assert program.returncode == ExitCode.INTERRUPTED
-    assert out.decode() == f"127.0.0.1:{server.port} over UDP: nothing was answered\n"
+    assert out.decode() == f"127.0.0.1:{server.port} over UDP: no answer\n"

@@ -105,7 +105,7 @@ def test_limits_of_the_simulated_arm_hold_for_it(port: int, tmp_path: Path) -> N
 @pytest.mark.parametrize(
     ("words", "reason"),
     [
-        (("--mode", "0x999"), "neither sync, async nor a number"),
+        (("--mode", "0x999"), "is not a mode. Give sync, async, or a number"),
         (("--limit", "J1=fast"), "is no range"),
     ],
 )
@@ -231,7 +231,7 @@ def test_the_host_is_typed_to_let_a_robot_move(tmp_path: Path, typed: str, code:
     file.write_text("0,0,90,0,90,0\n" * 10)
     with udp_server(stand_at_home) as server:
         terminal = Terminal("play", str(file), "127.0.0.1", "-p", str(server.port), "--mode", "async")
-        terminal.until("Type 127.0.0.1 if it may: ")
+        terminal.until("Type 127.0.0.1 to confirm that this robot may move: ")
         terminal.press(f"{typed}\n")
         terminal.until({0: "played to the end", 10: "not played", 130: "was asked for"}[code])
         assert terminal.close() == code

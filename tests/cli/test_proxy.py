@@ -472,7 +472,11 @@ HERE = ["--listen", "127.0.0.1:0", "--to", "127.0.0.1:1"]
             6,
             "no such file",
         ),
-        (["--listen", "127.0.0.1:0", "--to", "127.0.0.1:1", "--record", __file__], 6, "exists already\n"),
+        (
+            ["--listen", "127.0.0.1:0", "--to", "127.0.0.1:1", "--record", __file__],
+            6,
+            "exists already. choose another path\n",
+        ),
     ],
 )
 def test_what_cannot_be_done_is_one_sentence(words: list[str], code: int, sentence: str) -> None:

@@ -58,7 +58,7 @@ def test_as_client_and_as_server_at_once() -> None:
         words = ("replay", SESSION, "127.0.0.1", "--port", str(port), "--as", "client")
         refused = run(*words)
         assert refused.code == ExitCode.UNARMED
-        assert "the recording was not sent. It may move a robot or energise it" in refused.err
+        assert "the recording was not sent. It may move or energise a robot" in refused.err
         assert "Add --arm" in refused.err
         done = run(*words, "--arm", "-f", "function != Robot_Execute")
         assert (done.code, len(done.lines)) == (ExitCode.OK, 7)
@@ -98,8 +98,8 @@ def test_a_failure_ends_it_unless_told(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("words", "code", "told"),
     [
-        ((SESSION, "--as", "client"), ExitCode.USAGE, "which HOST is to be called?"),
-        ((SESSION, "127.0.0.1", "--as", "server"), ExitCode.USAGE, "leave HOST out"),
+        ((SESSION, "--as", "client"), ExitCode.USAGE, "--as client needs a controller: give HOST"),
+        ((SESSION, "127.0.0.1", "--as", "server"), ExitCode.USAGE, "--as server takes no HOST"),
         ((SESSION,), ExitCode.USAGE, "--as"),
         ((CAPTURES / "none.pcap", "--as", "server"), ExitCode.UNREADABLE, "cannot be opened"),
         ((SESSION, "127.0.0.1", "--as", "client", "--client", "1.2.3.4"), ExitCode.NO_DATA, "no calls"),

@@ -41,7 +41,10 @@ def test_no_room_for_the_page_is_told_in_a_sentence() -> None:
         argv = [sys.executable, "-m", "bcapscope", "report", str(LOST), "-o", "-"]
         done = subprocess.run(argv, stdout=full, stderr=subprocess.PIPE, check=False)
     assert done.returncode == ExitCode.UNWRITABLE
-    assert done.stderr.decode().splitlines()[-1] == "Error: standard output: no space left on device"
+    assert (
+        done.stderr.decode().splitlines()[-1]
+        == "Error: cannot write to standard output: no space left on device"
+    )
 
 
 def test_nothing_is_overwritten_unless_told(tmp_path: Path) -> None:
@@ -49,7 +52,7 @@ def test_nothing_is_overwritten_unless_told(tmp_path: Path) -> None:
     out.write_text("mine")
     ran = run_here("report", LOST, "-o", out)
     assert (ran.code, out.read_text()) == (ExitCode.UNWRITABLE, "mine")
-    assert "exists already; --force overwrites it" in ran.err
+    assert "exists already. Add --force to overwrite it" in ran.err
     assert run_here("report", LOST, "-o", out, "--force").code == ExitCode.OK
     assert out.read_text("utf-8").startswith("<!DOCTYPE html>")
     assert [path.name for path in tmp_path.iterdir()] == ["report.html"]
@@ -62,7 +65,9 @@ def test_several_captures_are_one_report() -> None:
 
 def test_a_filter_chooses_calls_and_the_page_says_so() -> None:
     page = run_here("report", LOST, "-o", "-", "-f", 'function ~ "<b>|Service"').out
-    assert "Only calls that fit this filter are told: function ~ &quot;&lt;b&gt;|Service&quot;" in page
+    assert (
+        "This page covers only calls that match this filter: function ~ &quot;&lt;b&gt;|Service&quot;" in page
+    )
     assert "slvmove-outside-slave-mode" not in page
     assert "slvmove-outside-slave-mode" in run_here("report", LOST, "-o", "-", "-f", "command == slvMove").out
 
@@ -72,7 +77,7 @@ def test_a_damaged_capture_is_told_on_the_page(tmp_path: Path) -> None:
     cut.write_bytes(LOST.read_bytes()[:5000])
     ran = run_here("report", cut, "-o", "-")
     assert ran.code == ExitCode.DAMAGED
-    assert "Not all captures could be read to their end" in ran.out
+    assert "A capture is damaged or incomplete" in ran.out
 
 
 def test_without_bcap_there_is_no_page(tmp_path: Path) -> None:
@@ -80,7 +85,7 @@ def test_without_bcap_there_is_no_page(tmp_path: Path) -> None:
     empty.write_bytes(bytes.fromhex("d4c3b2a1020004000000000000000000ffff000001000000"))
     ran = run_here("report", empty, "-o", tmp_path / "report.html")
     assert ran.code == ExitCode.NO_DATA
-    assert ran.err.splitlines()[-1] == "no b-CAP was seen, so there is no report"
+    assert ran.err.splitlines()[-1] == "no b-CAP found, so no report was written"
     assert not (tmp_path / "report.html").exists()
     ran = run_here("report", tmp_path / "missing.pcap", "-o", tmp_path / "report.html")
     assert ran.code == ExitCode.UNREADABLE
@@ -93,7 +98,7 @@ def test_without_plotly_it_says_how_to_get_it(tmp_path: Path) -> None:
     root = str(Path(__file__).parent.parent.parent)
     ran = run("report", LOST, "-o", tmp_path / "report.html", PYTHONPATH=f"{tmp_path}:{root}")
     assert ran.code == ExitCode.NOT_INSTALLED
-    assert ran.err == ("a report needs plotly, which is not installed: pip install 'bcapscope[report]'\n")
+    assert ran.err == ("plotly is not installed. Install it with: pip install 'bcapscope[report]'\n")
 
 
 @pytest.mark.skipif(CHROMIUM is None, reason="no Chromium is installed")

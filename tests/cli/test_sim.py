@@ -70,7 +70,7 @@ def test_it_ends_in_order_as_soon_as_it_listens(number: signal.Signals) -> None:
         process.send_signal(number)
         out, err = process.communicate(timeout=30)
     assert (process.returncode, out) == (0, "")
-    assert err.endswith("0 calls; 0 datagrams dropped (no sound requests, or no place for their client)\n")
+    assert err.endswith("0 calls; 0 datagrams dropped (invalid requests, or too many clients)\n")
 
 
 def test_a_stdout_that_nobody_reads_holds_no_client_up() -> None:
@@ -86,7 +86,7 @@ def test_a_stdout_that_nobody_reads_holds_no_client_up() -> None:
         process.stdin.write("nonsense\n")
         process.stdin.flush()
         assert process.stderr is not None
-        assert process.stderr.readline().startswith("reset (forget all clients)")
+        assert process.stderr.readline().startswith("commands: reset (forget all clients)")
         process.send_signal(signal.SIGINT)
         told = process.stderr.read()
         assert process.wait(30) == 0
@@ -119,13 +119,13 @@ def test_commands_are_taken_while_it_runs() -> None:
             assert sock.recv(4096) == b""
         out, err = process.communicate("nonsense\nq\n", timeout=30)
         assert (process.returncode, out) == (0, "")
-        assert err.startswith("all clients are forgotten\nreset (forget all clients)")
+        assert err.startswith("all clients are forgotten\ncommands: reset (forget all clients)")
 
 
 def test_what_was_pressed_is_told() -> None:
     done = run("sim", "--port", "0", stdin=b"s\ngo\nquit\n")
     told = [line for line in done.err.splitlines() if line.startswith("the emergency stop is ")]
-    assert told == ["the emergency stop is pressed", "the emergency stop is let go"]
+    assert told == ["the emergency stop is pressed", "the emergency stop is released"]
 
 
 def test_what_passes_is_recorded(tmp_path: Path) -> None:
@@ -216,8 +216,8 @@ def test_scenarios_are_listed_with_a_sentence_each() -> None:
     ("words", "error"),
     [
         (("--scenario", "emergency-step"), "did you mean 'emergency-stop'?"),
-        (("--scenario", "none.yaml"), "none.yaml cannot be read: No such file or directory"),
-        (("--scenario", "no-robslave", "--profile", "rc8"), "has the profile rc7"),
+        (("--scenario", "none.yaml"), "cannot read none.yaml: No such file or directory"),
+        (("--scenario", "no-robslave", "--profile", "rc8"), "needs profile rc7"),
         (("--defect", "all"), "'all' is not one of 'forgets-first', 'serial-zero'"),
     ],
 )

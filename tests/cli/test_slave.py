@@ -34,7 +34,7 @@ def test_every_sample(path: Path) -> None:
     assert [f"Stay {stay['stay']}" for stay in stays] == [
         line.split("  ")[0] for line in text.lines if line.startswith("Stay ")
     ]
-    assert ("no slave mode here" in text.err) == (not stays)
+    assert ("no slave-mode session found" in text.err) == (not stays)
 
 
 @pytest.mark.parametrize("command", [["slave"], ["extract", "-o", "never.csv"]])
@@ -79,7 +79,7 @@ def test_a_filter_chooses_set_points() -> None:
     assert (stay["set_points"]["sent"], stay["exit"]["reason"]) == (236, "left")
     none = run_here("slave", SESSION, "-f", "latency > 5s")
     assert (none.out, none.code) == ("", ExitCode.OK)
-    assert "no set point fits the filter" in none.err
+    assert "no set point matches the filter" in none.err
 
 
 def test_colours_on_request() -> None:

@@ -75,4 +75,6 @@ def test_no_terminal_is_told_in_one_sentence(words: list[str], tmp_path: Path) -
         timeout=LIMIT,
     )
     assert (done.returncode, done.stdout) == (2, "")
-    assert done.stderr.endswith("Error: the screen needs a terminal; decode, calls and diagnose need none\n")
+    assert done.stderr.endswith(
+        "Error: the screen needs a terminal. Use decode, calls or diagnose without one\n"
+    )

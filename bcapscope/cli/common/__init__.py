@@ -1,1 +1,1 @@
-"""What several commands share: options, prompts, exit codes, reading captures."""
+"""Shared code of the commands: options, prompts, exit codes and reading captures."""

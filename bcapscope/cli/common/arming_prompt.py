@@ -1,4 +1,4 @@
-"""Asking whether a robot may be energised and moved, and logging the calls that follow."""
+"""Confirm that a robot may be energised and moved, and log the calls that follow."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from bcapscope.render.escape import printable
 
 @contextmanager
 def log_armed_calls(program: str, connection: LoggedConnection) -> Iterator[ArmedCallLogger]:
-    """Log the armed calls of a connection; a log that cannot be written is reported and ends nothing."""
+    """Log the armed calls of a connection. If the log cannot be written, print a warning and continue."""
     log = ActionLog(default_folder(), program, _warn_log_unwritable)
     calls = ArmedCallLogger(log, connection)
     try:
@@ -36,23 +36,24 @@ def _warn_log_unwritable(path: Path, error: OSError) -> None:
 
 
 def can_prompt() -> bool:
-    """Tell whether there is somebody to ask: both ends are a terminal."""
+    """Return whether stdin and stderr are terminals, so that the user can answer a prompt."""
     return sys.stdin is not None and sys.stdin.isatty() and sys.stderr.isatty()
 
 
 def unarmed_reason(host: str) -> str:
     """Return why a call that needs arming was not sent to `host`, and what to do."""
     return (
-        f"It may move a robot or energise it, and {host} is not bcapscope's simulator. "
+        f"It may move or energise a robot, and {host} is not bcapscope's simulator. "
         "Add --arm if the robot may move."
     )
 
 
 def confirm_robot_may_move(host: str) -> bool:
-    """Let the user type the controller's address, which nobody does by accident.
+    """Ask the user to type the controller's address, which cannot happen by accident.
 
     Raises:
-        click.Abort: by Ctrl-C, or the end of what is typed.
+        click.Abort: Ctrl-C was pressed, or standard input ended.
     """
-    typed: str = click.prompt(f"Type {printable(host)} if it may", default="", show_default=False, err=True)
+    question = f"Type {printable(host)} to confirm that this robot may move"
+    typed: str = click.prompt(question, default="", show_default=False, err=True)
     return typed.strip() == host

@@ -1,4 +1,4 @@
-"""What commands have that the screen starts as processes of their own: they tell it when they are ready."""
+"""How commands that the screen starts as processes report that they are ready."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ attended_option = click.option(
     "--attended",
     is_flag=True,
     hidden=True,
-    help="Write a line of JSON to stdout once all is ready, and end in order when stdin ends.",
+    help="Print a line of JSON to stdout when the command is ready, and end cleanly when stdin ends.",
 )
 
 
 def announce_ready(listening: Sequence[str], control: str = "") -> None:
-    """Tell that these addresses are listened on now, and where it can be told what to do."""
-    print_stderr("")  # all before it was the greeting
-    told = {"listening": list(listening), "control": control}
-    sys.stdout.buffer.write(orjson.dumps(told) + b"\n")
+    """Print the addresses that the command listens on, and that of its control socket."""
+    print_stderr("")  # ends the greeting for the parent process
+    report = {"listening": list(listening), "control": control}
+    sys.stdout.buffer.write(orjson.dumps(report) + b"\n")
     sys.stdout.buffer.flush()

@@ -1,4 +1,4 @@
-"""What ``bcapscope sim --behaviours`` lists."""
+"""The list that ``bcapscope sim --behaviours`` prints."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from bcapscope.simulator.behaviours import BEHAVIOURS
 
 
 def list_behaviours(context: click.Context, param: click.Parameter, wanted: bool) -> None:
-    """Write each behaviour with where we have it from and end, if that is wanted."""
+    """Print each behaviour with its source and exit, if `wanted`."""
     if not wanted or context.resilient_parsing:
         return
-    head = ("BEHAVIOUR", "CERTAINTY", "WHAT IS DONE, OR WHAT THE RESULT ANSWERS", "SOURCE")
+    head = ("BEHAVIOUR", "CERTAINTY", "WHAT THE SIMULATOR DOES, OR WHEN IT RETURNS THE RESULT", "SOURCE")
     rows = [(each.name, each.certainty, each.text, each.source) for each in BEHAVIOURS]
     DataOutput().write_lines(align_columns([head, *rows], "<<<<"), lambda: None)
     context.exit()

@@ -1,4 +1,4 @@
-"""The calls of a reading, as they settle."""
+"""Read the calls in captures, each when it ends."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from bcapscope.traffic.observation import Observation
 from bcapscope.traffic.tracker import Tracker
 
 _PROGRESS_EVERY = 0x1000
-"""Frames between two looks at how far reading has come; a power of two."""
+"""Update the progress bar after this many frames; a power of two."""
 
 
 def read_calls(reader: CaptureReader) -> Iterator[PairingResult]:
-    """Yield calls as they settle, and what belongs to none."""
+    """Yield each call when it ends, and stray replies."""
     tracker = Tracker()
     observe = tracker.observe
     for seen in reader.observations():
@@ -27,7 +27,7 @@ def read_calls(reader: CaptureReader) -> Iterator[PairingResult]:
 
 
 def read_filtered_calls(reader: CaptureReader, call_filter: Filter | None) -> Iterator[Call]:
-    """Yield the calls of a reading that a filter lets pass."""
+    """Yield the calls that match a filter."""
     test = None if call_filter is None else call_filter.bind(CALL_GETTERS)
     for item in read_calls(reader):
         if isinstance(item, Call) and (test is None or test(item)):
@@ -39,7 +39,7 @@ def read_to_end(
     on_frame: Callable[[Observation], object],
     on_settled: Callable[[PairingResult], object],
 ) -> None:
-    """Read to the end: show `on_frame` each frame, then `on_settled` what has settled by it."""
+    """Read to the end: pass each frame to `on_frame`, then the calls that it ended to `on_settled`."""
     tracker = Tracker()
     observe = tracker.observe
     for count, seen in enumerate(reader.observations()):
@@ -53,6 +53,6 @@ def read_to_end(
 
 
 def _close_open_calls(reader: CaptureReader, tracker: Tracker) -> Iterator[PairingResult]:
-    """Yield what is open, at the end of all that was captured."""
+    """Yield the calls that are open at the end of the captures."""
     yield from tracker.expire(reader.ended_at)
     yield from tracker.close()

@@ -1,4 +1,4 @@
-"""Reading captures for a command: where packets come from, and what the user is told about them."""
+"""Read captures for a command, and print what was read and what could not be."""
 
 from __future__ import annotations
 
@@ -36,12 +36,12 @@ _MAX_SERVERS_LISTED = 8
 
 
 class CaptureReader:
-    """One command's traffic: captures read one after the other, as the files of a ring are.
+    """The traffic that a command reads. Several captures count as one, like the files of a ring.
 
     Attributes:
-        exit_code: how reading went so far.
-        output: where the command writes its data.
-        on_first_time: is told the time of the first observation before it is given out.
+        exit_code: result of reading so far.
+        output: writes the data of the command.
+        on_first_time: called with the time of the first observation, before it is yielded.
     """
 
     def __init__(
@@ -51,19 +51,19 @@ class CaptureReader:
         interface: str | None = None,
         text: str | None = None,
     ) -> None:
-        """Choose what to read.
+        """Choose the input.
 
         Args:
-            paths: captures, ``-`` being standard input.
-            ports: where servers listen; 5007 if there are none.
-            interface: capture live on it, instead of reading.
-            text: a file with pasted hex, ``-`` being standard input, instead of either.
+            paths: captures; ``-`` is standard input.
+            ports: ports of controllers; 5007 if empty.
+            interface: capture live on this interface instead.
+            text: read this file with pasted hex instead; ``-`` is standard input.
 
         Raises:
-            click.UsageError: there is nothing to read, or more than one thing.
+            click.UsageError: there is no input, or more than one kind, or standard input is closed.
         """
         if bool(paths) + bool(interface) + bool(text) != 1:
-            raise click.UsageError("name a capture, - for standard input, or an interface with -i")
+            raise click.UsageError("give captures, - for standard input, or an interface with -i")
         if STDIN in (*paths, text) and sys.stdin is None:
             raise click.UsageError("standard input is closed")
         self.exit_code = ExitCode.OK
@@ -80,7 +80,7 @@ class CaptureReader:
         self._problems: list[str] = []
 
     def observations(self) -> Iterator[Observation]:
-        """Yield all that is said; what cannot be read is told on stderr, in one sentence each."""
+        """Yield all frames; `print_summary` prints why some could not be read."""
         if self._pasted is not None:
             yield from self._pasted
             return
@@ -96,44 +96,45 @@ class CaptureReader:
 
     @property
     def ended_at(self) -> int:
-        """When the latest packet was captured, whatever was in it, nanoseconds since 1970; 0 for pasted text.
+        """Time of the latest packet, with or without b-CAP, in ns since 1970; 0 for pasted text.
 
-        Known once all observations were taken.
+        Valid after the last observation.
         """
         return self._observer.end_time
 
     @property
     def comments(self) -> Mapping[int, tuple[str, ...]]:
-        """Comments of the packets read lately, by the number of the packet."""
+        """Comments of the most recent packets, by packet number."""
         return self._observer.comments if self._pasted is None else self._pasted.comments
 
     def show_progress(self) -> None:
-        """Show how far reading has come, if it takes long."""
+        """Show the progress of reading, if it takes long."""
         if self._file is not None:
             self._progress.show(self._file.position, self._file.size)
 
     def print_summary(self) -> None:
-        """Tell on stderr what was read, what could not be, and which servers had to be worked out."""
+        """Print to stderr what was read, what could not be, and controllers recognised by content."""
         if self._pasted is not None:
             self._print_text_summary(self._pasted.count)
             return
         self._progress.remove()
         for trouble in self._problems:
             print_stderr(trouble)
-        told = [c for c in self._observer.conversations if not c.server_known_by.startswith("port ")]
-        for conversation in told[:_MAX_SERVERS_LISTED]:
+        recognised = [c for c in self._observer.conversations if not c.server_known_by.startswith("port ")]
+        for conversation in recognised[:_MAX_SERVERS_LISTED]:
             server, reason = conversation.server, conversation.server_known_by
-            print_stderr(f"server {server} ({conversation.transport}), told by {reason}")
-        if len(told) > _MAX_SERVERS_LISTED:
-            print_stderr(f"… and {len(told) - _MAX_SERVERS_LISTED} more servers told by what was said")
+            print_stderr(f"controller {server} ({conversation.transport}), recognised by {reason}")
+        if len(recognised) > _MAX_SERVERS_LISTED:
+            more = len(recognised) - _MAX_SERVERS_LISTED
+            print_stderr(f"… and {more} more controllers recognised by content")
         if self._lost_packets:
-            print_stderr(f"{counted(self._lost_packets, 'packet')} lost: there was no room for more")
+            print_stderr(f"{counted(self._lost_packets, 'packet')} lost: the capture buffer was full")
         counts = self._observer.counts
         if counts.packets or self.exit_code is not ExitCode.UNREADABLE:
             print_stderr(capture_counts_text(counts))
 
     def _text_lines(self, path: str) -> Iterator[str]:
-        """Yield the lines of a text; what cannot be read is reported."""
+        """Yield the lines of a text; keep an error for `print_summary`."""
         try:
             with closing(_StandardInput()) if path == STDIN else Path(path).open("rb", buffering=0) as stream:
                 yield from text_lines(stream.read)
@@ -152,14 +153,14 @@ class CaptureReader:
             return
         if self.exit_code is ExitCode.OK:
             name = "standard input" if self._text == STDIN else printable(self._text or "")
-            print_stderr(f"{name}: there is no hex in this text")
+            print_stderr(f"{name}: no hex found in this text")
         self.exit_code = ExitCode.UNREADABLE
 
     def _live_packets(self) -> Iterator[Packet]:
         name = self._interface or ""
         try:
             with open_live_capture(name) as capture, DeferredInterrupts() as interrupts:
-                print_stderr(f"capturing on {printable(name)}, Ctrl-C ends")
+                print_stderr(f"capturing on {printable(name)}; press Ctrl-C to end")
                 packets = iter(capture)
                 try:
                     while (packet := interrupts.read_or_stop(partial(next, packets), None)) is not None:
@@ -192,11 +193,11 @@ class CaptureReader:
 
 
 class _Interrupted(Exception):
-    """Ctrl-C: no more is read, be it in the middle of a packet; that is not where the capture breaks off."""
+    """Ctrl-C ended reading, perhaps inside a packet. This does not make the capture incomplete."""
 
 
 class _StandardInput:
-    """Gives what there is without waiting for more."""
+    """Standard input, read without waiting for a full buffer."""
 
     def __init__(self) -> None:
         self._stream = io.FileIO(sys.stdin.fileno(), closefd=False)
@@ -209,7 +210,7 @@ class _StandardInput:
         return found
 
     def _next(self, size: int) -> bytes:
-        while (found := self._stream.read(size)) is None:  # somebody made the pipe non-blocking
+        while (found := self._stream.read(size)) is None:  # another process made the pipe non-blocking
             select.select([self._stream], [], [])
         return found
 
@@ -217,5 +218,5 @@ class _StandardInput:
         return self._stream.fileno()
 
     def close(self) -> None:
-        """Leave standard input to the interpreter."""
+        """Stop handling Ctrl-C; standard input stays open for the interpreter."""
         self._interrupts.close()

@@ -1,4 +1,4 @@
-"""Data for standard output, written in large pieces."""
+"""Write data to standard output, in large pieces."""
 
 from __future__ import annotations
 
@@ -12,32 +12,32 @@ import click
 from bcapscope.cli.common.exit_codes import ExitCode
 from bcapscope.live.standard_streams import discard_stdout
 
-_BATCH_CHARACTERS = 256 * 1024  # characters after which lines are written, however few
+_BATCH_CHARACTERS = 256 * 1024  # write after this many characters, however few the lines
 
 
 class StdoutWriteError(click.ClickException):
-    """Standard output takes no more, for another reason than that its reader has seen enough."""
+    """Standard output cannot be written, and the reason is not that its reader closed it."""
 
     exit_code = ExitCode.UNWRITABLE
 
     def __init__(self, error: OSError) -> None:
-        super().__init__(f"standard output: {(error.strerror or str(error)).lower()}")
+        super().__init__(f"cannot write to standard output: {(error.strerror or str(error)).lower()}")
 
 
 class DataOutput:
     """Writes lines of data to stdout."""
 
     def __init__(self, lines_at_once: int = 512) -> None:
-        """Write so many lines at once: many for speed, one where they are to be seen as they come."""
+        """Collect this many lines per write: many for speed, one for live output."""
         self._lines_at_once = lines_at_once
         self._stdout = sys.stdout.buffer
 
     def write_lines(self, lines: Iterable[str] | Iterable[bytes], after_batch: Callable[[], None]) -> None:
-        """Write each line; call `after_batch` whenever some were written.
+        """Write each line; call `after_batch` after each write.
 
         Raises:
-            BrokenPipeError: the reader has gone.
-            StdoutWriteError: there is no room, or the like.
+            BrokenPipeError: the reader closed stdout.
+            StdoutWriteError: writing failed for another reason, such as a full disk.
         """
         batch: list[str | bytes] = []
         size = 0
@@ -65,11 +65,11 @@ class DataOutput:
 
 
 def echo(text: str | bytes, end: bool = True) -> None:
-    """Write a line, or less than one, to stdout at once.
+    """Write a line to stdout at once, without its end if not `end`.
 
     Raises:
-        BrokenPipeError: the reader has gone.
-        StdoutWriteError: there is no room, or the like.
+        BrokenPipeError: the reader closed stdout.
+        StdoutWriteError: writing failed for another reason, such as a full disk.
     """
     try:
         click.echo(text, nl=end)
@@ -81,15 +81,15 @@ def echo(text: str | bytes, end: bool = True) -> None:
 
 
 def require_terminal() -> None:
-    """Make sure that there is a terminal for a screen; a browser needs none.
+    """Check that there is a terminal for the screen; in a browser, none is needed.
 
     Raises:
-        UsageError: there is none.
+        UsageError: there is no terminal.
     """
     if "TEXTUAL_DRIVER" in os.environ:
         return
     if not all(stream is not None and stream.isatty() for stream in (sys.__stdin__, sys.__stderr__)):
-        raise click.UsageError("the screen needs a terminal; decode, calls and diagnose need none")
+        raise click.UsageError("the screen needs a terminal. Use decode, calls or diagnose without one")
 
 
 def _joined_lines(lines: list[str | bytes]) -> bytes:

@@ -9,26 +9,26 @@ class ExitCode(IntEnum):
     """How a command ended."""
 
     OK = 0
-    """Everything asked for was done."""
+    """The command did everything."""
     USAGE = 2
-    """The command line makes no sense; nothing was read."""
+    """Invalid command line; nothing was read."""
     DAMAGED = 3
-    """A capture is damaged or breaks off; all before the damage was given out."""
+    """A capture is damaged or incomplete; everything before the damage was printed."""
     UNREADABLE = 4
-    """Nothing could be read: no such file, no capture, no right to listen."""
+    """Nothing could be read: missing file, not a capture, or no permission to capture or listen."""
     NO_DATA = 5
-    """The captures were read and hold nothing of what was asked for."""
+    """The captures were read, but contain nothing to write or play."""
     UNWRITABLE = 6
-    """A file was not written, or is incomplete: it exists already, the disk is full, or access is denied."""
+    """A file was not written, or is incomplete: it exists, the disk is full, or access is denied."""
     NOT_INSTALLED = 7
-    """A library that only this command needs is not installed."""
+    """A library that only this command or option needs is not installed."""
     REFUSED = 8
     """The controller refused a call."""
     UNANSWERED = 9
-    """No way to the controller, or no answer in time."""
+    """The controller cannot be reached, or did not answer in time."""
     UNARMED = 10
-    """A call might move the robot, and nobody said `--arm`; it was not made."""
+    """A call can move the robot, and `--arm` or a confirmation is missing; it was not sent."""
     UNFIT = 11
-    """A trajectory is not fit to be played, as the pre-flight tells; nothing was moved."""
+    """The trajectory failed the pre-flight check; nothing moved."""
     INTERRUPTED = 130
-    """Ctrl-C while there was something to do; shells name a program so that SIGINT ended."""
+    """Ctrl-C ended the command early; shells use this code for a program ended by SIGINT."""

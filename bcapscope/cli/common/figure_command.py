@@ -1,4 +1,4 @@
-"""What commands have in common that tell figures of calls, for the whole time or slice by slice."""
+"""Arguments of the commands that print figures about calls, for the whole time or by window."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from bcapscope.traffic.filter.field_table import RecordKind
 
 @dataclass(frozen=True, slots=True)
 class FigureArguments:
-    """What is asked for.
+    """The arguments of such a command.
 
     Attributes:
-        reader: of the captures.
-        as_json: JSON is wanted, not text.
-        window: length of a slice of time in nanoseconds; None for the whole.
-        call_filter: chooses calls; None for all.
-        palette: colours of text.
+        reader: reads the captures.
+        as_json: print JSON, not text.
+        window: length of a window in nanoseconds; None for the whole time.
+        call_filter: selects calls; None for all.
+        palette: colours of the text.
     """
 
     reader: CaptureReader
@@ -36,10 +36,10 @@ class FigureArguments:
 
 
 def figure_command(json_help: str) -> Callable[[Callable[[FigureArguments], None]], Callable[..., None]]:
-    """Give a command the arguments and options of such commands.
+    """Return a decorator that adds the arguments and options, and passes them as `FigureArguments`.
 
     Args:
-        json_help: what ``--json`` gives.
+        json_help: help text of ``--json``.
     """
 
     def decorate(run: Callable[[FigureArguments], None]) -> Callable[..., None]:

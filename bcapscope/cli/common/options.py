@@ -1,4 +1,4 @@
-"""Options that several commands share."""
+"""Options that several commands have."""
 
 from __future__ import annotations
 
@@ -18,21 +18,21 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 LARGEST_SEED = 2**63 - 1
 LARGEST_COUNT = 1_000_000_000
-"""Calls, rounds and the like that may be asked for: years of a call each 8 ms are 100 million."""
+"""Largest number of calls or rounds; at one call every 8 ms this takes three months."""
 
 _LARGEST_NUMBER = 1_000_000.0
-"""A quarter of an hour in ms, eleven days in s: more than anybody waits, and clocks can still count it."""
+"""A quarter of an hour in ms, eleven days in s: longer than any useful wait, and within a clock's range."""
 
 
 class NumberRange(click.FloatRange):
-    """A number within bounds, in ASCII digits."""
+    """Parameter type of a number within bounds, in ASCII digits."""
 
     def __init__(self, minimum: float, maximum: float = _LARGEST_NUMBER) -> None:
         super().__init__(min=minimum, max=maximum)
         self.minimum, self.maximum = minimum, maximum
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
-        """Read a number; an error names the bounds."""
+        """Convert to a number; the error message names the bounds."""
         number = parse_number(str(value), self.minimum, self.maximum)
         if number is None:
             self.fail(
@@ -44,14 +44,14 @@ class NumberRange(click.FloatRange):
 
 
 class IntegerRange(click.IntRange):
-    """An integer within bounds, in ASCII digits."""
+    """Parameter type of an integer within bounds, in ASCII digits."""
 
     def __init__(self, minimum: int, maximum: int) -> None:
         super().__init__(min=minimum, max=maximum)
         self.minimum, self.maximum = minimum, maximum
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> int:
-        """Read an integer; an error names the bounds."""
+        """Convert to an integer; the error message names the bounds."""
         number = parse_integer(str(value), self.minimum, self.maximum)
         if number is None:
             self.fail(
@@ -67,16 +67,16 @@ def _quoted_input(value: object) -> str:
 _PATH = click.Path(allow_dash=True)
 
 paths = click.argument("paths", nargs=-1, metavar="PATH...", type=_PATH)
-"""Captures; none where another option says what to read."""
+"""Captures; may be none, if another option names the input."""
 
 captures = click.argument("paths", nargs=-1, required=True, metavar="PATH...", type=_PATH)
-"""Captures, at least one."""
+"""One or more captures."""
 
 interface = click.option(
     "-i",
     "--interface",
     metavar="NAME",
-    help="Capture live on this interface, or on all with `any`, until Ctrl-C; needs the right to capture.",
+    help="Capture live on this interface until Ctrl-C; `any` means all. Needs permission to capture.",
 )
 
 ports = click.option(
@@ -85,8 +85,8 @@ ports = click.option(
     "ports",
     type=IntegerRange(1, 65535),
     multiple=True,
-    help="Port of a server, 5007 unless given; may be repeated. Talks between other ports are recognised by "
-    "what is said in them.",
+    help="Expect controllers on this port (default: 5007); may be repeated. On other ports, b-CAP is "
+    "recognised by its content.",
 )
 
 color = click.option(
@@ -94,7 +94,7 @@ color = click.option(
     type=click.Choice(["auto", "always", "never"]),
     default="auto",
     show_default=True,
-    help="Colours: auto is for terminals without NO_COLOR.",
+    help="Use colours. auto: on a terminal, unless NO_COLOR is set.",
 )
 
 time_format = click.option(
@@ -103,7 +103,8 @@ time_format = click.option(
     type=click.Choice([clock.value for clock in TimeFormat]),
     default=TimeFormat.RELATIVE.value,
     show_default=True,
-    help="How the time is told: seconds since the first frame, since the one before, in UTC, since 1970.",
+    help="Show times as seconds since the first frame (relative), as seconds since the previous line "
+    "(delta), as UTC, or as seconds since 1970 (epoch).",
 )
 
 
@@ -112,12 +113,12 @@ window = click.option(
     metavar="SECONDS",
     type=NumberRange(0.1),
     callback=lambda context, parameter, value: None if value is None else round(value * 1e9),
-    help="Figures for each slice of so many seconds, instead of the whole.",
+    help="Show figures for each window of this many seconds, at least 0.1, instead of the whole time.",
 )
 
 
 def filter_option(kind: RecordKind) -> Callable[[F], F]:
-    """Make the option ``--filter`` for records of `kind`; its value is a compiled filter or None."""
+    """Return the option ``--filter`` for records of `kind`; its value is a compiled filter or None."""
 
     def compile_it(context: click.Context, parameter: click.Parameter, value: str | None) -> Filter | None:
         try:
@@ -131,17 +132,17 @@ def filter_option(kind: RecordKind) -> Callable[[F], F]:
         "wanted",
         metavar="EXPRESSION",
         callback=compile_it,
-        help="Show only what this is true for, such as 'command ~ \"slv\" and hresult != S_OK'; see "
-        "`bcapscope fields`.",
+        help=f"Select {kind}s that match this filter, such as 'command ~ \"slv\" and hresult != S_OK'. "
+        "`bcapscope fields` lists the fields.",
     )
 
 
 def output_option(help_: str, allow_dash: bool = False) -> Callable[[F], F]:
-    """Make the option ``--output`` for the path of what a command writes.
+    """Return the option ``--output`` for the path that a command writes to.
 
     Args:
-        help_: where to.
-        allow_dash: ``-`` is standard output.
+        help_: help text of the option.
+        allow_dash: accept ``-`` for standard output.
     """
     kind = click.Path(path_type=Path, allow_dash=allow_dash)
     return click.option("-o", "--output", required=True, metavar="FILE", type=kind, help=help_)

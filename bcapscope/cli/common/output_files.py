@@ -1,4 +1,4 @@
-"""Files that commands write besides stdout."""
+"""Output files: check the path, and write so that a failure leaves no partial file."""
 
 from __future__ import annotations
 
@@ -11,46 +11,46 @@ import click
 
 from bcapscope.errors import FileWriteError
 
-force_option = click.option("--force", is_flag=True, help="Overwrite what is there.")
+force_option = click.option("--force", is_flag=True, help="Overwrite existing files.")
 
 
 def check_output_path(path: Path, overwrite: bool | None = None) -> None:
-    """Make sure that a file may be written there.
+    """Check that a file can be created at `path`.
 
     Args:
-        path: of the file.
-        overwrite: it may be there already; None where the command has no `--force` that would say so.
+        path: path of the file.
+        overwrite: allow an existing file; None if the command has no `--force`.
 
     Raises:
-        FileWriteError: something is there already, or is no file.
+        FileWriteError: the file exists already, or the path is not a regular file.
     """
-    is_there = os.path.exists(path)  # that of Path has an exception for a name that is too long
+    is_there = os.path.exists(path)  # Path.exists raises for a name that is too long
     if is_there and not path.is_file():
-        raise FileWriteError(path, "no file, but something else is there")
+        raise FileWriteError(path, "exists and is not a regular file. Choose another path")
     if is_there and not overwrite:
-        hint = "" if overwrite is None else "; --force overwrites it"
-        raise FileWriteError(path, f"exists already{hint}")
+        hint = "Choose another path" if overwrite is None else "Add --force to overwrite it"
+        raise FileWriteError(path, f"exists already. {hint}")
 
 
 class AtomicFile:
-    """A file that gets its name when it is complete; until then it stands beside, under a name of its own.
+    """A file that gets its name when it is complete; until then it has a temporary name in the same folder.
 
-    What is not kept is removed, so that a command that fails leaves nothing half written; nor does one that a
-    signal ends, after `interrupt_on_end_signals`, as nothing is there before it is written in the block. It
-    is open only while something is written, so that there may be any number of them.
+    A file that is not committed is removed, so a command that fails leaves no partial file. This also holds
+    for a command that a signal ends, after `interrupt_on_end_signals`. The file is open only during a write,
+    so any number of them can exist.
     """
 
     def __init__(self, path: Path) -> None:
-        """Begin a file that is to stand where `path` is."""
+        """Prepare a file at `path`; the first write creates it."""
         self._path = path
         self._temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
         self._mode = "xb"
 
     def write(self, data: bytes) -> None:
-        """Write some more.
+        """Append data.
 
         Raises:
-            FileWriteError: nothing can be written there, or there is no more room.
+            FileWriteError: the file cannot be written, or the disk is full.
         """
         try:
             with self._temporary.open(self._mode) as file:
@@ -60,11 +60,10 @@ class AtomicFile:
             raise FileWriteError(self._path, _error_text(error)) from None
 
     def commit(self, path: Path | None = None, overwrite: bool = False) -> None:
-        """Give the file, to which something was written, its name, or another one in the same directory;
-        nothing is written afterwards.
+        """Rename the file to its name, or to `path` in the same directory; call it after the last write.
 
         Raises:
-            FileWriteError: something is there already, or it cannot have that name.
+            FileWriteError: the file exists already, or cannot get that name.
         """
         path = self._path if path is None else path
         check_output_path(path, overwrite)
@@ -80,8 +79,8 @@ class AtomicFile:
         self.discard()
 
     def discard(self) -> None:
-        """Remove the file unless it was kept."""
-        with suppress(OSError):  # it is not there, or cannot be
+        """Remove the file unless it was committed."""
+        with suppress(OSError):  # it was committed, or never created
             self._temporary.unlink()
 
 

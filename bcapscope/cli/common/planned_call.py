@@ -1,4 +1,4 @@
-"""A call as words on a command line: the name of a function and its arguments."""
+"""Calls given as words on a command line: the name of a function and its arguments."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from bcapscope.protocol.tables.function_table import FUNCTIONS, Function, Object
 from bcapscope.protocol.tables.variables import find_variable
 
 LONGEST_LINE = 65536
-"""Characters of a line of a script."""
+"""Largest number of characters in a line of a script."""
 
 _OWNERS_OF_VARIABLES = (ObjectClass.CONTROLLER, ObjectClass.ROBOT, ObjectClass.TASK)
 _NAMELESS_OWNERS = (ObjectClass.SERVICE, ObjectClass.CONTROLLER, ObjectClass.MESSAGE)
@@ -26,12 +26,12 @@ _NAMELESS_OWNERS = (ObjectClass.SERVICE, ObjectClass.CONTROLLER, ObjectClass.MES
 
 @dataclass(frozen=True, slots=True)
 class PlannedCall:
-    """A call that is to be made.
+    """A call to make.
 
     Attributes:
-        function: to call.
-        values: its arguments; without the handle if that is the last opened one's.
-        opens_object: whether the handle is to be put before `values`.
+        function: function to call.
+        values: its arguments, without the handle if `opens_object`.
+        opens_object: open the object if necessary, and put its handle before `values`.
     """
 
     function: Function
@@ -39,7 +39,7 @@ class PlannedCall:
     opens_object: bool
 
     async def arguments(self, reach: ObjectOpener) -> tuple[Variant, ...]:
-        """Return all arguments, opening what is missing."""
+        """Return all arguments; open the objects that the call needs."""
         if self.opens_object:
             return (Variant(VT.I4, await reach.handle_for(self.function.owner)), *self.values)
         if self.function.name == "Controller_Connect":
@@ -48,31 +48,32 @@ class PlannedCall:
 
 
 class PlannedCallParser:
-    """Reads the calls of one session, in their order."""
+    """Parses the calls of one session, in their order."""
 
     def __init__(self, target: ControllerTarget, variable_name: str | None) -> None:
-        """Read calls to `target`; a variable that has to be opened has the name `variable_name`."""
+        """Parse calls to `target`. `variable_name` is the variable to open if a call needs one."""
         self._target = target
         self._types = _variable_types(variable_name, _OWNERS_OF_VARIABLES) if variable_name else ()
 
     def parse(self, words: Sequence[str]) -> PlannedCall:
-        """Read one call.
+        """Parse one call.
 
         Raises:
-            click.UsageError: there is no such function, or the arguments do not fit it.
+            click.UsageError: the function is unknown, or the arguments do not match it.
         """
         name, *texts = words
         function = function_by_name(name)
         if function is None:
             near = get_close_matches(name, [each.name for each in FUNCTIONS.values()], 1)
-            raise click.UsageError(f"there is no function {name!r}" + (f"; {near[0]}?" if near else ""))
+            hint = f". Did you mean {near[0]}?" if near else ""
+            raise click.UsageError(f"unknown function {name!r}{hint}")
         params = function.params
         takes_handle = function.takes_handle and len(texts) < len(params)
         if takes_handle:
             params = params[1:]
         if len(texts) > len(params):
             raise click.UsageError(
-                f"{function.name} takes {_parameter_names(function)}; that are {len(texts)} values"
+                f"{function.name} takes {_parameter_names(function)}, but {len(texts)} values were given"
             )
         target = self._target
         defaults = {"Controller_Connect": target.connect, "Service_Start": (target.service,)}.get(
@@ -89,23 +90,23 @@ class PlannedCallParser:
         return PlannedCall(function, values, takes_handle)
 
     def parse_script(self, lines: Iterable[str]) -> list[PlannedCall]:
-        """Read calls, one a line, words as in a shell; empty lines and what follows # do not count.
+        """Parse one call per line, split as by a shell. Empty lines and comments after # are skipped.
 
         Raises:
-            click.UsageError: a line makes no sense, or is no text.
+            click.UsageError: a line is invalid, too long, or not UTF-8.
         """
         requests = []
         number = 1
         try:
             for line in lines:
                 if len(line) > LONGEST_LINE:
-                    raise ValueError("it is too long")
+                    raise ValueError(f"longer than {LONGEST_LINE} characters")
                 words = shlex.split(line, comments=True)
                 if words:
                     requests.append(self.parse(words))
                 number += 1
         except UnicodeError:
-            raise click.UsageError(f"line {number} on: this is no UTF-8") from None
+            raise click.UsageError(f"line {number} or later: not UTF-8") from None
         except (ValueError, click.UsageError) as error:
             reason = error.message if isinstance(error, click.UsageError) else str(error).lower()
             raise click.UsageError(f"line {number}: {reason}") from None
@@ -113,14 +114,14 @@ class PlannedCallParser:
 
 
 def check_owners(requests: Iterable[PlannedCall], named: Collection[ObjectClass]) -> None:
-    """Make sure, before anything is sent, that for each call there is an object to make it of.
+    """Check, before anything is sent, that each call has an object to address.
 
     Args:
-        requests: in the order in which they are to be made.
+        requests: the calls, in the order in which they will be made.
         named: classes of objects whose names are known.
 
     Raises:
-        click.UsageError: there is none.
+        click.UsageError: the object of a call is not known.
     """
     always = {*_NAMELESS_OWNERS, *named}
     known = set(always)
@@ -129,7 +130,7 @@ def check_owners(requests: Iterable[PlannedCall], named: Collection[ObjectClass]
         if request.opens_object and owner not in known:
             word = owner.lower()
             raise click.UsageError(
-                f"{request.function.name}: of which {word}? Give --{word} NAME, or open it before"
+                f"{request.function.name} needs a {word}. Add --{word} NAME, or open one in an earlier call"
             )
         if request.function.creates is not None:
             known.add(request.function.creates)
@@ -142,7 +143,7 @@ def _parameter_names(function: Function) -> str:
 
 
 def _variable_types(variable_name: str, owners: Iterable[ObjectClass]) -> tuple[str, ...]:
-    """Return the types that a variable of one of these classes may have; () where nobody says."""
+    """Return the types that a variable of one of these classes can have; () if unknown."""
     known = (find_variable(owner, variable_name) for owner in owners)
     return next((kind.types for kind in known if kind), ())
 
@@ -150,7 +151,7 @@ def _variable_types(variable_name: str, owners: Iterable[ObjectClass]) -> tuple[
 def _parse_argument(
     function: Function, index: int, param: Param, texts: Sequence[str], types: Sequence[str]
 ) -> Variant:
-    """Read an argument; `types` are those that its value may have where the function leaves that open."""
+    """Parse an argument; `types` applies if the function accepts any type."""
     if index >= len(texts):
         if param.type == "VT_BSTR":
             return Variant(VT.BSTR, "")

@@ -1,4 +1,4 @@
-"""A player at work, as `play` shows it: what is told, what is asked, keys, signals."""
+"""Run a player for `play`: its output, prompts, keys and signals."""
 
 from __future__ import annotations
 
@@ -60,13 +60,13 @@ _EXIT_CODES = {
 }
 _STOP_KEYS = "s "
 _HALT_KEYS = ("h", "\x1b\x1b")
-_KEY_HINT = "s or Ctrl-C: come to rest, h or Escape twice: halt"
+_KEY_HINT = "s or Ctrl-C: bring the robot to rest; h or Escape twice: halt it at once"
 _POLL_INTERVAL = 1.0
 _TERMINAL_CLOSED = getattr(signal, "SIGHUP", None)
 
 
 class PlayOutput:
-    """Writes what there is to see: data to stdout, everything else to stderr."""
+    """Prints data to stdout, everything else to stderr."""
 
     def __init__(self, as_json: bool, palette: Palette, width: int) -> None:
         self._json = as_json
@@ -77,17 +77,17 @@ class PlayOutput:
         self._is_closed = False
 
     def close(self) -> None:
-        """Show nothing any more: the terminal was closed."""
+        """Stop all output, because the terminal was closed."""
         self._is_closed = True
 
     def show_source(self, trajectory: Trajectory) -> None:
-        """Show how the file was read."""
+        """Print how the file was read."""
         if not self._json:
             for line in source_lines(trajectory):
                 echo(line)
 
     def show_preflight(self, preflight: PreflightResult) -> None:
-        """Show the pre-flight."""
+        """Print the pre-flight check."""
         if self._json:
             self._print_data(preflight_record(preflight))
             return
@@ -95,7 +95,7 @@ class PlayOutput:
             self._print_data(line)
 
     def show_end(self, ended: PlayEnded) -> None:
-        """Show the summary."""
+        """Print the summary."""
         self._erase_progress()
         if self._json:
             self._print_data(play_summary_record(ended))
@@ -104,13 +104,13 @@ class PlayOutput:
             self._print_data(line)
 
     def print_line(self, text: str) -> None:
-        """Show a line on stderr."""
+        """Print a line to stderr."""
         self._erase_progress()
         if not self._is_closed:
             print_stderr(text)
 
     def draw_progress(self, progress: PlayProgress) -> None:
-        """Draw the one line that changes."""
+        """Redraw the progress line."""
         if self._draws_progress and not self._is_closed:
             sys.stderr.write(f"\r{progress_line(progress, self._width - 1)}\x1b[K")
             sys.stderr.flush()
@@ -130,7 +130,7 @@ class PlayRunner:
     """Runs a player to its end."""
 
     def __init__(self, plan: PlayPlan, trajectory: Trajectory, output: PlayOutput) -> None:
-        """Get ready; nothing is started yet."""
+        """Prepare the run; `run` starts the player."""
         self._plan = plan
         self._trajectory = trajectory
         self._output = output
@@ -141,7 +141,7 @@ class PlayRunner:
         self._can_prompt = can_prompt()
 
     def run(self) -> ExitCode:
-        """Play; return the exit code."""
+        """Run the player to its end; return the exit code."""
         connection = LoggedConnection.of_target(self._plan.target)
         with log_armed_calls("play", connection) as calls, PlayerProcess(self._plan) as player:
             self._player, self._log = player, ArmedMessageLogger(calls)
@@ -158,18 +158,18 @@ class PlayRunner:
                     signal.signal(number, handler)
 
     def _finish(self, ended: PlayEnded) -> ExitCode:
-        """Show the summary; return the exit code."""
+        """Print the summary; return the exit code."""
         if self._plan.look_only and ended.outcome is PlayOutcome.LOOKED:
             return ExitCode.OK if self._is_fit else ExitCode.UNFIT
         self._output.show_end(ended)
         if not self._is_fit:
             return ExitCode.UNFIT
         if ended.outcome is PlayOutcome.STOPPED and ended.index and not self._plan.rounds:
-            return ExitCode.OK  # there is no other end
+            return ExitCode.OK  # --loop 0 ends only when the user stops it
         return _EXIT_CODES[ended.outcome]
 
     def _wait_for_messages(self) -> list[PlayerMessage]:
-        """Wait for messages or keys."""
+        """Wait for messages of the player or keys; handle the keys, return the messages."""
         watched = [self._player.fileno(), *([0] if self._keys.is_on else [])]
         ready, _, _ = select.select(watched, (), (), _POLL_INTERVAL)
         if 0 in ready:
@@ -197,7 +197,7 @@ class PlayRunner:
                 self._output.print_line(line)
 
     def _check_trajectory(self, peer: ControllerInfo) -> None:
-        """Check the trajectory against what is there."""
+        """Check the trajectory against the connected robot."""
         plan = self._plan
         self._output.print_line(controller_line(peer))
         limits = with_limits(limits_for_arm(peer.type_name), plan.limits)
@@ -213,11 +213,13 @@ class PlayRunner:
         self._is_fit = found.is_playable
 
     def _answer_prompt(self, call_kind: PlayerQuestion) -> str:
-        """Answer a question, or let the user."""
+        """Answer a question of the player, or ask the user."""
         if call_kind.topic is QuestionTopic.BEGIN:
             if self._is_fit:
                 self._output.print_line(
-                    _KEY_HINT if self._can_prompt else "Ctrl-C: come to rest, twice: halt"
+                    _KEY_HINT
+                    if self._can_prompt
+                    else "Ctrl-C: bring the robot to rest; twice: halt it at once"
                 )
             return "yes" if self._is_fit else "no"
         self._output.print_line(printable(call_kind.text))
@@ -228,7 +230,7 @@ class PlayRunner:
         try:
             return self._prompt_user(call_kind)
         except (KeyboardInterrupt, click.Abort, EOFError):
-            self._output.print_line("")  # what was typed has the line to itself
+            self._output.print_line("")  # end the line that the user typed on
             self._player.stop()
             return call_kind.choices[0]
         finally:
@@ -248,7 +250,7 @@ class PlayRunner:
             self._output.close()
         again, self._stop_requested = self._stop_requested, True
         if self._is_prompting:
-            self._is_prompting = False  # the next one need not end the wait for an answer
+            self._is_prompting = False  # the next signal does not interrupt a prompt
             raise KeyboardInterrupt
         if again:
             self._player.halt()
@@ -257,8 +259,9 @@ class PlayRunner:
 
 
 def _handled_signals() -> list[signal.Signals]:
-    # With Ctrl-Z a robot would move on, and nobody would hear a key, nor with Ctrl-\ be told how it ended.
+    # Ctrl-Z would suspend this process while the robot moves on, and keys would have no effect. Ctrl-\ would
+    # end it without a summary.
     numbers = [signal.SIGINT, signal.SIGQUIT, signal.SIGTERM, signal.SIGTSTP]
-    if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # as nohup wants it
+    if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # nohup ignores SIGHUP
         numbers.append(signal.SIGHUP)
     return numbers

@@ -1,4 +1,4 @@
-"""A bar on stderr for reading that takes long."""
+"""A progress bar on stderr for long reads."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ if TYPE_CHECKING:
     from rich.progress import Progress as Bar
 
 _SHOWN_AFTER = 1.0
-"""Seconds before a bar appears."""
+"""Seconds before the bar appears."""
 
 
 class ReadProgressBar:
-    """Shows how much of a file is read, once that has taken a second, where stderr is a terminal.
+    """Shows how much of a file was read, after one second, if stderr is a terminal.
 
-    Data that scroll by on the same terminal show the progress themselves, so there is no bar then.
+    There is no bar if stdout is a terminal too, because the output shows the progress.
     """
 
     def __init__(self) -> None:
@@ -27,19 +27,19 @@ class ReadProgressBar:
         self._bar: Bar | None = None
 
     def show(self, position: int, size: int | None) -> None:
-        """Tell that `position` bytes of `size` are read; the bar goes away with the command at the latest."""
+        """Show that `position` bytes of `size` were read; the end of the command removes the bar."""
         if not self._is_wanted or size is None or time.monotonic() - self._began_at < _SHOWN_AFTER:
             return
         if self._bar is None:
             self._bar = _make_bar()
             self._bar.start()
-            # Else Ctrl-C or a closed pipe would leave the terminal without its cursor.
+            # Otherwise Ctrl-C or a closed pipe would leave the cursor hidden.
             click.get_current_context().call_on_close(self.remove)
             self._bar.add_task("reading")
         self._bar.update(self._bar.task_ids[0], completed=position, total=size)
 
     def remove(self) -> None:
-        """Take the bar away."""
+        """Remove the bar."""
         if self._bar is not None:
             self._bar.stop()
             self._bar = None

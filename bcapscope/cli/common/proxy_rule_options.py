@@ -1,4 +1,4 @@
-"""The options of ``bcapscope proxy`` that make rules, and the rules that they make."""
+"""The rule options of ``bcapscope proxy``, and the rules that they create."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from bcapscope.cli.common import options
 from bcapscope.cli.common.data_output import echo
 from bcapscope.live.standard_streams import print_stderr
 
-if TYPE_CHECKING:  # loaded where it is needed: `tui` has these options too, and shows a capture at once
+if TYPE_CHECKING:  # imported where needed: `tui` has these options too, and must open a capture fast
     from bcapscope.faults.fault import AnyFault
     from bcapscope.faults.quantities import Duration, FrameCondition
     from bcapscope.proxy.control_socket import ControlServer
@@ -32,20 +32,20 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 @dataclass(frozen=True, slots=True)
 class RuleOptions:
-    """What the options say.
+    """The values of the options.
 
     Attributes:
-        faults: those of the command line before those of the files.
-        seed: of all chance.
+        faults: faults of the command line, then those of the files.
+        seed: random seed of the faults.
         guard: None for none.
-        intercept: what is to be held; None for nothing.
-        hold_ns: ns that a held message waits; None for the usual, `intercept.HOLD_TIME_NS`.
-        scripts: paths.
-        script_limit_ns: ns that they have for a message; None for the usual, `script_queue.TIME_LIMIT_NS`.
-        script_memory_mb: megabytes that they may allocate; None for the usual,
+        intercept: filter of the messages to hold; None for none.
+        hold_ns: longest hold in ns; None for `intercept.HOLD_TIME_NS`.
+        scripts: paths of the scripts.
+        script_limit_ns: time of the scripts per message in ns; None for `script_queue.TIME_LIMIT_NS`.
+        script_memory_mb: memory that the scripts may allocate in MB; None for
             `script_process.DEFAULT_MEMORY_MB`.
         control: address of the control socket; "" for none.
-        command_line: the options as they were typed, for another process; without that of the control socket.
+        command_line: the options as typed, to start another process with them; without --control.
     """
 
     faults: tuple[AnyFault, ...]
@@ -60,13 +60,13 @@ class RuleOptions:
     script_memory_mb: int | None = None
 
     def start_scripts(self, exit_stack: ExitStack) -> ScriptProcess | None:
-        """Start the process that loads and runs the scripts; None without scripts.
+        """Start the process that loads and runs the scripts; return None without scripts.
 
         Args:
-            exit_stack: ends the process.
+            exit_stack: ends the process when it closes.
 
         Raises:
-            ScriptError: it cannot be started.
+            ScriptError: the process cannot be started.
         """
         if not self.scripts:
             return None
@@ -77,10 +77,10 @@ class RuleOptions:
         )
 
     def build_rules(self, scripts: ScriptProcess | None = None) -> RulePolicy | None:
-        """Make the rules, with the monotonic clock's current time; None if no option needs rules.
+        """Create the rules, which begin now; return None if no option needs rules.
 
         Args:
-            scripts: the process of the scripts; `RulePolicy.scripts` waits for it to load them.
+            scripts: process of the scripts; `RulePolicy.scripts` waits until it has loaded them.
         """
         if not (self.faults or self.guard or self.intercept or self.scripts or self.control):
             return None
@@ -106,15 +106,15 @@ class RuleOptions:
     def attach_rules(
         self, rules: RulePolicy, relay: Relay, state: Mapping[str, object]
     ) -> ControlServer | None:
-        """Let the rules speak through the relay, and give the control socket that listens beside it, if any.
+        """Let the rules report through the relay; return the control socket, or None without --control.
 
         Args:
-            rules: that were made.
-            relay: which asks them.
-            state: what else is told on the control socket, as it then is.
+            rules: rules from `build_rules`.
+            relay: relay that applies them.
+            state: more figures for the control socket, read at each request.
 
         Raises:
-            ControlError: there can be no such socket.
+            ControlError: the control socket cannot be created.
         """
         from bcapscope.proxy.control_api import ControlApi
         from bcapscope.proxy.control_socket import ControlServer
@@ -140,16 +140,17 @@ class RuleOptions:
         return server
 
     def summary_lines(self) -> list[str]:
-        """Tell what is set up, a line each."""
+        """Describe the rules, one line each."""
         from bcapscope.protocol.text_format import counted
 
         lines = []
         if self.faults:
             lines.append(f"{counted(len(self.faults), 'fault')}, --seed {self.seed}")
         if self.guard is not None:
-            lines.append("guard: what is not allowed is answered with E_ACCESSDENIED")
+            lines.append("guard: the proxy refuses forbidden requests with E_ACCESSDENIED")
         if self.intercept is not None:
-            lines.append(f"intercept: held until sent on, {self._effective_hold_ns() / 1e9:g} s at most")
+            limit = f"{self._effective_hold_ns() / 1e9:g} s"
+            lines.append(f"intercept: messages are held until you release them, at most {limit}")
         return lines
 
     def _effective_hold_ns(self) -> int:
@@ -159,7 +160,7 @@ class RuleOptions:
 
 
 def rule_options(function: F) -> F:
-    """Give a command the options; it gets one argument `rules`, a `RuleOptions`."""
+    """Add the options to a command; it gets one argument `rules`, a `RuleOptions`."""
 
     @functools.wraps(function)
     def command(**arguments: Any) -> Any:
@@ -193,7 +194,7 @@ def _build_options(
     names = [fault.name for fault in every if fault.name]
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice is not None:
-        raise click.UsageError(f"two faults have the name {twice}")
+        raise click.UsageError(f"two faults have the name {twice}: rename one")
     guard = None
     if read_only or block or allow_command:
         from bcapscope.proxy.request_guard import RequestGuard
@@ -217,11 +218,11 @@ def _build_options(
 
 
 _TYPED = f"{__name__}.typed"
-"""Where click keeps what was typed, until a command begins."""
+"""Key in click's context for the rule options as typed."""
 
 
 def _parsing_callback(read: Callable[[Any], Any]) -> Callable[[click.Context, click.Parameter, Any], Any]:
-    """Make a callback of click that reads what was typed, each of them where there are several."""
+    """Return a click callback that parses the value of an option, or each value of a repeated one."""
 
     def convert(context: click.Context, parameter: click.Parameter, value: Any) -> Any:
         if context.get_parameter_source(parameter.name or "") is not ParameterSource.DEFAULT:
@@ -271,7 +272,7 @@ def _script_limit(text: str) -> int:
 
     limit = _duration(text)
     if not SHORTEST_LIMIT <= limit <= LONGEST_LIMIT:
-        raise ValueError(f"{text} is not between 1ms and 10s")
+        raise ValueError(f"{text} is not a time from 1ms to 10s")
     return limit
 
 
@@ -280,7 +281,7 @@ def _script_memory(text: str) -> int:
 
     megabytes = int(text) if text.isdecimal() and len(text) <= len(str(MAX_MEMORY)) else 0
     if not LEAST_MEMORY <= megabytes <= MAX_MEMORY:
-        raise ValueError(f"{text!r} is not a number of megabytes between {LEAST_MEMORY} and {MAX_MEMORY}")
+        raise ValueError(f"{text!r} is not a number of megabytes from {LEAST_MEMORY} to {MAX_MEMORY}")
     return megabytes
 
 
@@ -291,7 +292,7 @@ def _rule_file(path: str) -> tuple[AnyFault, ...]:
         with Path(path).open(encoding="utf-8") as file:
             text = file.read(LONGEST_DOCUMENT + 1)
     except (OSError, UnicodeDecodeError) as error:
-        raise ValueError(f"{path} cannot be read: {getattr(error, 'strerror', None) or error}") from error
+        raise ValueError(f"cannot read {path}: {getattr(error, 'strerror', None) or error}") from error
     try:
         return read_document(text, RuleFile).faults
     except DocumentError as error:
@@ -313,8 +314,8 @@ _OPTIONS = (
         metavar="FAULT",
         multiple=True,
         callback=_parsing_callback(_fault),
-        help="Make trouble: 'loss=5%', 'delay=3ms±1ms if command == slvMove', 'drop reply try 1'; may be "
-        "repeated. See --help-faults.",
+        help="Inject this fault: 'loss=5%', 'delay=3ms±1ms if command == slvMove', 'drop reply try 1'. May "
+        "be repeated. --help-faults explains the notation.",
     ),
     click.option(
         "--rules",
@@ -322,12 +323,12 @@ _OPTIONS = (
         metavar="FILE.yaml",
         multiple=True,
         callback=_parsing_callback(_rule_file),
-        help="Faults from a file: a list `faults`, each with `action` and the words of --help-faults.",
+        help="Read faults from this file, in the notation of --help-faults; may be repeated.",
     ),
     click.option(
         "--seed",
         type=options.IntegerRange(0, options.LARGEST_SEED),
-        help="Random seed. The same seed and traffic give the same faults.",
+        help="Random seed (default: a new one each time). The same seed and traffic give the same faults.",
     ),
     click.option(
         "--read-only",
@@ -342,29 +343,29 @@ _OPTIONS = (
         metavar="NAME",
         multiple=True,
         callback=_parsing_callback(_target),
-        help="Refuse this function or command, or FUNCTION:COMMAND; may be repeated.",
+        help="Refuse this function, command or FUNCTION:COMMAND with E_ACCESSDENIED; may be repeated.",
     ),
     click.option(
         "--allow-command",
         metavar="NAME",
         multiple=True,
         callback=_parsing_callback(_target),
-        help="Read-only, but for this function or command; may be repeated.",
+        help="Like --read-only, but let this function or command pass; may be repeated.",
     ),
     click.option(
         "--intercept",
         metavar="EXPRESSION",
         callback=_parsing_callback(_condition),
-        help="Hold what this is true for, until `proxy ctl` sends it on, edits or drops it; see "
-        "`bcapscope fields`.",
+        help="Hold messages that match this filter until `proxy ctl` releases, edits or drops them. "
+        "`bcapscope fields` lists the fields.",
     ),
     click.option(
         "--hold",
         metavar="TIME",
         callback=_parsing_callback(_duration),
-        help="How long it is held, 60s unless given; then it goes on unchanged, or is dropped if it is a "
-        "request that its client has given up: by ending its connection, by asking for something else, or on "
-        "UDP by not asking again for 5 s.",
+        help="Hold a message at most this long (default: 60s), then send it unchanged. A request that its "
+        "client has given up is dropped instead: the client closed its connection, made another call, or on "
+        "UDP did not retry for 5 s.",
     ),
     click.option(
         "--script",
@@ -372,29 +373,30 @@ _OPTIONS = (
         metavar="FILE.py",
         multiple=True,
         type=click.Path(exists=True, dir_okay=False),
-        help="Python file whose classes have methods request(message), reply(message), settled(call), "
-        "connected(client), gone(client), done(); may be repeated. Scripts run in a process of their own, "
-        "with your rights.",
+        help="Run this Python file on the traffic; may be repeated. Its classes have one or more of the "
+        "methods request(message), reply(message), settled(call), connected(client), gone(client) and "
+        "done(). Scripts run in a separate process, with your rights.",
     ),
     click.option(
         "--script-timeout",
         "script_limit",
         metavar="TIME",
         callback=_parsing_callback(_script_limit),
-        help="Time that the scripts have for one message, 1ms to 10s; 100ms unless given. Scripts that take "
-        "longer are switched off: stops pass, motion is refused with E_ACCESSDENIED, everything else passes "
-        "unchanged.",
+        help="Give the scripts this much time for one message, 1ms to 10s (default: 100ms). If one takes "
+        "longer, all are switched off. Then stops pass, motion is refused with E_ACCESSDENIED, and "
+        "everything else passes unchanged.",
     ),
     click.option(
         "--script-memory",
         metavar="MEGABYTES",
         callback=_parsing_callback(_script_memory),
-        help="Memory that the scripts may allocate, 64 to 65536; 512 unless given.",
+        help="Let the scripts allocate this much memory, 64 to 65536 megabytes (default: 512).",
     ),
     click.option(
         "--control",
         metavar="PATH|127.0.0.1:PORT",
-        help="Listen for `bcapscope proxy ctl` there. Who can open it can do what you can do with the robot.",
+        help="Listen for `bcapscope proxy ctl` on this socket. Anyone who can open it can do what you can do "
+        "with the robot.",
     ),
     click.option(
         "--help-faults",
@@ -402,7 +404,7 @@ _OPTIONS = (
         is_eager=True,
         expose_value=False,
         callback=_print_fault_notation,
-        help="Tell how faults are written, and exit.",
+        help="Explain the notation of faults, and exit.",
     ),
 )
 

@@ -1,4 +1,4 @@
-"""Choosing a scenario for the simulator, and listing those that there are."""
+"""Choose a scenario for the simulator, and list the included ones."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ _SESSION_TEXTS = {
 
 
 def choose_scenario(context: click.Context, param: click.Parameter, named: str | None) -> Scenario | None:
-    """Read the scenario of a name, or of a YAML file."""
+    """Read an included scenario by its name, or a YAML file."""
     if named is None:
         return None
     try:
@@ -37,28 +37,29 @@ def choose_scenario(context: click.Context, param: click.Parameter, named: str |
     except DocumentError as error:
         raise click.BadParameter(f"{named}: {error}") from None
     except LookupError as error:
-        raise click.BadParameter(f"{error.args[0]} --scenarios lists all, and a file ends in .yaml") from None
+        hint = "--scenarios lists all names. The name of a file ends in .yaml"
+        raise click.BadParameter(f"{error.args[0]} {hint}") from None
     except OSError as error:
-        raise click.BadParameter(f"{named} cannot be read: {error.strerror or error}") from None
+        raise click.BadParameter(f"cannot read {named}: {error.strerror or error}") from None
 
 
 def list_scenarios(context: click.Context, param: click.Parameter, wanted: bool) -> None:
-    """Write each scenario with what it shows and end, if that is wanted."""
+    """Print each scenario with what it shows and exit, if `wanted`."""
     if not wanted or context.resilient_parsing:
         return
     read = {name: read_scenario(text) for name, text in bundled_scenarios().items()}
     rows = [(name, scenario.shows or "", scenario.title) for name, scenario in read.items()]
     DataOutput().write_lines(
-        align_columns([("NAME", "DIAGNOSE NAMES FIRST", "WHAT IT SHOWS"), *rows], "<<<"), lambda: None
+        align_columns([("NAME", "ROOT CAUSE", "WHAT IT SHOWS"), *rows], "<<<"), lambda: None
     )
     context.exit()
 
 
 def scenario_introduction(scenario: Scenario) -> str:
-    """Tell what a scenario is about, in lines for a person."""
+    """Return the lines that introduce a scenario when the simulator starts."""
     client = scenario.client
     lines = [f"scenario: {scenario.title}", *textwrap.wrap(scenario.story, _WIDTH)]
     session = _SESSION_TEXTS[client.session].format(client.mode)
-    met = f"It shows with a client that {session} over {client.over.upper()}"
-    then = f"; diagnose then names {scenario.shows} first" if scenario.shows else ""
-    return "\n  ".join(map(printable, [*lines, f"{met}{then}."]))
+    occurs = f"To see it, connect a client that {session} over {client.over.upper()}."
+    cause = f" `diagnose` then reports the root cause {scenario.shows}." if scenario.shows else ""
+    return "\n  ".join(map(printable, [*lines, f"{occurs}{cause}"]))

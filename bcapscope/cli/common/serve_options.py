@@ -28,12 +28,12 @@ _MAX_VIEWERS = 16
 
 @dataclass(frozen=True, slots=True)
 class ServeOptions:
-    """How the screen is shown.
+    """Whether and how to serve the screen.
 
     Attributes:
-        is_wanted: in a browser rather than in this terminal.
-        address: where it is served; loopback.
-        viewers: how many may watch at a time.
+        is_wanted: show the screen in a browser, not in this terminal.
+        address: address to serve on, on loopback.
+        viewers: largest number of browser pages at a time.
     """
 
     is_wanted: bool
@@ -44,7 +44,8 @@ class ServeOptions:
 def serve_screen(options: ServeOptions) -> None:
     """Serve the running command in a browser until Ctrl-C, then exit.
 
-    Each viewer starts the same command in a process of their own. Returns at once in such a process.
+    For each viewer, the server starts the same command in a separate process. In that process, this function
+    returns at once.
     """
     if "TEXTUAL_DRIVER" in os.environ:
         return
@@ -70,7 +71,7 @@ def serve_screen(options: ServeOptions) -> None:
             "Anyone with this address can do what you can do here. Keep it secret. Press Ctrl-C to end."
         )
 
-    with suppress(KeyboardInterrupt):  # where the event loop takes no signals
+    with suppress(KeyboardInterrupt):  # raised where the event loop cannot handle signals
         asyncio.run(server.run(greet))
     sys.exit(ExitCode.OK)
 
@@ -81,11 +82,11 @@ def _loopback_address(context: click.Context, parameter: click.Parameter, value:
     try:
         address = ipaddress.ip_address(host)
     except ValueError:
-        raise click.BadParameter(
-            f"give an IP address and a port, such as {DEFAULT_ADDRESS}", context, parameter
-        ) from None
+        reason = f"{value} is not an IP address with a port. Give one such as {DEFAULT_ADDRESS}"
+        raise click.BadParameter(reason, context, parameter) from None
     if not (port.isascii() and port.isdecimal() and len(port) <= 5 and int(port) <= 0xFFFF):
-        raise click.BadParameter(f"give a port up to 65535, such as {DEFAULT_ADDRESS}", context, parameter)
+        reason = f"{value} has no port from 0 to 65535. Give one such as {DEFAULT_ADDRESS}"
+        raise click.BadParameter(reason, context, parameter)
     if not address.is_loopback:
         raise click.BadParameter(
             f"{host} is not loopback. The connection is not encrypted, and anyone who opens the page can "

@@ -1,4 +1,4 @@
-"""What commands that answer clients share besides their server: how they exit."""
+"""Exit codes of commands that answer clients."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Options that say how to reach a controller, for all commands that talk to one."""
+"""Options for reaching a controller, for all commands that connect to one."""
 
 from __future__ import annotations
 
@@ -34,65 +34,86 @@ def _convention(context: click.Context, _: click.Parameter, value: str | None) -
         return None
     convention = ReservedConvention(value)
     if convention not in (_ON_TCP if context.params.get("tcp") else _ON_UDP):
-        raise click.BadParameter(f"{value} is not for {'TCP' if context.params.get('tcp') else 'UDP'}")
+        raise click.BadParameter(f"{value} does not exist on {'TCP' if context.params.get('tcp') else 'UDP'}")
     return convention
 
 
 def _nonempty_host(context: click.Context, _: click.Parameter, value: str) -> str:
     if not value:
-        raise click.BadParameter("it is empty")
+        raise click.BadParameter("the host is empty; give a name or an IP address")
     return value
 
 
+def _port_option(text: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    port_range = options.IntegerRange(1, 65535)
+    return click.option("-p", "--port", type=port_range, default=DEFAULT_PORT, show_default=True, help=text)
+
+
 _OPTIONS = (
-    click.option(
-        "-p", "--port", type=options.IntegerRange(1, 65535), default=DEFAULT_PORT, show_default=True
-    ),
-    click.option("--tcp/--udp", "tcp", is_eager=True, help="What to talk over; UDP unless given."),
+    click.option("--tcp/--udp", "tcp", is_eager=True, help="Connect over TCP or UDP (default: UDP)."),
     click.option(
         "--timeout",
         metavar="MS",
         type=options.NumberRange(0.1),
         default=DEFAULT_RETRY_POLICIES.others.timeout / _MS,
         show_default=True,
-        help="How long to wait for each try, slvMove apart, which has DENSO's 2 ms.",
+        help="Wait this long for the reply to each attempt, in ms. slvMove always has DENSO's 2 ms.",
     ),
     click.option(
         "--retries",
         type=options.IntegerRange(0, 100),
         default=DEFAULT_RETRY_POLICIES.others.retries,
         show_default=True,
-        help="Tries after the first, on UDP; 4 are 3 in Async modes, as DENSO recommends; on TCP the time of "
-        "all is given to the only one.",
+        help="Retry a request at most this often on UDP. In Async modes, 4 means 3, as DENSO recommends. On "
+        "TCP there are no retries: one attempt gets the time of all.",
     ),
     click.option(
         "--convention",
         type=click.Choice([convention.value for convention in (*_ON_UDP, *_ON_TCP)]),
         callback=_convention,
-        help="What goes into reserved: seed (0, then the first serial), own (the own serial first), chain "
-        "(the serial before), tcp0, tcp1.",
+        help="Fill the reserved field by this convention. UDP: seed (first 0, then the first serial), own "
+        "(first its own serial, then the first serial), chain (first 0, then the previous serial). TCP: tcp0 "
+        "(0), tcp1 (1). Default: seed on UDP, tcp0 on TCP.",
     ),
-    click.option("--service", metavar="OPTION", default="", help="Of Service_Start, such as ,WDT=400."),
-    click.option("--name", default="", help="Of Controller_Connect; empty for an automatic one."),
+    click.option(
+        "--service",
+        metavar="OPTION",
+        default="",
+        help="Send this option with Service_Start, such as ,WDT=400; empty by default.",
+    ),
+    click.option(
+        "--name",
+        default="",
+        help="Connect under this controller name; if empty (default), the controller chooses one.",
+    ),
     click.option(
         "--provider",
         default="CaoProv.DENSO.VRC",
         show_default=True,
-        help="Of Controller_Connect; CaoProv.DENSO.VRC9 for RC9 and COBOTTA PRO, RC7 takes any.",
+        help="Connect with this provider. RC9 and COBOTTA PRO need CaoProv.DENSO.VRC9; RC7 accepts any.",
     ),
-    click.option("--machine", default="localhost", show_default=True, help="Of Controller_Connect."),
-    click.option("--connect-option", metavar="OPTION", default="", help="Of Controller_Connect."),
+    click.option(
+        "--machine", default="localhost", show_default=True, help="Send this machine name to the provider."
+    ),
+    click.option(
+        "--connect-option",
+        metavar="OPTION",
+        default="",
+        help="Send this option with Controller_Connect; empty by default.",
+    ),
 )
 
 
 def target_options(function: Callable[..., None]) -> Callable[..., None]:
-    """Add the argument HOST and the options; the command is given a `target_options`."""
-    return click.argument("host", callback=_nonempty_host)(_add_target_options(function))
+    """Add the argument HOST and the options; the command gets one argument `target`, a `ControllerTarget`."""
+    with_port = _port_option("Connect to this port of the controller.")
+    return click.argument("host", callback=_nonempty_host)(with_port(_add_target_options(function)))
 
 
 def optional_target_options(function: Callable[..., None]) -> Callable[..., None]:
-    """Add the same for a command that can do without a controller; its host is empty then."""
-    return click.argument("host", required=False, default="")(_add_target_options(function))
+    """Add the same for a command that can run without a controller; the host is then empty."""
+    with_port = _port_option("Connect to this port of the controller; as server, listen on this port.")
+    return click.argument("host", required=False, default="")(with_port(_add_target_options(function)))
 
 
 def _add_target_options(function: Callable[..., None]) -> Callable[..., None]:
@@ -109,14 +130,15 @@ def _add_target_options(function: Callable[..., None]) -> Callable[..., None]:
 
 
 def _host_and_port(text: str, port: int) -> tuple[str, int]:
-    """Return host and port; a port behind the host counts, as in ``192.168.0.1:5007`` or ``[::1]:5007``.
+    """Return host and port; the host can contain a port: ``192.168.0.1:5007``, ``[::1]:5007``.
 
     Raises:
-        click.BadParameter: no host or port has this form.
+        click.BadParameter: the text is not a valid host, or the port is not valid.
     """
     host, behind = split_host_port(text)
     if text and not _can_be_resolved(host):
-        raise click.BadParameter(f"{printable(shortened(text, 80))} is no host", param_hint="HOST")
+        reason = f"{printable(shortened(text, 80))} is not a valid host name or address"
+        raise click.BadParameter(reason, param_hint="HOST")
     if not behind:
         return host, port
     behind_host = parse_integer(behind, 1, 65535)
@@ -126,20 +148,20 @@ def _host_and_port(text: str, port: int) -> tuple[str, int]:
         )
     given = click.get_current_context().get_parameter_source("port")
     if given is ParameterSource.COMMANDLINE and behind_host != port:
-        raise click.UsageError(f"{printable(text)} and --port {port} exclude each other")
+        raise click.UsageError(f"{printable(text)} and --port {port} name different ports; leave one out")
     return host, behind_host
 
 
 def _can_be_resolved(host: str) -> bool:
     try:
-        return bool(host.encode("idna"))  # as the system's resolver is asked
+        return bool(host.encode("idna"))  # as the system's resolver encodes it
     except UnicodeError:
         return False
 
 
 @contextmanager
 def exit_on_failure(target: ControllerTarget) -> Iterator[None]:
-    """Turn what goes wrong between us and a controller into a sentence and an exit code."""
+    """Print errors of the connection to the controller, and exit with the matching `ExitCode`."""
     try:
         yield
     except (BrokenPipeError, FileWriteError):

@@ -1,4 +1,4 @@
-"""Options that say which trajectory to take out of a file and how fast to run through it."""
+"""Options that choose a trajectory in a file, and how fast to play it."""
 
 from __future__ import annotations
 
@@ -19,27 +19,28 @@ from bcapscope.player.resampling import resample
 from bcapscope.player.trajectory import Trajectory, TrajectoryError
 from bcapscope.player.trajectory_reader import read_trajectories
 from bcapscope.protocol.slave_mode.modes import PERIOD_MS, PoseType
+from bcapscope.protocol.text_format import counted
 from bcapscope.render.escape import printable
 from bcapscope.render.preflight_text import trajectory_line
 
 
 @dataclass(frozen=True, slots=True)
 class TrajectoryOptions:
-    """Which trajectory, and how fast.
+    """Which trajectory to play, and how fast.
 
     Attributes:
-        file: path of it.
-        index: which of several in the file, from 1; None for the only one.
-        pose: pose type to take; None for what there is.
-        columns: as `parse_columns` takes it; None to go by titles.
-        radians: angles are, where the file does not say.
-        metres: positions are, likewise.
-        file_interval: ms from one set point of the file to the next, where it does not say.
-        interval: ms from one slvMove to the next.
+        file: path of the file.
+        index: number of the trajectory in the file, from 1; None if there is only one.
+        pose: pose type to read; None for the one in the file.
+        columns: columns for `parse_columns`; None to use the titles.
+        radians: angles are in radians if the file does not say so.
+        metres: positions are in metres if the file does not say so.
+        file_interval: ms between way-points of the file, if it does not say so.
+        interval: ms between slvMove calls.
         again: resample to that interval.
-        speed: share of the file's.
-        rounds: how often; 0 until told to stop.
-        limits: of the arm, as `with_limits` takes them.
+        speed: factor on the speed of the file.
+        rounds: number of rounds; 0 to repeat until stopped.
+        limits: limits of the arm for `with_limits`.
     """
 
     file: Path
@@ -56,11 +57,11 @@ class TrajectoryOptions:
     limits: tuple[str, ...]
 
     def read_trajectory(self) -> Trajectory:
-        """Read it.
+        """Read the trajectory, resampled if wanted.
 
         Raises:
-            click.ClickException: the options make no sense.
-            SystemExit: it cannot be read, or not be run through like that; why was told.
+            click.ClickException: the options are invalid.
+            SystemExit: the file cannot be read, or not be resampled; the reason was printed.
         """
         try:
             with_limits(UNKNOWN_ARM, self.limits)
@@ -86,9 +87,11 @@ class TrajectoryOptions:
     def _choose(self, found: tuple[Trajectory, ...]) -> Trajectory:
         if self.index is None and len(found) > 1:
             lines = "".join(f"\n  {trajectory_line(number, each)}" for number, each in enumerate(found, 1))
-            raise click.UsageError(f"{self.file} holds several trajectories, choose one by --index:{lines}")
+            reason = f"{self.file} contains several trajectories; choose one with --index:{lines}"
+            raise click.UsageError(reason)
         if self.index is not None and self.index > len(found):
-            raise click.BadParameter(f"{self.file} holds {len(found)}", param_hint="--index")
+            count = counted(len(found), "trajectory", "trajectories")
+            raise click.BadParameter(f"{self.file} contains {count}", param_hint="--index")
         return found[(self.index or 1) - 1]
 
 
@@ -102,17 +105,17 @@ _OPTIONS = (
         "--index",
         metavar="N",
         type=options.IntegerRange(1, options.LARGEST_COUNT),
-        help="Which of several in the file.",
+        help="Choose the trajectory with this number, from 1, if the file contains several.",
     ),
-    click.option("--pose", type=click.Choice([kind.value for kind in PoseType]), help="Pose type to take."),
-    click.option("--columns", metavar="AXES", help="Columns, counted from 1: time=1,J1..J6=2..7."),
-    click.option("--radians", is_flag=True, help="Angles are in radians where the file does not say."),
-    click.option("--metres", is_flag=True, help="Positions are in metres where the file does not say."),
+    click.option("--pose", type=click.Choice([kind.value for kind in PoseType]), help="Read this pose type."),
+    click.option("--columns", metavar="AXES", help="Read these columns, counted from 1: time=1,J1..J6=2..7."),
+    click.option("--radians", is_flag=True, help="Read angles as radians if the file names no unit."),
+    click.option("--metres", is_flag=True, help="Read positions as metres if the file names no unit."),
     click.option(
         "--file-interval",
         metavar="MS",
         type=options.NumberRange(0.1),
-        help="From one set point of the file to the next, where it does not say.",
+        help="Interval between way-points of the file in ms, if the file has no times.",
     ),
     click.option(
         "--interval",
@@ -120,16 +123,21 @@ _OPTIONS = (
         type=options.NumberRange(0.5, 1000),
         default=float(PERIOD_MS),
         show_default=True,
-        help="From one slvMove to the next.",
+        help="Interval between slvMove calls in ms.",
     ),
-    click.option("--resample", "again", is_flag=True, help="To that interval, with a smooth start and stop."),
+    click.option(
+        "--resample",
+        "again",
+        is_flag=True,
+        help="Resample to the interval of --interval, with a smooth start and stop.",
+    ),
     click.option(
         "--speed",
         metavar="SHARE",
         type=options.NumberRange(0.01, 10),
         default=1.0,
         show_default=True,
-        help="Of the file's speed; resamples.",
+        help="Play at this multiple of the file's speed. Other values than 1 resample.",
     ),
     click.option(
         "--loop",
@@ -138,20 +146,21 @@ _OPTIONS = (
         type=options.IntegerRange(0, options.LARGEST_COUNT),
         default=1,
         show_default=True,
-        help="Play it N times; 0: until told to stop.",
+        help="Play the trajectory N times; 0: until you stop it.",
     ),
     click.option(
         "--limit",
         "limits",
         metavar="LIMIT",
         multiple=True,
-        help="Of the arm: J1=-170..170, J1..J3.speed=300, J1.acceleration=6000.",
+        help="Check against this limit of the arm; may be repeated. Examples: J1=-170..170, "
+        "J1..J3.speed=300, J1.acceleration=6000.",
     ),
 )
 
 
 def trajectory_options(function: Callable[..., None]) -> Callable[..., None]:
-    """Add the argument FILE and the options; the command is given a `trajectory_options`."""
+    """Add the argument FILE and the options; the command gets one argument `way`, a `TrajectoryOptions`."""
 
     @wraps(function)
     def with_way(**given: Any) -> None:

@@ -1,4 +1,4 @@
-"""What ``bcapscope tui`` shows of commands that it starts, or finds: a proxy, a simulator."""
+"""Sources of ``bcapscope tui`` that are commands: a proxy or a simulator, started here or running."""
 
 from __future__ import annotations
 
@@ -27,19 +27,19 @@ if TYPE_CHECKING:
     from bcapscope.tui.traffic_processes.traffic_feed import TrafficFeed
 
 _CLIENT_SIDE = "clients of "
-"""How the interfaces begin that a proxy's recording has for the clients' side."""
+"""Start of the names of interfaces in a proxy's recording that belong to the clients' side."""
 
 
 @dataclass(frozen=True, slots=True)
 class ProxyScreenOptions:
-    """The proxy that is to be shown.
+    """The proxy to show.
 
     Attributes:
-        address: of the control socket of one that runs; "" for one of our own.
-        listen: where ours listens.
-        to: and where that leads.
-        record: where ours keeps what passes; None for nowhere.
-        rules: of ours.
+        address: control socket of a running proxy; "" to start one. The rest is for a proxy to start.
+        listen: addresses to listen on.
+        to: addresses of the controllers.
+        record: path of the recording; None for none.
+        rules: rules of the proxy.
     """
 
     address: str
@@ -50,14 +50,16 @@ class ProxyScreenOptions:
 
 
 def show_proxy(options: ProxyScreenOptions) -> None:
-    """Show a proxy, one that runs or one of our own."""
+    """Show a running proxy, or start one and show it."""
     own = (
         options.listen or options.to or options.record or options.rules.command_line or options.rules.control
     )
     if not options.address:
         _show_own_proxy(options)
     elif own:
-        raise click.UsageError(f"the proxy on {options.address} has its own --listen, --to and rules")
+        raise click.UsageError(
+            f"the proxy on {options.address} runs already: leave out --listen, --to, --record and rules"
+        )
     else:
         _show_running_proxy(options.address)
 
@@ -105,10 +107,10 @@ def _show_own_proxy(options: ProxyScreenOptions) -> None:
 
 
 def show_simulator(port: int, words: Sequence[str]) -> None:
-    """Show what a simulator and its clients say to each other.
+    """Start a simulator and show its traffic.
 
     Args:
-        port: where it listens, on loopback.
+        port: port on loopback to listen on.
         words: further options of ``bcapscope sim``.
     """
     from bcapscope.tui.app import BcapApp, ScreenEntry
@@ -156,7 +158,7 @@ def _show_screens(feed: TrafficFeed | None, screen: ProxyScreen) -> None:
 
 
 def _read_figures(address: str) -> ProxyStats:
-    """Ask a proxy how it stands; end the program if there is none."""
+    """Return the figures of a proxy; exit if there is none."""
     import msgspec
 
     from bcapscope.errors import BcapError
@@ -177,7 +179,7 @@ def _read_figures(address: str) -> ProxyStats:
 
 @contextmanager
 def _running_command(*words: str) -> Iterator[ChildProcess]:
-    """Run a command for the length of a block; what it says at its end is for the user."""
+    """Run a command during a block; print what it prints at its end."""
     from bcapscope.live.child_process import ChildProcess, ChildStartError
 
     try:
@@ -188,18 +190,18 @@ def _running_command(*words: str) -> Iterator[ChildProcess]:
     try:
         yield child
     finally:
-        said = child.terminate()
+        output = child.terminate()
         with suppress(OSError):  # the terminal may be closed
-            for line in said:
+            for line in output:
                 print_stderr(printable(line))
 
 
 def _control_address(folder: Path) -> str:
-    """Choose where the proxy is told what to do: where nobody else may, if the system has that."""
+    """Choose the control address: a socket that only this user can open, if the system has such sockets."""
     import socket
 
     path = str(folder / "control")
-    longest = 100  # bytes, of the path of a socket: 103 on macOS, 107 on Linux
+    longest = 100  # bytes; the limit for the path of a socket is 103 on macOS and 107 on Linux
     if not hasattr(socket, "AF_UNIX"):
         return "127.0.0.1:0"
     if len(os.fsencode(path)) <= longest:

@@ -1,55 +1,57 @@
-r"""The filter language: one for frames, calls, rules and views.
+r"""The filter syntax for frames, calls, rules and views.
 
-A filter is made of comparisons, joined by and, or, not (also &&, ||, !) and
-parentheses; not binds tightest, or loosest:
+A filter consists of comparisons, joined by and, or, not (or &&, ||, !) and
+parentheses. Precedence, highest first: not, and, or.
 
     function == Robot_Execute && command ~ "slv" && latency > 5ms
     hresult != S_OK and not (src == 10.0.0.2 or dst == 10.0.0.2:50001)
 
-A comparison has a field on its left and then
+A comparison has a field on the left, then one of
 
-    == !=                equal, different
+    == !=                equal, not equal
     < <= > >=            for numbers, times, durations and HRESULTs
-    in (a, b)            equal to one of them; also in [a, b] and not in (a, b)
-    contains             a text with that part; a list with that element, or
-                         with a text that has that part
-    ~ or matches         a text, or a list with a text, in which that regular
-                         expression (RE2 syntax) is found
+    in (a, b)            equal to one of the values; also in [a, b] and
+                         not in (a, b)
+    contains             text that contains this part; list with this element,
+                         or with a text that contains this part
+    ~ or matches         text, or list with a text, that matches this regular
+                         expression (RE2 syntax) anywhere
 
-arg[2][0] is the first element of the third argument: indexes begin at 0 and
-work on every list. A field alone is true when it has a value other than 0,
-false, an empty text and an empty list. true and false alone are just that.
+arg[2][0] is the first element of the third argument: indexes start at 0 and
+work on every list. A field alone is true unless its value is missing, 0,
+false, an empty text or an empty list. true and false also stand alone.
 
-On the right stands
+On the right is one of
 
-    12  -3  2.5  0x40    a number
-    5ms                  a time or duration with its unit: ns, us, ms, s
-    reserved             for numbers, times and durations, a field of that type
+    12  -3  2.5  0x40    number
+    5ms                  time or duration with its unit: ns, us, ms, s
+    reserved             another field of the same type, for numbers, times
+                         and durations
     slvMove  "reply late"
-                         a text, in quotes ("..." or '...') unless it is one
-                         plain word; \\ \" \' \n \r \t \xHH \uHHHH are escapes
-                         in it, any other backslash stands for itself
+                         text, in quotes ("..." or '...') unless it is one
+                         plain word; \\ \" \' \n \r \t \xHH \uHHHH are
+                         escapes, any other backslash is literal
     S_OK  0x83500121  -2091908831
-                         an HRESULT, signed or unsigned alike
+                         HRESULT, signed or unsigned
     10.0.0.2  10.0.0.2:5007  [::1]:5007
-                         an endpoint; without a port any port is meant
+                         endpoint; without a port, any port matches
     "2024-05-01 12:00:00.5"
-                         a time in UTC, unless a zone such as +09:00 follows; a
-                         bare number is in seconds since 1970
+                         time in UTC, or with a zone such as +09:00; a bare
+                         number is in seconds since 1970
     true  false  null
 
-Text is compared without regard to case, as controllers do it; by regular
-expressions too, unless they say (?-i). In < <= > >= an HRESULT is unsigned
-against hexadecimal digits and names, signed against decimal ones:
-hresult >= 0x80000000 and hresult < 0 find the same, as they do in C. A VT_R4
-seldom equals a decimal to the last bit: ask for a range.
+Text comparisons ignore case, as controllers do. So do regular expressions,
+unless they contain (?-i). With < <= > >= an HRESULT is unsigned if the other
+side is hexadecimal or a name, and signed if it is decimal. Therefore
+hresult >= 0x80000000 and hresult < 0 select the same, as in C. A VT_R4
+seldom equals a decimal exactly; compare it with a range.
 
-What is missing is neither equal nor different. Where a record has no such
-value (the hresult of a request, an argument that is not there), or one of
-another kind (a text compared with a number), every comparison is false, !=
-and not in among them. So hresult != S_OK finds replies that are not S_OK,
-and not (hresult == S_OK) finds requests as well. field == null asks whether
-a value is missing, field != null whether it is there.
+A comparison is false, even with != and not in, if the record has no such
+value or a value of another type. Examples are the hresult of a request, an
+argument that does not exist, and a text compared with a number. So
+hresult != S_OK selects replies that are not S_OK, and not (hresult == S_OK)
+selects requests too. field == null is true if a value is missing,
+field != null if it is present.
 """
 
 from __future__ import annotations

@@ -185,7 +185,7 @@ def test_a_message_is_held_edited_and_sent_on(tmp_path: Path) -> None:
         with subprocess.Popen([*call, *more], stdout=subprocess.PIPE, text=True) as client:
             while not (held := ctl(proxy.control, "held")):
                 assert client.poll() is None
-            assert "S_OK Variable_GetValue pVal=I4(0)  # goes on unchanged in " in held[0]
+            assert "S_OK Variable_GetValue pVal=I4(0)  # sent unchanged in " in held[0]
             assert (
                 run_here("proxy", "ctl", proxy.control, "edit", "7", "set arg[0]=1").err
                 == "no message 7 is held\n"
@@ -258,7 +258,7 @@ def test_a_script_that_goes_wrong_is_told_once_and_all_passes(tmp_path: Path) ->
         (("--intercept", "serial >"), 2, "a value to compare serial with is missing"),
         (("--hold", "5"), 2, "'5' is no duration"),
         (("--script", "none.py"), 2, "does not exist"),
-        (("--rules", "none.yaml"), 2, "none.yaml cannot be read: No such file or directory"),
+        (("--rules", "none.yaml"), 2, "cannot read none.yaml: No such file or directory"),
         pytest.param(
             ("--rules", "/dev/zero"),
             2,

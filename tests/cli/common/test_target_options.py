@@ -19,14 +19,20 @@ def test_a_port_behind_the_host_counts() -> None:
 @pytest.mark.parametrize(
     ("words", "told"),
     [
-        pytest.param(["a" * 300], f"{'a' * 80}… is no host", id="a name that is too long"),
-        pytest.param(["robot..cell"], "robot..cell is no host", id="a part is missing"),
-        pytest.param([""], "it is empty", id="empty"),
-        pytest.param([":5007"], ":5007 is no host", id="only a port"),
-        pytest.param(["[]"], "[] is no host", id="empty brackets"),
+        pytest.param(
+            ["a" * 300], f"{'a' * 80}… is not a valid host name or address", id="a name that is too long"
+        ),
+        pytest.param(
+            ["robot..cell"], "robot..cell is not a valid host name or address", id="a part is missing"
+        ),
+        pytest.param([""], "the host is empty", id="empty"),
+        pytest.param([":5007"], ":5007 is not a valid host name or address", id="only a port"),
+        pytest.param(["[]"], "[] is not a valid host name or address", id="empty brackets"),
         pytest.param(["robot:x\x1b[31m"], "x\\x1b[31m is not a port", id="a word for a port"),
         pytest.param(["robot:65536"], "65536 is not a port", id="a port beyond the last"),
-        pytest.param(["robot:5007", "-p", "5008"], "robot:5007 and --port 5008 exclude each other", id="two"),
+        pytest.param(
+            ["robot:5007", "-p", "5008"], "robot:5007 and --port 5008 name different ports", id="two"
+        ),
     ],
 )
 def test_what_names_no_controller_is_told(words: list[str], told: str) -> None:

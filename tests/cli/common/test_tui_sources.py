@@ -23,11 +23,11 @@ TO = ("--to", "127.0.0.1:9")
     ("words", "reason"),
     [
         (["--proxy", "--listen", "127.0.0.1:0"], "each --listen needs its --to"),
-        (["--proxy", "--sim"], "one of -i, --proxy and --sim"),
+        (["--proxy", "--sim"], "only one of HOST, FILE, -i, --proxy and --sim"),
         (["--listen", "127.0.0.1:0", *TO], "add --proxy"),
         (["--read-only"], "add --proxy"),
         (["--scenario", "emergency-stop"], "add --sim"),
-        (["--proxy", "127.0.0.1:1", "--fault", "loss=5%"], "has its own --listen, --to and rules"),
+        (["--proxy", "127.0.0.1:1", "--fault", "loss=5%"], "leave out --listen, --to, --record and rules"),
         (["--proxy", "--listen", "127.0.0.1:0", *TO, "--fault", "los=5%"], "did you mean 'loss'"),
         (["--sim", "--scenario", "nix"], "there is no scenario 'nix'"),
     ],

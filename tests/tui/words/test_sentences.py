@@ -206,8 +206,8 @@ def test_why_a_saved_request_cannot_be_read(content: str, tmp_path: Path) -> Non
     [
         "127.0.0.1:5008 UDP and TCP > 192.168.0.1:5007; only this machine reaches it",
         "2 faults, --seed 3382",
-        "guard: what is not allowed is answered with E_ACCESSDENIED",
-        "intercept: held until sent on, 60 s at most",
+        "guard: the proxy refuses forbidden requests with E_ACCESSDENIED",
+        "intercept: messages are held until you release them, at most 60 s",
         "10.0.0.9 is not allowed; its datagrams are dropped",
         "10.0.0.9:50001: the controller 192.168.0.1:5007 cannot be reached: no route to host",
         "10.0.0.9:50001: 100 bytes were not taken by the controller any more",
