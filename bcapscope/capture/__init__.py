@@ -1,1 +1,1 @@
-"""Captures: files, standard input and live interfaces become observations."""
+"""Captures: turn files, standard input and live interfaces into observations, and write recordings."""

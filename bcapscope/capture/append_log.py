@@ -1,4 +1,4 @@
-"""Files that one process appends to while others read anywhere in them."""
+"""Files that one process appends to while other processes read them at any position."""
 
 from __future__ import annotations
 
@@ -9,20 +9,26 @@ from pathlib import Path
 from typing import BinaryIO
 
 _READ_AHEAD = 64 * 1024
-"""Bytes read at once: what is shown on one screen lies close together."""
+"""Bytes per read. The records that one screen shows lie close together."""
 
 _OFFSET = struct.Struct("<Q")
 
 
 class AppendLogWriter:
-    """Appends records to a file, and where each begins to another; nothing is there before `flush`.
+    """Appends records to a file, and the offset of each record to an index file.
+
+    Readers see no record before `flush`.
 
     Attributes:
-        count: records so far.
+        count: Number of records added so far.
     """
 
     def __init__(self, path: Path) -> None:
-        """Make `path` and an index beside it, which must not exist."""
+        """Create `path` and an index file beside it.
+
+        Raises:
+            FileExistsError: One of the two files exists.
+        """
         self._file: BinaryIO = path.open("xb", buffering=0)
         self._index: BinaryIO = _index_path(path).open("xb", buffering=0)
         self._pending = bytearray()
@@ -38,10 +44,10 @@ class AppendLogWriter:
         self.count += 1
 
     def flush(self) -> None:
-        """Let others see all records: first the records, then that they are there.
+        """Make all records visible to readers. The records are written before their index entries.
 
         Raises:
-            OSError: there is no room.
+            OSError: A file cannot be written, such as on a full disk.
         """
         if self._offsets:
             write_all(self._file, self._pending)
@@ -55,10 +61,10 @@ class AppendLogWriter:
 
 
 def write_all(file: BinaryIO | RawIOBase, data: bytes | bytearray) -> None:
-    """Write all of `data`: a file that is not buffered may take less at once.
+    """Write all of `data`, since one write to an unbuffered file may accept only a part.
 
     Raises:
-        OSError: there is no room.
+        OSError: The file cannot be written, such as on a full disk.
     """
     written = file.write(data) or 0
     while written < len(data):
@@ -66,7 +72,7 @@ def write_all(file: BinaryIO | RawIOBase, data: bytes | bytearray) -> None:
 
 
 class CachedFileReader:
-    """Reads anywhere in a file that grows, a piece at a time."""
+    """Reads at any position of a growing file, and caches the piece read last."""
 
     def __init__(self, path: Path) -> None:
         self._file: BinaryIO = path.open("rb", buffering=0)
@@ -75,11 +81,11 @@ class CachedFileReader:
 
     @property
     def size(self) -> int:
-        """Bytes that are there by now."""
+        """Current size of the file in bytes."""
         return os.fstat(self._file.fileno()).st_size
 
     def read(self, start: int, size: int) -> bytes:
-        """Read; fewer bytes than asked for only where the file ends."""
+        """Return `size` bytes from offset `start`; fewer only at the end of the file."""
         at = start - self._start
         if at < 0 or at + size > len(self._data):
             self._file.seek(start)
@@ -89,7 +95,7 @@ class CachedFileReader:
         return self._data[at : at + size]
 
     def discard_cache(self) -> None:
-        """Read anew what was read before."""
+        """Make the next `read` go to the file again."""
         self._data = b""
 
     def close(self) -> None:
@@ -98,7 +104,10 @@ class CachedFileReader:
 
 
 class AppendLogReader:
-    """The records of an `AppendLogWriter`, by number from 0; also a context manager that closes them."""
+    """Reads the records of an `AppendLogWriter`, by number from 0.
+
+    It is also a context manager that closes the files.
+    """
 
     def __init__(self, path: Path) -> None:
         self._records = CachedFileReader(path)
@@ -112,19 +121,19 @@ class AppendLogReader:
         self.close()
 
     def __len__(self) -> int:
-        """How many there were when `refresh` was called last."""
+        """Return the number of records at the last `refresh`."""
         return self._count
 
     def refresh(self) -> int:
-        """Look how many there are by now."""
+        """Update and return the number of records."""
         self._count = self._index.size // _OFFSET.size
         return self._count
 
     def offset_of(self, number: int) -> int:
-        """Return the offset at which a record begins.
+        """Return the offset of a record in bytes.
 
         Raises:
-            IndexError: there is no such record.
+            IndexError: No such record exists.
         """
         data = self._index.read(number * _OFFSET.size, _OFFSET.size) if number >= 0 else b""
         if len(data) < _OFFSET.size:
@@ -133,7 +142,7 @@ class AppendLogReader:
         return int(offset)
 
     def read(self, start: int, size: int) -> bytes:
-        """Read bytes of the records."""
+        """Return `size` bytes of the record file from offset `start`."""
         return self._records.read(start, size)
 
     def close(self) -> None:

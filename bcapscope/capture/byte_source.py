@@ -1,4 +1,4 @@
-"""The bytes of a capture as they come: from a file, a pipe, compressed or not."""
+"""Sources of a capture's bytes: a file or a pipe, compressed or not."""
 
 from __future__ import annotations
 
@@ -9,22 +9,22 @@ from typing import TypeAlias
 from bcapscope.errors import CaptureError
 
 CHUNK_SIZE = 256 * 1024
-"""Bytes asked for at once. A pipe gives what it has, so that this delays nothing."""
+"""Bytes requested per read. A pipe returns the bytes that it has, so a large value causes no delay."""
 
 GZIP_MAGIC = b"\x1f\x8b"
 _GZIP_WINDOW = 31  # zlib's notation for the largest window behind a gzip header
 
 
 ChunkReader: TypeAlias = Callable[[int], bytes]
-"""Gives at most so many bytes as soon as it has any, and b"" at the end of the stream."""
+"""Takes a number of bytes and returns at most that many, as soon as it has any; b"" at the end."""
 
 
 class ByteSource:
     """A window on a stream of bytes that only moves forward.
 
     Attributes:
-        data: what is at hand.
-        offset: where in the capture `data` begins.
+        data: Bytes in the window.
+        offset: Offset of `data` in the capture, in bytes.
     """
 
     __slots__ = ("_read", "data", "offset")
@@ -35,10 +35,10 @@ class ByteSource:
         self.offset = 0
 
     def advance(self, used: int) -> bool:
-        """Drop the first `used` bytes of `data` and add what comes next.
+        """Drop the first `used` bytes of `data` and append the next bytes of the stream.
 
         Returns:
-            Whether anything came; False at the end of the stream.
+            Whether any bytes were appended; False at the end of the stream.
         """
         chunk = self._read(CHUNK_SIZE)
         self.data = self.data[used:] + chunk
@@ -46,7 +46,7 @@ class ByteSource:
         return bool(chunk)
 
     def ensure_bytes(self, size: int) -> bool:
-        """Have at least `size` bytes in `data`, if the stream has them."""
+        """Read until `data` has at least `size` bytes; return False if the stream ends before."""
         while len(self.data) < size:
             if not self.advance(0):
                 return False
@@ -54,25 +54,25 @@ class ByteSource:
 
 
 class GzipReader:
-    """Unpacks a gzip file of one or several members while it is being read.
+    """Decompresses a gzip file of one or several members while it is read.
 
-    The standard library's reader waits for full buffers, and loses what it unpacked before damage.
+    The standard library's reader waits for full buffers, and loses bytes that it decompressed before damage.
     """
 
     __slots__ = ("_bytes_returned", "_decompressor", "_read", "_tail")
 
     def __init__(self, read: ChunkReader, head: bytes) -> None:
-        """Unpack `head`, already taken from the stream, and what `read` gives after it."""
+        """Decompress `head`, which was already read from the stream, and then the bytes from `read`."""
         self._read = read
         self._bytes_returned = 0
         self._tail = head
         self._decompressor = zlib.decompressobj(_GZIP_WINDOW)
 
     def __call__(self, size: int) -> bytes:
-        """Return up to `size` unpacked bytes, b"" at the end.
+        """Return up to `size` decompressed bytes; b"" at the end.
 
         Raises:
-            CaptureError: the compressed data end early or are damaged; all before that was returned.
+            CaptureError: The compressed data end early or are damaged. All bytes before were returned.
         """
         while True:
             if self._decompressor.eof and not self._next_member():
@@ -86,7 +86,10 @@ class GzipReader:
                 return data
 
     def _next_member(self) -> bool:
-        """Go on to the next member; padding by zeros is allowed behind the last (gzip manual, "tapes")."""
+        """Continue with the next member; return False at the end.
+
+        Zeros may follow the last member as padding (gzip manual, "tapes").
+        """
         rest = self._decompressor.unused_data.lstrip(b"\x00")
         while len(rest) < len(GZIP_MAGIC):
             chunk = self._read(CHUNK_SIZE)
@@ -109,7 +112,7 @@ class GzipReader:
         return data
 
     def _salvage(self, packed: bytes, size: int, error: zlib.error) -> bytes:
-        """Return what comes out byte by byte before the damage; raise once nothing does."""
+        """Decompress byte by byte up to the damage; raise CaptureError once no byte is left before it."""
         data = bytearray()
         position = 0
         try:

@@ -1,4 +1,4 @@
-"""Calls kept on disk beside the observations that they are made of."""
+"""Calls on disk, stored beside the observations that they consist of."""
 
 from __future__ import annotations
 
@@ -28,26 +28,35 @@ _ObjectRecord = tuple[int, int, bytes, bytes, int, bool]
 _Record = tuple[
     int, int, int, int, list[tuple[int, int]], int, int, bool, bool, int, int, int, _ObjectRecord | None
 ]
-"""Call, request, last try, reply or 0, roles and frames of the others, activity, gone on, silent, let go,
-skipped handles, convention and reserved of the replies, the object. Of a stray: 0, its frame, 0, the call it
-is too late for or 0, whether it was overlooked in the place of let go, and nothing else."""
+"""Of a call: its number, the frame numbers of its request, last attempt and reply (or 0), and the role and
+frame number of its other frames. Then `last_activity`, `abandoned_at`, `no_reply_expected`, `evicted`,
+`skipped_handles`, the indexes of its reserved-field convention and of the replies' reserved field, and the
+object.
+
+Of a stray reply: 0, its frame number, 0, and the number of the call that it is too late for (or 0).
+`may_answer_evicted` takes the place of `evicted`. All other fields are empty."""
 
 _encode = msgspec.msgpack.encode
 _decoder = msgspec.msgpack.Decoder(_Record)
 
 
 class StoredCall(NamedTuple):
-    """A call, or a reply that belongs to none, with the object that it was asked of where that is known."""
+    """A call or a stray reply.
+
+    Attributes:
+        settled: The complete call, or the stray reply.
+        subject: The object that the request addresses; None where it is unknown.
+    """
 
     settled: PairingResult
     subject: TrackedObject | None
 
 
 class CallStoreWriter:
-    """Writes calls as they settle, and which frames belong to which."""
+    """Writes complete calls, and the row of the call to which each frame belongs."""
 
     def __init__(self, folder: Path) -> None:
-        """Begin in the folder of a journal."""
+        """Create the files in the folder of an observation store."""
         self._calls = AppendLogWriter(folder / _CALLS)
         self._file = (folder / _ROW_BY_FRAME).open("xb", buffering=0)
         self._row_by_frame = array("I")
@@ -55,11 +64,11 @@ class CallStoreWriter:
 
     @property
     def count(self) -> int:
-        """Rows so far."""
+        """Number of rows added so far."""
         return self._calls.count
 
     def add(self, settled: PairingResult, subject: TrackedObject | None) -> None:
-        """Note a call; its frames are in the journal before `flush`."""
+        """Add a row; the caller writes its frames to the observation store before `flush`."""
         if isinstance(settled, StrayReply):
             number = settled.observation.number
             overlooked = settled.may_answer_evicted
@@ -96,10 +105,10 @@ class CallStoreWriter:
         self._first_unwritten = min(self._first_unwritten, number - 1)
 
     def flush(self) -> None:
-        """Let readers see all that was added.
+        """Make all added rows visible to readers.
 
         Raises:
-            OSError: there is no room.
+            OSError: The files cannot be written, such as on a full disk.
         """
         self._calls.flush()
         if self._first_unwritten < len(self._row_by_frame):
@@ -137,32 +146,32 @@ def _record_of(call: Call, subject: TrackedObject | None) -> _Record:
 
 
 class CallStore:
-    """Reads what a `CallStoreWriter` wrote, while it does."""
+    """Reads the files of a `CallStoreWriter`, also while it writes them."""
 
     def __init__(self, folder: Path, observations: ObservationStore) -> None:
         """Open the calls of a folder.
 
         Raises:
-            OSError: there are none.
+            OSError: The folder holds no calls.
         """
         self._observations = observations
         self._records = AppendLogReader(folder / _CALLS)
         self._row_by_frame = CachedFileReader(folder / _ROW_BY_FRAME)
 
     def __len__(self) -> int:
-        """How many rows there were when `refresh` was called last."""
+        """Return the number of rows at the last `refresh`."""
         return len(self._records)
 
     def refresh(self) -> int:
-        """Look how many there are by now."""
+        """Update and return the number of rows."""
         self._row_by_frame.discard_cache()
         return self._records.refresh()
 
     def read_call(self, index: int) -> StoredCall:
-        """Read a row by its index from 0, in the order in which calls settled.
+        """Read the row at an index from 0, in the order in which calls became complete.
 
         Raises:
-            IndexError: there is none.
+            IndexError: No such row exists.
         """
         (
             call, request, last, reply, others, activity, gone_on, silent, let_go, skipped,
@@ -185,7 +194,7 @@ class CallStore:
         return StoredCall(made, None if thing is None else _object_from_record(thing))
 
     def index_of_frame(self, frame: int) -> int | None:
-        """Tell which row a frame belongs to; None where that is not known, or not yet."""
+        """Return the index of the row that a frame belongs to; None where it is not known, or not yet."""
         data = self._row_by_frame.read((frame - 1) * _ROW_NUMBER.size, _ROW_NUMBER.size)
         row = int.from_bytes(data, "little")
         return row - 1 if row else None

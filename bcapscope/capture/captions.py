@@ -1,4 +1,4 @@
-"""What a caption over a hex dump says: who sent the packet."""
+"""Captions above hex dumps, which state the direction of a packet."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ import re
 from bcapscope.traffic.observation import Direction
 
 LONGEST_CAPTION = 120
-"""Characters of a caption that are kept."""
+"""Kept characters of a caption."""
 
 LONGEST_PARAGRAPH = 500
-"""Characters before hex on its line that are looked at."""
+"""Characters at the end of a paragraph that are searched for a direction."""
 
 _SENTENCE_END = re.compile(r"(?<=[.!?。])\s+")
 
@@ -36,9 +36,9 @@ _NAMES = (
 
 
 def caption_direction(caption: str) -> Direction | None:
-    """Tell who sent what follows, from such as "TX", "RX(Server->Client) #1", "SendData", "受信".
+    """Return the direction that a caption states, such as "TX", "RX(Server->Client) #1", "SendData", "受信".
 
-    Of a paragraph its last sentence decides.
+    The last sentence of a paragraph takes precedence. Returns None if the caption states no direction.
     """
     last = _SENTENCE_END.split(caption[-LONGEST_PARAGRAPH:])[-1]
     return _direction_in(last) or _direction_in(caption[-LONGEST_PARAGRAPH:])
@@ -54,6 +54,6 @@ def _direction_in(words: str) -> Direction | None:
 
 
 def shorten_caption(words: str) -> str:
-    """Shorten a line, or the end of a paragraph, to what names the packet under it."""
+    """Return a caption without decoration; of a long paragraph, only the end of its last sentence."""
     words = words.strip(" \t-*#•:=")
     return words if len(words) <= LONGEST_CAPTION else _SENTENCE_END.split(words)[-1][-LONGEST_CAPTION:]

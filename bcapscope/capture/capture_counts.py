@@ -1,4 +1,4 @@
-"""What became of the packets of a capture."""
+"""Counts of packets and observations in a capture."""
 
 from __future__ import annotations
 
@@ -8,21 +8,21 @@ from dataclasses import dataclass, field
 
 @dataclass(slots=True)
 class CaptureCounts:
-    """Sums over a capture so far; a packet is counted at most once among those without an observation.
+    """Sums over a capture so far. A packet without an observation is counted for one reason at most.
 
     Attributes:
-        packets: read.
-        items: observations made of them: frames, bytes that are none, and holes.
-        malformed: observations that are bytes and no frame.
-        gaps: observations that are holes in a TCP stream.
-        missing: bytes in those holes.
-        not_ip: packets that carry something else, such as ARP.
-        broken: packets whose headers are damaged or cut off, so that nothing can be told of them.
-        not_bcap: IP packets with something else in them; TCP segments without content are not among them.
-        cut: packets of which the capture kept only the beginning.
-        fragments_lost: fragmented IP packets of which a part was not seen.
-        contradictions: TCP segments sent again with other content than before.
-        unknown_links: packets by link type that is not known here.
+        packets: Packets read.
+        items: Observations: frames, bytes that are no frame, and gaps.
+        malformed: Observations of bytes that are no frame.
+        gaps: Observations of gaps in a TCP stream.
+        missing: Bytes in those gaps.
+        not_ip: Packets of other protocols than IP, such as ARP.
+        broken: Packets whose headers are damaged or cut off, so that they cannot be decoded.
+        not_bcap: IP packets with other content than b-CAP, except TCP segments without content.
+        cut: Packets of which the capture kept only the beginning.
+        fragments_lost: Fragmented IP packets dropped because fragments were missing or contradictory.
+        contradictions: TCP retransmissions whose content differs from the first transmission.
+        unknown_links: Packets with an unknown link type, by that type.
     """
 
     packets: int = 0
@@ -40,5 +40,5 @@ class CaptureCounts:
 
     @property
     def frames(self) -> int:
-        """Observations that are frames, sound or not."""
+        """Number of observations that are frames, sound or not."""
         return self.items - self.malformed - self.gaps

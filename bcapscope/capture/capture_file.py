@@ -1,4 +1,4 @@
-"""Capture files: which kind it is, and where its bytes come from."""
+"""Open capture files and detect their format."""
 
 from __future__ import annotations
 
@@ -31,12 +31,12 @@ class CaptureFile:
     """A capture, read once from beginning to end; also a context manager that closes it.
 
     Attributes:
-        size: bytes of the file as it lies on disk, or None for what has no size, such as a pipe.
-        position: bytes of it read so far.
+        size: Size of the file on disk in bytes; None for a stream without a size, such as a pipe.
+        position: Bytes of the file read so far.
     """
 
     def __init__(self, stream: BinaryIO) -> None:
-        """Read from `stream`, binary; a pipe's packets are given out as they arrive."""
+        """Read from a binary stream; packets of a pipe are yielded as they arrive."""
         self._stream = stream
         self._read: ChunkReader = getattr(stream, "read1", stream.read)
         self.size = _file_size(stream)
@@ -56,7 +56,7 @@ class CaptureFile:
         """Yield the packets.
 
         Raises:
-            CaptureError: this is no capture, or it is damaged or breaks off; all packets before the
+            CaptureError: The stream is no capture, or it is damaged or incomplete. All packets before the
                 damage were yielded.
         """
         source = ByteSource(self._read_chunk)
@@ -75,10 +75,10 @@ class CaptureFile:
 
 
 def open_capture(path: str | os.PathLike[str]) -> CaptureFile:
-    """Open a capture file, compressed by gzip or not; its kind is told by its content.
+    """Open a capture file, compressed with gzip or not; the format is detected from the content.
 
     Raises:
-        CaptureError: the file cannot be opened.
+        CaptureError: The file cannot be opened.
     """
     try:
         return CaptureFile(Path(path).open("rb", buffering=0))

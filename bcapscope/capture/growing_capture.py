@@ -1,4 +1,4 @@
-"""A capture that is still being written, read as it grows."""
+"""Read a capture while another program still writes it."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from bcapscope.capture.capture_file import CaptureFile
 from bcapscope.errors import CaptureError
 
 POLL_INTERVAL = 0.02
-"""Seconds between two looks whether there is more, too short to be seen; no call that all systems have tells
+"""Seconds between two checks for new data, too short to notice. No function that all systems offer reports
 that a file has grown."""
 
 
 class _GrowingFile(io.RawIOBase):
-    """Gives what there is, and where the file ends waits for more."""
+    """Returns the available bytes, and waits for more at the end of the file."""
 
     def __init__(self, file: io.FileIO, ended: Event, on_idle: Callable[[], None]) -> None:
         self._file = file
@@ -25,9 +25,9 @@ class _GrowingFile(io.RawIOBase):
         self._on_idle = on_idle
 
     def read(self, size: int = -1) -> bytes:
-        """Return up to `size` bytes; none only when the capture has ended."""
+        """Return up to `size` bytes; b"" only when the capture has ended."""
         while True:
-            over = self._ended.is_set()  # asked first: what was written until then is still read
+            over = self._ended.is_set()  # checked first, so that no byte written before the end is missed
             data = self._file.read(size)
             if data or over:
                 return data or b""
@@ -41,15 +41,15 @@ class _GrowingFile(io.RawIOBase):
 
 
 def follow_capture(path: Path, ended: Event, on_idle: Callable[[], None]) -> CaptureFile:
-    """Open a capture that somebody is still writing.
+    """Open a capture that another program still writes.
 
     Args:
-        path: the file.
-        ended: is set when nothing more will be written.
-        on_idle: is called whenever there is nothing to read.
+        path: The file.
+        ended: Set by the caller when nothing more will be written.
+        on_idle: Called whenever there is nothing to read.
 
     Raises:
-        CaptureError: the file cannot be opened.
+        CaptureError: The file cannot be opened.
     """
     try:
         file = io.FileIO(path)

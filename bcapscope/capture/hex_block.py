@@ -1,4 +1,4 @@
-"""Rows of hex that belong together."""
+"""Blocks of hex rows that belong together."""
 
 from __future__ import annotations
 
@@ -10,38 +10,38 @@ from bcapscope.capture.hex_line import HexDigits
 from bcapscope.traffic.observation import Direction
 
 LARGEST_REPEAT = 64 * 1024
-"""Bytes that an asterisk may stand for."""
+"""Bytes that one asterisk may stand for."""
 
 LARGEST_BLOCK = 256 * 1024
-"""Bytes of rows that form one block, room for many frames of real sessions; a longer dump is split."""
+"""Bytes per block, enough for many frames of real sessions. A longer dump is split."""
 
 MAX_ROWS = 16 * 1024
-"""Rows that form one block: as many bytes if each row has 16."""
+"""Rows per block: with 16 bytes per row, as many bytes as `LARGEST_BLOCK`."""
 
 _LARGEST_HOLE = 4096
-"""Bytes by which the offset of a row may be ahead and the row still belong to those before it."""
+"""Bytes by which the offset of a row may be ahead while the row still belongs to the same block."""
 
 _BASES = {7: (16, 10, 8)}
-"""Number bases of offsets by how many digits they have: od prints seven, in any of these; others are hex."""
+"""Possible number bases of an offset, by its number of digits. od prints seven digits in any of these bases;
+all other offsets are hexadecimal."""
 
 
 class HexBlock:
     """Rows of hex with nothing between them.
 
     Attributes:
-        caption: the words above.
-        direction: who sent it, by these words.
-        is_captioned: the words are right above, with no other hex between.
-        offset: written before the first row; else empty.
-        indent: column of that offset.
-        starts_at_zero: the offset says that this is the beginning.
-        is_hex_only: there is nothing else in any of its lines.
-        has_hex_notation: written as only hex is.
-        blank_line_follows: a blank line follows.
-        asterisk_bytes: bytes that an asterisk which follows may stand for, rows like the last; 0 where none
-            follows.
-        size: whole bytes.
-        notes: what is odd about it.
+        caption: Words above the block.
+        direction: Direction that the caption states; None if it states none.
+        is_captioned: Whether the caption is directly above, with no other hex between.
+        offset: Offset written before the first row; "" where there is none.
+        indent: Column of that offset; -1 without an offset.
+        starts_at_zero: Whether that offset is 0.
+        is_hex_only: Whether its lines hold nothing but hex, offsets and characters.
+        has_hex_notation: Whether a row uses a notation that is used for hex only.
+        blank_line_follows: Whether a blank line follows.
+        asterisk_bytes: Bytes that a following asterisk may stand for, in rows like the last; 0 without one.
+        size: Number of whole bytes.
+        notes: Oddities, one clause each.
     """
 
     def __init__(
@@ -67,32 +67,32 @@ class HexBlock:
 
     @property
     def digits(self) -> str:
-        """The digits of all rows."""
+        """The hex digits of all rows."""
         return "".join(self._parts)
 
     @property
     def size(self) -> int:
-        """How many bytes there are; half a byte at the end is left out."""
+        """Number of whole bytes; half a byte at the end does not count."""
         return self._digit_count // 2
 
     @property
     def is_full(self) -> bool:
-        """Whether no more rows may be added before it is split."""
+        """Whether the block must be split before more rows are added."""
         return self.size >= LARGEST_BLOCK or len(self._rows) >= MAX_ROWS
 
     @property
     def data(self) -> bytes:
-        """The bytes; half a byte at the end is left out."""
+        """The whole bytes, without half a byte at the end."""
         if self._data is None:
             self._data = bytes.fromhex(self.digits[: 2 * self.size])
         return self._data
 
     def line_numbers(self) -> list[tuple[int, int]]:
-        """Return offset and line number of each row."""
+        """Return offset (in bytes) and line number of each row."""
         return [(place // 2, line) for place, line in self._rows]
 
     def add(self, line: int, row: HexDigits) -> None:
-        """Put a row behind the others."""
+        """Append the row on line `line`."""
         self._rows.append((self._digit_count, line))
         self._append(row.digits)
         self.is_hex_only = self.is_hex_only and row.is_hex_only
@@ -100,11 +100,11 @@ class HexBlock:
         self.blank_line_follows = False
 
     def split(self, offset: int) -> HexBlock:
-        """Cut the block and return the rest, to which rows are added as they would be to this one.
+        """Cut the block at an offset and return the rest, to which further rows are added.
 
         Args:
-            offset: offset of the rest; 0, or one that leaves too many rows, for the last row, which is noted
-            then.
+            offset: Offset of the rest in bytes. If it is 0 or leaves too many rows, the rest is only the last
+                row, with a note.
         """
         first = bisect_right(self._rows, 2 * offset, key=itemgetter(0)) - 1
         note = ""
@@ -127,16 +127,16 @@ class HexBlock:
         return rest
 
     def extend(self, other: HexBlock) -> None:
-        """Put all rows of another block behind these."""
+        """Append all rows of another block."""
         self._rows += [(self._digit_count + place, line) for place, line in other._rows]
         self._append(other.digits)
         self.notes += other.notes
 
     def fit_to_offset(self, offset: str, line: int) -> bool:
-        """Make the block end where `offset` says, if that is about where it ends; tell whether it is.
+        """Make the block end at `offset`, and return whether that is possible.
 
-        Characters to the right of the last row, taken for hex, are dropped; what an asterisk stands for is
-        put in. The offsets may be hexadecimal, decimal or octal.
+        A longer last row is cut: the surplus is characters to the right that were mistaken for hex. A gap is
+        filled with the rows that an asterisk stands for, or noted. Offsets are hexadecimal, decimal or octal.
         """
         size = self.size
         places = [(base, self._position_of(offset, base)) for base in self._bases]
@@ -158,7 +158,7 @@ class HexBlock:
         return False
 
     def _position_of(self, offset: str, base: int) -> int | None:
-        """Return where in the block an offset is; None if it is none in that base."""
+        """Return the position of an offset in the block, in bytes; None if it is no number in that base."""
         try:
             return int(offset.rstrip(":"), base) - int(self.offset.rstrip(":"), base) - self._skipped
         except ValueError:
@@ -170,7 +170,7 @@ class HexBlock:
         self._data = None
 
     def _fill_gap(self, count: int, line: int) -> bool:
-        """Put in `count` bytes that are like the last row, or note that they are missing."""
+        """Fill `count` bytes with copies of the last row or note that they are missing; False if too many."""
         if count <= self.asterisk_bytes:
             row = self._parts[-1]
             self._append((row * (2 * count // len(row) + 1))[: 2 * count])

@@ -1,8 +1,8 @@
-"""One line of pasted text: which of it is hex, and which is prose.
+"""Split one line of pasted text into hex and prose.
 
 The forms are those of hexdump, xxd, od, tcpdump, Wireshark's "Copy" menu, the b-CAP Tester's window and
-programming languages: bytes, groups or one long row of digits, with offsets on the left, characters on the
-right, prefixes and commas, or as an escaped string.
+programming languages. The digits are bytes, groups or one long row, or an escaped string. Lines may have
+offsets on the left, characters on the right, prefixes and commas.
 """
 
 from __future__ import annotations
@@ -15,32 +15,35 @@ from typing import NamedTuple, TypeAlias
 import msgspec
 
 MIN_HEX_BYTES = 8
-"""Bytes side by side that are taken for hex in the middle of prose. Words of the letters a to f make shorter
-rows, and so do dates, times and addresses of network cards; the smallest argument has ten bytes."""
+"""Adjacent bytes in the middle of prose that count as hex.
+
+Words of the letters a to f, dates, times and MAC addresses are shorter. The smallest argument has ten bytes.
+"""
 
 LONGEST_ROW = 512
-"""Columns of a line in which characters are looked for beside the hex; dumps of 64 bytes a row have 240."""
+"""Longest line, in columns, that is searched for characters beside the hex. A dump with 64 bytes per row has
+240."""
 
 
-# Every line of a dump makes some of these: a struct compares by its type, which a named tuple
-# does not, and takes 0.1 µs to make (named tuple 0.4, frozen dataclass 0.9).
+# Every line of a dump creates some of these objects. A struct compares by its type, which a named tuple
+# does not, and takes 0.1 µs to create (named tuple 0.4, frozen dataclass 0.9).
 class ProseText(msgspec.Struct, frozen=True):
-    """Words."""
+    """Words between the hex of a line."""
 
     text: str
 
 
 class HexDigits(msgspec.Struct, frozen=True):
-    """Digits of bytes.
+    """Adjacent bytes in a line, as hex digits.
 
     Attributes:
-        digits: two for each byte; an odd one at the end where a long row was wrapped in the middle of a byte.
-        offset: as it is written before them, without 0x and colon; else empty.
-        indent: column of the offset.
-        is_hex_only: nothing else stands on the line but offset and characters.
-        has_hex_notation: written as only hex is: with an offset, 0x or a backslash.
-        starts_line: nothing stands before them.
-        ends_line: nothing stands behind them.
+        digits: Two digits per byte. The last byte has one digit if a long row was wrapped inside a byte.
+        offset: Offset before the bytes as written, with its colon but without 0x; "" where there is none.
+        indent: Column of the offset.
+        is_hex_only: Whether the line holds nothing else but offset and characters.
+        has_hex_notation: Whether the form is used for hex only: with an offset, 0x or a backslash.
+        starts_line: Whether nothing precedes the bytes.
+        ends_line: Whether nothing follows the bytes.
     """
 
     digits: str
@@ -53,11 +56,11 @@ class HexDigits(msgspec.Struct, frozen=True):
 
 
 class RepeatMark(msgspec.Struct, frozen=True):
-    """A line of one asterisk: hexdump, od and xxd leave out lines that are like the one before."""
+    """A line of one asterisk. hexdump, od and xxd print it in place of lines equal to the one before."""
 
 
 class EndOffset(msgspec.Struct, frozen=True):
-    """A line of one number: the offset behind the last byte, or bytes."""
+    """A line of one number: the offset after the last byte, or bytes."""
 
     digits: str
 
@@ -80,7 +83,7 @@ class _Run(NamedTuple):
 
 
 _NOISE = re.compile(r"</?[A-Za-z][^<>]{0,80}>|/\*.{0,200}?\*/|\(byte\)|^\s*(?:>\s?)+|^\s*```\w*|\\\s*$")
-"""Tags, comments, casts, marks of quoted mail, fences of code, backslashes that continue a line."""
+"""Tags, comments, casts, quote marks of mail, code fences, and backslashes that continue a line."""
 
 _ENTITIES = (("&nbsp;", " "), ("&lt;", "<"), ("&gt;", ">"))
 _TOKEN = re.compile(r"[^\s,;|{}()\[\]\"'`\u201c\u201d\u2018\u2019]+")
@@ -95,12 +98,12 @@ _KINDS = (
     (_ROW, re.compile(r"(?:0[xX])?((?:[0-9A-Fa-f]{2}){3,}|[0-9A-Fa-f]{15,})")),
 )
 _JOINABLE = {_PAIR: (_PAIR,), _GROUP: (_GROUP, _PAIR, _ROW), _ROW: (_ROW, _GROUP, _PAIR), _CHAIN: (_CHAIN,)}
-"""Which kinds may follow a first one in the same run: groups and rows end with what is left."""
+"""Kinds that may follow the first kind of a run. The last token of a group or row run can be shorter."""
 
 _OFFSET = re.compile(r"\s*(?:0[xX])?([0-9A-Fa-f]{2,16})(:?)(?=\s)")
 _SHORTEST_BARE_OFFSET = 4
 _MACHINE_OFFSETS = (6, 7)
-"""Digits of the offsets of hexdump and od, whose words are in the byte order of the machine."""
+"""Number of offset digits of hexdump and od, whose words are in the byte order of the machine."""
 
 _OCTAL_WORD = re.compile(r"[01][0-7]{5}")
 _LONE_NUMBER = re.compile(r"\s*([0-9A-Fa-f]{4,8})\s*")
@@ -109,11 +112,11 @@ _ESCAPE = re.compile(r"\\x([0-9A-Fa-f]{2})|\\([0-7]{1,3})|\\(.)|(.)", re.DOTALL)
 _NAMED = {"n": 10, "r": 13, "t": 9, "a": 7, "b": 8, "f": 12, "v": 11}
 _MARK = re.compile(r"0[xX]|\\x")
 _WORDS = re.compile(r"[^\W\d_]|[<>\u2190-\u21ff]")
-"""What makes words of what stands beside hex: a letter or an arrow, not a number or a sign."""
+"""Text beside hex counts as words if it holds a letter or an arrow; numbers and signs do not count."""
 
 
 def parse_line(line: str) -> list[LinePiece]:
-    """Take a line apart; [] for one with nothing on it. Never raises."""
+    """Split a line into pieces; [] for an empty line. Never raises."""
     line = unicodedata.normalize("NFKC", line)
     for entity, character in _ENTITIES:
         line = line.replace(entity, character)
@@ -132,7 +135,7 @@ def parse_line(line: str) -> list[LinePiece]:
 
 
 def _leading_offset(line: str) -> tuple[str, int]:
-    """Return the offset before the bytes of a line, and where they begin; "" and 0 if there is none."""
+    """Return the offset before the bytes of a line and the column after it; "" and 0 if there is none."""
     match = _OFFSET.match(line)
     following = _TOKEN.search(line, match.end()) if match else None
     if match is None or following is None:
@@ -147,7 +150,7 @@ def _leading_offset(line: str) -> tuple[str, int]:
 
 
 def _dump_row(line: str, start: int) -> list[_Run]:
-    """Return the first run behind an offset; what follows it are characters."""
+    """Return the first run after an offset; the rest of the line is characters."""
     runs = list(_hex_runs(line, start))[:1]
     if not runs or ":" in line[:start] or runs[0].kind not in (_GROUP, _ROW):
         return runs
@@ -159,7 +162,7 @@ def _dump_row(line: str, start: int) -> list[_Run]:
 
 
 def _hex_runs(line: str, start: int) -> Iterator[_Run]:
-    """Yield what may be hex, each as long as possible."""
+    """Yield runs of tokens that may be hex, each as long as possible."""
     group: list[_Token] = []
     for token in _tokens(line, start):
         if group and token.kind not in _JOINABLE[group[0].kind]:
@@ -188,7 +191,7 @@ def _classify_word(word: str) -> tuple[str, str]:
 
 
 def _make_run(line: str, group: Sequence[_Token]) -> _Run:
-    """Make a run of tokens, without the characters that stand to the right of a dump."""
+    """Make a run of tokens, without the characters to the right of a dump."""
     for index in range(1, len(group) + 1 if len(line) <= LONGEST_ROW else 0):
         stop = group[index].start if index < len(group) else len(line)
         between = line[group[index - 1].stop : stop]
@@ -201,7 +204,7 @@ def _make_run(line: str, group: Sequence[_Token]) -> _Run:
 
 
 def _are_characters(digits: str, text: str) -> bool:
-    """Tell whether `text` shows the bytes of `digits` as characters, dots for all that are not plain."""
+    """Return whether `text` shows the bytes of `digits` as characters, with a sign for each other byte."""
     text = text.strip().strip("|")
     if text[:1] == ">" and text[-1:] == "<":
         text = text[1:-1]
@@ -216,7 +219,7 @@ def _are_characters(digits: str, text: str) -> bool:
 
 
 def _literals(line: str) -> Iterator[_Run]:
-    """Yield the strings of a programming language that hold escapes of bytes."""
+    """Yield the string literals of programming languages that contain byte escapes."""
     for match in _LITERAL.finditer(line):
         if "\\x" in match[0]:
             values = [
@@ -233,7 +236,7 @@ def _escape_value(digits: str, octal: str, named: str, plain: str) -> int:
 
 
 def _pieces(line: str, runs: list[_Run], offset: str, start: int) -> Iterator[LinePiece]:
-    """Yield the runs that are hex, and the words between."""
+    """Yield the runs that are hex, and the words between them."""
     outside = "".join(line[a:b] for a, b in _outside_runs(runs, start, len(line)))
     alone = not _WORDS.search(outside) and not any(map(str.isdigit, outside))
     indent = len(line) - len(line.lstrip())

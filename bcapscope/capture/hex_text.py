@@ -1,7 +1,7 @@
-"""Frames out of text: hex as people paste it from mails, documents, tools and screenshots.
+"""Find frames in text: hex that people paste from mails, documents, tools and screenshots.
 
-What is hex in a line is found by `bcapscope.capture.hex_line`; here lines become packets, with what the text
-says about them. Prose, tables and words that look like hex are left aside.
+`bcapscope.capture.hex_line` finds the hex in a line. This module turns lines into packets, with direction
+and caption from the text. It ignores prose, tables and words that look like hex.
 """
 
 from __future__ import annotations
@@ -26,23 +26,22 @@ from bcapscope.protocol.dissection.plausibility import (
 from bcapscope.traffic.observation import Direction
 
 MAX_REPEATED = 1024 * 1024
-"""Bytes that all asterisks of a text may stand for, so that a short text cannot fill the memory."""
+"""Bytes that all asterisks of a text may stand for together, so that a short text cannot fill the memory."""
 
 _UDP, _TCP = 17, 6
 _SERIAL = slice(5, 7)
 
 
 class HexPacket(NamedTuple):
-    """Bytes that stand in a text as one packet.
+    """One packet found in a text.
 
     Attributes:
-        data: one frame, sound or not, or bytes that are none.
-        direction: who sent it; None where neither the text nor the bytes tell.
-        is_direction_guessed: the direction follows from the bytes only.
-        caption: the words that stand over it, or before it on its line; else empty. Not to be trusted, as
-            everything that was pasted.
-        line: where it begins, 1 for the first line of the text.
-        notes: what is odd about it that its bytes do not show, a clause each.
+        data: One frame, sound or not, or bytes that are no frame.
+        direction: Direction of the frame. None where neither the text nor the bytes show it.
+        is_direction_guessed: Whether the direction follows from the bytes only.
+        caption: Words above the hex or before it on its line, or "". Untrusted, as all pasted text.
+        line: Line on which the packet begins, from 1.
+        notes: Oddities that the bytes do not show, one clause each.
     """
 
     data: bytes
@@ -59,7 +58,7 @@ def read_hex_text(lines: Iterable[str]) -> Iterator[HexPacket]:
     Yields a packet as soon as the lines after it show that it is complete.
 
     Raises:
-        CaptureError: as `lines` does.
+        CaptureError: `lines` raised it.
     """
     packets = (packet for block in _join_blocks(_read_blocks(lines)) for packet in _packets_in(block))
     return _note_serial_mismatches(packets)
@@ -94,7 +93,7 @@ class _BlockReader:
         self._repeat_budget = MAX_REPEATED
 
     def add_line(self, number: int, pieces: list[LinePiece]) -> None:
-        """Take the pieces of line `number`."""
+        """Add the pieces of line `number`, from 1."""
         if not pieces and self._open is not None:
             self._open.blank_line_follows = True
         for piece in pieces:
@@ -108,7 +107,7 @@ class _BlockReader:
                 self._open.asterisk_bytes = min(LARGEST_REPEAT, self._repeat_budget)
 
     def pop_finished(self) -> list[HexBlock]:
-        """Return the blocks that nothing is added to any more, each once."""
+        """Return the complete blocks since the previous call."""
         complete, self._finished = self._finished, []
         return complete
 
@@ -132,7 +131,7 @@ class _BlockReader:
             self._begin_block(number, piece)
 
     def _add_dump_row(self, number: int, piece: HexDigits) -> None:
-        """Go on with the last block if the offset fits; characters that were wrapped may stand between."""
+        """Continue the last block if the offset fits; wrapped characters may come between its rows."""
         last = self.last
         if (
             last is not None
@@ -151,7 +150,7 @@ class _BlockReader:
         return reached
 
     def _add_few_bytes(self, number: int, piece: HexDigits) -> None:
-        """Take a few bytes beside words: the end of a frame, or the beginning of what the next line has."""
+        """Use a few bytes beside words as the end of a frame, or as the start of the next line's bytes."""
         block = self._open
         is_short = block is not None and block.size <= LONGEST_SEARCHED
         if piece.starts_line and block and is_short and len(piece.digits) <= 2 * _missing_bytes(block.data):
@@ -181,7 +180,7 @@ class _BlockReader:
             self._set_last_block(block.split(_last_frame_start(block)))
 
     def _set_last_block(self, block: HexBlock) -> None:
-        """Begin another block."""
+        """Finish the last block and continue with `block`."""
         if self.last is not None:
             self._finished.append(self.last)
         self.last = self._open = block
@@ -194,7 +193,7 @@ class _BlockReader:
 
 
 def _last_frame_start(block: HexBlock) -> int:
-    """Return where in a full block the last frame begins; 0 if that would leave too much."""
+    """Return the offset of the last frame in a full block; 0 if the rest would be too long."""
     start = (
         _frame_starts(block.data, [place for place, _ in block.line_numbers()])[-1]
         if _begins_as_frame(block.data)
@@ -208,19 +207,19 @@ def _digits_begin_frame(digits: str) -> bool:
 
 
 def _begins_as_frame(data: bytes) -> bool:
-    """Tell whether `data` begins as a frame does."""
+    """Return whether `data` begins with SOH and a plausible length."""
     return data[:1] == bytes((SOH,)) and plausible_length_field(data) is not None
 
 
 def _missing_bytes(data: bytes) -> int:
-    """Return how many bytes the frame lacks that `data` ends with; 0 where there is none."""
+    """Return how many bytes the last frame in `data` lacks; 0 if it is whole or there is no frame."""
     last = data[_frame_starts(data, [])[-1] :]
     length = plausible_length_field(last) if _begins_as_frame(last) else None
     return max(length - len(last), 0) if length else 0
 
 
 def _join_blocks(blocks: Iterable[HexBlock]) -> Iterator[HexBlock]:
-    """Put together what only blank lines separate, and leave aside what is no hex after all."""
+    """Join blocks of one frame that only blank lines separate, and drop blocks that are not b-CAP."""
     pending: HexBlock | None = None
     for block in blocks:
         if (
@@ -239,14 +238,17 @@ def _join_blocks(blocks: Iterable[HexBlock]) -> Iterator[HexBlock]:
 
 
 def _continues_frame(before: HexBlock, block: HexBlock) -> bool:
-    """Tell whether `block` is more of a frame that is not whole; a lone byte may be the number of a page."""
+    """Return whether `block` continues an incomplete frame.
+
+    A lone byte counts only if it completes the frame, since it may be a page number.
+    """
     data = block.data
     lacking = _missing_bytes(before.data)
     return not _begins_as_frame(data) and (len(data) == lacking or 2 <= len(data) < lacking)
 
 
 def _is_bcap_hex(block: HexBlock) -> bool:
-    """Tell whether a block holds bytes of b-CAP: most of these are zeros, and few other numbers are."""
+    """Return whether a block holds b-CAP bytes. Many b-CAP bytes are zero, unlike those of other numbers."""
     data = block.data
     if block.is_captioned and block.direction is not None:
         return len(data) >= MIN_HEX_BYTES // 2
@@ -278,7 +280,14 @@ def _packets_in(block: HexBlock) -> Iterator[HexPacket]:
 
 
 def _frame_starts(data: bytes, rows: list[int]) -> list[int]:
-    """Return where the frames in `data` begin: behind a whole one, else at a row that looks like one."""
+    """Return the offsets of the frames in `data`.
+
+    A frame begins after a whole frame, or else at a row that looks like the start of a frame.
+
+    Args:
+        data: Bytes of a block.
+        rows: Offsets of the block's rows.
+    """
     cuts = [0]
     while True:
         start = cuts[-1]
@@ -302,7 +311,7 @@ def _frame_begins_at(data: bytes, row: int) -> bool:
 def _direction_of(
     part: bytes, block: HexBlock, by_port: Direction | None
 ) -> tuple[Direction | None, bool, list[str]]:
-    """Return who sent a packet, whether that is a guess, and what speaks against it."""
+    """Return the direction of a packet, whether it is a guess, and the contradicting evidence as text."""
     content = _direction_by_content(part)
     if by_port is not None:
         return by_port, False, []
@@ -315,7 +324,7 @@ def _direction_of(
 
 
 def _direction_by_content(part: bytes) -> Direction | None:
-    """Tell a request from a reply by what only one of them can hold, if need be once repaired."""
+    """Return the direction that only the content shows, if necessary after repair; None if it shows none."""
     if not _begins_as_frame(part) or len(part) < HEADER_SIZE:
         return None
     shown = direction_evidence(parse_single_frame(part))
@@ -335,7 +344,12 @@ def _direction_by_content(part: bytes) -> Direction | None:
 
 
 def _without_headers(data: bytes) -> tuple[bytes, Direction | None, int]:
-    """Take a frame out of a whole packet from the network card: payload, sender, bytes before it."""
+    """Strip Ethernet, IP and transport headers from a whole packet.
+
+    Returns:
+        The payload, its direction by port, and the number of bytes stripped. Without headers, `data`, None
+        and 0.
+    """
     for start in (find_ip(ETHERNET, data), 0):
         packet = read_ip(data, start) if start != NOT_IP and data else None
         if packet is None or packet.fragment is not None:
@@ -356,7 +370,7 @@ def _direction_by_ports(segment: bytes) -> Direction | None:
 
 
 def _note_serial_mismatches(packets: Iterable[HexPacket]) -> Iterator[HexPacket]:
-    """Add a note to each reply whose serial no request before it has."""
+    """Add a note to each reply whose serial matches no earlier request."""
     asked: set[int] = set()
     last = 0
     for packet in packets:

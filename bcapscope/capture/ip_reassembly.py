@@ -1,4 +1,4 @@
-"""Putting fragmented IP packets together."""
+"""Reassembly of fragmented IP packets."""
 
 from __future__ import annotations
 
@@ -8,23 +8,23 @@ from typing import NamedTuple
 from bcapscope.capture.link_layer import IPPacket
 
 REASSEMBLY_TIMEOUT = 30 * 1_000_000_000
-"""Nanoseconds after its first part at which an incomplete packet is given up, as Linux does (ipfrag_time)."""
+"""Time after its first fragment at which an incomplete packet is dropped, ns; as in Linux (ipfrag_time)."""
 
 MEMORY_LIMIT = 4 * 1024 * 1024
-"""Bytes held in all, as Linux does (ipfrag_high_thresh)."""
+"""Bytes held for all incomplete packets together, as in Linux (ipfrag_high_thresh)."""
 
 LARGEST_PAYLOAD = 65535
-"""No IP payload in fragments is longer (RFC 791; RFC 8200 for IPv6)."""
+"""Longest payload of a fragmented IP packet, in bytes (RFC 791; RFC 8200 for IPv6)."""
 
-_PART_COST = 128  # bytes that a part costs beside its content
+_PART_COST = 128  # bytes of memory per fragment, in addition to its content
 
 
 class ReassembledPacket(NamedTuple):
-    """A packet whose last missing part has come.
+    """A packet whose last missing fragment has arrived.
 
     Attributes:
-        packet: as if it had never been cut.
-        began: when its first part was seen, in nanoseconds.
+        packet: The whole packet.
+        began: Capture time of the first fragment, ns since 1970.
     """
 
     packet: IPPacket
@@ -32,7 +32,7 @@ class ReassembledPacket(NamedTuple):
 
 
 class _PartialPacket:
-    """The parts of one packet so far."""
+    """The fragments of one packet so far."""
 
     __slots__ = ("_content", "_held_bytes", "_is_contradictory", "_offsets", "_size", "began", "protocol")
 
@@ -47,11 +47,11 @@ class _PartialPacket:
 
     @property
     def cost(self) -> int:
-        """Bytes of memory, roughly."""
+        """Approximate memory use in bytes."""
         return self._held_bytes + _PART_COST * (len(self._offsets) + 1)
 
     def add(self, offset: int, payload: bytes, more: bool) -> None:
-        """Take a part in; parts that contradict each other spoil the packet (RFC 5722, RFC 8200 4.5)."""
+        """Add a fragment; contradictory fragments invalidate the packet (RFC 5722, RFC 8200 4.5)."""
         stop = offset + len(payload)
         size = self._size if more else stop
         if self._content.get(offset) == payload and size == self._size:
@@ -72,14 +72,14 @@ class _PartialPacket:
             self._held_bytes += len(payload)
 
     def joined_payload(self) -> bytes | None:
-        """Return the payload once no part is missing."""
+        """Return the payload; None while fragments are missing."""
         if self._held_bytes != self._size:
             return None
         return b"".join(map(self._content.__getitem__, self._offsets))
 
     @property
     def _end_offset(self) -> int:
-        """Offset behind the last of the parts."""
+        """Offset after the last fragment."""
         return self._offsets[-1] + len(self._content[self._offsets[-1]]) if self._offsets else 0
 
     def _overlaps(self, offset: int, stop: int) -> bool:
@@ -96,10 +96,10 @@ class _PartialPacket:
 
 
 class IpReassembly:
-    """All packets of which only parts were seen.
+    """Reassembles fragments to packets, and holds the incomplete packets.
 
     Attributes:
-        packets_lost: packets given up, because parts were missing or contradicted each other.
+        packets_lost: Packets dropped because fragments were missing or contradicted each other.
     """
 
     def __init__(self) -> None:
@@ -108,11 +108,11 @@ class IpReassembly:
         self._cost = 0
 
     def add(self, packet: IPPacket, time: int) -> ReassembledPacket | None:
-        """Take in a part and return the packet that it completes.
+        """Add a fragment and return the packet that it completes; None while fragments are missing.
 
         Args:
-            packet: has a fragment.
-            time: when it was captured, in nanoseconds.
+            packet: A fragment. A whole packet is returned unchanged.
+            time: Capture time, ns since 1970.
         """
         fragment = packet.fragment
         if fragment is None:
@@ -135,7 +135,7 @@ class IpReassembly:
         return ReassembledPacket(IPPacket(parts.protocol, packet.addresses, payload, 0, None), parts.began)
 
     def close(self) -> None:
-        """Give up all that is incomplete."""
+        """Drop all incomplete packets and count them as lost."""
         self.packets_lost += len(self._incomplete)
         self._incomplete.clear()
         self._cost = 0
@@ -144,7 +144,7 @@ class IpReassembly:
         self._cost -= self._incomplete.pop(key).cost
 
     def _drop_expired(self, time: int) -> None:
-        """Give up what is too old, and the oldest while there is too much."""
+        """Drop incomplete packets that are too old, and the oldest ones while they use too much memory."""
         while self._incomplete:
             key, oldest = next(iter(self._incomplete.items()))
             if oldest.began + REASSEMBLY_TIMEOUT > time and self._cost <= MEMORY_LIMIT:

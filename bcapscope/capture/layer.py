@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: GPL-2.0-or-later
 # scapy.contrib.description = b-CAP (DENSO robot controllers)
 # scapy.contrib.status = loads
-"""b-CAP as a scapy layer, on the same codec as everything else.
+"""b-CAP as a scapy layer, based on the codec of bcapscope.
 
     >>> from bcapscope.capture.layer import BCAP
     >>> sniff(offline="session.pcap", session=TCPSession, prn=lambda p: p[BCAP].summary())
     >>> sr1(IP(dst="192.168.0.1") / UDP() / BCAP(serial=1, function_id=1, args=[""]))
 
-Nothing in a frame tells a call from its result: the port does, and where there is none, whether the number
-could be a function id.
+No field of a frame distinguishes a request from a reply. The port does. Without a port, a frame whose code is
+a function id counts as a request.
 """
 
 from __future__ import annotations
@@ -66,8 +66,8 @@ def _as_variant(value: Any) -> Variant:
 class ArgumentsField(StrField):  # type: ignore[misc] # scapy's classes have no types here
     """The arguments as a tuple of `Variant`.
 
-    What is set may be Python values: they become what DENSO's Python client sends for them (int I4, float
-    R8, str BSTR, bytes an array of UI1, bool BOOL, None EMPTY).
+    You may set Python values. They get the types that DENSO's Python client sends: int I4, float R8,
+    str BSTR, bytes an array of UI1, bool BOOL, None EMPTY.
     """
 
     islist = 1
@@ -90,16 +90,16 @@ class ArgumentsField(StrField):  # type: ignore[misc] # scapy's classes have no 
         return len(x or ())
 
     def i2repr(self, pkt: Packet | None, x: Any) -> str:
-        """Show the arguments, with every odd character of their strings escaped."""
+        """Return the arguments as text, with all non-ASCII and control characters escaped."""
         return ascii(list(x or ()))
 
 
 class BCAP(Packet):  # type: ignore[misc] # as above
     """One frame.
 
-    `function_id` is there in calls and `hresult` in results; setting either tells which it is. `trailer`
-    is what stands between the arguments and EOT: nothing, the CRC of a serial line, the mode of a version
-    1 frame, or bytes that no argument accounts for. A frame that is not changed is built from its own bytes.
+    Requests have the field `function_id`, replies have `hresult`. Setting either one selects the kind.
+    `trailer` holds the bytes between the arguments and EOT: none, the CRC of a serial line, the mode of a
+    version 1 frame, or bytes that belong to no argument. An unchanged frame keeps its original bytes.
     """
 
     name = "b-CAP"
@@ -127,16 +127,16 @@ class BCAP(Packet):  # type: ignore[misc] # as above
 
     @classmethod
     def dispatch_hook(cls, _pkt: bytes | None = None, *_: Any, **__: Any) -> Any:
-        """Leave what does not begin as a frame to scapy's raw layer."""
+        """Select this layer for bytes that begin like a frame, and scapy's raw layer for all others."""
         if _pkt is None or (_pkt[:1] == bytes((SOH,)) and len(_pkt) >= HEADER_SIZE):
             return cls
         return conf.raw_layer
 
     @classmethod
     def tcp_reassemble(cls, data: bytes, metadata: dict[str, Any], session: dict[str, Any]) -> Packet | None:
-        """Take the first frame from a stream; what follows it becomes padding, which scapy hands in again.
+        """Return the first frame of a stream, with the rest as padding, which scapy passes in again.
 
-        Bytes outside of any frame come out as a raw layer.
+        Bytes outside of any frame become a raw layer. Returns None until the frame is whole.
         """
         garbage = _garbage_size(data)
         if garbage:
@@ -152,7 +152,7 @@ class BCAP(Packet):  # type: ignore[misc] # as above
 
     @property
     def is_response(self) -> bool:
-        """Whether this is a result."""
+        """Whether this is a reply."""
         if "hresult" in self.fields or "function_id" in self.fields:
             return "hresult" in self.fields
         ports = (getattr(self.underlayer, "sport", None), getattr(self.underlayer, "dport", None))
@@ -163,12 +163,12 @@ class BCAP(Packet):  # type: ignore[misc] # as above
 
     @property
     def function_name(self) -> str | None:
-        """The vendor's name of the function; None in a result."""
+        """The vendor's name of the function; None in a reply."""
         return None if self.is_response else function_name(self.function_id)
 
     @property
     def command_name(self) -> str | None:
-        """The command of a call of Execute, such as `slvMove`; None in all others."""
+        """The command of an Execute request, such as `slvMove`; None in all other frames."""
         if self.is_response or self.function_id not in FUNCTIONS:
             return None
         params = FUNCTIONS[self.function_id].params
@@ -179,11 +179,11 @@ class BCAP(Packet):  # type: ignore[misc] # as above
 
     @property
     def frame(self) -> Frame:
-        """The frame as our codec sees it."""
+        """The frame as parsed by the codec of bcapscope."""
         return Frame(self.self_build())
 
     def do_dissect(self, s: bytes) -> bytes:
-        """Read the frame at the beginning of `s` and return what is behind it."""
+        """Parse the frame at the beginning of `s` and return the bytes after it."""
         length = int.from_bytes(s[1:5], "little")
         size = length if HEADER_SIZE < length <= len(s) else len(s)
         frame = Frame(s[:size])
@@ -204,21 +204,21 @@ class BCAP(Packet):  # type: ignore[misc] # as above
         return s[size:]
 
     def extract_padding(self, s: bytes) -> tuple[bytes, bytes]:
-        """Nothing is carried inside of a frame: what follows is another one."""
+        """Return all bytes as padding: a frame carries no payload, so another frame follows."""
         return b"", s
 
     def hashret(self) -> bytes:
-        """Calls and results of the same serial may belong together."""
+        """Return the serial as bytes: a request and its reply share it."""
         return struct.pack("<H", self.serial)
 
     def answers(self, other: Packet) -> bool:
-        """Tell whether this is the result of a call; S_EXECUTING only says that it is still to come."""
+        """Return whether this is the reply to the request `other`; a notice (S_EXECUTING) is not."""
         if not isinstance(other, BCAP) or not self.is_response or other.is_response:
             return False
         return bool(self.serial == other.serial and self.hresult != S_EXECUTING)
 
     def mysummary(self) -> str:
-        """Name the function or the result, and the serial."""
+        """Return the function and command or the result code, and the serial."""
         if self.is_response:
             return f"b-CAP {hresult_name(self.hresult)} serial {self.serial}"
         command = self.command_name
@@ -227,7 +227,7 @@ class BCAP(Packet):  # type: ignore[misc] # as above
 
 
 def _garbage_size(data: bytes) -> int:
-    """Return how many bytes of a stream no frame begins with."""
+    """Return the number of bytes before the first possible frame of a stream."""
     length = int.from_bytes(data[1:5], "little")
     if data[:1] == bytes((SOH,)) and (len(data) < 5 or SMALLEST_FRAME <= length <= LARGEST_FRAME):
         return 0

@@ -1,4 +1,4 @@
-"""From a captured packet to the IP packet inside: link headers, IPv4, IPv6.
+"""Find and parse the IP packet in a captured packet: link headers, IPv4, IPv6.
 
 Link headers: IEEE 802.3 and 802.1Q; RFC 1042 for LLC and SNAP; RFC 1661 and 1662 for PPP, whose protocol
 numbers are those of RFC 1332 and RFC 5072, and RFC 2516 over Ethernet; the LINKTYPE_ documents of tcpdump.org
@@ -18,10 +18,10 @@ _VLAN_TAGS = frozenset({0x8100, 0x88A8, 0x9100})
 """Customer tag, service tag (IEEE 802.1Q), and the service tag of switches older than the standard."""
 
 _MAX_LENGTH_FIELD = 1500
-"""Up to this number the type field is a length, and LLC stands behind it (IEEE 802.3)."""
+"""Up to this value the type field is a length, and LLC follows (IEEE 802.3)."""
 
 _SNAP = b"\xaa\xaa\x03\x00\x00\x00"
-"""LLC for SNAP, unnumbered information, and the organisation whose types are those of Ethernet."""
+"""LLC for SNAP, unnumbered information, and the organisation code for Ethernet types."""
 
 _PPPOE, _PPPOE_SIZE = 0x8864, 6
 _PPP_FRAMING = b"\xff\x03"
@@ -40,12 +40,12 @@ _IPV4_HEADER = struct.Struct(">2xH2sHxBxx8s")
 
 
 class Fragment(NamedTuple):
-    """Which part of a cut IP packet this is.
+    """The place of an IP fragment in its packet.
 
     Attributes:
-        key: what all parts share: addresses, identification and, in IPv4, protocol.
-        offset: where the part begins, in bytes of the whole payload.
-        more: whether other parts follow behind it.
+        key: Bytes that all fragments share: addresses, identification and, in IPv4, protocol.
+        offset: Offset of the fragment in the whole payload, in bytes.
+        more: Whether more fragments follow.
     """
 
     key: bytes
@@ -54,14 +54,14 @@ class Fragment(NamedTuple):
 
 
 class IPPacket(NamedTuple):
-    """What an IP packet carries.
+    """Payload and header fields of an IP packet.
 
     Attributes:
-        protocol: 17 is UDP, 6 TCP.
-        addresses: source and destination, 4 or 16 bytes each.
-        payload: what was captured of it; padding of the link is not in it.
-        missing: bytes of the payload that the packet's own length promises and that are not there.
-        fragment: None for a whole packet.
+        protocol: Transport protocol: 17 for UDP, 6 for TCP.
+        addresses: Source and destination address, 4 or 16 bytes each.
+        payload: Captured payload, without padding of the link.
+        missing: Bytes of the payload that the length field states and the capture lacks.
+        fragment: Place of a fragment; None for a whole packet.
     """
 
     protocol: int
@@ -75,14 +75,14 @@ def find_ip(linktype: int, data: bytes) -> int:
     """Return the offset of the IP header, or `NOT_IP`.
 
     Raises:
-        KeyError: the link type is not known, see `IP_OFFSET_FINDERS`.
+        KeyError: The link type is not in `IP_OFFSET_FINDERS`.
     """
     offset = IP_OFFSET_FINDERS[linktype](data)
     return offset if offset < len(data) else NOT_IP
 
 
 def read_ip(data: bytes, offset: int) -> IPPacket | None:
-    """Read the IP packet at `offset`; None where no sound IP header is."""
+    """Parse the IP packet at `offset`; return None if its header is not sound."""
     version = data[offset] >> 4
     if version == 4:
         return _read_ipv4(data, offset)
@@ -94,7 +94,10 @@ def _ethernet(data: bytes) -> int:
 
 
 def _ip_after_type(data: bytes, offset: int) -> int:
-    """Follow VLAN tags, LLC with SNAP, and a PPPoE session, from the type field at `offset`."""
+    """Return the offset of the IP header behind the type field at `offset`, or `NOT_IP`.
+
+    VLAN tags, LLC with SNAP and a PPPoE session are skipped.
+    """
     kind = int.from_bytes(data[offset : offset + 2])
     while kind in _VLAN_TAGS:
         offset += 4
@@ -107,7 +110,7 @@ def _ip_after_type(data: bytes, offset: int) -> int:
 
 
 def _type_after_llc(data: bytes, offset: int) -> tuple[int, int]:
-    """Return the offset and the value of the type field behind LLC and SNAP; 0 where none is."""
+    """Return the offset and the value of the type field after LLC and SNAP; the value is 0 without one."""
     if not data.startswith(_SNAP, offset):
         return offset, 0
     offset += len(_SNAP)
@@ -115,7 +118,10 @@ def _type_after_llc(data: bytes, offset: int) -> tuple[int, int]:
 
 
 def _ip_after_ppp(data: bytes, offset: int) -> int:
-    """Read the protocol field at `offset`: two bytes, or one where the ends agreed to compress it."""
+    """Return the offset of the IP header behind the PPP protocol field at `offset`, or `NOT_IP`.
+
+    The field has two bytes, or one where the ends agreed to compress it.
+    """
     compressed = data[offset : offset + 1]
     if compressed and compressed[0] & 1:
         return offset + 1 if compressed[0] in _PPP_IP else NOT_IP
@@ -141,7 +147,10 @@ def _cooked_2(data: bytes) -> int:
 
 
 def _loopback(data: bytes) -> int:
-    """The address family, in the byte order of the machine that captured (network order for LOOP)."""
+    """Return the offset after the address family, or `NOT_IP`.
+
+    The family is in the byte order of the capturing machine (network order for LOOP).
+    """
     families = {int.from_bytes(data[:4], "little"), int.from_bytes(data[:4])}
     return 4 if families & _LOOPBACK_FAMILIES else NOT_IP
 
@@ -164,7 +173,7 @@ IP_OFFSET_FINDERS: dict[int, Callable[[bytes], int]] = {
     229: _raw,
     LINUX_COOKED_2: _cooked_2,
 }
-"""How to find IP behind each link type."""
+"""For each link type, the function that returns the offset of the IP header."""
 
 
 def _read_ipv4(data: bytes, offset: int) -> IPPacket | None:
@@ -173,7 +182,7 @@ def _read_ipv4(data: bytes, offset: int) -> IPPacket | None:
     if size < 20 or start > len(data):
         return None
     total, identification, part, protocol, addresses = _IPV4_HEADER.unpack_from(data, offset)
-    # A length of 0 is left to the network card to fill in, when the capturing machine itself is the sender.
+    # The length is 0 if the capturing machine is the sender and its network card fills the field in.
     total = total or len(data) - offset
     if total < size:
         return None
@@ -189,7 +198,7 @@ def _read_ipv6(data: bytes, offset: int) -> IPPacket | None:
     start = offset + 40
     if start > len(data):
         return None
-    # A length of 0 marks a jumbogram (RFC 2675), or is left to the network card as in IPv4.
+    # A length of 0 marks a jumbogram (RFC 2675), or the network card fills it in as in IPv4.
     length = int.from_bytes(data[offset + 4 : offset + 6]) or len(data) - start
     stop = start + length
     protocol, addresses = data[offset + 6], data[offset + 8 : start]
@@ -200,7 +209,7 @@ def _read_ipv6(data: bytes, offset: int) -> IPPacket | None:
         following, words = data[start], data[start + 1]
         if protocol == _FRAGMENT:
             place = int.from_bytes(data[start + 2 : start + 4])
-            if place & 0xFFF9:  # neither an offset nor "more": a whole packet after all (RFC 6946)
+            if place & 0xFFF9:  # without an offset and "more", it is a whole packet (RFC 6946)
                 fragment = Fragment(addresses + data[start + 4 : start + 8], place & 0xFFF8, bool(place & 1))
             start += 8
         else:

@@ -1,8 +1,8 @@
 """Live capture on an interface of this machine.
 
-On Linux from a packet socket (packet(7)), which shows what scapy hides: time stamps to the nanosecond, which
-packets of the loopback interface are seen a second time, and how many were lost. Elsewhere scapy captures
-through libpcap or BPF, in a process of its own.
+On Linux, a packet socket (packet(7)) captures. It reports what scapy hides: time stamps in nanoseconds,
+duplicates on the loopback interface, and the number of lost packets. On other systems, scapy captures through
+libpcap or BPF in a separate process.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ from bcapscope.errors import CaptureError
 from bcapscope.transport.receive_timestamps import ANCILLARY_SIZE, enable_receive_timestamps, kernel_timestamp
 
 ANY_INTERFACE = "any"
-"""All interfaces at once, as tcpdump calls it (Linux)."""
+"""Name that stands for all interfaces at once, as in tcpdump (Linux only)."""
 
 _EXIT_TIMEOUT = 5.0
 _LARGEST_PACKET = 262144
-_BUFFER_SIZE = 16 * 1024 * 1024  # some 50,000 frames, in case this process is not given the CPU for a while
+_BUFFER_SIZE = 16 * 1024 * 1024  # about 50,000 frames, in case this process gets no CPU time for a while
 _ETH_P_ALL = 3
 _SOL_PACKET, _PACKET_STATISTICS = 263, 6
 _SO_RCVBUFFORCE = 33
@@ -38,7 +38,7 @@ class LiveCapture(Protocol):
     """An endless capture; also a context manager that ends it.
 
     Attributes:
-        lost: packets that the system had no room for, as far as it tells.
+        lost: Packets that the system dropped for lack of buffer space, as far as it reports them.
     """
 
     @property
@@ -49,22 +49,22 @@ class LiveCapture(Protocol):
     def __exit__(self, *_: object) -> None: ...
 
     def __iter__(self) -> Iterator[Packet]:
-        """Yield packets as they pass, until interrupted.
+        """Yield packets as they arrive, until interrupted.
 
         Raises:
-            CaptureError: the interface went away.
+            CaptureError: The capture failed, such as when the interface disappeared.
         """
         ...
 
 
 def open_live_capture(name: str) -> LiveCapture:
-    """Begin to capture on an interface; packets from now on are kept until they are read.
+    """Start to capture on an interface; packets from now on are buffered until they are read.
 
     Args:
-        name: of the interface, as the system has it, such as `eth0` or `lo`, or `ANY_INTERFACE`.
+        name: System name of the interface, such as `eth0` or `lo`, or `ANY_INTERFACE`.
 
     Raises:
-        CaptureError: there is no such interface, or the right to capture is missing.
+        CaptureError: The interface does not exist, the right to capture is missing, or the capture fails.
     """
     known = [known for _, known in socket.if_nameindex()]
     if name not in known and (name != ANY_INTERFACE or sys.platform != "linux"):
@@ -85,13 +85,13 @@ def _permission_help(name: str) -> str:
 
 
 class _PacketSocket:
-    """Linux: packets come without their link header and get that of a cooked capture, as tcpdump does."""
+    """Capture on Linux. Packets arrive without a link header and get a cooked one, as with tcpdump."""
 
     def __init__(self, name: str) -> None:
         self._name = name
         self._lost = 0
         self._interfaces: dict[str, Interface] = {}
-        everything = socket.htons(_ETH_P_ALL) if name == ANY_INTERFACE else 0  # 0: nothing before it is bound
+        everything = socket.htons(_ETH_P_ALL) if name == ANY_INTERFACE else 0  # 0: no packets before the bind
         self._socket = socket.socket(socket.AF_PACKET, socket.SOCK_DGRAM, everything)
         try:
             self._configure()
@@ -111,9 +111,9 @@ class _PacketSocket:
 
     @property
     def lost(self) -> int:
-        """Packets for which the socket's buffer had no room."""
+        """Number of packets that the socket's buffer had no room for."""
         _, lost = struct.unpack("II", self._socket.getsockopt(_SOL_PACKET, _PACKET_STATISTICS, 8))
-        self._lost += lost  # the kernel counts from the last time it was asked
+        self._lost += lost  # the kernel resets its counter at each query
         return self._lost
 
     def __enter__(self) -> _PacketSocket:
@@ -132,14 +132,14 @@ class _PacketSocket:
                 raise CaptureError(f"capturing on {self._name} ended: {error.strerror}") from error
             name, protocol, kind, hardware, mac = address
             if kind == socket.PACKET_OUTGOING and name == "lo":
-                continue  # the same packet is about to come in
+                continue  # the loopback interface delivers the same packet again as incoming
             interface = self._interfaces.setdefault(name, Interface(LINUX_COOKED, name))
             header = _COOKED_HEADER.pack(kind, hardware, len(mac), mac[:8], protocol)
             yield kernel_timestamp(ancillary, 0), header + data, len(header) + len(data), interface, ()
 
 
 class _SnifferProcess:
-    """Captures with scapy on other systems, in a process of its own; see `capture.sniffer`."""
+    """Capture on other systems, with scapy in a separate process; see `capture.sniffer`."""
 
     lost = 0
 
@@ -158,7 +158,12 @@ class _SnifferProcess:
             raise
 
     def _wait_until_ready(self) -> int:
-        """Wait until the process captures; return the link type."""
+        """Wait until the process captures; return the link type.
+
+        Raises:
+            PermissionError: The right to capture is missing.
+            CaptureError: The process cannot capture for another reason.
+        """
         kind, linktype, data = self._read_record()
         if kind == SnifferRecordKind.FORBIDDEN:
             raise PermissionError(errno.EPERM, os.strerror(errno.EPERM))
@@ -167,7 +172,7 @@ class _SnifferProcess:
         return linktype
 
     def _read_record(self) -> tuple[int, int, bytes]:
-        """Read a record; if the process has ended, return a record that reports it."""
+        """Read a record; return an `ENDED` record if the process has ended."""
         assert self._process.stdout is not None
         head = self._process.stdout.read(RECORD_HEADER.size)
         if len(head) < RECORD_HEADER.size:

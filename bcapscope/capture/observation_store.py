@@ -1,7 +1,7 @@
-"""Observations kept on disk, so that any of a million is at hand at once and none takes memory.
+"""Observations on disk, with fast access to any one of a million and without a share of memory for each.
 
-One process writes while others read. All sources are alike in it: what a file, an interface, a proxy or a
-client saw.
+One process writes while others read. Observations from a file, an interface, a proxy or a client are stored
+alike.
 """
 
 from __future__ import annotations
@@ -19,17 +19,17 @@ from bcapscope.traffic.filter.getters import AnnotatedFrame
 from bcapscope.traffic.observation import Conversation, Direction, Endpoint, Flow, Observation, Transport
 
 MAX_FLOWS = 4096
-"""Conversations of which the texts are kept in memory, by writer and reader."""
+"""Conversations that the writer and each reader keep in memory."""
 
 _FRAMES, _CONVERSATIONS = "frames", "conversations"
 _HEAD = struct.Struct("<qqQQIIIIB")
-"""Time, when it began, packet, place of the conversation; function id; bytes of command, item and the rest;
-what it is."""
+"""Head of a record, little-endian: last and first arrival time (ns since 1970), packet number, offset of the
+conversation; function id; bytes of the command, of the item and of the rare fields; flags."""
 
 _RESPONSE, _MALFORMED, _HAS_CALL_KIND, _HAS_COMMAND = 1, 2, 4, 8
 _SIZE = struct.Struct("<I")
 _RareFields = tuple[int, list[tuple[int, bytes, bytes]], list[bytes]]
-"""Missing bytes, problems, comments: what few observations have."""
+"""Missing bytes, problems and comments. Few observations have any."""
 
 _encode = msgspec.msgpack.encode
 _rare_fields_decoder = msgspec.msgpack.Decoder(_RareFields)
@@ -38,20 +38,20 @@ _ends_decoder = msgspec.msgpack.Decoder(_Ends)
 
 
 def encode_text(text: str) -> bytes:
-    """Encode any text, lone surrogates too."""
+    """Encode any text as UTF-8, including lone surrogates."""
     return text.encode("utf-8", "surrogatepass")
 
 
 def decode_text(data: bytes) -> str:
-    """Decode what `encode_text` encoded."""
+    """Decode the result of `encode_text`."""
     return data.decode("utf-8", "surrogatepass")
 
 
 class ObservationStoreWriter:
-    """Writes observations, in their order and from number 1 on."""
+    """Writes observations in the order of their numbers, which start at 1."""
 
     def __init__(self, folder: Path) -> None:
-        """Begin a journal in a folder that exists and has none."""
+        """Create the files in an existing folder, which must not hold them yet."""
         self._frames = AppendLogWriter(folder / _FRAMES)
         self._conversations = (folder / _CONVERSATIONS).open("xb", buffering=0)
         self._next_offset = 0
@@ -59,14 +59,14 @@ class ObservationStoreWriter:
 
     @property
     def count(self) -> int:
-        """Observations so far."""
+        """Number of observations added so far."""
         return self._frames.count
 
     def add(self, observation: Observation, call_kind: CallKind | None, comments: Sequence[str] = ()) -> None:
-        """Note an observation, what is known about it and what the capture has on its packet.
+        """Add an observation, with the kind of its call and the capture's comments on its packet.
 
         Raises:
-            OSError: there is no room.
+            OSError: A file cannot be written, such as on a full disk.
         """
         _, time, began, flow, item, packet = observation
         place = self._offsets.get(flow.conversation)
@@ -110,10 +110,10 @@ class ObservationStoreWriter:
         return place
 
     def flush(self) -> None:
-        """Let readers see all that was added.
+        """Make all added observations visible to readers.
 
         Raises:
-            OSError: there is no room.
+            OSError: A file cannot be written, such as on a full disk.
         """
         self._frames.flush()
 
@@ -130,31 +130,31 @@ def _encode_rare_fields(missing: int, problems: Sequence[Problem], comments: Seq
 
 
 class ObservationStore:
-    """Reads what a `ObservationStoreWriter` wrote, while it does."""
+    """Reads the files of an `ObservationStoreWriter`, also while it writes them."""
 
     def __init__(self, folder: Path) -> None:
-        """Open the journal of a folder.
+        """Open the observations of a folder.
 
         Raises:
-            OSError: there is none.
+            OSError: The folder holds no observations.
         """
         self._records = AppendLogReader(folder / _FRAMES)
         self._conversations = CachedFileReader(folder / _CONVERSATIONS)
         self._flows: dict[int, tuple[Flow, Flow]] = {}
 
     def __len__(self) -> int:
-        """How many observations there were when `refresh` was called last."""
+        """Return the number of observations at the last `refresh`."""
         return len(self._records)
 
     def refresh(self) -> int:
-        """Look how many there are by now."""
+        """Update and return the number of observations."""
         return self._records.refresh()
 
     def read_frame(self, number: int) -> AnnotatedFrame:
-        """Read an observation by its number, with what is known about it.
+        """Return an observation by its number, with the kind of its call and its comments.
 
         Raises:
-            IndexError: there is none of that number.
+            IndexError: No observation has that number.
         """
         start = self._records.offset_of(number - 1)
         time, began, packet, place, function_id, asked, size, more, kind = _HEAD.unpack(
@@ -175,10 +175,10 @@ class ObservationStore:
         return AnnotatedFrame(Observation(number, time, began, flow, item, packet), question, comments)
 
     def time_of(self, number: int) -> int:
-        """Read when an observation was made.
+        """Return the time of an observation by its number, ns since 1970.
 
         Raises:
-            IndexError: there is none of that number.
+            IndexError: No observation has that number.
         """
         return int.from_bytes(
             self._records.read(self._records.offset_of(number - 1), 8), "little", signed=True

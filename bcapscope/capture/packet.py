@@ -6,12 +6,12 @@ from typing import NamedTuple, TypeAlias
 
 
 class Interface(NamedTuple):
-    """Where packets were captured.
+    """The interface on which packets were captured.
 
     Attributes:
-        linktype: what a packet begins with, a number of the LINKTYPE_ list that pcap and pcapng share
+        linktype: Type of the packets' link header, a number of the LINKTYPE_ list that pcap and pcapng share
             (draft-ietf-opsawg-pcaplinktype).
-        name: as the capture names it, "" where it does not.
+        name: Name in the capture; "" where the capture has none.
     """
 
     linktype: int
@@ -19,6 +19,7 @@ class Interface(NamedTuple):
 
 
 Packet: TypeAlias = tuple[int, bytes, int, Interface, tuple[str, ...]]
-"""Time in nanoseconds since 1970-01-01 UTC; the bytes captured; how many bytes the packet had on the
-wire; the interface; comments. A bare tuple: there are millions, and a named one costs more to make than
-the rest of reading it."""
+"""Time in ns since 1970-01-01 UTC; captured bytes; size on the wire in bytes; interface; comments.
+
+It is a plain tuple because captures hold millions of packets. A named tuple costs more to create than the
+rest of reading a packet."""

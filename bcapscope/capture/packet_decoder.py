@@ -1,4 +1,4 @@
-"""From captured packets to observations: who said what, and when."""
+"""Decode captured packets into observations."""
 
 from __future__ import annotations
 
@@ -20,20 +20,21 @@ from bcapscope.protocol.codec.frame import EOT, SMALLEST_FRAME, SOH, Frame, Malf
 from bcapscope.traffic.observation import Conversation, Flow, Observation
 
 CONVERSATIONS_LIMIT = 10_000
-"""Conversations that are listed; a flood of forged addresses would fill the memory with them."""
+"""Conversations that are listed. Without a limit, a flood of forged addresses would fill the memory."""
 
 COMMENTS_LIMIT = 4096
-"""Packets whose comments are kept, which is until those who look at their frames have had time to ask."""
+"""Packets whose comments are kept, enough for the consumer of an observation to read them in time."""
 
 COMMENTS_BYTES = 4 * 1024 * 1024
-"""Bytes of all these comments. Beyond that the oldest are dropped, except those of the latest packet."""
+"""Bytes of all kept comments. Beyond this size the oldest are dropped, except those of the latest packet."""
 
 _TCP, _UDP = 6, 17
 _UDP_HEADER_SIZE = 8
 _NO_ITEM = Malformed(b"", ())
 
 _UDP_IN_ETHERNET = struct.Struct(">12xHBxHxxHxBxx12sH")
-"""Type; version and header size, length, fragmentation, protocol of IPv4; addresses and ports; UDP length."""
+"""Ethernet type; IPv4 version and header size, length, fragmentation and protocol; addresses and ports; UDP
+length. All are big-endian."""
 
 _SMALLEST_IN_ETHERNET = 42 + SMALLEST_FRAME
 _SOH_AND_LENGTH = struct.Struct("<BI")
@@ -43,18 +44,17 @@ class PacketDecoder:
     """Turns packets into observations.
 
     Attributes:
-        counts: what became of the packets so far.
-        comments: of the packets that have any, by number; the latest `COMMENTS_LIMIT` packets.
-        end_time: when the latest packet was captured, whatever was in it, nanoseconds since 1970; 0 before
-            that. Known once there are no more.
+        counts: Sums over the packets so far.
+        comments: Comments by packet number, of the latest `COMMENTS_LIMIT` packets that have any.
+        end_time: Capture time of the last packet, b-CAP or not, ns since 1970. It is 0 until `decode` ends.
     """
 
     def __init__(self, ports: Collection[int] = BCAP_PORTS, interface_prefix: str = "") -> None:
-        """Begin.
+        """Start without conversations.
 
         Args:
-            ports: on which servers listen; other conversations are told by what is said in them.
-            interface_prefix: only what was captured on interfaces whose names begin so is looked at.
+            ports: Ports on which servers listen. Conversations on other ports are detected by their content.
+            interface_prefix: Only packets of interfaces whose name has this prefix are decoded.
         """
         self.counts = CaptureCounts()
         self.comments: dict[int, tuple[str, ...]] = {}
@@ -68,17 +68,20 @@ class PacketDecoder:
 
     @property
     def conversations(self) -> tuple[Conversation, ...]:
-        """Those observed, in order; each says how its server was told. At most `CONVERSATIONS_LIMIT`."""
+        """Conversations in the order of their first observation, at most `CONVERSATIONS_LIMIT`.
+
+        Each states how its server was identified.
+        """
         return tuple(self._conversations)
 
     def decode(self, packets: Iterable[Packet]) -> Iterator[Observation]:
-        """Yield an observation for each frame, for bytes where a frame should be, and for each hole.
+        """Yield an observation for each frame, for bytes where a frame should be, and for each gap.
 
-        They come as they are completed; what is said before it is known which end is the server comes as
-        soon as it is. Called again, numbers go on.
+        An observation is yielded once it is complete. Items of a conversation whose server is unknown are
+        held back until the server is known. A second `decode` continues the numbers of the first.
 
         Raises:
-            CaptureError: as `packets` does, after all that was seen until then.
+            CaptureError: `packets` raised it; all observations before were yielded.
         """
         counts, broken = self.counts, None
         number, packet, time = counts.items, counts.packets, 0
@@ -146,7 +149,7 @@ class PacketDecoder:
     def _decode_any(
         self, time: int, data: bytes, original: int, interface: Interface, packet: int
     ) -> list[tuple[Flow, TimedItem]]:
-        """Follow any packet through all of its headers."""
+        """Parse all headers of a packet; the general path for packets that the fast path does not cover."""
         cut = original > len(data)
         self.counts.cut += cut
         ip = self._find_ip_packet(data, interface.linktype)
@@ -180,7 +183,7 @@ class PacketDecoder:
 
     def _decode_udp(self, ip: IPPacket, cut: bool, timed_item: TimedItem) -> list[tuple[Flow, TimedItem]]:
         there = len(ip.payload) + ip.missing
-        size = int.from_bytes(ip.payload[4:6]) or there  # 0 where the network card is to fill it in
+        size = int.from_bytes(ip.payload[4:6]) or there  # 0 where the network card fills it in
         if len(ip.payload) < _UDP_HEADER_SIZE or size < _UDP_HEADER_SIZE:
             self.counts.broken += 1
             return []
@@ -196,7 +199,7 @@ class PacketDecoder:
         return self._tcp.receive(ip.addresses + ip.payload[:4], segment, time, packet)
 
     def _flush(self, time: int, packet: int) -> list[tuple[Flow, TimedItem]]:
-        """Let go of all that was held back, since nothing more comes."""
+        """Release all held items at the end of the capture."""
         found = self._udp.close() + self._tcp.close(time, packet)
         self._fragments.close()
         self.counts.fragments_lost = self._fragments.packets_lost

@@ -1,4 +1,4 @@
-"""Pasted hex as observations, so that it is shown like any other traffic."""
+"""Turn pasted hex into observations, so that it is shown like any other traffic."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ from bcapscope.traffic.observation import (
 class PastedText:
     """The packets of a text, in their order. Their times are unknown and set to 0.
 
-    A damaged frame has among its problems what probably happened to it, worded as a guess.
+    The problems of a damaged frame include the probable cause of the damage, worded as a guess.
 
     Attributes:
-        count: packets so far.
-        comments: comments on the latest packet, by its number, in addition to its problems.
+        count: Number of packets so far.
+        comments: Comments on the latest packet, by its number, in addition to its problems.
     """
 
     def __init__(self, lines: Iterable[str]) -> None:
-        """Take the lines of the text, which are read while the packets are taken."""
+        """Store the lines of the text, which are read during iteration."""
         self.count = 0
         self.comments: dict[int, tuple[str, ...]] = {}
         self._lines = lines
@@ -37,7 +37,7 @@ class PastedText:
         """Yield the packets.
 
         Raises:
-            CaptureError: as the lines do.
+            CaptureError: The iterable of lines raised it.
         """
         ends = Endpoint("client", 0), Endpoint("server", 0)
         conversation = Conversation(*ends, Transport.UNKNOWN, "the text")

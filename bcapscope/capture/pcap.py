@@ -1,4 +1,4 @@
-"""The classic capture file of libpcap: a header of 24 bytes, then records (draft-ietf-opsawg-pcap)."""
+"""Read the classic capture file of libpcap: a header of 24 bytes, then records (draft-ietf-opsawg-pcap)."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ MAGICS = {
     b"\x4d\x3c\xb2\xa1": ("<", 1),
     b"\xa1\xb2\x3c\x4d": (">", 1),
 }
-"""How the file begins: byte order, and nanoseconds in one unit of the second time field."""
+"""For each magic number: the byte order, and the unit of the second time field in ns."""
 
 RECORD_LIMIT = 256 * 1024
-"""Bytes of one packet. libpcap refuses more for every link type that carries IP (pcap-int.h,
+"""Largest packet in bytes. libpcap refuses larger ones for every link type that carries IP (pcap-int.h,
 MAXIMUM_SNAPLEN 262144)."""
 
 _HEADER_SIZE = 24
@@ -27,11 +27,11 @@ _LINKTYPE = 0x03FFFFFF  # the bits above hold the length of a frame check sequen
 
 
 def read_pcap(source: ByteSource) -> Iterator[Packet]:
-    """Yield the packets of a capture whose magic was recognised.
+    """Yield the packets of a capture that begins with one of `MAGICS`.
 
     Raises:
-        CaptureError: the file ends inside a record, or a record claims more than `RECORD_LIMIT`; all
-            packets before that were yielded.
+        CaptureError: The file ends inside a record, or a record claims more than `RECORD_LIMIT` bytes. All
+            packets before were yielded.
     """
     if not source.ensure_bytes(_HEADER_SIZE):
         raise CaptureError(f"the capture ends inside its header, after {len(source.data)} bytes", 0)

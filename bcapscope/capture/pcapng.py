@@ -1,4 +1,4 @@
-"""The pcapng capture file: sections of blocks (draft-ietf-opsawg-pcapng)."""
+"""Read pcapng capture files, which consist of sections of blocks (draft-ietf-opsawg-pcapng)."""
 
 from __future__ import annotations
 
@@ -15,26 +15,26 @@ MAGIC = b"\x0a\x0d\x0d\x0a"
 """Type of the section header block, the same in both byte orders."""
 
 BLOCK_LIMIT = 16 * 1024 * 1024
-"""Bytes of one block, as libpcap has it (sf-pcapng.c, INITIAL_MAX_BLOCKSIZE)."""
+"""Largest block in bytes, as in libpcap (sf-pcapng.c, INITIAL_MAX_BLOCKSIZE)."""
 
 INTERFACES_LIMIT = 65536
-"""Interfaces of one section: as many as the obsolete packet block could number."""
+"""Interfaces per section: as many as the obsolete packet block could number."""
 
 LONGEST_NAME = 128
-"""Characters of an interface's name that are kept."""
+"""Kept characters of an interface's name."""
 
 COMMENTS_SIZE = 65_535
-"""Bytes of one packet's comments that are read: as many as one comment may have."""
+"""Bytes of one packet's comments that are read: the largest size of one comment."""
 
 _SECTION, _INTERFACE, _OBSOLETE, _SIMPLE, _ENHANCED = 0x0A0D0D0A, 1, 2, 3, 6
 _END, _COMMENT, _NAME, _RESOLUTION, _OFFSET = 0, 1, 2, 9, 14  # option codes
 _ORDERS = {b"\x4d\x3c\x2b\x1a": "<", b"\x1a\x2b\x3c\x4d": ">"}
-_BLOCK_OVERHEAD = 12  # type and length before the body of a block, the length again behind it
+_BLOCK_OVERHEAD = 12  # type and length before the body of a block, and the length again after it
 _ENHANCED_SIZE = 32  # an enhanced packet block without data and options
 
 
 class _InterfaceClock(NamedTuple):
-    """An interface and its time unit: nanoseconds are ticks * factor // divisor + offset."""
+    """An interface and its time unit: ns since 1970 are ticks * factor // divisor + offset."""
 
     interface: Interface
     factor: int
@@ -44,17 +44,17 @@ class _InterfaceClock(NamedTuple):
 
 
 class _DamagedBlockError(Exception):
-    """Why a block makes no sense, in one clause."""
+    """A block is invalid; the message states the reason in one clause."""
 
 
 def read_pcapng(source: ByteSource) -> Iterator[Packet]:
     """Yield the packets of a capture that begins with a section header block.
 
-    A simple packet block has no time; its packet gets that of the packet before it.
+    A simple packet block has no time; its packet gets the time of the packet before it.
 
     Raises:
-        CaptureError: the file ends inside a block, or a block contradicts itself; all packets before
-            that were yielded.
+        CaptureError: The file ends inside a block, or a block contradicts itself. All packets before were
+            yielded.
     """
     section = _Section()
     position = count = time = 0
@@ -63,7 +63,7 @@ def read_pcapng(source: ByteSource) -> Iterator[Packet]:
         end = len(data)
         head, clocks = section.packet_header.unpack_from, section.clocks
         current = epoch = -1
-        while position + _ENHANCED_SIZE <= end:  # the blocks that captures consist of, without options
+        while position + _ENHANCED_SIZE <= end:  # fast path: enhanced packet blocks without options
             kind, size, number, high, low, kept, original = head(data, position)
             stop = position + size
             if kind != _ENHANCED or size != kept + _ENHANCED_SIZE + 3 & ~3 or stop > end:
@@ -104,7 +104,7 @@ def read_pcapng(source: ByteSource) -> Iterator[Packet]:
 
 
 class _Section:
-    """The byte order and the interfaces in force, and how its blocks are read."""
+    """Parses the blocks of a section, with its byte order and interfaces."""
 
     def __init__(self) -> None:
         self.clocks: list[_InterfaceClock] = []
@@ -116,14 +116,18 @@ class _Section:
         self.packet_header = struct.Struct(order + "IIIIIII")
 
     def _unpack(self, form: str, data: bytes, position: int = 0) -> tuple[int, ...]:
-        """Read numbers; a block too small for them is damaged."""
+        """Unpack numbers.
+
+        Raises:
+            _DamagedBlockError: The block is too small for them.
+        """
         try:
             return struct.unpack_from(self._order + form, data, position)
         except struct.error:
             raise _DamagedBlockError(f"the block is too small, with {len(data)} bytes") from None
 
     def block_size(self, data: bytes, position: int) -> int:
-        """Return the size of the block at `position`, 0 if not all of it is there."""
+        """Return the size of the block at `position` in bytes; 0 if `data` does not hold all of it."""
         there = len(data) - position
         if there < _BLOCK_OVERHEAD:
             return 0
@@ -138,13 +142,13 @@ class _Section:
         return size if size <= there else 0
 
     def read_block(self, data: bytes, position: int, size: int, time: int) -> Packet | None:
-        """Read the block at `position`; return its packet if it holds one.
+        """Parse the block at `position`; return its packet, or None for any other block.
 
         Args:
-            data: bytes of the capture.
-            position: where the block begins.
-            size: its size.
-            time: of the packet before, in nanoseconds.
+            data: Bytes of the capture.
+            position: Position of the block in `data`.
+            size: Size of the block in bytes.
+            time: Time of the packet before, ns since 1970.
         """
         kind, _ = self._unpack("II", data, position)
         body = data[position + 8 : position + size - 4]
@@ -232,7 +236,7 @@ class _Section:
 
 
 def _tick_unit(resolution: int) -> tuple[int, int]:
-    """Return factor and divisor from ticks to nanoseconds; option if_tsresol of the interface."""
+    """Return factor and divisor from ticks to ns, for the interface's option if_tsresol."""
     exponent = resolution & 0x7F
     if resolution & 0x80:
         return 1_000_000_000, 1 << exponent

@@ -1,4 +1,4 @@
-"""Writing packets as pcapng (draft-ietf-opsawg-pcapng), with the notes that people made on them."""
+"""Write packets as pcapng (draft-ietf-opsawg-pcapng), with comments and users' notes."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _SECTION = struct.pack("<IHHq", 0x1A2B3C4D, 1, 0, -1)
 _HEAD, _SIZE = struct.Struct("<IIIIIII"), struct.Struct("<I")
 _WORD = 0xFFFFFFFF
 _PADDING = b"", b"\0\0\0", b"\0\0", b"\0"
-"""By the two low bits of what is to be padded to four bytes."""
+"""Padding to a multiple of four bytes, by the two low bits of the size."""
 
 _COMMENT, _NAME, _RESOLUTION = 1, 2, 9
 _END = struct.pack("<HH", 0, 0)
@@ -25,13 +25,13 @@ _LONGEST_OPTION = 65535
 
 
 class PacketTemplate(NamedTuple):
-    """What the blocks of packets have in common that differ in their times and in their last bytes alone.
+    """The constant bytes of packet blocks that differ only in their times and in their last data bytes.
 
     Attributes:
-        before_time: what stands before the time.
-        after_time: what stands between the time and those bytes.
-        after_data: what stands behind them.
-        data_size: how many bytes they are.
+        before_time: Bytes before the time.
+        after_time: Bytes between the time and the last data bytes.
+        after_data: Bytes after the last data bytes.
+        data_size: Number of the last data bytes.
     """
 
     before_time: bytes
@@ -41,23 +41,24 @@ class PacketTemplate(NamedTuple):
 
 
 PacketPairEncoder: TypeAlias = Callable[[int, int, bytes], bytes]
-"""Makes the blocks of two packets that end alike; takes their times, ns since 1970, and those bytes."""
+"""Returns the blocks of two packets that end with the same bytes. It takes both times, ns since 1970, and
+those bytes."""
 
 
 class PcapngWriter:
-    """A capture that is being written, a packet at a time; each interface is described before its first."""
+    """Writes a capture packet by packet, and describes each interface before its first packet."""
 
     def __init__(self, file: BinaryIO | RawIOBase) -> None:
-        """Write the head of the capture to `file`, which is not buffered or flushed by the caller."""
+        """Write the section header to `file`, which is unbuffered or which the caller flushes."""
         self._file = file
         self._interfaces: dict[Interface, int] = {}
         write_all(file, _block(_SECTION_BLOCK, _SECTION))
 
     def write(self, packet: Packet) -> None:
-        """Write a packet; times are kept to the nanosecond, of comments what fits an option.
+        """Write a packet, with its time in nanoseconds. Each comment is cut to 65,535 bytes.
 
         Raises:
-            OSError: there is no room.
+            OSError: The file cannot be written, such as on a full disk.
         """
         time, data, original, interface, comments = packet
         number = self._interfaces.get(interface)
@@ -70,18 +71,23 @@ class PcapngWriter:
         write_all(self._file, b"".join((head, data, _PADDING[captured & 3], options, _SIZE.pack(size))))
 
     def write_blocks(self, blocks: bytes) -> None:
-        """Write packets whose blocks were made with moulds of this writer.
+        """Write packet blocks that were made from templates of this writer.
 
         Raises:
-            OSError: there is no room.
+            OSError: The file cannot be written, such as on a full disk.
         """
         write_all(self._file, blocks)
 
     def packet_template(self, interface: Interface, head: bytes, size: int) -> PacketTemplate:
-        """Make the mould of packets without comments that begin with `head` and end with so many bytes.
+        """Return a template of packets without comments.
+
+        Args:
+            interface: Interface of the packets, which is described in the file if it is new.
+            head: Constant first bytes of the packets.
+            size: Number of bytes that follow `head`.
 
         Raises:
-            OSError: there is no room for the description of the interface.
+            OSError: The description of the interface cannot be written, such as on a full disk.
         """
         number = self._interfaces.get(interface)
         if number is None:
@@ -103,9 +109,9 @@ class PcapngWriter:
 
 
 def pair_encoder(first: PacketTemplate, second: PacketTemplate) -> PacketPairEncoder:
-    """Return what makes the blocks of a packet of each mould at once, which takes half as long.
+    """Return a function that makes one block of each template at once, in half the time.
 
-    Both moulds are for so many last bytes alike.
+    Both templates have the same `data_size`.
     """
     joint = first.after_data + second.before_time
     before, between, also, behind = first.before_time, first.after_time, second.after_time, second.after_data
@@ -132,19 +138,19 @@ def pair_encoder(first: PacketTemplate, second: PacketTemplate) -> PacketPairEnc
 
 
 def write_annotated(packets: Iterable[Packet], notes: Mapping[int, str], file: BinaryIO | RawIOBase) -> int:
-    """Write packets anew, with notes beside the comments that they have already.
+    """Copy packets to a new capture, and add notes to their comments.
 
     Args:
-        packets: of any capture.
-        notes: by number of the packet, from 1; an empty one only marks it.
-        file: where to write.
+        packets: Packets of any capture.
+        notes: Note by packet number, from 1; an empty note only marks the packet.
+        file: File to write to.
 
     Returns:
-        How many packets were written.
+        Number of packets written.
 
     Raises:
-        CaptureError: as reading `packets` does.
-        OSError: there is no room.
+        CaptureError: `packets` raised it.
+        OSError: The file cannot be written, such as on a full disk.
     """
     writer = PcapngWriter(file)
     number = 0
@@ -158,17 +164,17 @@ def write_annotated(packets: Iterable[Packet], notes: Mapping[int, str], file: B
 
 
 MARK_COMMENT = "marked"
-"""The comment of a packet that was marked without a note."""
+"""Comment of a packet that the user marked without a note."""
 
 
 def is_packet_block(block: bytes) -> bool:
-    """Tell whether a block that was written is a packet, and not the description of something."""
+    """Return whether a written block is a packet block, and not a section header or an interface."""
     return block.startswith(_PACKET_BLOCK.to_bytes(4, "little"))
 
 
 def _option(code: int, text: str) -> bytes:
     data = text.encode("utf-8", "replace")[:_LONGEST_OPTION]
-    data = data.decode("utf-8", "ignore").encode()  # no character cut in two
+    data = data.decode("utf-8", "ignore").encode()  # drops a character that the limit cuts in two
     return struct.pack("<HH", code, len(data)) + _padded(data)
 
 

@@ -1,4 +1,4 @@
-"""Which end is the server: nothing in a frame says so, but ports and content mostly do."""
+"""Detect which end is the server. No field of a frame says it, but ports and content mostly do."""
 
 from __future__ import annotations
 
@@ -13,20 +13,20 @@ from bcapscope.protocol.tables.hresult import S_EXECUTING, S_FALSE, S_OK
 from bcapscope.traffic.observation import Direction
 
 BCAP_PORTS = frozenset({5007})
-"""Where controllers listen, UDP and TCP (orin_bcap C/include/bcap_common.h)."""
+"""Ports on which controllers listen, UDP and TCP (orin_bcap C/include/bcap_common.h)."""
 
 
 def server_index_by_port(ports: Collection[int], first: int, second: int) -> int | None:
-    """Return which of two ports, 0 or 1, is the server's; None if both or neither may be."""
+    """Return which port, 0 or 1, is the server's; None if both or neither are in `ports`."""
     known = (first in ports, second in ports)
     return known.index(True) if sum(known) == 1 else None
 
 
 def direction_evidence(item: Frame | Malformed) -> tuple[Direction, str] | None:
-    """Return what only a request, or only a reply, can hold, with a word for the user; None for neither.
+    """Return the direction that the content proves, with the evidence as text; None if it proves neither.
 
-    A value of 0, 0x900 or with the top bit set at offset 9 can only be a result; 1 with one string is
-    Service_Start and not S_FALSE; any other function id must come with the arguments of its function.
+    At offset 9, a value of 0, 0x900 or with the top bit set can only be a result code. The value 1 with one
+    string is Service_Start, not S_FALSE. Any other function id counts only with its function's arguments.
     """
     if isinstance(item, Malformed) or item.problems:
         return None
@@ -38,7 +38,7 @@ def direction_evidence(item: Frame | Malformed) -> tuple[Direction, str] | None:
 
 
 def _arguments_fit(frame: Frame) -> bool:
-    """Tell whether the arguments are those of the function, and more than a reply could have."""
+    """Return whether the arguments match the function's parameters and rule out an S_FALSE reply."""
     params = FUNCTIONS[frame.code].params
     arguments = frame.arguments
     if len(arguments) != len(params) or (frame.code == S_FALSE and not arguments):
@@ -53,7 +53,7 @@ def _type_accepts(declared: str, variant: Variant) -> bool:
 
 
 def may_begin_frame(data: bytes) -> bool:
-    """Tell whether `data` could be the beginning of a b-CAP stream, as far as it goes."""
+    """Return whether `data`, which may be cut short, could be the beginning of a b-CAP stream."""
     if data[:1] != bytes((SOH,)):
         return False
     length = int.from_bytes(data[1:5], "little")
@@ -65,7 +65,7 @@ def may_begin_frame(data: bytes) -> bool:
 
 
 def is_whole_frames(data: bytes) -> bool:
-    """Tell whether `data` is nothing but whole frames."""
+    """Return whether `data` consists of whole frames only."""
     start = 0
     while start < len(data):
         stop = start + int.from_bytes(data[start + 1 : start + 5], "little")

@@ -1,4 +1,4 @@
-"""A recording in one file, or in a ring of files of which the oldest are removed."""
+"""A recording in one file, or in a ring of files whose oldest ones are removed."""
 
 from __future__ import annotations
 
@@ -20,19 +20,20 @@ _ROTATION = re.compile(r"(\d{1,6})x(.+)", re.ASCII)
 _SIZE = re.compile(r"(\d{1,12})([kMGT]?)B", re.ASCII)
 _TIME = re.compile(r"(\d{1,8})(s|min|h|d)", re.ASCII)
 _SMALLEST = 10_000
-"""Bytes; the least that a file of a ring may be limited to."""
+"""Smallest size limit of a file in a ring, in bytes."""
 
 _DISK_FULL = frozenset({errno.ENOSPC, errno.EDQUOT})
 
 
 @dataclass(frozen=True, slots=True)
 class RotationLimits:
-    """How large a ring of files becomes.
+    """Limits of a ring of files.
 
     Attributes:
-        files: how many there are at most.
-        size: bytes after which the next one begins, with the packet that comes then; 0 for any size.
-        seconds: after which the next one begins; 0 for any time.
+        files: Largest number of files.
+        size: Size in bytes after which the next packet begins a new file; 0 for no limit.
+        seconds: Seconds after a file's first packet, after which the next packet begins a new file; 0 for no
+            limit.
     """
 
     files: int
@@ -41,10 +42,10 @@ class RotationLimits:
 
 
 def parse_rotation(text: str) -> RotationLimits:
-    """Read a notation such as ``10x100MB``, ``24x1h`` or ``24x1h,500MB``.
+    """Parse a notation such as ``10x100MB``, ``24x1h`` or ``24x1h,500MB``.
 
     Raises:
-        ValueError: it makes no sense; the message says what.
+        ValueError: The notation is invalid; the message states the reason.
     """
     found = _ROTATION.fullmatch(text)
     if found is None or int(found[1]) < 2:
@@ -68,29 +69,29 @@ def parse_rotation(text: str) -> RotationLimits:
 
 
 class RotatingRecording(io.RawIOBase):
-    """The files of a recording; `flush` writes everything in one piece.
+    """The files of a recording; `flush` writes all pending blocks at once.
 
-    Call `rotate_if_full` before each packet: it begins a ring's next file only for a packet that exists, so
-    no file is empty and no old file is removed in vain.
+    The caller calls `rotate_if_full` before each packet. A new file then begins only for an existing packet.
+    Therefore no file is empty, and no old file is removed without need.
 
-    On a full disk, a ring removes its oldest file and goes on. So that an older file exists by then, no file
-    takes more than half of the space that was free when it began.
+    On a full disk, a ring removes its oldest file and continues. No file takes more than half of the space
+    that was free when it began. Therefore an older file exists when the disk is full.
 
     Attributes:
-        recording: writes packets to them.
-        files_freed: files that were removed because the disk was full.
+        recording: Writes packets to the current file.
+        files_freed: Number of files removed because the disk was full.
     """
 
     def __init__(self, path: Path, limits: RotationLimits | None = None) -> None:
-        """Begin.
+        """Create the first file.
 
         Args:
-            path: the file, which must not exist; those of a ring are named after it, with their number and
-                the time of day when they began.
-            limits: make it a ring.
+            path: The file, which must not exist. The files of a ring add their number, and the date and time
+                at which they began, to this name.
+            limits: Limits of a ring; None for a single file.
 
         Raises:
-            OSError: it cannot be written.
+            OSError: The file cannot be written.
         """
         super().__init__()
         self._path = path
@@ -102,26 +103,26 @@ class RotatingRecording(io.RawIOBase):
         try:
             self._open_next_file()
         except OSError:
-            super().close()  # Python calls `close` otherwise, and there is no file to close
+            super().close()  # otherwise Python calls our `close`, and there is no file to close
             raise
         self.recording = SocketRecording(self)
         self._write_file_header()
 
     def writable(self) -> bool:
-        """Say so."""
+        """Return True."""
         return True
 
     def write(self, data: bytes, /) -> int:  # type: ignore[override]  # whole blocks, which are bytes
-        """Take whole blocks of the capture."""
+        """Add whole blocks of the capture, which the next `flush` writes."""
         self._pending.append(data)
         self._pending_size += len(data)
         return len(data)
 
     def flush(self) -> None:
-        """Put what was written into the file.
+        """Write all pending blocks to the file.
 
         Raises:
-            OSError: there is no room, or the like; the file ends with what was in it before.
+            OSError: The file cannot be written, such as on a full disk. It keeps only its earlier content.
         """
         if not self._pending:
             return
@@ -133,10 +134,10 @@ class RotatingRecording(io.RawIOBase):
         self._size += len(data)
 
     def _try_write(self, data: bytes) -> bool:
-        """Write all of `data` or nothing; return False if the disk was full and a file was removed for it.
+        """Write all of `data` or nothing; return False if the disk was full and an old file was removed.
 
         Raises:
-            OSError: the file cannot be written, and there is no file to remove.
+            OSError: The file cannot be written, and no file can be removed.
         """
         try:
             rest = memoryview(data)
@@ -152,7 +153,11 @@ class RotatingRecording(io.RawIOBase):
         return True
 
     def _free_space(self, error: OSError, kept: int) -> bool:
-        """Remove the oldest file of a ring after `error`, but not the last `kept`; return whether it did."""
+        """If `error` is a full disk, remove the oldest file of a ring, but keep the newest `kept` files.
+
+        Returns:
+            Whether a file was removed.
+        """
         if self._limits is None or error.errno not in _DISK_FULL or len(self._files) <= kept:
             return False
         self.files_freed += 1
@@ -160,14 +165,14 @@ class RotatingRecording(io.RawIOBase):
         return True
 
     def _remove_oldest(self) -> None:
-        with suppress(OSError):  # somebody else has moved it
+        with suppress(OSError):  # the user may have moved the file
             self._files.popleft().unlink()
 
     def rotate_if_full(self) -> bool:
-        """Go on with the next file where it is time to; tell whether it was.
+        """Begin the next file of a ring if the current one is full; return whether a new file began.
 
         Raises:
-            OSError: it cannot be written.
+            OSError: A file cannot be written.
         """
         bounds = self._limits
         if bounds is None or not self._is_full(bounds):
@@ -182,14 +187,14 @@ class RotatingRecording(io.RawIOBase):
         return True
 
     def close(self) -> None:
-        """Close the file; what was not flushed is lost."""
+        """Close the file; blocks that were not flushed are lost."""
         self._pending.clear()
         super().close()
         self._file.close()
 
     @property
     def paths(self) -> tuple[Path, ...]:
-        """The files that there are, the oldest first."""
+        """The existing files, oldest first."""
         return tuple(self._files)
 
     def _is_full(self, limits: RotationLimits) -> bool:
@@ -223,7 +228,7 @@ class RotatingRecording(io.RawIOBase):
                     raise
 
     def _write_file_header(self) -> None:
-        """Write what stands before all packets, so that the file can be read from its first moment."""
+        """Write the file header at once, so that other programs can read the file from the start."""
         self.flush()
         self._header_size = self._size
 

@@ -1,10 +1,10 @@
 """`python -m bcapscope.capture.sniffer INTERFACE`: capture with scapy, in a process that does nothing else.
 
 scapy is under the GPL, version 2 only. Filters use google-re2, whose wheel contains code under the Apache
-License 2.0. The two licences do not permit both in one program. So scapy has a process of its own, which
-loads nothing else but Python's library and hands packets over through a pipe.
+License 2.0. The two licences do not permit both in one program. Therefore scapy runs in a separate process,
+which loads only Python's standard library besides and sends packets through a pipe.
 
-Standard output carries records: kind, time and length (`RECORD_HEADER`), then that many bytes.
+Standard output carries records: a `RECORD_HEADER` with kind, time and length, then that many bytes.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ from enum import IntEnum
 from typing import BinaryIO
 
 RECORD_HEADER = struct.Struct("<BqI")
-"""Kind; ns since 1970-01-01 UTC, or the link type in a `READY`; how many bytes follow."""
+"""Little-endian: kind; ns since 1970-01-01 UTC, or the link type in `READY`; number of bytes that follow."""
 
 READ_TIMEOUT = 0.25
-"""Seconds that a read waits at most: an interrupt is never kept waiting, and each end notices when the other
-has gone."""
+"""Longest wait of a read, in seconds. Interrupts take effect soon, and each end notices when the other
+has ended."""
 
 
 class SnifferRecordKind(IntEnum):
@@ -38,22 +38,22 @@ class SnifferRecordKind(IntEnum):
     FORBIDDEN = 3
     """The right to capture is missing."""
     ENDED = 4
-    """It cannot go on; the reason follows, UTF-8."""
+    """The capture ended; the reason follows as UTF-8."""
 
 
 class ScapySource:
     """scapy's capture socket on this system.
 
     Attributes:
-        linktype: of the packets, a number of the LINKTYPE_ list.
+        linktype: Link type of the packets, a number of the LINKTYPE_ list.
     """
 
     def __init__(self, name: str) -> None:
-        """Begin to capture on an interface.
+        """Start to capture on an interface.
 
         Raises:
-            PermissionError: the right to capture is missing.
-            OSError, Scapy_Exception: capturing on the interface failed.
+            PermissionError: The right to capture is missing.
+            OSError, Scapy_Exception: The interface cannot be captured.
         """
         from scapy.all import conf, resolve_iface  # noqa: PLC0415 - takes a second
 
@@ -61,7 +61,7 @@ class ScapySource:
         self.linktype: int = conf.l2types.layer2num.get(self._socket.LL, 1)
 
     def packets(self) -> Iterator[tuple[int, bytes] | None]:
-        """Yield the time and the bytes of each packet; None when none came for `READ_TIMEOUT`."""
+        """Yield time (ns since 1970) and bytes of each packet; None when none came for `READ_TIMEOUT`."""
         while True:
             if not self._socket.select([self._socket], READ_TIMEOUT):
                 yield None
@@ -72,7 +72,7 @@ class ScapySource:
 
 
 def main(name: str, out: BinaryIO) -> None:
-    """Capture until the other end of `out` is closed."""
+    """Write captured packets to `out` until its reader closes the pipe."""
 
     def write(kind: SnifferRecordKind, number: int = 0, data: bytes = b"") -> None:
         out.write(RECORD_HEADER.pack(kind, number, len(data)) + data)
@@ -87,10 +87,10 @@ def main(name: str, out: BinaryIO) -> None:
             else:
                 write(SnifferRecordKind.PACKET, *packet)
     except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), out.fileno())  # for what is flushed at the end
+        os.dup2(os.open(os.devnull, os.O_WRONLY), out.fileno())  # the flush at exit must not fail
     except PermissionError:
         write(SnifferRecordKind.FORBIDDEN)
-    except Exception as error:  # scapy raises its own, and some that are not even documented
+    except Exception as error:  # scapy raises its own exceptions, some of them undocumented
         write(
             SnifferRecordKind.ENDED,
             0,
@@ -99,5 +99,5 @@ def main(name: str, out: BinaryIO) -> None:
 
 
 if __name__ == "__main__":
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the process that reads decides when to end
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the reading process decides when to end
     main(sys.argv[1], sys.stdout.buffer)

@@ -1,7 +1,7 @@
-"""Writing what passes a socket as a capture: raw IP packets in pcapng, which other tools read as well.
+"""Record the traffic of sockets as a capture: raw IP packets in pcapng, which other tools read too.
 
-A socket shows neither IP nor transport headers; they are made up around the bytes, with the real addresses
-and ports. TCP segments are those that the socket took or gave, without acknowledgements.
+A socket shows neither IP nor transport headers. The recording adds made-up headers with the real addresses
+and ports. A TCP segment holds the bytes of one send or receive; acknowledgements are not recorded.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ Address = tuple[str, int]
 """IP address as text, and port."""
 
 Hop = tuple[Address, Address, Interface]
-"""From where to where a datagram goes, and the interface on which it does."""
+"""Source, target and interface of a datagram."""
 
 RAW_IP = 101
 """Link type of packets that begin with their IP header."""
@@ -27,16 +27,17 @@ _UNNAMED_INTERFACE = Interface(RAW_IP)
 _UDP, _TCP = 17, 6
 _FIN, _SYN, _RST, _PUSH, _ACK = 1, 2, 4, 8, 16
 _MAX_SEGMENT_BYTES = 60_000
-"""Of a TCP segment; longer ones become several packets."""
+"""Largest TCP segment; more bytes become several packets."""
 
 _SEQUENCE_NS = 4000
-"""A new connection between the same ends begins with numbers that go on as fast (RFC 9293, 3.4.1)."""
+"""Time per step of the initial sequence number, in ns, so that a new connection between the same ends starts
+with a higher number (RFC 9293, 3.4.1)."""
 
 _MAX_HOST_PAIRS = 4096
-"""Pairs of hosts whose addresses are kept packed, and pairs of ends whose headers are."""
+"""Pairs of hosts whose packed addresses are kept, and pairs of ends whose headers are kept."""
 
 _MAX_SIZES = 64
-"""Sizes of datagrams between the same ends for which the headers are kept."""
+"""Datagram sizes between the same ends whose headers are kept."""
 
 _IPV4 = struct.Struct(">BBHHHBBH8s")
 _IPV6 = struct.Struct(">IHBB32s")
@@ -45,21 +46,21 @@ _SEGMENT = struct.Struct(">HHIIHHHH")
 
 
 class SocketRecording:
-    """A capture that is being written, a packet at a time.
+    """Writes a capture packet by packet.
 
-    Times are ns since 1970; `where` is the interface, which has a name for people; `comment` is shown with
-    the packet.
+    In all methods, `time` is in ns since 1970. `interface` carries the name that users see. `comment` becomes
+    the comment of the packet.
     """
 
     def __init__(self, file: BinaryIO | RawIOBase) -> None:
-        """Write the head of the capture to `file`, which is not buffered or flushed by the caller."""
+        """Write the header of the capture to `file`, which is unbuffered or which the caller flushes."""
         self._sequence: dict[tuple[Address, Address], int] = {}
         self._ip_headers: dict[tuple[str, str], _IpHeaderTemplate] = {}
         self._datagram_headers: dict[tuple[Address, Address], dict[int, bytes]] = {}
         self._writer = PcapngWriter(file)
 
     def continue_in(self, file: BinaryIO | RawIOBase) -> None:
-        """Write what follows to another file, which can be read without the first."""
+        """Write all further packets to another file, which can be read without the first."""
         self._writer = PcapngWriter(file)
 
     def write_datagram(
@@ -79,7 +80,15 @@ class SocketRecording:
         self._writer.write((time, packet, len(packet), interface, (comment,) if comment else ()))
 
     def datagram_pair_encoder(self, incoming: Hop, outgoing: Hop, size: int) -> PacketPairEncoder:
-        """Return what makes blocks for `write_blocks`, until `continue_in`: a datagram of so many bytes."""
+        """Return an encoder for a datagram that is recorded on two hops, for use with `write_blocks`.
+
+        The encoder is valid until `continue_in`.
+
+        Args:
+            incoming: First hop of the datagram.
+            outgoing: Second hop of the datagram.
+            size: Size of the datagram's payload in bytes.
+        """
         first, second = (
             self._writer.packet_template(where, self._datagram_header(source, target, size), size)
             for source, target, where in (incoming, outgoing)
@@ -87,7 +96,7 @@ class SocketRecording:
         return pair_encoder(first, second)
 
     def write_blocks(self, blocks: bytes) -> None:
-        """Write what `datagram_pair_encoder` made."""
+        """Write blocks that the encoder of `datagram_pair_encoder` returned."""
         self._writer.write_blocks(blocks)
 
     def write_segment(
@@ -107,13 +116,13 @@ class SocketRecording:
             self._writer.write((time, packet, len(packet), interface, (comment,) if comment else ()))
 
     def skip_bytes(self, source: Address, target: Address, size: int) -> None:
-        """Go on behind so many bytes of a TCP connection that are not written: who reads it sees a gap."""
+        """Skip `size` bytes of a TCP connection that are not recorded; readers of the capture see a gap."""
         self._sequence[source, target] = self._sequence.get((source, target), 1) + size & 0xFFFFFFFF
 
     def write_handshake(
         self, client: Address, server: Address, time: int, *, interface: Interface = _UNNAMED_INTERFACE
     ) -> None:
-        """Write that a TCP connection was made, as the three packets that this takes."""
+        """Write the three packets of a TCP handshake."""
         first = time // _SEQUENCE_NS & 0xFFFFFFFF
         self._sequence[client, server] = self._sequence[server, client] = first
         self._write_empty_segment(client, server, _SYN, time, interface)
@@ -130,19 +139,19 @@ class SocketRecording:
         reset: bool = False,
         comment: str = "",
     ) -> None:
-        """Write that an end of a TCP connection sends nothing more, or has broken it off."""
+        """Write a FIN, or with `reset` a RST, of one end of a TCP connection."""
         self._write_empty_segment(source, target, _ACK | (_RST if reset else _FIN), time, interface, comment)
 
     def drop_connection(self, client: Address, server: Address) -> None:
-        """Forget a connection that is gone, or a client of UDP."""
+        """Drop the state of a closed TCP connection or of a UDP client."""
         for ends in ((client, server), (server, client)):
             self._sequence.pop(ends, None)
             self._datagram_headers.pop(ends, None)
 
-    def _write_empty_segment(  # noqa: PLR0917 - the inner one of those that write single packets
+    def _write_empty_segment(  # noqa: PLR0917 - internal; the public methods take keywords
         self, source: Address, target: Address, flags: int, time: int, interface: Interface, comment: str = ""
     ) -> None:
-        """Write a segment without bytes; SYN and FIN count as one."""
+        """Write a segment without data; SYN and FIN advance the sequence number by one."""
         packet = self._make_segment(source, target, flags, b"")
         self._writer.write((time, packet, len(packet), interface, (comment,) if comment else ()))
         if flags & (_SYN | _FIN):
@@ -156,7 +165,7 @@ class SocketRecording:
         return b"".join((self._ip_header(source, target, _TCP, 20 + len(data)), head, data))
 
     def _datagram_header(self, source: Address, target: Address, size: int) -> bytes:
-        """Make what stands before so many bytes of a datagram, and keep it for the next ones."""
+        """Return the IP and UDP header before `size` bytes, and keep it for later datagrams."""
         if len(self._datagram_headers) >= _MAX_HOST_PAIRS:
             self._datagram_headers.clear()
         heads = self._datagram_headers.setdefault((source, target), {})
@@ -167,7 +176,7 @@ class SocketRecording:
         return head
 
     def _ip_header(self, source: Address, target: Address, protocol: int, size: int) -> bytes:
-        """Make the IP header before so many bytes."""
+        """Return the IP header before `size` bytes."""
         way = self._ip_headers.get((source[0], target[0]))
         if way is None:
             if len(self._ip_headers) >= _MAX_HOST_PAIRS:
@@ -177,7 +186,7 @@ class SocketRecording:
 
 
 class _IpHeaderTemplate:
-    """From one host to another: what their IP headers have in common; IPv6 where one of them is."""
+    """The common part of the IP headers from one host to another; IPv6 if either host uses it."""
 
     def __init__(self, source: str, target: str) -> None:
         ends = [ipaddress.ip_address(host.partition("%")[0]) for host in (source, target)]
@@ -186,7 +195,7 @@ class _IpHeaderTemplate:
         self._sum = sum(struct.unpack(f">{len(self._addresses) // 2}H", self._addresses))
 
     def header(self, protocol: int, size: int) -> bytes:
-        """Return the header before so many bytes."""
+        """Return the header before `size` bytes."""
         if len(self._addresses) > 8:
             return _IPV6.pack(6 << 28, size & 0xFFFF, protocol, 64, self._addresses)
         length = 20 + size & 0xFFFF
@@ -197,5 +206,5 @@ class _IpHeaderTemplate:
 
 
 def _mapped(address: ipaddress.IPv4Address | ipaddress.IPv6Address) -> bytes:
-    """Return 16 bytes; an IPv4 address is mapped (RFC 4291, 2.5.5.2)."""
+    """Return 16 bytes; an IPv4 address is mapped to IPv6 (RFC 4291, 2.5.5.2)."""
     return address.packed if address.version == 6 else bytes(10) + b"\xff\xff" + address.packed

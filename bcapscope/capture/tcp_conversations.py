@@ -1,4 +1,4 @@
-"""TCP connections: whose they are, and what is said in them."""
+"""TCP conversations of a capture: find them, reassemble them and decide which end is the server."""
 
 from __future__ import annotations
 
@@ -19,13 +19,14 @@ from bcapscope.protocol.codec.frame import SMALLEST_FRAME, Frame
 from bcapscope.traffic.observation import Flow, Transport
 
 CONNECTIONS_LIMIT = 1024
-"""Connections followed at a time; beyond that the one that was silent longest is taken to have ended."""
+"""Connections followed at a time. Beyond this number, the connection that was idle longest is closed."""
 
 
 class _TrackedConnection:
-    """A connection with what is known of its ends; the first key is that of the sender 0.
+    """A connection, its ends and its conversation.
 
-    There is one key only where a forged packet has the same source and destination.
+    The first key is that of sender 0. There is only one key if a forged packet has equal source and
+    destination.
     """
 
     __slots__ = ("connection", "conversation", "ends", "keys", "unconfirmed_segments")
@@ -35,14 +36,19 @@ class _TrackedConnection:
         self.ends = endpoints_of(key)
         self.connection = TcpConnection(budget)
         self.conversation: UndecidedConversation | None = None
-        self.unconfirmed_segments = 0  # segments taken in before it was sure that they are b-CAP
+        self.unconfirmed_segments = 0  # segments accepted while the traffic could be something else
 
 
 class TcpConversations:
     """All TCP conversations of a capture."""
 
     def __init__(self, ports: Collection[int], counts: CaptureCounts) -> None:
-        """Take the ports on which servers listen, and where to count what is something else."""
+        """Start without connections.
+
+        Args:
+            ports: Ports on which servers listen.
+            counts: Counts the segments that are not b-CAP.
+        """
         self._ports = ports
         self._counts = counts
         self._budget = ByteBudget()
@@ -52,7 +58,7 @@ class TcpConversations:
 
     @property
     def contradictions(self) -> int:
-        """Segments sent again with other content."""
+        """Number of retransmissions with different content."""
         open_calls = (
             call.connection.contradictions for call, sender in self._connections.values() if sender == 0
         )
@@ -61,13 +67,13 @@ class TcpConversations:
     def receive(
         self, key: bytes, segment: TcpSegment, time: int, packet: int
     ) -> list[tuple[Flow, TimedItem]]:
-        """Take a segment in and return what is known to have been said by now.
+        """Accept a segment and return the items whose flow is known by now.
 
         Args:
-            key: source and destination address, source and destination port.
-            segment: the rest of it.
-            time: when it was captured, in nanoseconds.
-            packet: its number.
+            key: Source and destination address, then source and destination port, as in the packet.
+            segment: The parsed segment.
+            time: Capture time, ns since 1970.
+            packet: Packet number.
         """
         known = self._connections.get(key)
         if known is not None:
@@ -88,7 +94,7 @@ class TcpConversations:
         return found + self._receive_any(*known, segment, time, packet)
 
     def close(self, time: int, packet: int) -> list[tuple[Flow, TimedItem]]:
-        """End the capture: give out what was held back and what was begun."""
+        """End all connections and return their held and unfinished items."""
         found: list[tuple[Flow, TimedItem]] = []
         while self._connections:
             found += self._end_connection(next(iter(self._connections.values()))[0], time, packet)
@@ -97,7 +103,7 @@ class TcpConversations:
     def _receive_in_order(
         self, call: _TrackedConnection, sender: int, segment: TcpSegment, time: int, packet: int
     ) -> list[tuple[Flow, TimedItem]] | None:
-        """Take in what nearly all segments of a known conversation are; None for any other."""
+        """Try the fast path for a known conversation; None if the segment needs `_receive_any`."""
         flows = (
             None if call.conversation is None or call.conversation.is_tentative else call.conversation.flows
         )
@@ -110,7 +116,7 @@ class TcpConversations:
         return [(flows[sender], sighting) for sighting in said]
 
     def _touch(self, call: _TrackedConnection) -> None:
-        """Note that this is the call heard last."""
+        """Mark this connection as the most recently active one."""
         if call is not self._most_recent:
             self._most_recent = call
             for each in call.keys:
@@ -155,7 +161,7 @@ class TcpConversations:
         return call.conversation.release_items()
 
     def _reset_as_not_bcap(self, call: _TrackedConnection) -> None:
-        """Go back to not knowing what this is."""
+        """Count the connection's segments as not b-CAP, and start to detect its protocol anew."""
         self._counts.not_bcap += call.unconfirmed_segments
         call.connection.close(0, 0)
         call.conversation, call.connection, call.unconfirmed_segments = None, TcpConnection(self._budget), 0
@@ -163,7 +169,7 @@ class TcpConversations:
     def _end_connection(
         self, call: _TrackedConnection, time: int, packet: int
     ) -> list[tuple[Flow, TimedItem]]:
-        for key in set(call.keys):  # one and the same in a forged packet from an end to itself
+        for key in set(call.keys):  # both keys are the same in a forged packet from an end to itself
             del self._connections[key]
         self._contradictions += call.connection.contradictions
         if call.conversation is None:
@@ -179,10 +185,10 @@ class TcpConversations:
 def _recognise_bcap(
     call: _TrackedConnection, sender: int, segment: TcpSegment
 ) -> UndecidedConversation | None:
-    """Tell by a segment with data whether a connection between unknown ports is b-CAP.
+    """Return a conversation if a segment shows that a connection between unknown ports may be b-CAP.
 
-    At the beginning of a stream a frame may begin and be finished later; anywhere else a whole frame has
-    to stand at the beginning of a segment.
+    At the beginning of a stream, the start of a frame is enough. Anywhere else, the segment must start with
+    a whole, sound frame.
     """
     if not may_begin_frame(segment.data):
         return None

@@ -1,7 +1,7 @@
-"""TCP connections put together from segments in any order (RFC 9293).
+"""Reassembly of TCP connections from segments in any order (RFC 9293).
 
-What the capture lacks becomes an explicit hole, never zeros; every piece keeps the times of the packets
-that brought it.
+Bytes that the capture lacks become an explicit gap, never zeros. Every piece keeps the times of the packets
+that carried it.
 """
 
 from __future__ import annotations
@@ -17,18 +17,20 @@ from bcapscope.protocol.codec.byte_budget import ByteBudget
 from bcapscope.protocol.codec.stream_splitter import GUARANTEED_BUFFER, StreamPiece, StreamSplitter
 
 REORDER_LIMIT = 1024 * 1024
-"""Bytes of one direction held back for a missing segment. Windows of controllers and their clients stay
-below 64 KiB; Suricata gives up at 1 MiB too (stream.reassembly.depth)."""
+"""Bytes of one direction that are held back for a missing segment.
+
+The windows of controllers and their clients stay below 64 KiB. Suricata gives up at 1 MiB too
+(stream.reassembly.depth)."""
 
 ACK_LIMIT = 1 << 30
-"""Bytes that an acknowledgement can be ahead by: the largest window there is (RFC 7323, 2.3)."""
+"""Bytes by which an acknowledgement can be ahead: the largest possible window (RFC 7323, 2.3)."""
 
 MARKS_LIMIT = 128
-"""Segments of one unfinished frame whose times are kept apart. All streams together keep 25 MB of them at
-most."""
+"""Segments of one unfinished frame whose times are kept separately. All streams together keep at most 25 MB
+of such times."""
 
-_SEGMENT_COST = 128  # bytes that a segment held back costs beside its content
-_RECENT = 16  # segments given out that are compared with what is sent again
+_SEGMENT_COST = 128  # bytes of memory per held segment, in addition to its content
+_RECENT = 16  # delivered segments that are compared with retransmissions
 _LONGEST_RECENT = 2048  # bytes of such a segment: more than an Ethernet frame carries
 _HEADER = struct.Struct(">4xIIBB")
 
@@ -36,14 +38,14 @@ FIN, SYN, RST, ACK = 1, 2, 4, 16
 
 
 class TcpSegment(NamedTuple):
-    """What is in a TCP packet.
+    """One TCP segment.
 
     Attributes:
-        flags: `FIN`, `SYN`, `RST`, `ACK`.
-        seq: sequence number of the first byte, or of the SYN.
-        ack: the next byte that the sender waits for, where `ACK` is set.
-        data: what was captured of its content.
-        missing: bytes behind `data` that the capture does not have.
+        flags: Bits of `FIN`, `SYN`, `RST` and `ACK`.
+        seq: Sequence number of the first byte, or of the SYN.
+        ack: Sequence number that the sender expects next; valid where `ACK` is set.
+        data: Captured bytes of the content.
+        missing: Number of bytes after `data` that the capture lacks.
     """
 
     flags: int
@@ -54,7 +56,12 @@ class TcpSegment(NamedTuple):
 
 
 def read_segment(payload: bytes, missing: int) -> TcpSegment | None:
-    """Read a segment from the payload of an IP packet; None where no sound header is."""
+    """Parse the payload of an IP packet as a segment; return None if the header is not sound.
+
+    Args:
+        payload: Captured payload of the IP packet.
+        missing: Number of bytes after `payload` that the capture lacks.
+    """
     if len(payload) < 20:
         return None
     seq, ack, offset, flags = _HEADER.unpack_from(payload)
@@ -66,7 +73,7 @@ def read_segment(payload: bytes, missing: int) -> TcpSegment | None:
 
 
 class _StreamPart(NamedTuple):
-    """Consecutive bytes of a stream, their place, and when they came."""
+    """Consecutive bytes of a stream, with their offset, arrival time and packet number."""
 
     start: int
     data: bytes
@@ -75,7 +82,7 @@ class _StreamPart(NamedTuple):
 
 
 class _ArrivalMark(NamedTuple):
-    """When the bytes up to `stop` came."""
+    """Arrival time and packet number of the bytes from `start` to `stop`."""
 
     start: int
     stop: int
@@ -84,12 +91,12 @@ class _ArrivalMark(NamedTuple):
 
 
 class TcpStream:
-    """One direction of a connection; offsets count its bytes from the first one seen.
+    """One direction of a connection; offsets count from the first byte seen.
 
     Attributes:
-        begun: whether its sequence numbers are known.
-        closed: whether it has ended; what comes later is sent again or is another connection's.
-        contradictions: segments sent again with other content; the first one counts.
+        begun: Whether the first sequence number is known.
+        closed: Whether the stream has ended. Later bytes are retransmissions or another connection's.
+        contradictions: Number of retransmissions with different content. The first content is kept.
     """
 
     __slots__ = (
@@ -120,29 +127,36 @@ class TcpStream:
         self._recent: deque[_StreamPart] = deque(maxlen=_RECENT)
 
     def begin(self, seq: int, from_start: bool) -> None:
-        """Count from `seq`, which is the first byte sent or, without a SYN, the first one seen."""
+        """Start the stream at the sequence number `seq`.
+
+        Args:
+            seq: Sequence number of the first byte sent, or of the first byte seen.
+            from_start: Whether the SYN was seen, so that `seq` is the first byte sent.
+        """
         self.begun = True
         self._first_seq = seq
         self._splitter = StreamSplitter(synchronized=from_start, budget=self._budget)
 
     def starts_at(self, seq: int) -> bool:
-        """Tell whether `seq` is the first byte of this stream."""
+        """Return whether `seq` is the first byte of this stream."""
         return self.begun and seq == self._first_seq
 
     def is_ahead(self, seq: int) -> bool:
-        """Tell whether `seq` is behind all that was given out."""
+        """Return whether `seq` is after all bytes that were delivered."""
         return self._offset_of(seq) >= self._next_offset
 
     @property
     def is_waiting(self) -> bool:
-        """Whether bytes are missed, or it is known where the stream ends."""
+        """Whether bytes are missing in front of held segments, or a FIN was seen."""
         return bool(self._ahead) or self._end_offset is not None
 
     def receive_frame(self, segment: TcpSegment, time: int, packet: int) -> TimedItem | None:
-        """Take a segment in if it is the next one and one whole frame, while the stream is not `is_waiting`.
+        """Accept a segment that comes next in order and is exactly one frame; the fast path.
+
+        The caller makes sure that the stream is not `is_waiting`.
 
         Returns:
-            None for anything else, of which nothing is taken: it is for `receive`.
+            The frame. None for any other segment, which is left untouched for `receive`.
         """
         _, seq, _, data, _ = segment
         if (
@@ -160,7 +174,7 @@ class TcpStream:
         return TimedItem(time, time, packet, frame)
 
     def receive(self, segment: TcpSegment, time: int, packet: int) -> list[TimedItem]:
-        """Take a segment in and return the frames that it completes."""
+        """Accept a segment and return the items that it completes."""
         if self.closed:
             return []
         start, data = self._offset_of(segment.seq), segment.data
@@ -180,7 +194,11 @@ class TcpStream:
         return self._drain_and_skip(time, packet)
 
     def acknowledge(self, ack: int, time: int, packet: int) -> list[TimedItem]:
-        """Note that the other end has all bytes before `ack`: those not seen will not be sent again."""
+        """Record that the other end has all bytes before `ack`.
+
+        Returns:
+            Items that the acknowledgement completes: missing bytes before `ack` will not be sent again.
+        """
         offset = self._offset_of(ack)
         if self._acknowledged < offset <= self._next_offset + ACK_LIMIT:
             self._acknowledged = offset
@@ -189,14 +207,14 @@ class TcpStream:
         return []
 
     def close(self, time: int, packet: int) -> list[TimedItem]:
-        """End the stream: give out what was held back, holes included, and what was begun."""
+        """End the stream and return all held bytes, gaps and unfinished frames as items."""
         if self.closed:
             return []
         found: list[TimedItem] = []
         while self._ahead:
             found += self._skip_lost(self._ahead[0].start, time, packet)
             found += self._drain_ready()
-        # A FIN is acknowledged like a byte: without having seen it, one byte more proves nothing.
+        # A FIN is acknowledged like a byte. Without a captured FIN, the last acknowledged byte may be one.
         expected = (
             self._acknowledged - 1 if self._end_offset is None else min(self._acknowledged, self._end_offset)
         )
@@ -209,12 +227,12 @@ class TcpStream:
         return found
 
     def _offset_of(self, seq: int) -> int:
-        """Place a sequence number, which wraps at 32 bits, near the bytes expected next."""
+        """Return the offset of a sequence number, which wraps at 32 bits, near the next expected byte."""
         ahead = (seq - self._first_seq - self._next_offset) & 0xFFFFFFFF
         return self._next_offset + (ahead if ahead < 0x80000000 else ahead - 0x100000000)
 
     def _deliver(self, part: _StreamPart) -> list[TimedItem]:
-        """Pass on the part that continues the stream."""
+        """Feed the part that continues the stream to the splitter."""
         start, data, time, packet = part
         self._next_offset = stop = start + len(data)
         self._keep_recent(part)
@@ -224,20 +242,20 @@ class TcpStream:
         return self._with_times(self._splitter.feed(data), time, packet)
 
     def _keep_recent(self, part: _StreamPart) -> None:
-        """Keep the part, or the end of a long one, to compare it with retransmissions."""
+        """Keep the part, or the last bytes of a long part, for comparison with retransmissions."""
         surplus = len(part.data) - _LONGEST_RECENT
         if surplus > 0:
             part = part._replace(start=part.start + surplus, data=part.data[surplus:])
         self._recent.append(part)
 
     def _thin_marks(self) -> None:
-        """Give every second segment the times of the one behind it, but for the first."""
+        """Merge marks in pairs, which keep the later time; the first mark stays unchanged."""
         marks = list(self._marks)
         kept = [b._replace(start=a.start) for a, b in zip(marks[1::2], marks[2::2], strict=False)]
         self._marks = deque([marks[0], *kept, *marks[1 + 2 * len(kept) :]])
 
     def _drain_and_skip(self, time: int, packet: int) -> list[TimedItem]:
-        """Give out what has come into order, and give up holes that will not be filled."""
+        """Deliver the parts that are in order, and skip gaps that will not be filled."""
         found = self._drain_ready()
         while self._ahead and (self._acknowledged >= self._ahead[0].start or self._is_over_limit):
             found += self._skip_lost(self._ahead[0].start, time, packet)
@@ -264,13 +282,13 @@ class TcpStream:
         return found
 
     def _skip_lost(self, offset: int, time: int, packet: int) -> list[TimedItem]:
-        """Declare the bytes up to `offset` lost."""
+        """Turn the bytes up to `offset` into a gap."""
         missing = offset - self._next_offset
         self._next_offset = offset
         return self._with_times(self._splitter.add_gap(missing), time, packet)
 
     def _hold_ahead(self, part: _StreamPart) -> None:
-        """Keep what is not there yet of a part that is ahead of the stream."""
+        """Hold the bytes of a part ahead of the stream, except those held already."""
         start, data, time, packet = part
         stop = start + len(data)
         ahead = self._ahead
@@ -292,7 +310,7 @@ class TcpStream:
         self._budget.held += cost
 
     def _count_contradiction(self, part: _StreamPart, known: deque[_StreamPart] | list[_StreamPart]) -> None:
-        """Count a part that contradicts what came first."""
+        """Count the part if its content differs from the bytes that came first."""
         for other in known:
             if other.start >= part.start + len(part.data):
                 return
@@ -304,7 +322,7 @@ class TcpStream:
                 return
 
     def _with_times(self, pieces: list[StreamPiece], time: int, packet: int) -> list[TimedItem]:
-        """Give each piece the times of its own segments; a hole that of the packet which showed it."""
+        """Give each piece the times of its own segments, and a gap that of the packet that revealed it."""
         found = []
         marks = self._marks
         for start, stop, item in pieces:
@@ -328,8 +346,8 @@ class TcpConnection:
     """Both directions of a TCP connection.
 
     Attributes:
-        streams: by sender, 0 or 1.
-        server: which end accepted the connection, as far as its handshake was seen.
+        streams: The stream of each sender, by index 0 or 1.
+        server: Index of the end that accepted the connection. None if the handshake was not seen.
     """
 
     __slots__ = ("server", "streams")
@@ -340,11 +358,11 @@ class TcpConnection:
 
     @property
     def contradictions(self) -> int:
-        """Segments sent again with other content."""
+        """Number of retransmissions with different content."""
         return self.streams[0].contradictions + self.streams[1].contradictions
 
     def is_reopened_by(self, sender: int, segment: TcpSegment) -> bool:
-        """Tell whether a segment begins another connection between the same ports."""
+        """Return whether a segment begins another connection between the same ports."""
         own, other = self.streams[sender], self.streams[1 - sender]
         if segment.flags & SYN:
             first = (segment.seq + 1) & 0xFFFFFFFF
@@ -354,10 +372,10 @@ class TcpConnection:
     def receive_in_order(
         self, sender: int, segment: TcpSegment, time: int, packet: int
     ) -> list[TimedItem] | None:
-        """Take in what nearly all segments are: one whole frame, or none, and all before it was seen.
+        """Accept a segment in order that holds exactly one frame or no data; nearly all segments do.
 
         Returns:
-            What `sender` said; None for any other segment, of which nothing is taken: it is for `receive`.
+            The items from `sender`. None for any other segment, which is left untouched for `receive`.
         """
         own, other = self.streams[sender], self.streams[1 - sender]
         if segment.flags & (FIN | SYN | RST) or own.is_waiting or other.is_waiting:
@@ -375,7 +393,7 @@ class TcpConnection:
     def receive(
         self, sender: int, segment: TcpSegment, time: int, packet: int
     ) -> list[tuple[int, TimedItem]]:
-        """Take a segment in and return what it completes, with the sender of each."""
+        """Accept a segment and return the items that it completes, each with its sender."""
         own, other = self.streams[sender], self.streams[1 - sender]
         found = []
         if segment.flags & ACK and other.begun:
@@ -395,7 +413,7 @@ class TcpConnection:
         return found
 
     def close(self, time: int, packet: int) -> list[tuple[int, TimedItem]]:
-        """End both directions."""
+        """End both directions and return their remaining items, each with its sender."""
         return [
             (sender, sighting)
             for sender, stream in enumerate(self.streams)

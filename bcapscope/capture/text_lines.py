@@ -1,4 +1,4 @@
-"""The lines of a text of any length, one after the other, in bounded memory."""
+"""Read the lines of a text of any length in bounded memory."""
 
 from __future__ import annotations
 
@@ -10,19 +10,20 @@ from bcapscope.capture.byte_source import CHUNK_SIZE, ChunkReader
 from bcapscope.errors import CaptureError
 
 LONGEST_LINE = 256 * 1024
-"""Characters of a line. A frame of 10 KiB, the longest of real sessions, takes 60 KiB as `0x01, 0x02, …`."""
+"""Longest line in characters. The longest frames of real sessions, 10 KiB, take 60 KiB as `0x01, 0x02, …`."""
 
 
 def text_lines(read: ChunkReader) -> Iterator[str]:
-    """Yield the lines of a text without their ends: UTF-16 if it begins so, else UTF-8.
+    """Yield the lines of a text without their line ends.
 
-    Bytes that cannot be decoded become U+FFFD.
+    A text with a UTF-16 byte-order mark is decoded as UTF-16, any other as UTF-8. Undecodable bytes become
+    U+FFFD.
 
     Args:
-        read: gives the bytes of the text.
+        read: Returns the bytes of the text.
 
     Raises:
-        CaptureError: a line is longer than `LONGEST_LINE`; all before it were yielded.
+        CaptureError: A line is longer than `LONGEST_LINE` characters. All lines before were yielded.
     """
     head = read(CHUNK_SIZE)
     while len(head) < len(codecs.BOM_UTF8) and (more := read(CHUNK_SIZE)):

@@ -1,4 +1,4 @@
-"""UDP datagrams: each is one frame, or several."""
+"""UDP conversations of a capture. Each datagram holds one or several frames."""
 
 from __future__ import annotations
 
@@ -16,23 +16,29 @@ from bcapscope.protocol.codec.frame import Frame, Malformed, Problem, parse_data
 from bcapscope.traffic.observation import Flow, Transport
 
 FLOWS_LIMIT = 65536
-"""Flows remembered. Clients of one controller are twenty at most (orin_bcap C/src/bcap_server.c); one that
-is forgotten and comes again counts as another conversation."""
+"""Flows kept. A controller has at most twenty clients (orin_bcap C/src/bcap_server.c).
+
+A client that is dropped here and returns counts as another conversation."""
 
 UNDECIDED_LIMIT = 1024
-"""Pairs of ends whose server is not known yet; the oldest is guessed beyond that."""
+"""Conversations whose server is unknown. Beyond this number, the server of the oldest one is guessed."""
 
 
 class UdpConversations:
     """All UDP conversations of a capture.
 
     Attributes:
-        flows: by addresses and ports as they stand in a packet: source and destination address, source
-            and destination port. Only what is b-CAP, and of which the server is known.
+        flows: Flow of each b-CAP conversation whose server is known. The key is the source and destination
+            address, then the source and destination port, as in a packet.
     """
 
     def __init__(self, ports: Collection[int], counts: CaptureCounts) -> None:
-        """Take the ports on which servers listen, and where to count what is something else."""
+        """Start without conversations.
+
+        Args:
+            ports: Ports on which servers listen.
+            counts: Counts the datagrams that are not b-CAP.
+        """
         self.flows: dict[bytes, Flow] = {}
         self._ports = ports
         self._counts = counts
@@ -41,13 +47,13 @@ class UdpConversations:
     def receive(
         self, addresses: bytes, segment: bytes, timed_item: TimedItem, note: Problem | None
     ) -> list[tuple[Flow, TimedItem]]:
-        """Take a datagram in and return what is known to have been said by now.
+        """Accept a datagram and return the items whose flow is known by now.
 
         Args:
-            addresses: source and destination.
-            segment: the datagram with its header of 8 bytes.
-            timed_item: when it was seen; its item is not looked at.
-            note: why the datagram is not whole, if it is not.
+            addresses: Source and destination address, as in the packet.
+            segment: The datagram with its header of 8 bytes.
+            timed_item: Times and packet number of the datagram; its item is ignored.
+            note: Why the datagram is incomplete; None for a whole one.
         """
         key = addresses + segment[:4]
         payload = segment[8:]
@@ -72,7 +78,7 @@ class UdpConversations:
         return found + self._release_items(key, talk, sender)
 
     def close(self) -> list[tuple[Flow, TimedItem]]:
-        """End the capture: give out what was held back."""
+        """Guess the server of all undecided conversations and return their held items."""
         found: list[tuple[Flow, TimedItem]] = []
         while self._undecided:
             found += self._guess_oldest()
@@ -93,7 +99,7 @@ class UdpConversations:
     ) -> list[tuple[Flow, TimedItem]]:
         if conversation.flows is not None:
             other = reverse_key(key)
-            for each in {key, other}:  # the same where a forged packet goes to its own sender
+            for each in {key, other}:  # both are the same in a forged packet from an end to itself
                 del self._undecided[each]
             self.flows[key], self.flows[other] = conversation.flows[sender], conversation.flows[1 - sender]
             while len(self.flows) > FLOWS_LIMIT:

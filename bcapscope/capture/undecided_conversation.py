@@ -1,4 +1,4 @@
-"""Two ends that talk b-CAP, before and after it is known which of them is the server."""
+"""A b-CAP conversation between two ends, before and after it is known which end is the server."""
 
 from __future__ import annotations
 
@@ -10,12 +10,17 @@ from bcapscope.protocol.codec.frame import Frame, Malformed
 from bcapscope.traffic.observation import Conversation, Direction, Endpoint, Flow, Transport
 
 HELD_ITEMS_LIMIT = 64
-"""Items kept back until the server is known; at that number it is guessed. A single reply of S_OK, or a
-single call, tells it, so that real traffic is known after one or two."""
+"""Items held back while the server is unknown. At this number the server is guessed.
+
+A single S_OK reply or a single request identifies the server, so real traffic needs one or two items."""
 
 
 def endpoints_of(key: bytes) -> tuple[Endpoint, Endpoint]:
-    """Return source and destination of both addresses and both ports, as they stand in a packet."""
+    """Return source and destination.
+
+    Args:
+        key: Source and destination address, then source and destination port, as in a packet.
+    """
     size = (len(key) - 4) // 2
     family = socket.AF_INET if size == 4 else socket.AF_INET6
     hosts = (socket.inet_ntop(family, key[:size]), socket.inet_ntop(family, key[size : 2 * size]))
@@ -30,18 +35,19 @@ def reverse_key(key: bytes) -> bytes:
 
 
 HELD_BYTES_LIMIT = 16 * 1024
-"""Bytes of these items at which it is guessed as well: frames of real sessions are below 10 KiB, and there
-may be 2,048 talks whose server is not known."""
+"""Bytes of held items. At this size the server is guessed too.
+
+Frames of real sessions are below 10 KiB. Up to 2,048 conversations can be undecided at a time."""
 
 
 class TimedItem(NamedTuple):
-    """A frame, or bytes that are none, and when they were seen.
+    """A frame, or bytes that are no frame, with its arrival times.
 
     Attributes:
-        began: when the first byte was seen, nanoseconds since 1970.
-        time: when the last byte was seen.
-        packet: number of the packet that brought it.
-        item: the frame, or the bytes that are none.
+        began: Arrival time of the first byte, ns since 1970.
+        time: Arrival time of the last byte, ns since 1970.
+        packet: Number of the packet that carried the last byte.
+        item: The frame, or the bytes that are no frame.
     """
 
     began: int
@@ -51,11 +57,11 @@ class TimedItem(NamedTuple):
 
 
 class UndecidedConversation:
-    """What two ends say to each other over one transport.
+    """The items that two ends send each other over one transport, held until the server is known.
 
     Attributes:
-        flows: by sender, 0 or 1; None until it is known which end is the server.
-        is_tentative: whether this may still turn out not to be b-CAP.
+        flows: Flow of each sender, by index 0 or 1. None until the server is known.
+        is_tentative: Whether the traffic may still turn out not to be b-CAP.
     """
 
     __slots__ = ("_closed", "_ends", "_held_bytes", "_held_items", "_transport", "flows", "is_tentative")
@@ -63,17 +69,17 @@ class UndecidedConversation:
     def __init__(
         self, ends: tuple[Endpoint, Endpoint], transport: Transport, is_tentative: bool = False
     ) -> None:
-        """Begin a talk; a tentative one may turn out not to be b-CAP until it shows a sound frame."""
+        """Create a conversation; a tentative one must start with a sound frame to count as b-CAP."""
         self._ends = ends
         self._transport = transport
         self.is_tentative = is_tentative
         self._held_items: list[tuple[int, TimedItem]] = []
         self._held_bytes = 0
-        self._closed: dict[tuple[int, bool], int] = {}  # when, by sender and whether it was by RST
+        self._closed: dict[tuple[int, bool], int] = {}  # time of the close, by (sender, was it a RST)
         self.flows: tuple[Flow, Flow] | None = None
 
     def set_server(self, server: int, why: str) -> None:
-        """Settle which end is the server, and how that is known."""
+        """Set which end, 0 or 1, is the server, and the reason as text for the user."""
         conversation = Conversation(self._ends[1 - server], self._ends[server], self._transport, why)
         request, response = Flow(conversation, Direction.REQUEST), Flow(conversation, Direction.RESPONSE)
         self.flows = (response, request) if server == 0 else (request, response)
@@ -81,13 +87,13 @@ class UndecidedConversation:
             self.record_close(sender, reset, time)
 
     def guess_server(self) -> None:
-        """Settle it for want of proof, if it is not settled: who speaks first mostly asks."""
+        """Guess the server if it is still unknown: the end that sends first is mostly the client."""
         if self.flows is None:
             client = self._held_items[0][0] if self._held_items else 0
             self.set_server(1 - client, "a guess: the other end spoke first, and nothing said was proof")
 
     def record_close(self, sender: int, reset: bool, time: int) -> None:
-        """Note that an end closed the connection, or broke it off."""
+        """Record that an end closed the connection (FIN) or reset it (RST)."""
         if self.flows is None:
             self._closed.setdefault((sender, reset), time)
         else:
@@ -95,10 +101,10 @@ class UndecidedConversation:
             flow.conversation.record_end(flow.direction, reset, time)
 
     def add_item(self, sender: int, timed_item: TimedItem) -> bool:
-        """Take in what an end said; `release_items` gives it out.
+        """Hold an item until `release_items` returns it.
 
         Returns:
-            False if this turns out to be no b-CAP at all.
+            False if the traffic turns out not to be b-CAP.
         """
         if self.is_tentative:
             if isinstance(timed_item.item, Malformed) or timed_item.item.problems:
@@ -121,7 +127,7 @@ class UndecidedConversation:
             self.guess_server()
 
     def release_items(self) -> list[tuple[Flow, TimedItem]]:
-        """Return what was said since the last time; nothing while the server is not known."""
+        """Return the items since the previous call; none while the server is unknown."""
         if self.flows is None or not self._held_items:
             return []
         flows, held = self.flows, self._held_items
