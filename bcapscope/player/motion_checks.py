@@ -84,7 +84,7 @@ def check_limits(context: PreflightContext) -> Iterator[PreflightProblem]:
     yield from _check_turning(context)
     names = [axis.name for axis in context.trajectory.axes if axis.unit]
     if not any(map(context.limits.has_limit, names)) and context.limits.to_joints is None:
-        sentence = "no limits of this arm are known, so that speeds are told but compared with nothing"
+        sentence = "the limits of this arm are unknown: speeds are shown but not checked"
         yield PreflightProblem(
             "limits", Severity.NOTE, sentence, "give limits, such as J1=-170..170 or J1.speed=300"
         )

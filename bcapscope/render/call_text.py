@@ -40,7 +40,7 @@ class CallRenderer:
         """Choose the looks.
 
         Args:
-            time_format: how the time is told.
+            time_format: Format of the times, such as relative or absolute.
             palette: colours.
             write_endpoints: writes who spoke to whom, harmless; addresses and transport unless given.
             tongue: of the words.

@@ -40,7 +40,7 @@ class FrameLineRenderer:
         """Choose the looks.
 
         Args:
-            time_format: how the time is told.
+            time_format: Format of the times, such as relative or absolute.
             palette: colours.
             brief: leave problems and comments to `remarks`.
             write_endpoints: writes who spoke to whom, harmless; addresses, transport and kind unless given.

@@ -1,4 +1,4 @@
-"""The language of what is rendered: English, unless whoever asks for it has another tongue."""
+"""Language of rendered text: English unless the caller passes another `Tongue`."""
 
 from __future__ import annotations
 

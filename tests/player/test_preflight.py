@@ -275,7 +275,7 @@ FAULTS = [
     Fault(
         "limits",
         NOTE,
-        "no limits of this arm are known, so that speeds are told but compared with nothing",
+        "the limits of this arm are unknown: speeds are shown but not checked",
         (),
         0,
         run_preflight(way(JOINTS), PERIOD),

@@ -71,8 +71,8 @@ def test_a_pre_flight_that_is_not() -> None:
         "warning first-point: the first point is away from where the robot is: J1 -9",
         "  deg, J2 -9 deg, J3 -9 deg, J4 -9 deg, J5 -9 deg, J6 -9 deg (set point 1)",
         "  what to do: move there slowly first",
-        "note limits: no limits of this arm are known, so that speeds are told but",
-        "  compared with nothing",
+        "note limits: the limits of this arm are unknown: speeds are shown but not",
+        "  checked",
         "  what to do: give limits, such as J1=-170..170 or J1.speed=300",
         "not fit to play: 251 set points, 2.500 s, limits of an unknown arm",
     ]

@@ -326,9 +326,7 @@ def _explain_arm_taken(call: Call, client: ClientState, clients: ClientRegistry)
     if holder is None or holder.take_arm_call is None:
         if folded_command(call.kind) != "takearm":
             return None
-        return fixed_reason(
-            "whoever has it is not in this capture: the pendant, or a client on another network"
-        )
+        return fixed_reason("its holder is not in this capture: the pendant, or a client on another network")
     taken = holder.take_arm_call
     return RefusalReason(
         lambda speech: (

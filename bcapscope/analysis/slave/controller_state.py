@@ -89,7 +89,7 @@ class ControllerState:
     def claim_pending(self, key: SessionKey) -> SlaveSessionBuilder | None:
         """Return the slave-mode session of a set point.
 
-        It is the one that its client began, or else the oldest of any client; None if there is none.
+        Its own client's session comes first, then the oldest of any client. None if no session is open.
         """
         if not self.pending_sessions:
             return None

@@ -56,7 +56,7 @@ BEFORE_NS, AFTER_NS = 1_000_000_000, 500_000_000
 """How long before and after a slave-mode session other calls are listed with it."""
 
 MAX_SESSIONS = 64
-"""Slave-mode sessions that are open at a time. Beyond that, the one that was silent longest ends."""
+"""Limit of open slave-mode sessions. Beyond it, the session that was silent longest ends."""
 
 MAX_HELD_BACK = 256
 """Ended slave-mode sessions that are held back. Beyond that, the oldest is returned at once."""

@@ -103,8 +103,8 @@ class Statistics:
         end: End, ns since 1970: the last frame of a call, or the end of the slice.
         total: All calls.
         clients: One row per client, the one with the most calls first.
-        commands: One row per kind of call and client, the one that took most time first.
-        kinds: One row per kind of call over all clients, the one that took most time first.
+        commands: One row per kind of call and client, the longest total time first.
+        kinds: One row per kind of call over all clients, the longest total time first.
     """
 
     start: int

@@ -92,7 +92,7 @@ PHRASES: dict[str, str] = {
     "{name} had not found RobSlave": "{name} で RobSlave が見つかっていません",
     "no Task_Start of RobSlave was seen from this client, and an RC7 needs it running": "このクライアントによる RobSlave の Task_Start が見当たりません。RC7 では実行中である必要があります",
     "{name} had been sent {span} before": "{name} がその {span} 前に送られていました",
-    "whoever has it is not in this capture: the pendant, or a client on another network": "取得しているもの (ペンダント、または別のネットワークのクライアント) はこのキャプチャにありません",
+    "its holder is not in this capture: the pendant, or a client on another network": "取得しているもの (ペンダント、または別のネットワークのクライアント) はこのキャプチャにありません",
     "{client} took the arm at {time} and has not given it back": "{client} が {time} にアームを取得し、返却していません",
     "the arm was taken at {time} and lost since, perhaps by an error or a stop": "アームは {time} に取得されましたが、その後エラーまたは停止により失われたと考えられます",
     "this client had not called TakeArm": "このクライアントは TakeArm を呼んでいません",

@@ -75,7 +75,7 @@ PHRASES: dict[str, str] = {
     # limits
     "{text} does not reach {text2}": "{text} では {text2} に届きません",
     "check the positions": "位置を確認する",
-    "no limits of this arm are known, so that speeds are told but compared with nothing": "このアームのリミットが不明なため、速度は表示のみで比較しません",
+    "the limits of this arm are unknown: speeds are shown but not checked": "このアームのリミットが不明なため、速度は表示のみで比較しません",
     "give limits, such as J1=-170..170 or J1.speed=300": "リミットを指定する (例 J1=-170..170、J1.speed=300)",
     "{text} goes from {text2} to {text3} {text4}, its limits are {text5} and {text6}: {text7}": "{text} は {text2} から {text3} {text4}、リミットは {text5} と {text6} です: {text7}",
     "{text} reaches {text2}, its limit is {text3}: {text4}": "{text} は {text2} に達し、リミットは {text3} です: {text4}",

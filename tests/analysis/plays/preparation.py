@@ -207,7 +207,7 @@ SCENES = (
         "arm-taken-by-other",
         _takes_arm_of_nobody(0x83501024),
         (9, 10),
-        ("whoever has it is not in this capture",),
+        ("its holder is not in this capture",),
         _takes_arm_of_nobody(0),
     ),
     Scene(
