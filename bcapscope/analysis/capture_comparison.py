@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from itertools import zip_longest
 from typing import NamedTuple, TypeAlias
 
-from bcapscope.analysis.finding import Finding, Severity
+from bcapscope.analysis.finding import NO_TRAFFIC, Finding, Severity, TrafficTotals
 from bcapscope.analysis.slave.slave_session import ExitReason, SlaveSession
 from bcapscope.analysis.statistics.call_statistics import OTHER_KINDS, CallFigures, Statistics
 from bcapscope.protocol.tables.hresult import hresult_name
@@ -47,12 +47,14 @@ class ComparedCapture:
         statistics: Statistics of its calls; None without calls.
         slave_sessions: Its slave-mode sessions in the order in which they began, at most `MAX_SESSIONS`.
         findings: Findings of its diagnosis.
+        totals: Amount of traffic.
     """
 
     name: str
     statistics: Statistics | None
     slave_sessions: tuple[SlaveSession, ...]
     findings: tuple[Finding, ...]
+    totals: TrafficTotals = NO_TRAFFIC
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,7 +14,6 @@ from bcapscope.analysis.rules.rule_checker import CallHealth, call_observations,
 from bcapscope.analysis.rules.wire_rules import CHECKED_FROM_BYTES
 from bcapscope.analysis.slave.session_detector import SelectedSlaveSessions, SlaveSessionDetector
 from bcapscope.analysis.slave.slave_session import SlaveSession
-from bcapscope.analysis.speech import Speech
 from bcapscope.protocol.codec.frame import Malformed
 from bcapscope.protocol.tables.hresult import is_failure
 from bcapscope.traffic.call import Call, FrameObservation, PairingResult
@@ -195,11 +194,11 @@ class Diagnosis:
         for client in self._clients:
             client.known_present = clients_present
             self._end_client(client)
-        return self._collector.findings(self._speech)
+        return self._collector.findings()
 
     def new_findings(self) -> tuple[Finding, ...]:
         """Return the findings that are new since the last call, without links to their causes."""
-        return self._collector.new_findings(self._speech)
+        return self._collector.new_findings()
 
     @property
     def totals(self) -> TrafficTotals:
@@ -210,12 +209,9 @@ class Diagnosis:
         calls = self._dropped_calls + sum(client.call_count for client in self._clients)
         chosen = None if self._selection is None else self._selection.selected_calls
         frames, lasted = last.number - first.number + 1, self._end_time - first.time
-        return TrafficTotals(frames, calls, self._clients.clients_seen, lasted, self._not_followed, chosen)
-
-    @property
-    def _speech(self) -> Speech:
-        start = self._first.time if self._first is not None else 0
-        return Speech(start, self._clients.clients_seen <= 1)
+        return TrafficTotals(
+            frames, calls, self._clients.clients_seen, lasted, self._not_followed, chosen, first.time
+        )
 
     @property
     def _end_time(self) -> int:

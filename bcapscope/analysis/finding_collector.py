@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 
-from bcapscope.analysis.finding import Finding, Severity
+from bcapscope.analysis.finding import Consequence, Finding, Repetition, Severity
 from bcapscope.analysis.rules.rule_checker import DiagnosisRule, Occurrence
-from bcapscope.analysis.speech import Speech, times
+from bcapscope.messages import Message
 
 MAX_KEPT = 32
 """Occurrences of one finding that are kept from the beginning; as many are kept from the end."""
@@ -27,9 +28,6 @@ MAX_FRAMES_NAMED = 16
 
 _MAX_NAMED_STEPS = 3
 """Consequences that the sentence of a root cause names one by one."""
-
-_OPENERS = frozenset(("the", "your", "client", "a", "at", "that", "after", "frame", "another", "slave"))
-"""First words of our own sentences, which get a capital letter. Names from the wire keep their spelling."""
 
 _RANK = {Severity.ERROR: 0, Severity.WARNING: 1, Severity.NOTE: 2}
 
@@ -154,50 +152,31 @@ class FindingCollector:
                     if each.completed >= earliest and each.conversation.server.host == host:
                         yield each
 
-    def new_findings(self, speech: Speech) -> tuple[Finding, ...]:
+    def new_findings(self) -> tuple[Finding, ...]:
         """Return a finding for each group that is new since the last call.
 
         `consequence_of` is always None here; only `findings` links consequences to causes.
         """
         new, self._new_groups = self._new_groups, []
         return tuple(
-            Finding(
-                rule=case.rule.id,
-                severity=case.rule.severity,
-                sentence=_as_sentence(case.first.say(speech)),
-                frames=case.first.frames[:MAX_FRAMES_NAMED],
-                consequence_of=None,
-                advice=case.first.advice or case.rule.advice,
-                source=case.rule.source,
-            )
-            for case in new
-            if case.selected
+            _finding(group, group.first, group.first.frames[:MAX_FRAMES_NAMED])
+            for group in new
+            if group.selected
         )
 
-    def findings(self, speech: Speech) -> tuple[Finding, ...]:
+    def findings(self) -> tuple[Finding, ...]:
         """Return the selected findings and their causes.
 
         Each root cause is followed by its consequences. Root causes are ordered by the gravest severity among
         them and their consequences, then by time.
         """
-        cases = list(self._groups.values())
-        for case in cases:
-            for incident in case:
-                self._link_cause(incident)
-        self._choose_shown(cases)
-        order = _FindingOrder(_selected_groups(cases))
-        return tuple(
-            Finding(
-                rule=case.rule.id,
-                severity=case.rule.severity,
-                sentence=_sentence(case, order, speech),
-                frames=_frames(case),
-                consequence_of=order.parent(case),
-                advice=case.shown.advice or case.rule.advice,
-                source=case.rule.source,
-            )
-            for case in order.groups
-        )
+        groups = list(self._groups.values())
+        for group in groups:
+            for occurrence in group:
+                self._link_cause(occurrence)
+        self._choose_shown(groups)
+        order = _FindingOrder(_selected_groups(groups))
+        return tuple(_ordered_finding(group, order) for group in order.groups)
 
     def _choose_shown(self, groups: Iterable[FindingGroup]) -> None:
         """Choose the occurrence that each finding describes: the first with consequences, else the first."""
@@ -299,43 +278,56 @@ class _FindingOrder:
         )
 
 
-def _sentence(case: FindingGroup, order: _FindingOrder, speech: Speech) -> str:
-    chosen = case.shown
-    text = chosen.say(speech)
-    if case.count > 1:
-        listed = all(incident.count == 1 for incident in case)
-        first, last = speech.at(case.first.began), speech.at(case.last.completed)
-        ends = f"from {first} to {last}" if listed else f"the first at {first}"
-        text += f" ({times(case.count)} in all, {ends})"
-    if order.parent(case) is None:
-        text += _story(case, order, speech)
-    return _as_sentence(text)
+def _finding(group: FindingGroup, shown: Occurrence, frames: tuple[int, ...]) -> Finding:
+    rule, fact, advice = group.rule, shown.fact, shown.advice
+    assert isinstance(fact, Message)
+    assert not isinstance(advice, str)
+    return Finding(
+        rule=rule.id,
+        severity=rule.severity,
+        fact=fact,
+        frames=frames,
+        consequence_of=None,
+        advice=advice or rule.advice,
+        source=rule.source,
+        calls=(shown.call,) if shown.call else (),
+        conversation=shown.conversation,
+        began=shown.began,
+    )
 
 
-def _as_sentence(text: str) -> str:
-    first = text.split(" ", 1)[0]
-    return f"{text[:1].upper() if first in _OPENERS else text[:1]}{text[1:]}."
+def _ordered_finding(group: FindingGroup, order: _FindingOrder) -> Finding:
+    cause = order.parent(group)
+    finding = replace(
+        _finding(group, group.shown, _frames(group)), consequence_of=cause, repetition=_repetition(group)
+    )
+    return _with_consequences(finding, group, order) if cause is None else finding
 
 
-def _story(root: FindingGroup, order: _FindingOrder, speech: Speech) -> str:
-    """Describe the consequences of a root cause: the first few one by one, then a summary."""
-    text, time, told = "", root.shown.completed, 0
-    for case in order.first_consequences(root):
-        clause = None if case.shown.then is None else case.shown.then(speech, case.shown.completed - time)
-        if clause is None or told == _MAX_NAMED_STEPS:
+def _repetition(group: FindingGroup) -> Repetition | None:
+    if group.count < 2:
+        return None
+    all_listed = all(occurrence.count == 1 for occurrence in group)
+    return Repetition(group.count, group.first.began, group.last.completed if all_listed else None)
+
+
+def _with_consequences(finding: Finding, root: FindingGroup, order: _FindingOrder) -> Finding:
+    """Add the consequences of a root cause: the first few one by one, and which findings follow from it."""
+    named: list[Consequence] = []
+    time = root.shown.completed
+    for group in order.first_consequences(root):
+        clause = group.shown.clause
+        if clause is None or len(named) == _MAX_NAMED_STEPS:
             break
-        text, time, told = f"{text}; {clause}", case.shown.completed, told + 1
+        assert isinstance(clause, Message)
+        named.append(Consequence(clause, group.shown.completed - time))
+        time = group.shown.completed
     family = list(order.with_consequences(root))
-    if len(family) - 1 > told or any(case.count > 1 for case in family[1:]):
-        if order.explains_the_rest(root):
-            return f"{text}; everything after that is a consequence"
-        first, last = order.number(family[1]), order.number(family[-1])
-        between = "and" if last == first + 1 else "to"
-        text += (
-            f"; finding {first} follows" if first == last else f"; findings {first} {between} {last} follow"
-        )
-        text += " from it"
-    return text
+    followed_by, explains_rest = None, False
+    if len(family) - 1 > len(named) or any(group.count > 1 for group in family[1:]):
+        followed_by = order.number(family[1]), order.number(family[-1])
+        explains_rest = order.explains_the_rest(root)
+    return replace(finding, consequences=tuple(named), followed_by=followed_by, explains_rest=explains_rest)
 
 
 def _frames(group: FindingGroup) -> tuple[int, ...]:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
+from bcapscope.messages import Message, MessageFormatter
 from bcapscope.protocol.tables.function_table import function_name
 from bcapscope.protocol.tables.hresult import describe_hresult, hresult_name
 from bcapscope.traffic.call import Call
@@ -79,3 +82,44 @@ class Speech:
         if self._alone:
             return "your client"
         return f"client {conversation.client} ({conversation.transport.upper()})"
+
+
+class SpokenMessage(Message):
+    """A sentence that a rule still makes in English; it goes once all rules emit data."""
+
+    __slots__ = ("say", "then")
+    say: Callable[[Speech], str] | None
+    then: Callable[[Speech, int], str] | None
+
+    def __init__(
+        self, say: Callable[[Speech], str] | None = None, then: Callable[[Speech, int], str] | None = None
+    ) -> None:
+        super().__init__("spoken")
+        object.__setattr__(self, "say", say)
+        object.__setattr__(self, "then", then)
+
+
+def as_messages(
+    fact: Message | Callable[[Speech], str],
+    clause: Message | Callable[[Speech, int], str] | None,
+    advice: Message | str | None,
+) -> tuple[Message, Message | None, Message | None]:
+    """Wrap what a rule still makes in English."""
+    return (
+        fact if isinstance(fact, Message) else SpokenMessage(say=fact),
+        clause if clause is None or isinstance(clause, Message) else SpokenMessage(then=clause),
+        Message.from_table("advice", advice) if isinstance(advice, str) and advice else advice or None,
+    )
+
+
+_OPENERS = frozenset(("the", "your", "client", "a", "at", "that", "after", "frame", "another", "slave"))
+
+
+def spoken_text(message: SpokenMessage, words: MessageFormatter, after: int | None = None) -> str:
+    """Return a sentence that a rule still makes in English."""
+    speech = Speech(words.start, words.only_client)
+    if after is not None:
+        return message.then(speech, after) if message.then is not None else ""
+    text = message.say(speech) if message.say is not None else ""
+    first = text.split(" ", 1)[0]
+    return f"{text[:1].upper() if first in _OPENERS else text[:1]}{text[1:]}."

@@ -78,4 +78,4 @@ def _read_side(path: str, reader: CaptureReader, wanted: Filter | None) -> Compa
     read_to_end(reader, diagnosis.on_observation, on_settled)
     findings = diagnosis.finish(reader.ended_at)
     first = sorted(sessions, key=lambda session: session.number)[:MAX_SESSIONS]
-    return ComparedCapture(path, summary.statistics(), tuple(first), findings)
+    return ComparedCapture(path, summary.statistics(), tuple(first), findings, diagnosis.totals)

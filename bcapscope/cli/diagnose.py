@@ -13,6 +13,7 @@ from bcapscope.cli.common.call_reading import read_to_end
 from bcapscope.cli.common.capture_reader import CaptureReader
 from bcapscope.cli.common.exit_codes import ExitCode
 from bcapscope.live.standard_streams import choose_palette
+from bcapscope.messages import MessageFormatter
 from bcapscope.render.findings import FindingsRenderer, finding_record
 from bcapscope.traffic.filter.compiler import Filter
 from bcapscope.traffic.filter.field_table import RecordKind
@@ -27,8 +28,15 @@ _PIPE_WIDTH = 100
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object per finding.")
 @options.filter_option(RecordKind.CALL)
 @options.color
+@options.language
 def command(
-    *, paths: tuple[str, ...], ports: tuple[int, ...], as_json: bool, wanted: Filter | None, color: str
+    *,
+    paths: tuple[str, ...],
+    ports: tuple[int, ...],
+    as_json: bool,
+    wanted: Filter | None,
+    color: str,
+    words: MessageFormatter,
 ) -> None:
     """Find problems in captures and print findings, root cause first.
 
@@ -45,11 +53,13 @@ def command(
     diagnosis = _diagnose(reading, wanted)
     findings = diagnosis.finish(reading.ended_at)
     if as_json:
-        records = (finding_record(number, finding) for number, finding in enumerate(findings, 1))
+        records = (
+            finding_record(number, finding, diagnosis.totals) for number, finding in enumerate(findings, 1)
+        )
         reading.output.write_lines(records, reading.show_progress)
     elif diagnosis.totals.frames or reading.exit_code is not ExitCode.UNREADABLE:
         width = shutil.get_terminal_size((_PIPE_WIDTH, 24)).columns if sys.stdout.isatty() else _PIPE_WIDTH
-        renderer = FindingsRenderer(choose_palette(color), width)
+        renderer = FindingsRenderer(choose_palette(color), width, words)
         reading.output.write_lines(renderer.lines(findings, diagnosis.totals), reading.show_progress)
     reading.print_summary()
     sys.exit(reading.exit_code)

@@ -24,12 +24,14 @@ from bcapscope.live.relay_figures import DelayStatistics, loss_lines, rates_text
 from bcapscope.live.standard_streams import choose_palette
 from bcapscope.live.terminal_writer import TerminalWriter
 from bcapscope.live.watcher_priority import WatcherUrgency, lower_priority, yield_function
+from bcapscope.messages import ENGLISH_WORDS
 from bcapscope.protocol.text_format import counted
 from bcapscope.proxy.record_decoder import RecordDecoder
 from bcapscope.proxy.ring_buffer import RelayCounter, RingReader, RingRecord, RingRecordKind
 from bcapscope.proxy.session_closer import SessionCloser
 from bcapscope.proxy.silence_monitor import SilenceMonitor
 from bcapscope.render.escape import printable
+from bcapscope.render.finding_text import finding_sentence, words_for
 from bcapscope.render.findings import FindingsRenderer
 from bcapscope.traffic.call import Call, PairingResult
 from bcapscope.traffic.conversation_pairing import RETRY_WITHIN_NS
@@ -300,9 +302,10 @@ class ProxyWatcher:
                     f"{color.problem}{QUIT_IN_SLAVE_MODE.severity}{color.reset} "
                     f"{QUIT_IN_SLAVE_MODE.id}: {sentence}"
                 )
+        words = words_for(ENGLISH_WORDS, self._diagnosis.totals)
         for finding in self._diagnosis.new_findings():
             head = f"{color.problem}{finding.severity}{color.reset} {finding.rule}"
-            self._terminal.write_message(f"{head}: {printable(finding.sentence)}")
+            self._terminal.write_message(f"{head}: {printable(finding_sentence(finding, words))}")
         warning = self._delays.pop_warning()
         if warning:
             self._terminal.write_message("; ".join(filter(None, (warning, self._advice))))

@@ -16,11 +16,13 @@ from bcapscope.analysis.capture_comparison import (
 )
 from bcapscope.analysis.finding import Finding, Severity
 from bcapscope.analysis.statistics.call_statistics import OTHER_KINDS
+from bcapscope.messages import ENGLISH_WORDS
 from bcapscope.protocol.tables.function_table import function_name
 from bcapscope.protocol.text_format import counted
 from bcapscope.render.color_palette import PLAIN, Palette
 from bcapscope.render.columns import align_columns, wrap_text
 from bcapscope.render.escape import printable
+from bcapscope.render.finding_text import finding_sentence, words_for
 from bcapscope.render.frame_record import json_text
 from bcapscope.render.statistics_text import call_kind_text
 from bcapscope.traffic.call_kind import CallKind
@@ -65,7 +67,7 @@ def comparison_lines(
     if not comparison.is_notable:
         yield from ("", f"{palette.good}nothing notable differs{palette.reset}")
     yield from _captioned_lines("notable", _notable(comparison), palette)
-    yield from _captioned_lines("findings", _rule_lines(comparison.rules, palette), palette)
+    yield from _captioned_lines("findings", _rule_lines(comparison.rules, good, bad, palette), palette)
     yield from _captioned_lines(
         f"asked only in {printable(good.name)}", _one_sided_rows(comparison.only_good), palette
     )
@@ -152,13 +154,16 @@ def _value(figure: str, value: Value) -> str:
     return f"{value:.4f}" if "_per_" in figure else f"{value:.0f}"
 
 
-def _rule_lines(rules: Sequence[RuleDifference], palette: Palette) -> Iterator[str]:
+def _rule_lines(
+    rules: Sequence[RuleDifference], good: ComparedCapture, bad: ComparedCapture, palette: Palette
+) -> Iterator[str]:
     for each in rules:
         shade = palette.problem if each.severity is Severity.ERROR else palette.name
         counts = f"{len(each.good)} → {len(each.bad)}"
-        told = (each.bad if len(each.bad) > len(each.good) else each.good)[0]
+        side, findings = (bad, each.bad) if len(each.bad) > len(each.good) else (good, each.good)
+        sentence = finding_sentence(findings[0], words_for(ENGLISH_WORDS, side.totals))
         yield f"{counts}  {shade}{each.severity}{palette.reset} {each.rule}"
-        yield from (f"       {line}" for line in wrap_text(printable(told.sentence), _WIDTH))
+        yield from (f"       {line}" for line in wrap_text(printable(sentence), _WIDTH))
 
 
 def _one_sided_rows(lone: Sequence[UnmatchedKind]) -> Iterator[str]:
@@ -181,7 +186,7 @@ def comparison_record(comparison: CaptureComparison, good: ComparedCapture, bad:
         b",".join(map(_difference_record, comparison.differences)),
         b",".join(map(_one_sided_record, comparison.only_good)),
         b",".join(map(_one_sided_record, comparison.only_bad)),
-        b",".join(map(_rule_record, comparison.rules)),
+        b",".join(_rule_record(each, good, bad) for each in comparison.rules),
     )
 
 
@@ -213,14 +218,15 @@ def _one_sided_record(lone: UnmatchedKind) -> bytes:
     return b'{%b,"calls":%d}' % (_call_kind_members(lone.call_kind), lone.call_count)
 
 
-def _rule_record(each: RuleDifference) -> bytes:
+def _rule_record(each: RuleDifference, good: ComparedCapture, bad: ComparedCapture) -> bytes:
     head = (json_text(each.rule), json_text(each.severity.value), len(each.good), len(each.bad))
     return b'{"rule":%b,"severity":%b,"good":%d,"bad":%d,"good_sentences":[%b],"bad_sentences":[%b]}' % (
         *head,
-        _sentences(each.good),
-        _sentences(each.bad),
+        _sentences(each.good, good),
+        _sentences(each.bad, bad),
     )
 
 
-def _sentences(findings: Iterable[Finding]) -> bytes:
-    return b",".join(json_text(printable(finding.sentence)) for finding in findings)
+def _sentences(findings: Iterable[Finding], side: ComparedCapture) -> bytes:
+    words = words_for(ENGLISH_WORDS, side.totals)
+    return b",".join(json_text(printable(finding_sentence(finding, words))) for finding in findings)

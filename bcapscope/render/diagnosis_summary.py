@@ -1,46 +1,56 @@
-"""What a diagnosis comes to, in one line."""
+"""The result of a diagnosis, in one line."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 
 from bcapscope.analysis.finding import Severity, TrafficTotals
-from bcapscope.analysis.speech import span
-from bcapscope.protocol.text_format import counted
+from bcapscope.messages import ENGLISH_WORDS, Message, MessageFormatter
+from bcapscope.messages.places import Count, Duration
 from bcapscope.render.color_palette import PLAIN, Palette
-from bcapscope.render.tongue import Tongue, english
 
 
 def diagnosis_summary(
-    severities: Iterable[str], totals: TrafficTotals, palette: Palette = PLAIN, tongue: Tongue = english
+    severities: Iterable[str],
+    totals: TrafficTotals,
+    palette: Palette = PLAIN,
+    words: MessageFormatter = ENGLISH_WORDS,
 ) -> str:
-    """Say how many findings there are, and in how much traffic.
+    """Return the number of findings, and the amount of traffic that they are about.
 
     Args:
-        severities: the severity of each finding.
-        totals: how much traffic that was.
+        severities: Severity of each finding.
+        totals: Amount of traffic.
         palette: `good` is for traffic without problems.
-        tongue: of the words.
+        words: Language of the line.
     """
     if not totals.frames:
-        return tongue("No b-CAP was seen.")
+        return words("diagnosis.nothing")
     counts = dict.fromkeys(map(str, Severity), 0)
     for severity in severities:
         counts[severity] += 1
-    told = [tongue(counted(count, severity)) for severity, count in counts.items() if count]
-    size = f"{tongue(' in ')}{_totals_text(totals, tongue)}"
+    found = words("list.comma").join(
+        words.plural(f"count.{severity}", count) for severity, count in counts.items() if count
+    )
+    size = _size_message(totals)
     if counts[Severity.ERROR] or counts[Severity.WARNING]:
-        return f"{', '.join(told)}{size}"
-    notes = f"; {told[0]}" if told else ""
-    return f"{palette.good}{tongue('No problem found')}{palette.reset}{size}{notes}"
+        return words("diagnosis.problems", found=found, size=size)
+    none = f"{palette.good}{words('diagnosis.no-problem')}{palette.reset}"
+    if found:
+        return words("diagnosis.notes", none=none, size=size, found=found)
+    return words("diagnosis.healthy", none=none, size=size)
 
 
-def _totals_text(totals: TrafficTotals, tongue: Tongue) -> str:
-    counts = ((totals.frames, "frame"), (totals.calls, "call"), (totals.clients, "client"))
-    size = ", ".join((*(tongue(counted(count, noun)) for count, noun in counts), span(totals.duration_ns)))
+def _size_message(totals: TrafficTotals) -> Message:
+    size = Message(
+        "diagnosis.size",
+        frames=Count(totals.frames, "frame"),
+        calls=Count(totals.calls, "call"),
+        clients=Count(totals.clients, "client"),
+        duration=Duration(totals.duration_ns),
+    )
     if totals.not_followed:
-        size += tongue(f", {counted(totals.not_followed, 'call')} not followed to the end")
+        size = Message("diagnosis.size.not-followed", size=size, calls=Count(totals.not_followed, "call"))
     if totals.selected_calls is None:
         return size
-    verb = "fits" if totals.selected_calls == 1 else "fit"
-    return f"what concerns {counted(totals.selected_calls, 'call')} that {verb} the filter, of {size}"
+    return Message("diagnosis.size.selected", size=size, calls=Count(totals.selected_calls, "call"))

@@ -10,9 +10,11 @@ from bcapscope.analysis.slave.notable_set_points import SetPointFact
 from bcapscope.analysis.slave.slave_session import ExitReason, SlaveSession
 from bcapscope.analysis.speech import span, times
 from bcapscope.analysis.statistics.call_statistics import OTHER_KINDS, CallFigures, StatisticsRow
+from bcapscope.messages import ENGLISH_WORDS, MessageFormatter
 from bcapscope.protocol.tables.hresult import describe_hresult, hresult_name
 from bcapscope.protocol.text_format import counted
 from bcapscope.render import report_calls, report_slave_sessions
+from bcapscope.render.finding_text import finding_sentence, words_for
 from bcapscope.render.report_figure import Picture
 from bcapscope.render.report_html import (
     Html,
@@ -94,10 +96,11 @@ def findings_section(report_data: ReportData) -> Html:
         return paragraph("No rule found anything.")
     depths: list[int] = []
     items = []
+    words = words_for(ENGLISH_WORDS, report_data.totals)
     for number, finding in enumerate(report_data.findings, 1):
         cause = finding.consequence_of
         depths.append(0 if cause is None else depths[cause - 1] + 1)
-        items.append(_finding(number, finding, min(depths[-1], _DEEPEST)))
+        items.append(_finding(number, finding, min(depths[-1], _DEEPEST), words))
     intro = paragraph(
         "The first cause stands first; what follows from it stands under it. Times count from the first "
         "frame, frames are numbered as bcapscope decode numbers them.",
@@ -201,15 +204,16 @@ def _verdict(report_data: ReportData) -> Html:
         counts[finding.severity] += 1
     told = ", ".join(counted(count, severity.value) for severity, count in counts.items() if count)
     if counts[Severity.ERROR] or counts[Severity.WARNING]:
-        first = report_data.findings[0]
+        words = words_for(ENGLISH_WORDS, report_data.totals)
+        sentence = escape_html(finding_sentence(report_data.findings[0], words))
         kind = "error" if counts[Severity.ERROR] else "warning"
-        sentences = Html(f"{element('strong', escape_html(told + '.'))} {escape_html(first.sentence)}")
+        sentences = Html(f"{element('strong', escape_html(told + '.'))} {sentence}")
         return element("div", sentences, class_=f"verdict {kind}")
-    words = "No problem found" + (f"; {told}." if told else ".")
-    return element("div", element("strong", escape_html(words)), class_="verdict good")
+    healthy = "No problem found" + (f"; {told}." if told else ".")
+    return element("div", element("strong", escape_html(healthy)), class_="verdict good")
 
 
-def _finding(number: int, finding: Finding, depth: int) -> Html:
+def _finding(number: int, finding: Finding, depth: int, words: MessageFormatter) -> Html:
     severity = finding.severity
     badge = element(
         "span", escape_html(f"{_SIGNS[severity]} {severity.value}"), class_=f"badge {severity.value}"
@@ -219,9 +223,9 @@ def _finding(number: int, finding: Finding, depth: int) -> Html:
         link = element("a", escape_html(finding.consequence_of), href=f"#finding-{finding.consequence_of}")
         head = Html(f"{head}, follows from {link}")
     frames = " ".join(map(str, finding.frames))
-    parts = [element("p", head), paragraph(finding.sentence, "sentence")]
-    if finding.advice:
-        parts.append(element("p", Html(f"{element('b', Html('What to do:'))} {escape_html(finding.advice)}")))
+    parts = [element("p", head), paragraph(finding_sentence(finding, words), "sentence")]
+    advice = escape_html(words.text(finding.advice))
+    parts.append(element("p", Html(f"{element('b', Html('What to do:'))} {advice}")))
     if frames:
         parts.append(paragraph(f"{'Frame' if len(finding.frames) == 1 else 'Frames'} {frames}", "soft"))
     if finding.source:

@@ -22,6 +22,7 @@ from textual.driver import Driver
 from textual.filter import LineFilter
 from textual.reactive import reactive
 
+from bcapscope.messages import Language
 from bcapscope.tui.browser_driver import make_server_safe_driver
 from bcapscope.tui.control_char_filter import ControlCharFilter
 from bcapscope.tui.halt_driver import HALT_KEYS, make_halt_driver
@@ -29,7 +30,7 @@ from bcapscope.tui.ink import Styles
 from bcapscope.tui.key_order import KeyOrderApp
 from bcapscope.tui.settings import default_settings_path, read_settings, write_settings
 from bcapscope.tui.themes import THEMES, theme_styles
-from bcapscope.tui.words import Language, say, speak, told
+from bcapscope.tui.words import say, speak, told
 
 if TYPE_CHECKING:
     from bcapscope.tui.screens.base_screen import BaseScreen
@@ -169,7 +170,9 @@ class BcapApp(KeyOrderApp):
         self.app_resume_signal.subscribe(self, lambda _: self.refresh(layout=True))
         gc.set_threshold(*_GC_THRESHOLDS)
         if self._settings_problem:
-            text = say("shell.settings.broken", path=self._settings_path, reason=told(self._settings_problem))
+            text = say(
+                "shell.settings.broken", path=str(self._settings_path), reason=told(self._settings_problem)
+            )
             self.show_message(text, "warning")
 
     def on_unmount(self) -> None:
@@ -289,7 +292,7 @@ class BcapApp(KeyOrderApp):
             write_settings(self.settings, self._settings_path)
         except OSError as error:
             reason = told(error.strerror or str(error))
-            text = say("shell.settings.unwritable", path=self._settings_path, reason=reason)
+            text = say("shell.settings.unwritable", path=str(self._settings_path), reason=reason)
             self.show_message(text, "warning")
 
     def copy_to_clipboard(self, text: str) -> None:

@@ -23,6 +23,7 @@ from bcapscope.capture.packet_decoder import PacketDecoder
 from bcapscope.traffic.call import Call, PairingResult
 from bcapscope.traffic.tracker import Tracker
 from tests.analysis.exchanges import MOVE, READ, STOP, made
+from tests.samples.findings import make_finding
 
 SAMPLES = Path(__file__).parents[2] / "captures"
 
@@ -173,7 +174,7 @@ def test_a_value_that_one_lacks_has_no_ratio() -> None:
 
 
 def finding(rule: str, severity: Severity = Severity.ERROR) -> Finding:
-    return Finding(rule, severity, f"{rule} was found.", (1,), None, "", "")
+    return make_finding(rule, severity, f"{rule} was found.", (1,), None, "", "")
 
 
 def test_findings_are_compared_by_rule() -> None:

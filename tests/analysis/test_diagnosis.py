@@ -19,6 +19,7 @@ from tests.analysis.plays import SCENES
 from tests.analysis.scenes import HOME, ROBOT, Diagnosed, Story, diagnose, diagnose_bytes, good, stage
 from tests.samples import trouble
 from tests.samples.calls import i4, r8s, reply, request, text
+from tests.samples.findings import sentence_of
 from tests.shared_folder import SHARED
 
 RECORDINGS = SHARED / "captures"
@@ -90,12 +91,12 @@ def test_a_late_reply_is_the_first_cause_of_a_lost_slave_mode() -> None:
 
     found = stage(play)
     assert found.findings[0].rule == "client-gave-up"
-    assert found.findings[0].sentence.startswith(
+    assert sentence_of(found.findings[0]).startswith(
         "The reply to slvMove 4711 came 19 ms after it was sent, your client had given up at 16 ms; "
         "the controller "
         "said 8.0 ms later that it had run out of set points, and left slave mode; "
     )
-    assert found.findings[0].sentence.endswith("everything after that is a consequence.")
+    assert sentence_of(found.findings[0]).endswith("everything after that is a consequence.")
     assert chain(found)[:3] == [("client-gave-up", None), ("underflow", 1), ("slvmove-outside-slave-mode", 2)]
 
 
@@ -128,8 +129,8 @@ def test_hostile_names_are_carried_as_they_are(name: str) -> None:
 
     findings = stage(play).findings
     assert [finding.rule for finding in findings] == ["unknown-command", "controller-error"]
-    assert name[:20] in findings[0].sentence
-    assert all(len(finding.sentence) < 600 for finding in findings)
+    assert name[:20] in sentence_of(findings[0])
+    assert all(len(sentence_of(finding)) < 600 for finding in findings)
 
 
 @pytest.mark.parametrize("scene", SCENES[::5], ids=lambda scene: str(scene.rule))
@@ -191,7 +192,7 @@ def test_any_traffic_can_be_diagnosed(items: list[tuple[int, int, Frame | Malfor
     for number, finding in enumerate(found.findings, 1):
         assert finding.consequence_of is None or finding.consequence_of < number
         assert 1 <= finding.frames[0] <= finding.frames[-1] <= len(seen)
-        assert finding.sentence.endswith(".")
+        assert sentence_of(finding).endswith(".")
 
 
 def test_memory_is_bounded_by_what_is_open_and_not_by_what_was_seen() -> None:

@@ -5,15 +5,15 @@ from __future__ import annotations
 from bcapscope.analysis.finding import Finding, Severity
 from bcapscope.analysis.finding_collector import MAX_FINDINGS, MAX_KEPT, FindingCollector
 from bcapscope.analysis.rules.rule_checker import SECOND, DiagnosisRule, Occurrence
-from bcapscope.analysis.speech import Speech
 from bcapscope.traffic.observation import Conversation, Endpoint, Transport
+from tests.samples.findings import sentence_of
 
 HERE = Conversation(Endpoint("10.0.0.2", 50001), Endpoint("10.0.0.1", 5007), Transport.UDP, "port 5007")
 ELSEWHERE = Conversation(Endpoint("10.0.0.2", 50001), Endpoint("10.0.0.9", 5007), Transport.UDP, "port 5007")
 
 
 def rule(name: str, *follows: str, severity: Severity = Severity.ERROR) -> DiagnosisRule:
-    return DiagnosisRule(name, severity, "something", "Do it.", "a paper", follows)
+    return DiagnosisRule(name, severity, "a paper", follows)
 
 
 SPARK, FIRE, SMOKE = rule("spark"), rule("fire", "spark"), rule("smoke", "fire", "spark")
@@ -48,7 +48,7 @@ def told(*incidents: Occurrence) -> tuple[Finding, ...]:
     book = FindingCollector()
     for incident in incidents:
         book.add_occurrence(incident)
-    return book.findings(Speech(0, True))
+    return book.findings()
 
 
 def links(findings: tuple[Finding, ...]) -> list[tuple[str, int | None]]:
@@ -63,8 +63,8 @@ def test_a_consequence_stands_behind_its_cause() -> None:
     findings = told(happen(FIRE, 0.2), happen(SPARK, 0.1))
     assert links(findings) == [("spark", None), ("fire", 1)]
     cause, consequence = findings
-    assert cause.sentence == "The spark came at 0.100 s; fire followed."
-    assert consequence.sentence == "The fire came at 0.200 s."
+    assert sentence_of(cause) == "The spark came at 0.100 s. Then fire followed."
+    assert sentence_of(consequence) == "The fire came at 0.200 s."
     assert (cause.frames, consequence.frames) == ((2,), (3,))
 
 
@@ -76,7 +76,7 @@ def test_a_chain_is_told_by_its_first_link() -> None:
     story = (
         "The spark came at 0.100 s; fire followed; smoke followed; everything after that is a consequence."
     )
-    assert findings[0].sentence == story
+    assert sentence_of(findings[0]) == story
 
 
 def test_what_else_went_wrong_is_no_consequence() -> None:
@@ -85,7 +85,7 @@ def test_what_else_went_wrong_is_no_consequence() -> None:
         happen(SPARK, 0.1), *(happen(FIRE, 0.2 + number / 10) for number in range(3)), happen(other, 0.5)
     )
     assert links(findings) == [("spark", None), ("fire", 1), ("flood", None)]
-    assert findings[0].sentence.endswith("fire followed; finding 2 follows from it.")
+    assert sentence_of(findings[0]).endswith("fire followed; finding 2 follows from it.")
 
 
 def test_what_comes_later_is_no_cause() -> None:
@@ -104,7 +104,9 @@ def test_what_happened_to_another_controller_is_no_cause() -> None:
 def test_a_named_call_is_the_cause_however_long_ago() -> None:
     found = told(happen(SPARK, 0.1, call=7), happen(SPARK, 99.9, call=8), happen(FIRE, 100, because=(7,)))
     assert links(found) == [("spark", None), ("fire", 1)]
-    assert found[0].sentence.startswith("The spark came at 0.100 s (twice in all, from 0.100 s to 99.900 s)")
+    assert sentence_of(found[0]).startswith(
+        "The spark came at 0.100 s (twice in all, from 0.100 s to 99.900 s)"
+    )
 
 
 def test_of_several_causes_the_last_one_counts() -> None:
@@ -137,7 +139,7 @@ def test_rules_that_follow_each_other_make_no_circle() -> None:
 
 def test_a_thousand_times_are_one_finding() -> None:
     (found,) = told(*(happen(SPARK, number / 10) for number in range(1000)))
-    assert found.sentence == "The spark came at 0.000 s (1000 times in all, from 0.000 s to 99.900 s)."
+    assert sentence_of(found) == "The spark came at 0.000 s (1000 times in all, from 0.000 s to 99.900 s)."
     assert found.frames == (1, 1000)
 
 
@@ -145,7 +147,7 @@ def test_the_time_that_had_consequences_is_told() -> None:
     sparks = [happen(SPARK, 2.0 * number) for number in range(20)]
     found = told(*sparks, happen(FIRE, 20.5))
     assert links(found) == [("spark", None), ("fire", 1)]
-    assert found[0].sentence.startswith(
+    assert sentence_of(found[0]).startswith(
         "The spark came at 20.000 s (20 times in all, from 0.000 s to 38.000 s)"
     )
     assert found[0].frames == (1, 201, 381)
@@ -156,30 +158,30 @@ def test_a_cause_in_the_middle_of_a_flood_is_known_when_it_matters() -> None:
     middle = 5 * MAX_KEPT
     found = told(*sparks[:middle], happen(FIRE, 2.0 * middle - 1.5), *sparks[middle:])
     assert links(found) == [("spark", None), ("fire", 1)]
-    assert found[0].sentence.startswith("The spark came at 318.000 s (320 times in all")
+    assert sentence_of(found[0]).startswith("The spark came at 318.000 s (320 times in all")
 
 
 def test_keys_tell_findings_of_a_rule_apart_up_to_a_number() -> None:
     found = told(*(happen(SPARK, number / 100, key=str(number)) for number in range(MAX_FINDINGS + 10)))
     assert len(found) == MAX_FINDINGS
-    assert "(11 times in all" in found[0].sentence
+    assert "(11 times in all" in sentence_of(found[0])
 
 
 def test_names_from_the_wire_keep_their_first_letter() -> None:
     incident = happen(SPARK, 0.1)
-    incident.say = lambda speech: "slvMove 7 was lost"
-    assert told(incident)[0].sentence == "slvMove 7 was lost."
+    incident.fact = Message.from_table("fact", "slvMove 7 was lost.")
+    assert sentence_of(told(incident)[0]) == "slvMove 7 was lost."
 
 
 def test_news_tell_each_case_once_and_by_itself() -> None:
-    book, speech = FindingCollector(), Speech(0, True)
+    book = FindingCollector()
     book.add_occurrence(happen(SPARK, 1))
     book.add_occurrence(happen(FIRE, 2))
-    first = book.new_findings(speech)
-    sentences = [finding.sentence for finding in first]
+    first = book.new_findings()
+    sentences = [sentence_of(finding) for finding in first]
     assert sentences == ["The spark came at 1.000 s.", "The fire came at 2.000 s."]
     book.add_occurrence(happen(FIRE, 3))
-    assert book.new_findings(speech) == ()
+    assert book.new_findings() == ()
     book.add_occurrence(happen(SMOKE, 4))
-    assert [finding.rule for finding in book.new_findings(speech)] == ["smoke"]
-    assert {finding.rule for finding in book.findings(speech)} == {"spark", "fire", "smoke"}
+    assert [finding.rule for finding in book.new_findings()] == ["smoke"]
+    assert {finding.rule for finding in book.findings()} == {"spark", "fire", "smoke"}

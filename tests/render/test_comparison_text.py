@@ -16,6 +16,7 @@ from bcapscope.traffic.call_kind import CallKind
 from tests.analysis.exchanges import EXECUTE, READ, STOP, made
 from tests.analysis.test_capture_comparison import read
 from tests.render.scenes import HOSTILE
+from tests.samples.findings import make_finding
 
 HOSTILE_QUESTION = CallKind(EXECUTE, HOSTILE)
 
@@ -28,7 +29,7 @@ def side(name: str, calls: list[Call], *findings: Finding) -> ComparedCapture:
 
 
 def found(rule: str, severity: Severity = Severity.ERROR) -> Finding:
-    return Finding(rule, severity, f"{HOSTILE} made {rule} happen.", (1, 2), None, "Stop it.", "nobody")
+    return make_finding(rule, severity, f"{HOSTILE} made {rule} happen.", (1, 2), None, "Stop it.", "nobody")
 
 
 def good() -> ComparedCapture:

@@ -11,10 +11,11 @@ from bcapscope.analysis.finding import Finding, Severity, TrafficTotals
 from bcapscope.protocol.text_format import display_width
 from bcapscope.render.color_palette import ANSI
 from bcapscope.render.findings import NARROWEST, FindingsRenderer, finding_record, rule_table
+from tests.samples.findings import make_finding
 
 RULES = Path(__file__).parents[2] / "docs" / "rules.md"
 SEEN = TrafficTotals(512, 256, 1, 2_100_000_000)
-CAUSE = Finding(
+CAUSE = make_finding(
     "late-reply",
     Severity.WARNING,
     "The reply came late; all is lost.",
@@ -23,8 +24,10 @@ CAUSE = Finding(
     "Look for it.",
     "a paper",
 )
-EFFECT = Finding("underflow", Severity.ERROR, "The controller stopped.", (7,), 1, "Be faster.", "another")
-NOTE = Finding("polling", Severity.NOTE, "Much is read.", (1, 9), None, "Read less.", "a third")
+EFFECT = make_finding(
+    "underflow", Severity.ERROR, "The controller stopped.", (7,), 1, "Be faster.", "another"
+)
+NOTE = make_finding("polling", Severity.NOTE, "Much is read.", (1, 9), None, "Read less.", "a third")
 
 
 def lines(*findings: Finding, width: int = 100) -> list[str]:
@@ -35,15 +38,15 @@ def test_consequences_stand_under_their_cause() -> None:
     assert lines(CAUSE, EFFECT) == [
         "1 warning late-reply",
         "  The reply came late; all is lost.",
-        "  frames: 4 5",
-        "  what to do: Look for it.",
-        "  source: a paper",
+        "  Frames: 4 5",
+        "  What to do: Look for it.",
+        "  Source: a paper",
         "",
         "    2 error underflow, follows from 1",
         "      The controller stopped.",
-        "      frame: 7",
-        "      what to do: Be faster.",
-        "      source: another",
+        "      Frame: 7",
+        "      What to do: Be faster.",
+        "      Source: another",
         "",
         "1 error, 1 warning in 512 frames, 256 calls, 1 client, 2.1 s",
     ]
@@ -59,7 +62,7 @@ def test_a_clean_capture_says_so_and_how_much_it_was() -> None:
 
 @pytest.mark.parametrize("width", [1, NARROWEST, 60, 100, 500])
 def test_text_is_wrapped(width: int) -> None:
-    long = Finding(
+    long = make_finding(
         "polling", Severity.NOTE, "ロボット was read " * 30, tuple(range(40)), None, "Do. " * 40, "s " * 90
     )
     written = lines(long, width=width)
@@ -70,7 +73,7 @@ def test_text_is_wrapped(width: int) -> None:
 def test_deep_chains_stay_on_the_screen() -> None:
     chain = [EFFECT] * 30
     findings = [
-        Finding("a", Severity.ERROR, "A thing.", (1,), number or None, "Do.", "s")
+        make_finding("a", Severity.ERROR, "A thing.", (1,), number or None, "Do.", "s")
         for number in range(len(chain))
     ]
     assert max(len(line) - len(line.lstrip()) for line in lines(*findings)) <= 18
@@ -78,12 +81,12 @@ def test_deep_chains_stay_on_the_screen() -> None:
 
 @pytest.mark.parametrize("hostile", ["\x1b[2J", "one\ntwo", "\u202egpj", "\x9b31m", "\ud800", "a\x00b"])
 def test_wire_strings_reach_no_terminal(hostile: str) -> None:
-    finding = Finding(
+    finding = make_finding(
         "polling", Severity.NOTE, f"The call {hostile} failed.", (1,), None, f"Do {hostile}.", "s"
     )
     written = "\n".join(FindingsRenderer(ANSI).lines([finding], SEEN))
     assert hostile not in written
-    assert hostile not in finding_record(1, finding).decode()
+    assert hostile not in finding_record(1, finding, SEEN).decode()
     bare = written
     for shade in (ANSI.number, ANSI.name, ANSI.dim, ANSI.good, ANSI.problem, ANSI.reset):
         bare = bare.replace(shade, "")
@@ -91,7 +94,7 @@ def test_wire_strings_reach_no_terminal(hostile: str) -> None:
 
 
 def test_json_has_exactly_these_keys() -> None:
-    record = json.loads(finding_record(2, EFFECT))
+    record = json.loads(finding_record(2, EFFECT, SEEN))
     assert record == {
         "finding": 2,
         "rule": "underflow",
@@ -101,6 +104,11 @@ def test_json_has_exactly_these_keys() -> None:
         "consequence_of": 1,
         "advice": "Be faster.",
         "source": "another",
+        "params": {},
+        "began": 5,
+        "calls": [3],
+        "client": "10.0.0.2:50001",
+        "count": 1,
     }
     assert list(record) == [
         "finding",
@@ -111,8 +119,13 @@ def test_json_has_exactly_these_keys() -> None:
         "consequence_of",
         "advice",
         "source",
+        "params",
+        "began",
+        "calls",
+        "client",
+        "count",
     ]
-    assert json.loads(finding_record(1, CAUSE))["consequence_of"] is None
+    assert json.loads(finding_record(1, CAUSE, SEEN))["consequence_of"] is None
 
 
 def test_the_documentation_lists_the_rules() -> None:

@@ -12,10 +12,11 @@ from typing import Any
 
 import pytest
 
-from bcapscope.analysis.finding import Finding, Severity
+from bcapscope.analysis.finding import Severity
 from bcapscope.render.report_page import report_page
 from bcapscope.traffic.observation import Conversation, Endpoint, Transport
 from tests.render.reports import CAPTURES, Page, account_of, page_of
+from tests.samples.findings import make_finding
 
 ALL = sorted(path.name for path in CAPTURES.iterdir() if path.suffix in (".pcap", ".pcapng"))
 HOSTILE = "</script><script>alert(1)</script><img src=x onerror=alert(2)><!--\"'&lt;%{x}\x1b]0;\u202e"
@@ -87,7 +88,7 @@ def test_hostile_strings_of_a_capture_are_only_shown() -> None:
 
 def test_hostile_strings_from_anywhere_are_only_shown() -> None:
     account = account_of(CAPTURES / "slave-mode-lost.pcapng")
-    finding = Finding("rule", Severity.ERROR, HOSTILE, (1,), None, HOSTILE, HOSTILE)
+    finding = make_finding("rule", Severity.ERROR, HOSTILE, (1,), None, HOSTILE, HOSTILE)
     hostile = Conversation(Endpoint(HOSTILE, 1), Endpoint(HOSTILE, 2), Transport.UDP, HOSTILE)
     lanes = tuple(replace(lane, conversation=hostile) for lane in account.timelines)
     stays = tuple(replace(stay, conversation=hostile) for stay in account.slave_sessions)

@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from bcapscope.tui.words import Language, speak
+from bcapscope.messages import Language
+from bcapscope.tui.words import speak
 
 
 @pytest.fixture(autouse=True)

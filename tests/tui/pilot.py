@@ -15,8 +15,8 @@ from textual._context import visible_screen_stack
 from textual.pilot import Pilot
 from textual.widgets import Input
 
+from bcapscope.messages import Language
 from bcapscope.tui.app import BcapApp, ScreenEntry
-from bcapscope.tui.words import Language
 
 LIMIT = 60.0
 """Seconds after which a test of the screen has failed."""

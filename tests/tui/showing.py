@@ -9,11 +9,11 @@ from pathlib import Path
 from textual.pilot import Pilot
 from textual.widgets import Static
 
+from bcapscope.messages import Language
 from bcapscope.tui.app import BcapApp, ScreenEntry
 from bcapscope.tui.screens.traffic_screen import TrafficScreen
 from bcapscope.tui.traffic_processes.traffic_feed import TrafficFeed
 from bcapscope.tui.widgets.view_bar import ViewBar
-from bcapscope.tui.words import Language
 from tests.tui.pilot import Act, drive, make, until
 
 

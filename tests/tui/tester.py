@@ -9,6 +9,7 @@ from textual.events import Paste
 from textual.pilot import Pilot
 from textual.widgets import Button, Input
 
+from bcapscope.messages import Language
 from bcapscope.player.player_messages import PlayEnded
 from bcapscope.protocol.tables.function_table import ObjectClass
 from bcapscope.tui.app import BcapApp, ScreenEntry
@@ -19,7 +20,6 @@ from bcapscope.tui.screens.tester_screen import TesterOptions, TesterScreen
 from bcapscope.tui.tester.dialogs import ChoiceDialog
 from bcapscope.tui.tester.result_view import ResultView
 from bcapscope.tui.widgets.inked_text import InkedText
-from bcapscope.tui.words import Language
 from tests.tui.pilot import make, shown, until
 
 COMMAND, RESULT = "#robot-forms .command", "#execute ResultView"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from bcapscope.analysis.client_state import ClientRegistry, ClientState
 from bcapscope.analysis.finding import Severity
+from bcapscope.analysis.finding_places import call_place, client_place
 from bcapscope.analysis.rules.rule_checker import (
     SECOND,
     DiagnosisRule,
@@ -12,16 +13,14 @@ from bcapscope.analysis.rules.rule_checker import (
     RuleChecker,
     last_frame_time,
 )
-from bcapscope.analysis.speech import Speech, called, span
+from bcapscope.messages import Message
+from bcapscope.messages.places import Duration, Moment
 from bcapscope.protocol.tables.function_table import ID
 from bcapscope.traffic.observation import ConnectionEnd, Conversation
 
 CONTROLLER_HUNG_UP = DiagnosisRule(
     "controller-hung-up",
     Severity.ERROR,
-    "the controller closed the TCP connection before the client had ended its session",
-    "Look at the controller at this moment (its log, Reset on the pendant, a restart, too many clients); the "
-    "client has to connect again and begin with Service_Start.",
     "RFC 9293, sections 3.5.2 (reset) and 3.6 (closing)",
     ("malformed-request", "executing-forever"),
     60 * SECOND,
@@ -57,30 +56,25 @@ class ConnectionChecker(RuleChecker):
 
     def _report_hung_up(self, client: ClientState, closing: ConnectionEnd) -> None:
         last = client.last_call
-        how = "broke off (RST)" if closing.reset else "closed (FIN)"
-
-        def say(speech: Speech) -> str:
-            who = speech.client(client.conversation)
-            since = span(max(closing.time - last_frame_time(last), 0))
-            text = (
-                f"at {speech.at(closing.time)} {client.conversation.server} {how} the connection of {who}, "
-                f"{since} after {called(last)}"
-            )
-            return text if last.reply is not None else f"{text}, to which no reply was seen"
-
-        def then(speech: Speech, after: int) -> str:
-            return f"{client.conversation.server} {how} the connection"
-
-        frames = tuple(seen.number for seen in (last.request, last.reply) if seen is not None)
+        how = "reset" if closing.reset else "closed"
+        answered = "" if last.reply is not None else ".unanswered"
+        server = str(client.conversation.server)
         self.report_occurrence(
             Occurrence(
                 CONTROLLER_HUNG_UP,
                 closing.time,
                 closing.time,
                 client.conversation,
-                frames,
-                say,
-                then,
+                tuple(seen.number for seen in (last.request, last.reply) if seen is not None),
+                Message(
+                    f"finding.controller-hung-up.{how}{answered}",
+                    at=Moment(closing.time),
+                    server=server,
+                    client=client_place(client.conversation),
+                    after=Duration(max(closing.time - last_frame_time(last), 0)),
+                    call=call_place(last),
+                ),
+                Message(f"clause.controller-hung-up.{how}", server=server),
                 call=last.number,
             )
         )

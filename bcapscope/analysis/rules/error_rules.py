@@ -40,9 +40,6 @@ _FIRST_ERRORS = (
 ERROR_NOT_CLEARED = DiagnosisRule(
     "error-not-cleared",
     Severity.ERROR,
-    "a call is refused since an error is active (81501025 and the like)",
-    "Read the errors (GetCurErrorCount, GetCurErrorInfo), then ClearError, then go on with Motor, the first "
-    "position and slvChangeMode.",
     f"{_SEED}, Clearing errors; {_ERRORS}",
     _FIRST_ERRORS,
     _EVER,
@@ -50,9 +47,6 @@ ERROR_NOT_CLEARED = DiagnosisRule(
 WENT_ON_AFTER_ERROR = DiagnosisRule(
     "went-on-after-error",
     Severity.WARNING,
-    "after an error the client went on with calls that change or move something, and never called ClearError",
-    "Stop at the first error, then follow the sequence: ClearError, restart RobSlave (RC7), first position, "
-    "slvChangeMode.",
     f"{_SEED}, Error, and the sequence of clearing error",
     _FIRST_ERRORS,
     _EVER,
@@ -60,9 +54,6 @@ WENT_ON_AFTER_ERROR = DiagnosisRule(
 CLEARED_UNREAD = DiagnosisRule(
     "cleared-unread",
     Severity.WARNING,
-    "ClearError was called before the error was read, and the evidence is gone",
-    "Leave slave mode, read GetCurErrorCount and GetCurErrorInfo and keep them, and only then call "
-    "ClearError; in slave mode itself error details are refused.",
     "nkawa/Denso_CobottaPro900_MQTT_Control",
     (*_FIRST_ERRORS, "motor-off", "arm-not-taken", "error-not-cleared"),
     _EVER,
@@ -70,22 +61,16 @@ CLEARED_UNREAD = DiagnosisRule(
 CONTROLLER_TIMEOUT = DiagnosisRule(
     "controller-timeout",
     Severity.ERROR,
-    "the controller itself reports a time-out (80000900 and the like in a reply)",
-    "Look at what the controller waited for: this time-out is not the client's.",
     f"orin_bcap C/include/dn_common.h; {_ERRORS}",
 )
 ROBOT_BUSY = DiagnosisRule(
     "robot-busy",
     Severity.NOTE,
-    "calls are refused with 80010004, robot is busy",
-    "Repeat the call a little later, or wait for the end of the motion.",
     "start-jsk/denso denso_controller/src/main.cpp",
 )
 CONTROLLER_ERROR = DiagnosisRule(
     "controller-error",
     Severity.ERROR,
-    "any other refusal, by its code",
-    "See what the code says, and the controller's error log for the same moment.",
     f"{_ERRORS}; orin_bcap C/include/dn_common.h",
     ("malformed-request",),
 )

@@ -26,51 +26,34 @@ _SEED = "DENSO Wave 2009, How to use the Slave mode"
 OVER_LIMIT = DiagnosisRule(
     "over-limit",
     Severity.ERROR,
-    "an axis was commanded too fast or accelerated too hard (842040xx and the like)",
-    "Look at the set points named: a jump, a wrong unit (radians), a first point away from the robot, or two "
-    "periods of motion in one after a pause; smooth start and stop, and keep steps per 8 ms inside the "
-    "axis's limits.",
     f"DENSORobot/denso_robot_ros issues 19 and 48; DENSORobot/denso_robot_ros2 issue 17; {_ERRORS}",
     ("set-point-jump", "far-first-point", "not-finite", "set-point-gap", "off-grid", "slow-retry"),
 )
 BEYOND_RANGE = DiagnosisRule(
     "beyond-range",
     Severity.ERROR,
-    "an axis was commanded beyond its software limit or range",
-    "Keep the set points inside the axis's range; check units (degrees, mm) and the order of the axes.",
     _ERRORS,
     ("set-point-jump", "far-first-point", "not-finite"),
 )
 INVALID_SET_POINT = DiagnosisRule(
     "invalid-set-point",
     Severity.ERROR,
-    "a set point is refused as not valid",
-    "Check the number of elements against the mode (P 7, J 8, T 10), the figure, and for values "
-    "that are no number.",
     f"{_ERRORS}; DENSORobot/denso_robot_ros2 denso_robot_core",
     ("not-finite", "unusual-argument", "set-point-jump"),
 )
 NOT_FINITE = DiagnosisRule(
     "not-finite",
     Severity.ERROR,
-    "a set point holds a NaN or an infinity",
-    "Stop the trajectory generator on such values: nothing after them can be trusted.",
     "IEEE 754; DENSORobot/denso_robot_ros2 denso_robot_control",
 )
 FAR_FIRST_POINT = DiagnosisRule(
     "far-first-point",
     Severity.WARNING,
-    "the first set point of a stay is away from where the robot was",
-    "Move the robot to the first position (Robot_Move with @E) before slvChangeMode, or begin the trajectory "
-    "at the pose that the robot returns.",
     f"{_SEED}, Starting your client app.",
 )
 SET_POINT_JUMP = DiagnosisRule(
     "set-point-jump",
     Severity.NOTE,
-    "one step between set points is far larger than those around it, or than any axis follows",
-    "Look for a missing piece of trajectory at this frame, a wrap of an angle at 180 degrees, or two sources "
-    "of set points.",
     "DENSORobot/denso_robot_ros issues 19 and 48; denso_cobotta_ros issue 14",
 )
 

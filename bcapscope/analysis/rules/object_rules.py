@@ -25,16 +25,11 @@ _SERVER = "orin_bcap C/src/bCAPServer/bcap_server.c"
 HANDLE_LEAK = DiagnosisRule(
     "handle-leak",
     Severity.WARNING,
-    "a client gets the same object again and again without releasing it",
-    "Get the object once and keep its handle, or release it after use: a client may hold 1000.",
     _SERVER,
 )
 BAD_HANDLE = DiagnosisRule(
     "bad-handle",
     Severity.ERROR,
-    "a call is refused for its handle",
-    "Get a new handle after each release, disconnect or new connection; handles belong to the connection "
-    "that got them and to one class of objects.",
     _SERVER,
     ("unclean-quit",),
     600 * SECOND,
@@ -42,8 +37,6 @@ BAD_HANDLE = DiagnosisRule(
 TOO_MANY_OBJECTS = DiagnosisRule(
     "too-many-objects",
     Severity.ERROR,
-    "a call is refused since the client holds too many objects",
-    "Release objects after use.",
     _SERVER,
     ("handle-leak",),
     24 * 3600 * SECOND,

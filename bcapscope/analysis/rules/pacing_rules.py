@@ -30,19 +30,12 @@ _SAMPLES = "documentation of ShoheiKobata/orin_bcap_python_samples (table of sla
 SET_POINT_GAP = DiagnosisRule(
     "set-point-gap",
     Severity.WARNING,
-    "in motion, the time between two set points was longer than the controller's buffer can bridge",
-    "Look at what the client did in that time: garbage collection, a busy thread, logging, waiting for "
-    "another reply. Give the loop its own process with real-time priority, and let the waiting reply of mode "
-    "2 set the pace.",
     f"{_SAMPLES}; DENSORobot/denso_robot_ros issues 20 and 49",
     ("late-reply", "client-gave-up", "no-reply", "retried", "reply-lost", "slow-retry"),
 )
 UNDERFLOW = DiagnosisRule(
     "underflow",
     Severity.ERROR,
-    "the controller ran out of set points while moving (84201482) and left slave mode",
-    "Send a set point every 8 ms with at most 24 ms of slack (modes 0 and 2); send the present position a "
-    "few times before the motion begins, and use mode 1 (0x1nn) where holding the last point is right.",
     f"{_SAMPLES}; DENSORobot/denso_robot_ros issues 20 and 49; orin_bcap issue 3",
     (
         "set-point-gap",
@@ -58,26 +51,17 @@ UNDERFLOW = DiagnosisRule(
 OVERFLOW = DiagnosisRule(
     "overflow",
     Severity.ERROR,
-    "set points came faster than the controller takes them (83201483, mode 0)",
-    "After S_BUF_FULL wait one period; after 83201483 send the same point again; or use mode 2 (0x2nn), "
-    "whose replies set the pace.",
     "ShoheiKobata/orin_bcap_python_samples 05_00_slvMove.py; DENSORobot/denso_robot_ros2 denso_robot_core",
     ("off-grid",),
 )
 OFF_GRID = DiagnosisRule(
     "off-grid",
     Severity.WARNING,
-    "set points do not come at the controller's period",
-    "Pace the loop by absolute deadlines at 8 ms, or let the waiting reply of mode 2 pace it; the robot "
-    "trembles otherwise.",
     "DENSORobot/denso_robot_ros2 issue 17; d-yui-hub/denso_robot_ros2_neo; " + _SEED,
 )
 REPLIES_DO_NOT_PACE = DiagnosisRule(
     "replies-do-not-pace",
     Severity.NOTE,
-    "in a waiting mode, replies came faster than one each 8 ms over a long time",
-    "A real controller holds the reply until it has room: expect a simulator, or another mode than "
-    "you believe.",
     f"{_SAMPLES}; {_SEED}",
 )
 

@@ -21,9 +21,6 @@ from bcapscope.traffic.observation import Conversation
 POLLING = DiagnosisRule(
     "polling",
     Severity.NOTE,
-    "most calls of a client read single variables, one round trip each",
-    "Read fewer or less often, or use a command that returns several values at once (GetSrvData, CurPosEx, "
-    "the receive format of slvMove).",
     "ShoheiKobata/orin_bcap_python_samples (1.7 ms for each variable)",
 )
 

@@ -30,8 +30,6 @@ _EVER = 24 * 3600 * SECOND
 ROBSLAVE_NOT_RUNNING = DiagnosisRule(
     "robslave-not-running",
     Severity.ERROR,
-    "on an RC7 slave mode is refused, and RobSlave was not started, or an error has stopped it",
-    "Start the task RobSlave (RobSlave.pac) over b-CAP before slvChangeMode, and again after each error.",
     f"{_SEED}, Starting your client app. and Error, and the sequence of clearing error",
     ("controller-error", "underflow", "over-limit"),
     _EVER,
@@ -39,15 +37,11 @@ ROBSLAVE_NOT_RUNNING = DiagnosisRule(
 NO_AT_E = DiagnosisRule(
     "no-at-e",
     Severity.WARNING,
-    "the last motion before slvChangeMode does not end with @E, and slvChangeMode had to wait for it",
-    "End the last motion before slvChangeMode with @E: the call then returns when the robot stands still.",
     f"{_SEED}, slvChangeMode",
 )
 ROBOT_STILL_MOVING = DiagnosisRule(
     "robot-still-moving",
     Severity.ERROR,
-    "a call is refused since the robot moves (600B, 8150100D)",
-    "Wait for standstill, best by @E on the motion before: slvChangeMode itself waits no longer than 500 ms.",
     f"{_SEED}, slvChangeMode; {_ERRORS}",
     ("no-at-e",),
     10 * SECOND,
@@ -55,9 +49,6 @@ ROBOT_STILL_MOVING = DiagnosisRule(
 ARM_NOT_TAKEN = DiagnosisRule(
     "arm-not-taken",
     Severity.ERROR,
-    "a call needs the arm, and TakeArm was not called (83501024)",
-    "Call TakeArm after Controller_GetRobot and before Motor and slvChangeMode; an error or an emergency "
-    "stop can take the arm away again.",
     f"DENSORobot/denso_robot_ros issue 29; {_ERRORS}",
     ("emergency-stop", "controller-error"),
     60 * SECOND,
@@ -65,16 +56,11 @@ ARM_NOT_TAKEN = DiagnosisRule(
 ARM_TAKEN_BY_OTHER = DiagnosisRule(
     "arm-taken-by-other",
     Severity.ERROR,
-    "a call needs the arm, and another client has it (83501024)",
-    "Let that client call GiveArm, or do all motion in one process.",
     f"DENSORobot/denso_robot_ros issues 21, 29 and 48; {_ERRORS}",
 )
 MOTOR_OFF = DiagnosisRule(
     "motor-off",
     Severity.ERROR,
-    "a call needs the motor, and it is off (81501003)",
-    "Call Motor with 1 and wait for its reply; after an error of level 4 or 5 (84xxxxxx, 85xxxxxx) the motor "
-    "is off, and ClearError comes first.",
     _ERRORS,
     ("underflow", "over-limit", "beyond-range", "emergency-stop", "controller-error", "motor-switching-off"),
     _EVER,
@@ -82,8 +68,6 @@ MOTOR_OFF = DiagnosisRule(
 MOTOR_SWITCHING_OFF = DiagnosisRule(
     "motor-switching-off",
     Severity.ERROR,
-    "Motor on is refused while the motor is still switching off (8350106E)",
-    "Repeat Motor on until it is accepted.",
     "nkawa/Denso_CobottaPro900_MQTT_Control",
     ("underflow", "over-limit", "beyond-range", "controller-error"),
     60 * SECOND,
@@ -91,37 +75,26 @@ MOTOR_SWITCHING_OFF = DiagnosisRule(
 EMERGENCY_STOP = DiagnosisRule(
     "emergency-stop",
     Severity.ERROR,
-    "an emergency stop, protective stop or safety state is on",
-    "Release the stop at the robot, then ManualReset (RC9) or ManualResetPreparation (COBOTTA), "
-    "ClearError and Motor on.",
     _ERRORS,
 )
 NOT_IN_AUTOMATIC_MODE = DiagnosisRule(
     "not-in-automatic-mode",
     Severity.ERROR,
-    "the pendant's mode, machine lock or enable switch does not allow the call",
-    "Set the mode on the pendant as the code says; slave mode needs (external) automatic mode.",
     f"{_SEED}, Preparation; {_ERRORS}",
 )
 NO_EXECUTABLE_TOKEN = DiagnosisRule(
     "no-executable-token",
     Severity.ERROR,
-    "the executable token is not given to Ethernet and this client's address",
-    "Set the executable token to Ethernet on the pendant and enter the client's IP address there.",
     f"{_SEED}, Setting up your RC7; DENSORobot/denso_robot_ros issues 29 and 36",
 )
 NO_LICENCE = DiagnosisRule(
     "no-licence",
     Severity.ERROR,
-    "a licence or option is missing on the controller",
-    "Enter the licence of b-CAP slave mode (on an RC7 option 1214, ORiN) and enable it on the pendant.",
     f"{_SEED}, Setting up your RC7; {_ERRORS}",
 )
 MANUAL_RESET_MISSING = DiagnosisRule(
     "manual-reset-missing",
     Severity.ERROR,
-    "a COBOTTA wants ManualResetPreparation or MotionPreparation first",
-    "Call ManualResetPreparation, then ClearError, then MotionPreparation, then Motor on.",
     f"DENSORobot/denso_robot_ros issues 36 and 44; {_ERRORS}",
     ("no-executable-token",),
     60 * SECOND,
@@ -129,9 +102,6 @@ MANUAL_RESET_MISSING = DiagnosisRule(
 TYPE_NOT_CHECKED = DiagnosisRule(
     "type-not-checked",
     Severity.NOTE,
-    "the client moves the robot without having asked for its type",
-    "Read @TYPE or GetRobotTypeName before the first motion, so that no program meant for another "
-    "robot runs.",
     f"{_SEED}, Starting your client app. (tips)",
 )
 

@@ -6,9 +6,11 @@ from collections.abc import Callable, Iterable
 from typing import NamedTuple, TypeAlias
 
 from bcapscope.analysis.client_state import ClientRegistry, ClientState
+from bcapscope.analysis.finding_places import call_name_place, call_place, client_place, code_place
 from bcapscope.analysis.rules.rule_checker import DiagnosisRule
-from bcapscope.analysis.speech import Speech, called, name_of, result_text, span
-from bcapscope.protocol.tables.hresult import describe_hresult
+from bcapscope.analysis.speech import Speech, SpokenMessage
+from bcapscope.messages import Message
+from bcapscope.messages.places import Moment
 from bcapscope.traffic.call import Call
 
 
@@ -16,22 +18,22 @@ class RefusalReason(NamedTuple):
     """What is known about the reason of a refusal.
 
     Attributes:
-        text: Returns text to add to the sentence after a colon; None for nothing.
-        say: Returns the whole sentence, if the usual one does not fit.
-        then: Returns the clause for the sentence of the cause, if the usual one does not fit.
+        text: What explains it, for the place `reason` of the usual sentence; None for nothing.
+        say: The whole sentence, if the usual one does not fit.
+        then: The clause for a consequence, if the usual one does not fit.
         explaining_calls: Numbers of calls that explain the refusal.
         evidence_call: Call whose frames help to prove it.
         group_key: Separates findings of one rule.
         advice: Advice for this case.
     """
 
-    text: Callable[[Speech], str] | None = None
-    say: Callable[[Speech], str] | None = None
-    then: Callable[[Speech, int], str] | None = None
+    text: Message | Callable[[Speech], str] | None = None
+    say: Message | Callable[[Speech], str] | None = None
+    then: Message | Callable[[Speech, int], str] | None = None
     explaining_calls: tuple[int, ...] = ()
     evidence_call: Call | None = None
     group_key: str = ""
-    advice: str = ""
+    advice: Message | str | None = None
 
 
 NO_REASON = RefusalReason()
@@ -64,22 +66,20 @@ def fixed_reason(text: str) -> RefusalReason:
     return RefusalReason(lambda speech: text)
 
 
-def usual_sentence(call: Call, code: int, why: RefusalReason) -> Callable[[Speech], str]:
-    """Return a function that builds the usual sentence about a refusal."""
+def usual_sentence(call: Call, code: int, why: RefusalReason) -> Message:
+    """Return the usual sentence about a refusal."""
+    usual = {
+        "at": Moment(call.request.time),
+        "call": call_place(call),
+        "client": client_place(call.conversation),
+        "code": code_place(code),
+    }
+    if why.text is None:
+        return Message("finding.refused", **usual)
+    reason = why.text if isinstance(why.text, Message) else SpokenMessage(say=why.text)
+    return Message("finding.refused.because", **usual, reason=reason)
 
-    def say(speech: Speech) -> str:
-        who, when = speech.client(call.conversation), speech.at(call.request.time)
-        text = f"at {when} {called(call)} of {who} was refused with {result_text(code)}"
-        return f"{text}: {why.text(speech)}" if why.text is not None else text
 
-    return say
-
-
-def usual_clause(call: Call, code: int) -> Callable[[Speech, int], str]:
-    """Return a function that builds the usual clause about a refusal as a consequence."""
-
-    def then(speech: Speech, after: int) -> str:
-        when = f" {span(after)} later" if after > 0 else ""
-        return f"{name_of(call)} was refused{when} (0x{code:08X}, {describe_hresult(code).text})"
-
-    return then
+def usual_clause(call: Call, code: int) -> Message:
+    """Return the usual clause about a refusal as a consequence."""
+    return Message("clause.refused", call=call_name_place(call), code=code_place(code))

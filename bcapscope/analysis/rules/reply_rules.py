@@ -35,27 +35,18 @@ _WAIT_ADVICE = (
 LATE_REPLY = DiagnosisRule(
     "late-reply",
     Severity.WARNING,
-    "a reply came after the client had given up that try and sent another",
-    "Find out who was slow: give the controller's network no other load, and the client a longer time-out "
-    "than its slowest reply; in a waiting mode a reply to slvMove may take 8 ms.",
     f"{_SEED}, Retry sequence in UDP connection; {_ROS_12}",
     ("long-call-without-wdt", "malformed-request"),
 )
 CLIENT_GAVE_UP = DiagnosisRule(
     "client-gave-up",
     Severity.ERROR,
-    "a reply came, but only after the client had stopped waiting for the call",
-    "Raise the client's time-out or its number of tries, and look for what held the reply up; the client "
-    "reports this as 80000900, though the controller did answer.",
     f"{_ROS_12}; {_C_CLIENT}",
     ("long-call-without-wdt", "malformed-request"),
 )
 NO_REPLY = DiagnosisRule(
     "no-reply",
     Severity.ERROR,
-    "a call was not answered at all, and the client went on",
-    "Capture at the controller's end as well: only that tells a lost request from a lost reply and from a "
-    "silent controller.",
     f"{_C_CLIENT}; {_ROS_12}",
     (
         "controller-hung-up",
@@ -71,9 +62,6 @@ NO_REPLY = DiagnosisRule(
 CLIENT_STOPPED = DiagnosisRule(
     "client-stopped",
     Severity.ERROR,
-    "after its last try went unanswered the client said nothing more",
-    "Expect 80000900 in the client's log at this moment; check cable, switch and controller, then the "
-    "time-out and number of tries.",
     f"{_C_CLIENT}; {_ROS_12}",
     ("malformed-request", "oversize-datagram", "no-reply", "controller-silent", "long-call-without-wdt"),
     60 * SECOND,
@@ -81,9 +69,6 @@ CLIENT_STOPPED = DiagnosisRule(
 CONTROLLER_SILENT = DiagnosisRule(
     "controller-silent",
     Severity.ERROR,
-    "a client asked and asked, and never had any reply",
-    "Check address and port (5007), that b-CAP is enabled and licensed on the controller, and that the "
-    "pendant's setting of TCP or UDP agrees with the client; or the capture shows one direction only.",
     f"{_SEED}, Setting up your RC7; DENSORobot/denso_robot_ros2 issues 3, 8 and 50",
     ("malformed-request", "oversize-datagram"),
     60 * SECOND,
@@ -91,43 +76,28 @@ CONTROLLER_SILENT = DiagnosisRule(
 EXECUTED_TWICE = DiagnosisRule(
     "executed-twice",
     Severity.ERROR,
-    "the controller executed one call more than once",
-    "Let retries carry the serial of the first try in reserved; note that the official server itself "
-    "executes a second retry again when the first packet was lost, so a call that moves must not be retried "
-    "blindly.",
     "orin_bcap C/src/bCAPServer/bcap_server.c",
     ("late-reply", "reply-lost", "retried"),
 )
 REPLY_LOST = DiagnosisRule(
     "reply-lost",
     Severity.WARNING,
-    "a reply was seen in time, and yet the client asked again",
-    "Look between the place of the capture and the client: a full socket buffer, a firewall, a client too "
-    "busy to read.",
     _SEED,
 )
 RETRIED = DiagnosisRule(
     "retried",
     Severity.WARNING,
-    "calls were answered only after they had been sent again",
-    "Packets are lost on the way: check cable, switch, duplex and other load; each retry costs its time-out.",
     f"{_SEED}, Retry sequence in UDP connection",
     ("malformed-request", "malformed-reply", "reply-to-nothing"),
 )
 VERY_LATE_REPLY = DiagnosisRule(
     "very-late-reply",
     Severity.WARNING,
-    "a reply came when its call was long over",
-    "Look at what the controller was doing; a client that uses serials again may take such a reply "
-    "for another's.",
     _C_CLIENT,
 )
 REPLY_TO_NOTHING = DiagnosisRule(
     "reply-to-nothing",
     Severity.WARNING,
-    "a reply has a serial that the client never asked with",
-    "If the capture missed the request, ignore it; otherwise the server answers with a wrong serial, and the "
-    "client will time out.",
     f"{_SEED}, Retry sequence in UDP connection",
 )
 

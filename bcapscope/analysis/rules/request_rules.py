@@ -32,24 +32,16 @@ _SAMPLES = "ShoheiKobata/orin_bcap_python_samples"
 FORMAT_REFUSED = DiagnosisRule(
     "format-refused",
     Severity.ERROR,
-    "slvSendFormat or slvRecvFormat is refused",
-    "Leave out the bits that this controller does not have: an RC8 needs 1.4.0 for formats, and 1.5.8 "
-    "refuses 0x120 (hand and mini I/O together).",
     "DENSORobot/denso_robot_ros issue 47; DENSORobot/denso_robot_ros2 denso_robot_core",
 )
 UNKNOWN_COMMAND = DiagnosisRule(
     "unknown-command",
     Severity.ERROR,
-    "a command or function is not known to the controller",
-    "Check the spelling (case does not matter), the object that it is sent to, and whether this "
-    "controller has it.",
     f"orin_bcap C/include/bcap_funcid.h; {_SAMPLES}",
 )
 ARGUMENT_REFUSED = DiagnosisRule(
     "argument-refused",
     Severity.ERROR,
-    "a call is refused for an argument",
-    "Compare types and order of the arguments with the command's; options are texts, states numbers.",
     f"DENSORobot/denso_robot_ros issues 48 and 52; {_SAMPLES}",
     ("unusual-argument",),
     SAME_CALL,
@@ -57,9 +49,6 @@ ARGUMENT_REFUSED = DiagnosisRule(
 UNUSUAL_ARGUMENT = DiagnosisRule(
     "unusual-argument",
     Severity.NOTE,
-    "slvChangeMode or slvMove carry another type or number of elements than usual",
-    "If it works, leave it; if it is refused, send the mode as VT_I4, and set points as VT_R8|VT_ARRAY "
-    "(VT_R4 on RC7) with 7 elements for P, 8 for J, 10 for T.",
     f"{_SEED}; {_SAMPLES}; DENSORobot/denso_robot_ros2 denso_robot_core",
 )
 

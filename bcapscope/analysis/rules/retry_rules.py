@@ -29,68 +29,45 @@ _SERVER = "orin_bcap C/src/bCAPServer/bcap_server.c"
 RETRY_IN_ASYNC = DiagnosisRule(
     "retry-in-async",
     Severity.WARNING,
-    "a set point was sent again in a mode where the newest point wins",
-    "Set the retry count of slvMove to 0 in Async mode (0x1nn): the next set point is due anyway, and "
-    "retries only take line time from it.",
     f"{_SEED}, Recommendation of the Slave mode",
 )
 WRONG_RESERVED = DiagnosisRule(
     "wrong-reserved",
     Severity.ERROR,
-    "a retry names neither the first try nor the one before it in reserved",
-    "Put the serial of the first try into reserved of every retry; the controller takes any other retry for "
-    "a new call and executes it.",
     f"{_SEED}, Retry sequence in UDP connection",
 )
 UNMARKED_RETRY = DiagnosisRule(
     "unmarked-retry",
     Severity.WARNING,
-    "a request that changes or moves something was repeated as if it were new",
-    "Repeat it with the serial of the first try in reserved, so that the controller can tell; or ask for the "
-    "state first.",
     f"{_SEED}, Retry sequence in UDP connection; {_SERVER}",
     ("no-reply", "client-gave-up", "reply-lost"),
 )
 SERIAL_ZERO = DiagnosisRule(
     "serial-zero",
     Severity.WARNING,
-    "the first request of a client has serial 0",
-    "Begin with serial 1: the official server takes a first packet with serial 0 for a retry and answers "
-    "S_OK without executing anything.",
     _SERVER,
 )
 SERIAL_REUSED = DiagnosisRule(
     "serial-reused",
     Severity.ERROR,
-    "on TCP a serial was used again before its call was answered",
-    "Close the connection after a time-out, or use a longer one (the official Python client counts it in "
-    "seconds): its serial stays the same, and the late reply is taken for the answer to the next call.",
     "orin_bcap Python/bCAPClient/bcapclient.py",
     ("long-call-without-wdt",),
 )
 STALE_ANSWER = DiagnosisRule(
     "stale-answer",
     Severity.WARNING,
-    "a client began anew from the same port with the serial that was answered last",
-    "Begin with another serial or another port: the official server takes such a packet for a retry, sends "
-    "its stored answer again and executes nothing.",
     _SERVER,
     ("unclean-quit",),
 )
 SLOW_RETRY = DiagnosisRule(
     "slow-retry",
     Severity.WARNING,
-    "the client waits more than one period of 8 ms before it sends a lost set point again",
-    "Give slvMove a time-out of 2 ms and 7 retries in a waiting mode, and all other calls their "
-    "own, longer one.",
     f"{_SEED}, Recommendation of the Slave mode; DENSORobot/denso_robot_ros2 denso_robot_control",
     ("long-call-without-wdt",),
 )
 MIXED_CONVENTIONS = DiagnosisRule(
     "mixed-conventions",
     Severity.NOTE,
-    "a client changed how it uses the reserved field",
-    "Expect two programs, or two libraries, behind one address and port.",
     f"{_SEED}; orin_bcap C/src/bCAPClient/bcap_client.c; start-jsk/denso b-Cap.c",
 )
 

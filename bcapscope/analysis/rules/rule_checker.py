@@ -10,7 +10,8 @@ from typing import ClassVar, TypeAlias
 from bcapscope.analysis.client_state import ClientRegistry, ClientState
 from bcapscope.analysis.finding import Severity
 from bcapscope.analysis.slave.slave_session import SlaveSession
-from bcapscope.analysis.speech import Speech
+from bcapscope.analysis.speech import Speech, as_messages
+from bcapscope.messages import Message
 from bcapscope.traffic.call import Call, FrameObservation, StrayReply
 from bcapscope.traffic.call_kind import CallKind
 from bcapscope.traffic.observation import Conversation, Observation
@@ -29,8 +30,6 @@ class DiagnosisRule:
     Attributes:
         id: Short name, used in JSON.
         severity: How much it matters.
-        description: What the rule finds, one clause for the list of rules.
-        advice: What to do about it, one sentence.
         source: Source of the fact.
         possible_causes: Ids of the rules that can be its cause.
         cause_within_ns: How far back a cause is looked for, ns.
@@ -38,11 +37,19 @@ class DiagnosisRule:
 
     id: str
     severity: Severity
-    description: str
-    advice: str
     source: str
     possible_causes: tuple[str, ...] = ()
     cause_within_ns: int = SECOND
+
+    @property
+    def title(self) -> Message:
+        """What the rule finds."""
+        return Message(f"rule.{self.id}.title")
+
+    @property
+    def advice(self) -> Message:
+        """What to do about it."""
+        return Message(f"rule.{self.id}.advice")
 
 
 @dataclass(slots=True, eq=False)
@@ -55,12 +62,13 @@ class Occurrence:
         completed: End, ns since 1970; delays of consequences count from here.
         conversation: Conversation of the client concerned.
         frames: Numbers of the frames that prove it.
-        say: Returns the sentence, without the full stop.
-        then: Returns the clause that describes it as a consequence, given the ns since its cause.
+        fact: What happened: `finding.<rule>`, or `finding.<rule>.<case>`, a whole sentence.
+        clause: The same as a consequence: `clause.<rule>`, a sentence without capital and full stop; None
+            if it is never named as one.
         call: Number of the call concerned; 0 for none.
         explaining_calls: Numbers of calls that explain it, if something is wrong with them.
         group_key: Occurrences of a rule with different keys become different findings.
-        advice: What to do in this case; empty for the advice of the rule.
+        advice: What to do in this case; None for the advice of the rule.
         count: Number of times it stands for, if they are not listed one by one.
         cause: Occurrence that caused it, once known.
         selected: True to report it for itself; False to report it only as a cause of another one.
@@ -71,15 +79,18 @@ class Occurrence:
     completed: int
     conversation: Conversation
     frames: tuple[int, ...]
-    say: Callable[[Speech], str]
-    then: Callable[[Speech, int], str] | None = None
+    fact: Message | Callable[[Speech], str]
+    clause: Message | Callable[[Speech, int], str] | None = None
     call: int = 0
     explaining_calls: tuple[int, ...] = ()
     group_key: str = ""
-    advice: str = ""
+    advice: Message | str | None = None
     count: int = 1
     cause: Occurrence | None = None
     selected: bool = True
+
+    def __post_init__(self) -> None:
+        self.fact, self.clause, self.advice = as_messages(self.fact, self.clause, self.advice)
 
 
 OccurrenceSink: TypeAlias = Callable[[Occurrence], None]
@@ -112,23 +123,23 @@ class RuleChecker:
         self,
         rule: DiagnosisRule,
         call: Call,
-        say: Callable[[Speech], str],
-        then: Callable[[Speech, int], str] | None = None,
+        fact: Message | Callable[[Speech], str],
+        clause: Message | Callable[[Speech, int], str] | None = None,
         *,
         evidence_call: Call | None = None,
         explaining_calls: tuple[int, ...] = (),
         began: int = 0,
         completed: int = 0,
         group_key: str = "",
-        advice: str = "",
+        advice: Message | str | None = None,
     ) -> None:
         """Report a problem of a call.
 
         Args:
             rule: Rule that found it.
             call: Call concerned.
-            say: Returns the sentence, as in `Occurrence`.
-            then: Returns the clause for a consequence, as in `Occurrence`.
+            fact: What happened, as in `Occurrence`.
+            clause: The same as a consequence, as in `Occurrence`.
             evidence_call: Another call whose frames prove it.
             explaining_calls: Numbers of calls that explain it.
             began: Start, ns since 1970; 0 for the time of the first request.
@@ -143,8 +154,8 @@ class RuleChecker:
                 completed=completed or last_frame_time(call),
                 conversation=call.conversation,
                 frames=frame_numbers(evidence_call, call),
-                say=say,
-                then=then,
+                fact=fact,
+                clause=clause,
                 call=call.number,
                 explaining_calls=explaining_calls,
                 group_key=group_key,

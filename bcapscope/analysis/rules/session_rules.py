@@ -41,24 +41,16 @@ _SMALLEST_WDT_MS = 80
 SERVICE_NOT_STARTED = DiagnosisRule(
     "service-not-started",
     Severity.ERROR,
-    "the first call of a session is not Service_Start, and it is refused",
-    "Call Service_Start first, then Controller_Connect, then get the robot.",
     "DENSORobot/denso_robot_ros2 issues 8 and 50; ShoheiKobata/orin_bcap_python_samples",
 )
 PROVIDER_REFUSED = DiagnosisRule(
     "provider-refused",
     Severity.ERROR,
-    "Controller_Connect is refused for its provider",
-    "Use CaoProv.DENSO.VRC for RC8 and COBOTTA, CaoProv.DENSO.VRC9 for RC9 and COBOTTA PRO, with machine "
-    "localhost; CaoProv.DENSO.RC8 is a provider for the PC and not for b-CAP.",
     "ShoheiKobata/orin_bcap_python_samples; DENSORobot/denso_robot_ros2 denso_controller",
 )
 NAME_IN_USE = DiagnosisRule(
     "name-in-use",
     Severity.ERROR,
-    "Controller_Connect is refused since the name is in use",
-    "Connect with another name, an empty one, or the option @IfNotMember; the name stays in use until the "
-    "client that has it disconnects or is dropped.",
     "orin_bcap C/include/dn_common.h (E_CAO_COLLECTION_REGISTERED)",
     ("unclean-quit",),
     3600 * SECOND,
@@ -66,10 +58,6 @@ NAME_IN_USE = DiagnosisRule(
 UNCLEAN_QUIT = DiagnosisRule(
     "unclean-quit",
     Severity.WARNING,
-    "a client vanished or began anew without closing its session",
-    "Release all objects, then Controller_Disconnect and Service_Stop on every way out of the "
-    "program, also after an "
-    "error; a client that is left open can keep its place for hours (on an RC7 press Reset on the pendant).",
     f"{_SEED}, Setting up your RC7; start-jsk/denso issue 93; {_SERVER}",
     ("client-stopped", "no-reply", "client-gave-up"),
     60 * SECOND,
@@ -77,17 +65,12 @@ UNCLEAN_QUIT = DiagnosisRule(
 QUIT_IN_SLAVE_MODE = DiagnosisRule(
     "quit-in-slave-mode",
     Severity.WARNING,
-    "a client let go, or vanished, while slave mode was on",
-    "Call slvChangeMode 0 before anything is released and before the program ends.",
     f"{_SEED}, Quitting or stopping your client application",
     ("controller-hung-up", "client-stopped", "no-reply", "client-gave-up"),
 )
 BUSY = DiagnosisRule(
     "busy",
     Severity.ERROR,
-    "calls are refused since an earlier call is still running",
-    "Wait for the reply to the long call (S_EXECUTING says that it goes on) before the next one; after "
-    "InvokeTimeout none comes, and only a new connection helps.",
     _SERVER,
     ("executing-forever", "no-reply", "client-gave-up", "long-call-without-wdt", "late-reply"),
     600 * SECOND,
@@ -95,24 +78,16 @@ BUSY = DiagnosisRule(
 EXECUTING_FOREVER = DiagnosisRule(
     "executing-forever",
     Severity.ERROR,
-    "the controller said S_EXECUTING and then never answered",
-    "Look for what the call waits for; raise InvokeTimeout in Service_Start if it is only slow: when that "
-    "expires no answer is ever sent.",
     _SERVER,
 )
 LONG_CALL_WITHOUT_WDT = DiagnosisRule(
     "long-call-without-wdt",
     Severity.WARNING,
-    "a long call outlived the client's patience, and no WDT was asked for",
-    "Put ,WDT=400 into the option of Service_Start: the controller then says S_EXECUTING every 400 ms while "
-    "a call runs, and the client keeps waiting.",
     _SERVER,
 )
 WDT_TOO_SMALL = DiagnosisRule(
     "wdt-too-small",
     Severity.ERROR,
-    "Service_Start is refused for a WDT or InvokeTimeout below 80 ms",
-    "Ask for WDT=80 or more; 400 is usual.",
     _SERVER,
 )
 

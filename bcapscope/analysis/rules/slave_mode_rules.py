@@ -28,9 +28,6 @@ _REACH = 60 * SECOND
 SLVMOVE_OUTSIDE_SLAVE_MODE = DiagnosisRule(
     "slvmove-outside-slave-mode",
     Severity.ERROR,
-    "slvMove is refused since slave mode is off (83500121)",
-    "Look for what switched slave mode off: this is mostly the second error. Stop sending, read the errors, "
-    "ClearError, go to the first position, then slvChangeMode.",
     f"DENSORobot/denso_robot_ros issues 6 and 42; {_ERRORS}",
     (
         "underflow",
@@ -58,33 +55,22 @@ SLVMOVE_OUTSIDE_SLAVE_MODE = DiagnosisRule(
 REFUSED_IN_SLAVE_MODE = DiagnosisRule(
     "refused-in-slave-mode",
     Severity.ERROR,
-    "a command is refused since slave mode is on (83501032), and slave mode ends",
-    "While slave mode is on call only slvMove, slvGetMode, slvRecvFormat, CurPos, CurJnt and GetSrvData; do "
-    "all else (grippers, I/O, error details) before or after, or through the send format; let one process "
-    "own the robot.",
     f"DENSORobot/denso_robot_ros issues 13, 21, 42 and 48; {_ERRORS}",
 )
 SLAVE_MODE_ENDED_BY_OTHER = DiagnosisRule(
     "slave-mode-ended-by-other",
     Severity.ERROR,
-    "another client switched slave mode while this one was sending set points",
-    "Let one process own the robot; give the second one only reading calls.",
     "DENSORobot/denso_robot_ros issues 13, 21 and 48",
 )
 SLAVE_MODE_LOST_UNSEEN = DiagnosisRule(
     "slave-mode-lost-unseen",
     Severity.WARNING,
-    "slave mode was found off, and nothing that was captured had ended it",
-    "Look at the pendant's error log for this moment: an emergency stop, a mode switch, a stopped RobSlave "
-    "or a client on another network are not in this capture.",
     f"DENSORobot/denso_robot_ros issues 6 and 42; {_ERRORS}",
     ("late-reply", "client-gave-up", "no-reply", "set-point-gap"),
 )
 SLAVE_MODE_REFUSED = DiagnosisRule(
     "slave-mode-refused",
     Severity.ERROR,
-    "slvChangeMode is refused for its value",
-    "Use 0x001-0x003 or 0x101-0x103, on an RC8 or later also 0x201-0x203, as VT_I4 (VT_I2 on RC7).",
     "DENSO Wave 2009, How to use the Slave mode; ShoheiKobata/orin_bcap_python_samples",
     ("unusual-argument",),
     SAME_CALL,

@@ -26,62 +26,41 @@ _SERVER = "orin_bcap C/src/bCAPServer/bcap_server.c"
 OVERSIZE_DATAGRAM = DiagnosisRule(
     "oversize-datagram",
     Severity.ERROR,
-    "a UDP frame is larger than the 503 bytes that b-CAP allows",
-    "Use TCP, or send less in one call (shorter options, fewer elements): the official server drops such a "
-    "datagram without an answer.",
     "orin_bcap C/include/dn_udp.h",
 )
 NEAR_DATAGRAM_LIMIT = DiagnosisRule(
     "near-datagram-limit",
     Severity.NOTE,
-    "a UDP request comes close to 503 bytes",
-    "Expect 80000909 in the client when it grows: a larger packet is refused before it is sent and "
-    "never seen here.",
     "orin_bcap C/include/dn_udp.h; DENSORobot/denso_robot_ros issue 9",
 )
 MALFORMED_REQUEST = DiagnosisRule(
     "malformed-request",
     Severity.ERROR,
-    "a client sent bytes that are no sound frame",
-    "Correct the client's encoder; a datagram that begins with 01 and has a wrong length, EOT or argument "
-    "count stops the UDP service of the official server for all clients until it is restarted.",
     _SERVER,
 )
 MALFORMED_REPLY = DiagnosisRule(
     "malformed-reply",
     Severity.WARNING,
-    "a server sent bytes that are no sound frame",
-    "Expect 80010000 (E_INVALIDPACKET) or an exception in the client; check what stands between both.",
     "orin_bcap C/src/bCAPClient/bcap_client.c",
 )
 CAPTURE_GAP = DiagnosisRule(
     "capture-gap",
     Severity.NOTE,
-    "the capture itself lacks bytes of a TCP stream",
-    "Do not blame the robot for what is missing there: the capture lost packets, or began or ended in the "
-    "middle. A larger buffer (tcpdump -B) or a filter (port 5007) helps.",
     "how a capture is made: the other end acknowledged these bytes, or they follow a hole",
 )
 CAPTURE_CUT = DiagnosisRule(
     "capture-cut",
     Severity.NOTE,
-    "the capture kept only the beginning of a packet",
-    "Capture again with a longer snap length (tcpdump -s 0).",
     "the original length of the packet in the capture file",
 )
 SERVER_GUESSED = DiagnosisRule(
     "server-guessed",
     Severity.NOTE,
-    "which end is the server is only a guess",
-    "Name the server's port with --port if the directions look wrong.",
     "nothing in a frame tells a request from a reply (orin_bcap C/include/bcap_common.h)",
 )
 DUPLICATE_FRAMES = DiagnosisRule(
     "duplicate-frames",
     Severity.NOTE,
-    "frames were seen twice, byte for byte",
-    "If all are double, the capture saw each packet twice (two interfaces, a mirror port); otherwise the "
-    "network copies packets.",
     "retries have a serial of their own in all known clients (orin_bcap C, C#, Java)",
 )
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar
 
 import click
 
+from bcapscope.messages import Language, MessageFormatter, language_of
 from bcapscope.protocol.number_parsing import LONGEST_NUMBER, parse_integer, parse_number
 from bcapscope.protocol.text_format import shortened
 from bcapscope.render.timestamp import TimeFormat
@@ -115,6 +117,21 @@ window = click.option(
     callback=lambda context, parameter, value: None if value is None else round(value * 1e9),
     help="Show figures for each window of this many seconds, at least 0.1, instead of the whole time.",
 )
+
+
+def _words(context: click.Context, parameter: click.Parameter, value: str | None) -> MessageFormatter:
+    return MessageFormatter(language_of(os.environ) if value is None else Language(value))
+
+
+language = click.option(
+    "--lang",
+    "words",
+    type=click.Choice([*Language]),
+    callback=_words,
+    help="Language of the text, en or ja. By default from LC_ALL, LC_MESSAGES or LANG. "
+    "JSON and CSV stay English.",
+)
+"""Adds the parameter `words`, the formatter in the reader's language."""
 
 
 def filter_option(kind: RecordKind) -> Callable[[F], F]:

@@ -82,7 +82,7 @@ class ClientList(ItemList[ClientStatus]):
     def header(self) -> str:
         """Return the column header."""
         return (
-            f" {_left_aligned(say('proxy.head.client'), 21)} {_left_aligned(say('proxy.head.transport'), 4)}"
+            f" {_left_aligned(say('proxy.head.client'), 21)} {' ' * 4}"
             f" {_right_aligned(say('proxy.head.since'), 7)} {_right_aligned(say('proxy.head.up'), 8)}"
             f" {_right_aligned(say('proxy.head.down'), 8)} {_right_aligned(say('proxy.head.heard'), 8)}"
             f"  {say('proxy.head.upstream')}"

@@ -12,9 +12,11 @@ from textual.content import Content
 from textual.dom import DOMNode
 from textual.widget import Widget
 
+from bcapscope.messages import Language
+from bcapscope.messages.message_formatter import has_message
 from bcapscope.tui.app import BcapApp
 from bcapscope.tui.themes import THEMES
-from bcapscope.tui.words import CATALOGUE, Language, say
+from bcapscope.tui.words import say
 
 
 class ScreenCommand(NamedTuple):
@@ -39,8 +41,8 @@ def node_commands(node: DOMNode, app: BcapApp) -> Iterator[ScreenCommand]:
     """Yield the commands of one node's key bindings, each action once."""
     for kind in type(node).__mro__:
         for binding in vars(kind).get("BINDINGS", ()):
-            if isinstance(binding, Binding) and binding.description in CATALOGUE:
-                tip = say(binding.tooltip) if binding.tooltip in CATALOGUE else ""
+            if isinstance(binding, Binding) and has_message(binding.description):
+                tip = say(binding.tooltip) if has_message(binding.tooltip) else ""
                 key = app.get_key_display(
                     Binding(binding.key.partition(",")[0], "", "", key_display=binding.key_display)
                 )

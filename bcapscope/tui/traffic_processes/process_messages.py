@@ -70,14 +70,20 @@ class ReadProgress(msgspec.Struct, tag=True, frozen=True):
 
 
 class ShownFinding(msgspec.Struct, frozen=True):
-    """A finding with escaped strings; `consequence_of` counts from 1, 0 for none."""
+    """A finding with escaped strings.
+
+    Attributes:
+        sentence: Text by language, since the reader may choose another one at any time.
+        consequence_of: Number of its cause, from 1; 0 for none.
+        advice: Text by language.
+    """
 
     rule: str
     severity: str
-    sentence: str
+    sentence: dict[str, str]
     frames: tuple[int, ...]
     consequence_of: int
-    advice: str
+    advice: dict[str, str]
     source: str
 
 

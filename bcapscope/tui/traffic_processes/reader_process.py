@@ -133,8 +133,9 @@ class TrafficReader:
 
     def _load_diagnosis(self) -> RunningDiagnosis:
         if self._diagnosis is None:
+            from bcapscope.messages import Language  # noqa: PLC0415 - likewise
             from bcapscope.tui.traffic_processes.running_diagnosis import RunningDiagnosis  # noqa: PLC0415 - see _buffer_until_loaded
-            from bcapscope.tui.words import Language, tongue  # noqa: PLC0415 - likewise
+            from bcapscope.tui.words import tongue  # noqa: PLC0415 - likewise
 
             self._diagnosis = RunningDiagnosis(tongue(Language(self._job.language)))
             for seen in self._undiagnosed:

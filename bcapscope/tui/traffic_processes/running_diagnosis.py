@@ -5,10 +5,12 @@ from __future__ import annotations
 import copy
 
 from bcapscope.analysis.diagnosis import Diagnosis
-from bcapscope.analysis.finding import Finding
+from bcapscope.analysis.finding import Finding, TrafficTotals
 from bcapscope.analysis.slave.slave_session import SlaveSession
 from bcapscope.analysis.statistics.call_statistics import StatisticsBuilder
+from bcapscope.messages import Language, MessageFormatter
 from bcapscope.render.escape import printable
+from bcapscope.render.finding_text import finding_sentence, words_for
 from bcapscope.render.slave_session_text import slave_session_lines
 from bcapscope.render.statistics_text import statistics_lines
 from bcapscope.render.tongue import Tongue, english
@@ -51,23 +53,25 @@ class RunningDiagnosis:
         end = copy.deepcopy(self)
         findings = end._diagnosis.finish(ended, present)
         statistics = self._summary.statistics()
-        causes = tuple(map(shown_finding, findings))
+        totals = end._diagnosis.totals
+        shown = tuple(shown_finding(finding, totals) for finding in findings)
         lines = [] if statistics is None else list(statistics_lines(statistics, INK, self._tongue))
-        return TrafficAnalysis(causes, end._diagnosis.totals, end._slave_session_lines, lines)
+        return TrafficAnalysis(shown, totals, end._slave_session_lines, lines)
 
     def _on_slave_session(self, slave_session: SlaveSession) -> None:
         if len(self._slave_session_lines) < MAX_LINES:
             self._slave_session_lines.extend((*slave_session_lines(slave_session, INK, self._tongue), ""))
 
 
-def shown_finding(finding: Finding) -> ShownFinding:
-    """Return a finding with escaped strings."""
+def shown_finding(finding: Finding, totals: TrafficTotals) -> ShownFinding:
+    """Return a finding as text in each language, with escaped strings."""
+    all_words = [words_for(MessageFormatter(language), totals) for language in Language]
     return ShownFinding(
         finding.rule,
         finding.severity.value,
-        printable(finding.sentence),
+        {words.language.value: printable(finding_sentence(finding, words)) for words in all_words},
         finding.frames,
         finding.consequence_of or 0,
-        printable(finding.advice),
+        {words.language.value: printable(words.text(finding.advice)) for words in all_words},
         finding.source,
     )

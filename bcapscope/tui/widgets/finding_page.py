@@ -15,7 +15,7 @@ from bcapscope.render.diagnosis_summary import diagnosis_summary as summed_up
 from bcapscope.tui.ink import INK
 from bcapscope.tui.traffic_processes.process_messages import NO_ANALYSIS, ShownFinding, TrafficAnalysis
 from bcapscope.tui.widgets.lines import Lines
-from bcapscope.tui.words import say, titled, told
+from bcapscope.tui.words import reader_words, say, spoken, titled
 
 _INDENT_STEP, _MAX_DEPTH = 3, 4
 _MAX_WIDTH, _MIN_WIDTH = 120, 30
@@ -76,7 +76,7 @@ class FindingPage(Lines):
         found, self._lines = self._analysis.findings, []
         if self._analysis is not NO_ANALYSIS:
             severities = [cause.severity for cause in found]
-            summary = summed_up(severities, self._analysis.examined, INK, told)
+            summary = summed_up(severities, self._analysis.examined, INK, reader_words())
             self._lines = [(f" {line}", 0) for line in wrap_text(summary, max(_MIN_WIDTH, self._columns - 2))]
             self._lines.append(("", 0))
         depths: list[int] = []
@@ -100,7 +100,7 @@ class FindingPage(Lines):
             f", {say('traffic.finding.follows', number=cause.consequence_of)}" if cause.consequence_of else ""
         )
         title = titled(cause.rule)
-        severity = told(cause.severity)
+        severity = say(f"severity.{cause.severity}")
         lead = display_width(f"{number} {severity} ")
         first, *rest = wrap_text(f"{title}{follows}", width + 2 - lead)
         yield f"{INK.number}{number}{INK.reset} {shade}{severity}{INK.reset} {first}"
@@ -109,9 +109,9 @@ class FindingPage(Lines):
             " …" if len(cause.frames) > _MAX_FRAMES else ""
         )
         for text, color in (
-            (told(cause.sentence), INK.name),
+            (cause.sentence[spoken()], INK.name),
             (say("traffic.finding.frames", frames=frames) if frames else "", INK.number),
-            (say("traffic.finding.advice", advice=told(cause.advice)) if cause.advice else "", INK.good),
+            (say("traffic.finding.advice", advice=cause.advice[spoken()]), INK.good),
             (say("traffic.finding.source", source=cause.source) if cause.source else "", INK.dim),
             (cause.rule if title != cause.rule else "", INK.dim),
         ):

@@ -10,7 +10,8 @@ from textual.events import Click
 from textual.screen import Screen
 from textual.widget import Widget
 
-from bcapscope.tui.words import CATALOGUE, say
+from bcapscope.messages.message_formatter import has_message
+from bcapscope.tui.words import say
 
 _ALWAYS_SHOWN = ("f12", "f1", "ctrl+p")
 """Keys that are always shown: HALT, help, the command palette."""
@@ -35,7 +36,7 @@ class KeyBar(Widget):
         found = [
             (self.app.get_key_display(active.binding), say(active.binding.description), key)
             for key, active in self.screen.active_bindings.items()
-            if active.binding.show and active.binding.description in CATALOGUE
+            if active.binding.show and has_message(active.binding.description)
         ]
         always = [each for each in found if each[2] in _ALWAYS_SHOWN]
         room = self.size.width - sum(_width(key, text) for key, text, _ in always)

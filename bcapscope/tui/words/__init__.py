@@ -9,39 +9,29 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
-from enum import StrEnum
 from functools import lru_cache
 from types import MappingProxyType
 
+from bcapscope.messages import Language, MessageFormatter, language_of
+from bcapscope.messages.message import PlaceValue
 from bcapscope.render.tongue import Tongue, english
 from bcapscope.tui.words import (
     calls,
     commands,
-    desk,
     figures,
     files,
     findings,
     frames,
     meanings,
     preflight,
-    proxy,
     reading,
     reasons,
     relay,
     remarks,
     results,
     rules,
-    shell,
-    tester,
-    traffic,
-    widgets,
 )
 from bcapscope.tui.words.phrases import Phrasebook
-
-CATALOGUE: Mapping[str, tuple[str, str]] = MappingProxyType(
-    {**desk.WORDS, **proxy.WORDS, **shell.WORDS, **tester.WORDS, **traffic.WORDS, **widgets.WORDS}
-)
-"""English and Japanese by key. Braces hold places for values, as in `str.format`."""
 
 _BOOKS = (
     calls,
@@ -69,20 +59,6 @@ _KEPT = 1000
 """Sentences in Japanese that are kept: the same ones are drawn again and again."""
 
 
-class Language(StrEnum):
-    """What the labels are written in."""
-
-    ENGLISH = "en"
-    JAPANESE = "ja"
-
-
-def language_of(environment: Mapping[str, str]) -> Language:
-    """Choose the language as POSIX has it: LC_ALL before LC_MESSAGES before LANG."""
-    names = (environment.get(name, "") for name in ("LC_ALL", "LC_MESSAGES", "LANG"))
-    name = next(filter(None, names), "")
-    return Language.JAPANESE if name.casefold().startswith("ja") else Language.ENGLISH
-
-
 class _Speaker:
     language = language_of(os.environ)
 
@@ -97,15 +73,14 @@ def spoken() -> Language:
     return _Speaker.language
 
 
-def say(key: str, /, **values: object) -> str:
-    """Return a label; `values` fill its places and are harmless already.
+def say(key: str, /, **values: PlaceValue) -> str:
+    """Return a label; `values` fill its places and are harmless already."""
+    return reader_words()(key, **values)
 
-    Raises:
-        KeyError: there is no such key.
-    """
-    ours, japanese = CATALOGUE[key]
-    text = japanese if _Speaker.language is Language.JAPANESE else ours
-    return text.format(**values) if values else text
+
+def reader_words() -> MessageFormatter:
+    """Return the formatter in the language of all that is said."""
+    return MessageFormatter(_Speaker.language)
 
 
 def told(sentence: str) -> str:
@@ -120,7 +95,7 @@ def tongue(language: Language) -> Tongue:
 
 def titled(rule: str) -> str:
     """Return the title of a rule by its id, which is its name in English."""
-    return rules.TITLES.get(rule, rule) if _Speaker.language is Language.JAPANESE else rule
+    return say(f"rule.{rule}.title") if _Speaker.language is Language.JAPANESE else rule
 
 
 @lru_cache(1)

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import pytest
 
+from bcapscope.messages import Language
 from bcapscope.proxy.control_answers import ProxyStats
 from bcapscope.tui.proxy_panel.proxy_summary import summary_lines
-from bcapscope.tui.words import Language, speak
+from bcapscope.tui.words import speak
 
 
 @pytest.mark.parametrize(

@@ -18,6 +18,7 @@ from bcapscope.capture.packet_decoder import PacketDecoder
 from bcapscope.client import RetryPolicies, open_session, over_tcp, over_udp
 from bcapscope.errors import BcapError
 from bcapscope.live.child_process import ChildProcess
+from bcapscope.messages import Language
 from bcapscope.protocol.codec.frame import Frame, encode_frame
 from bcapscope.protocol.codec.variant import VT, Variant
 from bcapscope.protocol.retry.requester import RetryPolicy
@@ -30,7 +31,6 @@ from bcapscope.tui.screens.proxy_screen import ProxyScreen
 from bcapscope.tui.screens.traffic_screen import TrafficScreen
 from bcapscope.tui.traffic_processes.traffic_feed import TrafficFeed
 from bcapscope.tui.widgets.view_bar import ViewBar
-from bcapscope.tui.words import Language
 from tests.tui.pilot import drive, make, picture, shown, until
 from tests.tui.showing import screen as traffic_screen
 

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from textual.pilot import Pilot
 
+from bcapscope.messages import Language
 from bcapscope.protocol.text_format import display_width
 from bcapscope.tui.ink import strip_styles
 from bcapscope.tui.traffic_processes.process_messages import TrafficAnalysis
 from bcapscope.tui.traffic_processes.running_diagnosis import shown_finding
 from bcapscope.tui.widgets.finding_page import FindingPage
-from bcapscope.tui.words import Language, speak
+from bcapscope.tui.words import speak
 from tests.analysis.plays import SCENES
 from tests.analysis.scenes import stage
 from tests.tui.pilot import shown

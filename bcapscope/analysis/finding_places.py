@@ -1,0 +1,36 @@
+"""Places of the sentences about traffic: clients, calls and result codes."""
+
+from __future__ import annotations
+
+from bcapscope.messages import Message
+from bcapscope.messages.places import CallPlace, ClientPlace, CodePlace
+from bcapscope.protocol.tables.function_table import function_name
+from bcapscope.protocol.tables.hresult import describe_hresult, hresult_name
+from bcapscope.traffic.call import Call
+from bcapscope.traffic.observation import Conversation
+
+
+def client_place(conversation: Conversation) -> ClientPlace:
+    """Return the client of a conversation."""
+    return ClientPlace(str(conversation.client), conversation.transport.value)
+
+
+def call_place(call: Call) -> CallPlace:
+    """Return a call, shown with its name and its first serial, such as `slvMove 250`."""
+    return CallPlace(_name_of(call), call.request.item.serial, call.number)
+
+
+def call_name_place(call: Call) -> CallPlace:
+    """Return a call, shown with its name only."""
+    return CallPlace(_name_of(call), None, call.number)
+
+
+def code_place(code: int) -> CodePlace:
+    """Return a result code with its name and meaning."""
+    return CodePlace(code, hresult_name(code), Message.from_table("hresult", describe_hresult(code).text))
+
+
+def _name_of(call: Call) -> str:
+    """Return the command of a call, or its function if it has none."""
+    command = call.kind.command
+    return function_name(call.kind.function_id) if command is None else command

@@ -1,0 +1,130 @@
+"""Messages as text in the reader's language."""
+
+from __future__ import annotations
+
+import gettext
+from collections.abc import Iterable
+from functools import cache, lru_cache
+from importlib.resources import files
+from string import Formatter
+
+from bcapscope.messages.language import Language
+from bcapscope.messages.message import Message, PlaceValue
+from bcapscope.messages.places import Json, Place
+
+DOMAIN = "bcapscope"
+
+
+class MessageFormatter:
+    """Puts messages into one language, for one report.
+
+    Attributes:
+        language: Language of the reader.
+        start: Time when the traffic began, ns since 1970. Times in sentences count from there.
+        only_client: Whether the traffic has a single client, which then needs no address.
+    """
+
+    def __init__(
+        self, language: Language = Language.ENGLISH, start: int = 0, only_client: bool = True
+    ) -> None:
+        self.language = language
+        self.start = start
+        self.only_client = only_client
+
+    def __call__(self, id: str, /, **places: PlaceValue) -> str:
+        """Return the text of a message that is made for this purpose only."""
+        return self.text(Message(id, **places))
+
+    def for_report(self, start: int, only_client: bool) -> MessageFormatter:
+        """Return a formatter in the same language for other traffic."""
+        return MessageFormatter(self.language, start, only_client)
+
+    def text(self, message: Message) -> str:
+        """Return a message as text. An unknown id gives the id and the places; it never raises."""
+        say = getattr(message, "say", None)
+        if say is not None:  # a rule that still speaks English
+            from bcapscope.analysis.speech import Speech  # noqa: PLC0415
+
+            return str(say(Speech(self.start, self.only_client)))
+        template = _template(self.language, message.id)
+        if template is None:
+            return self._without_template(message)
+        return self._filled(template, message)
+
+    def plural(self, id: str, number: int) -> str:
+        """Return the text for a number of things; its template has the place ``{n}``."""
+        translations = _translations(self.language)
+        template = translations.ngettext(id, f"{id}.plural", number)
+        if template.startswith(id):
+            template = _translations(Language.ENGLISH).ngettext(id, f"{id}.plural", number)
+        return template.replace("{n}", str(number))
+
+    def sentences(self, texts: Iterable[str]) -> str:
+        """Return sentences one after the other; Japanese has no space between them."""
+        return ("" if self.language is Language.JAPANESE else " ").join(filter(None, texts))
+
+    def place_text(self, value: PlaceValue, type_name: str) -> str:
+        """Return the text of a place. `type_name` is the type that the template expects."""
+        if isinstance(value, Place):
+            text = value.text(self)
+            return text[:1].upper() + text[1:] if type_name == "Client" else text
+        return self.text(value) if isinstance(value, Message) else str(value)
+
+    def _filled(self, template: str, message: Message) -> str:
+        made = ""
+        for literal, name, type_name in _parsed(template):
+            made += literal
+            if name is not None:
+                value = message.places.get(name)
+                made += f"{{{name}}}" if value is None else self.place_text(value, type_name)
+        return made
+
+    def _without_template(self, message: Message) -> str:
+        if message.english is not None:
+            return message.english
+        places = ", ".join(f"{name}={self.place_text(value, '')}" for name, value in message.places.items())
+        return f"{message.id} ({places})" if places else message.id
+
+
+ENGLISH_WORDS = MessageFormatter()
+"""English, for messages without a report around them."""
+
+
+def message_params(message: Message) -> dict[str, Json]:
+    """Return the values of a message's places for programs."""
+    return {name: _json(value) for name, value in message.places.items()}
+
+
+def _json(value: PlaceValue) -> Json:
+    if isinstance(value, Message):
+        return {"type": "message", "id": value.id, "params": message_params(value), "text": str(value)}
+    return value.to_json() if isinstance(value, Place) else value
+
+
+@cache
+def _translations(language: Language) -> gettext.GNUTranslations:
+    source = files("bcapscope.messages") / "locale" / language / "LC_MESSAGES" / f"{DOMAIN}.mo"
+    with source.open("rb") as compiled:
+        return gettext.GNUTranslations(compiled)
+
+
+def has_message(id: str) -> bool:
+    """Return whether the catalogue has an id."""
+    return _template(Language.ENGLISH, id) is not None
+
+
+@lru_cache(4096)
+def _template(language: Language, id: str) -> str | None:
+    """Return the template of an id; the English one if the language lacks it, None if that is missing too."""
+    found = _translations(language).gettext(id)
+    if found != id:
+        return found
+    if language is Language.ENGLISH:
+        return None
+    return _template(Language.ENGLISH, id)
+
+
+@lru_cache(4096)
+def _parsed(template: str) -> tuple[tuple[str, str | None, str], ...]:
+    """Return literal, name and type of each place, in order."""
+    return tuple((literal, name, spec or "") for literal, name, spec, _ in Formatter().parse(template))

@@ -1,0 +1,59 @@
+"""Sentences about findings, in the reader's language."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from bcapscope.analysis.finding import Consequence, Finding, Repetition, TrafficTotals
+from bcapscope.analysis.speech import SpokenMessage, spoken_text
+from bcapscope.messages import Message, MessageFormatter
+from bcapscope.messages.places import Duration, Moment, Times
+
+
+def words_for(words: MessageFormatter, totals: TrafficTotals) -> MessageFormatter:
+    """Return the formatter for sentences about the traffic that `totals` describes."""
+    return words.for_report(totals.began, totals.has_only_client)
+
+
+def finding_sentence(finding: Finding, words: MessageFormatter) -> str:
+    """Return what happened, how often, and what followed. Strings from the wire are not escaped."""
+    return words.sentences(_sentences(finding, words))
+
+
+def _sentences(finding: Finding, words: MessageFormatter) -> Iterator[str]:
+    yield (
+        spoken_text(finding.fact, words)
+        if isinstance(finding.fact, SpokenMessage)
+        else words.text(finding.fact)
+    )
+    if finding.repetition is not None:
+        yield words.text(_repetition_message(finding.repetition))
+    for each in finding.consequences:
+        yield _consequence_sentence(each, words)
+    if finding.explains_rest:
+        yield words("finding.explains-rest")
+    elif finding.followed_by is not None:
+        first, last = finding.followed_by
+        if first == last:
+            yield words("finding.followed-by-one", number=first)
+        else:
+            yield words(
+                "finding.followed-by" if last > first + 1 else "finding.followed-by-two",
+                first=first,
+                last=last,
+            )
+
+
+def _repetition_message(repetition: Repetition) -> Message:
+    times, first = Times(repetition.count), Moment(repetition.first)
+    if repetition.last is None:
+        return Message("finding.repeated.counted", times=times, first=first)
+    return Message("finding.repeated", times=times, first=first, last=Moment(repetition.last))
+
+
+def _consequence_sentence(consequence: Consequence, words: MessageFormatter) -> str:
+    clause, after = consequence.clause, consequence.after
+    text = spoken_text(clause, words, after) if isinstance(clause, SpokenMessage) else words.text(clause)
+    if after <= 0 or isinstance(clause, SpokenMessage):
+        return words("finding.then", clause=text)
+    return words("finding.then-after", clause=text, after=Duration(after))
