@@ -5,6 +5,7 @@ from __future__ import annotations
 from bcapscope.analysis.finding import Finding, Severity
 from bcapscope.analysis.finding_collector import MAX_FINDINGS, MAX_KEPT, FindingCollector
 from bcapscope.analysis.rules.rule_checker import SECOND, DiagnosisRule, Occurrence
+from bcapscope.messages import Message
 from bcapscope.traffic.observation import Conversation, Endpoint, Transport
 from tests.samples.findings import sentence_of
 
