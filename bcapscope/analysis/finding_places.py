@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from bcapscope.messages import Message
 from bcapscope.messages.places import CallPlace, ClientPlace, CodePlace
 from bcapscope.protocol.tables.function_table import function_name
 from bcapscope.protocol.tables.hresult import describe_hresult, hresult_name
@@ -27,7 +26,7 @@ def call_name_place(call: Call) -> CallPlace:
 
 def code_place(code: int) -> CodePlace:
     """Return a result code with its name and meaning."""
-    return CodePlace(code, hresult_name(code), Message.from_table("hresult", describe_hresult(code).text))
+    return CodePlace(code, hresult_name(code), describe_hresult(code).meaning)
 
 
 def _name_of(call: Call) -> str:

@@ -36,12 +36,12 @@ class Message:
         object.__setattr__(self, "english", None)
 
     @classmethod
-    def from_table(cls, id: str, english: str) -> Message:
+    def from_table(cls, id: str, english: str, /, **places: PlaceValue) -> Message:
         """Return a message whose English is in a table, such as the meaning of a result code.
 
         The catalogue holds its translations only.
         """
-        message = cls(id)
+        message = cls(id, **places)
         object.__setattr__(message, "english", english)
         return message
 
@@ -70,4 +70,4 @@ class Message:
 
 
 def _restore(id: str, places: dict[str, PlaceValue], english: str | None) -> Message:
-    return Message(id, **places) if english is None else Message.from_table(id, english)
+    return Message(id, **places) if english is None else Message.from_table(id, english, **places)

@@ -64,11 +64,17 @@ class MessageFormatter:
         return ("" if self.language is Language.JAPANESE else " ").join(filter(None, texts))
 
     def place_text(self, value: PlaceValue, type_name: str) -> str:
-        """Return the text of a place. `type_name` is the type that the template expects."""
+        """Return the text of a place.
+
+        Args:
+            value: Value of the place.
+            type_name: Type that the template expects; with a capital letter, the text begins a sentence.
+        """
         if isinstance(value, Place):
             text = value.text(self)
-            return text[:1].upper() + text[1:] if type_name == "Client" else text
-        return self.text(value) if isinstance(value, Message) else str(value)
+        else:
+            text = self.text(value) if isinstance(value, Message) else str(value)
+        return text[:1].upper() + text[1:] if type_name[:1].isupper() else text
 
     def _filled(self, template: str, message: Message) -> str:
         made = ""

@@ -10,6 +10,7 @@ from enum import Enum
 from itertools import islice
 from typing import NamedTuple
 
+from bcapscope.messages import Message
 from bcapscope.protocol.codec.arguments import Problem
 from bcapscope.protocol.codec.frame import Malformed
 from bcapscope.protocol.dissection.frame_field import HRESULT, FrameField, envelope_fields, frame_fields
@@ -119,8 +120,8 @@ def _rows_of_field(field: FrameField, depth: int, full: bool, tongue: Tongue) ->
     yield from _rows_of_children(field, depth + 1, full, tongue)
     if failed is not None and isinstance(field.value, int):
         found = describe_hresult(field.value)
-        for note in filter(None, (found.advice, "the meaning is a guess" if found.is_guess else None)):
-            yield FieldRow(FieldRowKind.NOTE, depth + 1, field.start, field.start, "", tongue(note))
+        for note in filter(None, (found.advice, Message("hresult.guess") if found.is_guess else None)):
+            yield FieldRow(FieldRowKind.NOTE, depth + 1, field.start, field.start, "", str(note))
 
 
 def _rows_of_children(field: FrameField, depth: int, full: bool, tongue: Tongue) -> Iterator[FieldRow]:

@@ -22,7 +22,7 @@ from bcapscope.messages.places import Place
 PACKAGE = Path(bcapscope.__file__).parent
 LOCALE = PACKAGE / "messages" / "locale"
 SOURCES = sorted(PACKAGE.rglob("*.py"))
-TYPES = {kind.type_name for kind in Place.__subclasses__()} | {"Client", "message", ""}
+TYPES = {kind.type_name for kind in Place.__subclasses__()} | {"message", ""}
 MAKERS = ("Message", "words", "say", "label")
 """What makes a message from a literal id."""
 
@@ -44,7 +44,7 @@ def entries(language: Language) -> dict[str, Entry]:
 
 
 def texts(entry: Entry) -> tuple[str, ...]:
-    return (entry.string,) if isinstance(entry.string, str) else tuple(entry.string)
+    return (entry.string,) if isinstance(entry.string, str) else tuple(entry.string or ())
 
 
 def places(text: str) -> set[tuple[str, str]]:
@@ -63,7 +63,7 @@ def test_both_languages_have_the_same_message(key: str) -> None:
     ours = set().union(*map(places, texts(english)))
     theirs = set().union(*map(places, texts(japanese)))
     assert {(name, kind.lower()) for name, kind in ours} == {(name, kind.lower()) for name, kind in theirs}
-    assert {kind for _, kind in ours | theirs} <= TYPES
+    assert {kind.lower() for _, kind in ours | theirs} <= TYPES
     assert set(_CODES.findall(texts(english)[-1])) <= set(_CODES.findall(texts(japanese)[-1]))
 
 

@@ -43,7 +43,7 @@ def _written_in_place(tree: ast.AST) -> Iterator[ast.expr]:
             if _name(node) == "Binding":
                 tips = [each.value for each in node.keywords if each.arg == "tooltip"]
                 for each in (*node.args[2:3], *tips):
-                    if isinstance(each, ast.Constant) and each.value and not has_message(each.value):
+                    if isinstance(each, ast.Constant) and each.value and not has_message(str(each.value)):
                         yield each
             else:
                 yield from (

@@ -13,6 +13,7 @@ from bcapscope.analysis.rules.rule_checker import (
     RuleChecker,
 )
 from bcapscope.analysis.speech import Speech, called
+from bcapscope.messages import Message
 from bcapscope.protocol.guard import always_passes
 from bcapscope.protocol.tables.call_effect import CallEffect, function_effect
 from bcapscope.protocol.tables.command_catalogue import find_command
@@ -183,7 +184,7 @@ def _explain_other(call: Call, client: ClientState, clients: ClientRegistry) -> 
     return RefusalReason(
         explaining_calls=because,
         group_key=f"{code:08X}",
-        advice=f"{known.advice[:1].upper()}{known.advice[1:]}." if known.advice else "",
+        advice=None if known.advice is None else Message("advice.result", advice=known.advice),
     )
 
 

@@ -14,6 +14,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
+from bcapscope.messages import Message
 from bcapscope.protocol.tables.hresult_table import (
     AXIS_FAMILIES,
     CODE_RANGES,
@@ -50,27 +51,14 @@ E_SLAVE_UNDERFLOW = 0x84201482
 E_SLAVE_OVERFLOW = 0x83201483
 E_ARM_NOT_TAKEN = 0x83501024
 
-LEVELS: tuple[str, ...] = (
-    "notice",
-    "operation refused",
-    "stopped, may go on",
-    "program stopped",
-    "all axes stopped, motor off",
-    "fatal",
-)
-"""Error levels by number. The names of 2 and 3 are inferred from the texts of the list, which does not print
-them."""
+LEVELS = range(6)
+"""Error levels; the catalogue names them. The names of 2 and 3 are inferred from the texts of the list, which
+does not print them."""
 
 _ENDS_SLAVE_MODE = 3
 
-SUBSYSTEMS: dict[int, str] = {
-    2: "motion and path",
-    4: "servo and safety",
-    5: "system",
-    6: "user programs",
-    8: "pendant and project",
-}
-"""Part of the controller by the third hex digit."""
+SUBSYSTEMS = frozenset((2, 4, 5, 6, 8))
+"""Third hex digits that name a part of the controller: motion, servo, system, user programs, pendant."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,26 +68,36 @@ class HresultInfo:
     Attributes:
         code: The code, unsigned, 32 bits.
         name: The vendor's symbol, or None.
-        text: Meaning, one clause.
+        meaning: What the code means, one clause.
         advice: What to do, one clause, or None.
         level: Error level 0..5; None if the code has none.
-        subsystem: Name of the part of the controller, or None.
+        subsystem: Part of the controller, or None.
         axis: Axis 1..8 if the code names one, else None.
         rc7: The four-digit code of RC7 with the same meaning, or None.
-        is_listed: Whether the code is in the tables; False if `text` is only derived from digits or a range.
-        is_guess: Whether `text` rests on an assumption that no paper confirms.
+        is_listed: Whether the code is in the tables; False if its digits or its range gave the meaning.
+        is_guess: Whether `meaning` rests on an assumption that no paper confirms.
     """
 
     code: int
     name: str | None
-    text: str
-    advice: str | None = None
+    meaning: Message
+    advice: Message | None = None
     level: int | None = None
-    subsystem: str | None = None
+    subsystem: Message | None = None
     axis: int | None = None
     rc7: str | None = None
     is_listed: bool = False
     is_guess: bool = False
+
+    @property
+    def text(self) -> str:
+        """Meaning in English."""
+        return _english(self.meaning)
+
+
+@lru_cache(maxsize=4096)
+def _english(meaning: Message) -> str:
+    return str(meaning)
 
 
 def is_failure(code: int) -> bool:
@@ -157,9 +155,7 @@ def describe_hresult(code: int, *, rc7: bool = False) -> HresultInfo:
         return _info_as_rc7(code)
     if code & 0x80000000 and _has_level_digits(code):
         return _info_from_digits(code)
-    return HresultInfo(
-        code, None, "failure that is not known" if is_failure(code) else "success that is not known"
-    )
+    return HresultInfo(code, None, Message("hresult.failure" if is_failure(code) else "hresult.success"))
 
 
 def _has_level_digits(code: int) -> bool:
@@ -167,11 +163,17 @@ def _has_level_digits(code: int) -> bool:
     return code >> 28 == 8 and level < len(LEVELS) and (level, part) != (0, 0) and code >> 16 != 0x8091
 
 
-def _level_and_subsystem(code: int) -> tuple[int | None, str | None]:
+def level_name(level: int) -> Message:
+    """Return the name of an error level."""
+    return Message(f"hresult.level.{level}")
+
+
+def _level_and_subsystem(code: int) -> tuple[int | None, Message | None]:
     """Return level and subsystem; None if the digits do not show them."""
     if not _has_level_digits(code):
         return None, None
-    return code >> 24 & 0xF, SUBSYSTEMS.get(code >> 20 & 0xF)
+    part = code >> 20 & 0xF
+    return code >> 24 & 0xF, Message(f"hresult.part.{part}") if part in SUBSYSTEMS else None
 
 
 def _axis_digit(code: int) -> int | None:
@@ -183,17 +185,26 @@ def _axis_digit(code: int) -> int | None:
 def _info_from_digits(code: int) -> HresultInfo:
     level, subsystem = _level_and_subsystem(code)
     axis = _axis_digit(code)
-    parts = [f"controller error of level {level} ({LEVELS[level or 0]})"]
-    parts += [subsystem] if subsystem else []
-    parts += [f"axis J{axis}"] if axis else []
-    text = ", ".join(parts) + "; not in our table, read off the digits"
-    return HresultInfo(code, None, text, level=level, subsystem=subsystem, axis=axis, is_guess=True)
+    assert level is not None  # the caller has looked at the digits
+    known = Message("hresult.by-digits", level=level, name=level_name(level))
+    if subsystem is not None:
+        known = Message("hresult.by-digits.part", meaning=known, part=subsystem)
+    if axis is not None:
+        known = Message("hresult.by-digits.axis", meaning=known, axis=axis)
+    meaning = Message("hresult.not-listed", meaning=known)
+    return HresultInfo(code, None, meaning, level=level, subsystem=subsystem, axis=axis, is_guess=True)
 
 
 def _info_from_range(code: int, span: CodeRange) -> HresultInfo:
     level, subsystem = _level_and_subsystem(code)
-    text = span.text.format(number=code & 0xFFFF)
-    return HresultInfo(code, None, text, span.advice, level=level, subsystem=subsystem)
+    number = code & 0xFFFF
+    key = f"hresult.range.{span.first:08X}"
+    meaning = Message.from_table(key, span.text.format(number=number), number=number)
+    return HresultInfo(code, None, meaning, _advice(key, span.advice), level=level, subsystem=subsystem)
+
+
+def _advice(key: str, english: str | None) -> Message | None:
+    return None if english is None else Message.from_table(f"{key}.advice", english)
 
 
 def _has_rc7_form(code: int) -> bool:
@@ -205,24 +216,31 @@ def _info_as_rc7(code: int) -> HresultInfo:
     found = _RC7.get(low)
     if found is not None:
         return replace(found, code=code, is_guess=True)
-    return HresultInfo(
-        code, None, f"perhaps RC7's {low:04X}, which is not in our table", rc7=f"{low:04X}", is_guess=True
-    )
+    digits = f"{low:04X}"
+    return HresultInfo(code, None, Message("hresult.rc7", digits=digits), rc7=digits, is_guess=True)
 
 
 def _info_from_entry(entry: HresultEntry) -> HresultInfo:
     level, subsystem = _level_and_subsystem(entry.code)
+    key = f"hresult.{entry.code:08X}"
+    meaning, advice = Message.from_table(key, entry.text), _advice(key, entry.advice)
     return HresultInfo(
-        entry.code, entry.name, entry.text, entry.advice, level, subsystem, rc7=entry.rc7, is_listed=True
+        entry.code, entry.name, meaning, advice, level, subsystem, rc7=entry.rc7, is_listed=True
     )
 
 
 def _build_table() -> dict[int, HresultInfo]:
     table = {entry.code: _info_from_entry(entry) for entry in (*NAMED_CODES, *SLAVE_MODE_CODES, *STATE_CODES)}
     for family in AXIS_FAMILIES:
+        key = f"hresult.axis.{family.base:08X}"
+        common, advice = Message.from_table(key, family.text), _advice(key, family.advice)
         for axis in range(1, 9):
-            entry = HresultEntry(family.base + axis, None, f"J{axis}: {family.text}", family.advice)
-            table[entry.code] = replace(_info_from_entry(entry), axis=axis)
+            code = family.base + axis
+            level, subsystem = _level_and_subsystem(code)
+            meaning = Message("hresult.axis", axis=axis, meaning=common)
+            table[code] = HresultInfo(
+                code, None, meaning, advice, level, subsystem, axis=axis, is_listed=True
+            )
     return table
 
 

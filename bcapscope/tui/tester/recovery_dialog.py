@@ -28,7 +28,7 @@ from bcapscope.tui.controller_access.history_record import (
 from bcapscope.tui.ink import INK
 from bcapscope.tui.tester.caption import Caption
 from bcapscope.tui.widgets.inked_text import InkedText
-from bcapscope.tui.words import say, told
+from bcapscope.tui.words import reader_words, say, told
 
 _STEP_MARKS = {None: "○", True: "●", False: "✗"}
 
@@ -89,7 +89,7 @@ class RecoveryDialog(ModalScreen[None]):
         lines = [say("tester.recovery.none")] if not errors else []
         for code, text in errors:
             lines.append(f"{INK.bad}{hresult_name(code)}{INK.reset} {printable(told(text))}")
-            lines += [f"  {line}" for line in list(result_advice(code, INK, told))[1:]]
+            lines += [f"  {line}" for line in list(result_advice(code, INK, reader_words()))[1:]]
         self._results[RecoveryStep.READ] = (True, "")
         self.query_one("#errors", InkedText).show_text("\n".join(lines))
 

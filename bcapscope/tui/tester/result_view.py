@@ -16,7 +16,7 @@ from bcapscope.render.result_values import reply_values_text
 from bcapscope.tui.controller_access.history_record import HistoryRecord, RecordOutcome, failure_text
 from bcapscope.tui.ink import INK
 from bcapscope.tui.widgets.inked_text import InkedText
-from bcapscope.tui.words import say, told
+from bcapscope.tui.words import reader_words, say, told
 
 
 class ResultView(InkedText, can_focus=True):
@@ -105,7 +105,7 @@ def _record_text(record: HistoryRecord, full: bool) -> str:
         words = f"  {INK.name}{meaning}{INK.reset}" if meaning else ""
         return f"{INK.number}{reply_values_text(record.reply, full)}{INK.reset}{words}{name}{took}"
     if record.outcome is RecordOutcome.REFUSED and record.reply is not None:
-        first, *rest = result_advice(record.reply.code, INK, told)
+        first, *rest = result_advice(record.reply.code, INK, reader_words())
         if _may_lack_robslave(record):
             rest.append(say("tester.robslave.needed"))
         return "\n".join([first + took, *rest])

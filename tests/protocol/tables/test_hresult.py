@@ -174,7 +174,8 @@ def test_digits_of_an_unknown_controller_code(
     code: int, level: int, subsystem: str | None, axis: int | None
 ) -> None:
     result = describe_hresult(code)
-    assert (result.level, result.subsystem, result.axis) == (level, subsystem, axis)
+    part = None if result.subsystem is None else str(result.subsystem)
+    assert (result.level, part, result.axis) == (level, subsystem, axis)
     assert (result.is_listed, result.is_guess, result.name) == (False, True, None)
     assert "read off the digits" in result.text
     assert f"level {level}" in result.text

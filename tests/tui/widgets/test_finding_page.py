@@ -19,7 +19,7 @@ from tests.tui.widgets.stage import on_stage, scope
 
 def test_nothing_of_a_finding_is_cut_off() -> None:
     found = [stage(scene.fires) for scene in SCENES[::8]]
-    causes = tuple(shown_finding(each) for story in found for each in story.findings)
+    causes = tuple(shown_finding(each, story.seen) for story in found for each in story.findings)
 
     async def act(pilot: Pilot[None]) -> None:
         page = pilot.app.screen.query_one(FindingPage)

@@ -7,16 +7,12 @@ from pathlib import Path
 
 import pytest
 
-from bcapscope.analysis.finding import Severity, TrafficTotals
-from bcapscope.analysis.rules import RULES
-from bcapscope.analysis.rules.rule_checker import DiagnosisRule
 from bcapscope.capture.capture_file import open_capture
 from bcapscope.errors import CaptureError
-from bcapscope.render.diagnosis_summary import diagnosis_summary
 from bcapscope.traffic.call import FrameRole
 from bcapscope.traffic.filter.compiler import FilterError, compile_filter
 from bcapscope.traffic.filter.field_table import RecordKind
-from bcapscope.tui.words import titled, told
+from bcapscope.tui.words import told
 from tests.cli.run import CAPTURES
 
 pytestmark = pytest.mark.usefixtures("speaking_japanese")
@@ -24,24 +20,6 @@ pytestmark = pytest.mark.usefixtures("speaking_japanese")
 JAPANESE = re.compile("[ぁ-んァ-ヶ一-龥]")
 _CODES = re.compile(r"\b(?:[0-9A-F]{8}|842040xx|0x[0-9A-Fn]+|\d+ ms|[A-Z][a-z]+[A-Z]\w+|slv\w+)\b")
 """What a translation neither loses nor changes: result codes, modes, times, and names of the vendor."""
-
-
-@pytest.mark.parametrize("rule", RULES, ids=lambda rule: rule.id)
-def test_every_rule_has_a_title_and_an_advice(rule: DiagnosisRule) -> None:
-    title, advice = titled(rule.id), told(rule.advice)
-    assert JAPANESE.search(title)
-    assert JAPANESE.search(advice)
-    assert set(_CODES.findall(rule.advice)) == set(_CODES.findall(advice))
-    assert set(re.findall(r"\b[0-9A-F]{8}\b", rule.description)) == set(re.findall(r"[0-9A-F]{8}", title))
-
-
-def test_the_sum_of_all() -> None:
-    seen = TrafficTotals(518, 257, 1, 5_200_000_000)
-    assert diagnosis_summary([Severity.ERROR, Severity.NOTE], seen, tongue=told) == (
-        "エラー 1 件, 情報 1 件、対象: フレーム 518, 呼び出し 257, クライアント 1, 5.2 s"
-    )
-    assert diagnosis_summary([], seen, tongue=told).startswith("問題は見つかりませんでした、対象: ")
-    assert JAPANESE.search(diagnosis_summary([], TrafficTotals(0, 0, 0, 0), tongue=told))
 
 
 @pytest.mark.parametrize("role", FrameRole)
