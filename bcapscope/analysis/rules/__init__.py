@@ -5,6 +5,7 @@ from __future__ import annotations
 from bcapscope.analysis.rules.connection_rules import ConnectionChecker
 from bcapscope.analysis.rules.error_rules import ErrorChecker
 from bcapscope.analysis.rules.limit_rules import LimitChecker
+from bcapscope.analysis.rules.motion_rules import MotionChecker
 from bcapscope.analysis.rules.object_rules import ObjectChecker
 from bcapscope.analysis.rules.pacing_rules import PacingChecker
 from bcapscope.analysis.rules.polling_rules import PollingChecker
@@ -29,7 +30,15 @@ CHECKERS: tuple[type[RuleChecker], ...] = (
         PreparationChecker,
         RequestChecker,
     ),
-    *(PacingChecker, LimitChecker, RefusalChecker, SlaveModeChecker, ErrorChecker, PollingChecker),
+    *(
+        PacingChecker,
+        LimitChecker,
+        RefusalChecker,
+        SlaveModeChecker,
+        ErrorChecker,
+        PollingChecker,
+        MotionChecker,
+    ),
 )
 """All checkers, in the order in which they see a call."""
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from tests.analysis.plays import (
     errors,
     limits,
+    motion,
     objects,
     pacing,
     polling,
@@ -19,7 +20,8 @@ from tests.analysis.plays import (
 from tests.analysis.plays.scene import Scene
 
 SCENES: tuple[Scene, ...] = (
-    *(*errors.SCENES, *limits.SCENES, *objects.SCENES, *pacing.SCENES, *polling.SCENES, *preparation.SCENES),
-    *(*replies.SCENES, *requests.SCENES, *retries.SCENES, *session.SCENES, *slavemode.SCENES, *wire.SCENES),
+    *(*errors.SCENES, *limits.SCENES, *motion.SCENES, *objects.SCENES, *pacing.SCENES, *polling.SCENES),
+    *(*preparation.SCENES, *replies.SCENES, *requests.SCENES, *retries.SCENES, *session.SCENES),
+    *(*slavemode.SCENES, *wire.SCENES),
 )
 """At least one for each rule."""
