@@ -10,12 +10,25 @@ from itertools import groupby
 from operator import attrgetter
 from typing import TYPE_CHECKING, NamedTuple
 
+from bcapscope.messages import Message
+
 if TYPE_CHECKING:
     from pathlib import Path  # `bcapscope --help` loads this module; pathlib takes a tenth of its run time
 
 
 class BcapError(Exception):
-    """Base class of every exception that bcapscope raises on purpose."""
+    """Base class of every exception that bcapscope raises on purpose.
+
+    Attributes:
+        message: What failed. ``str()`` gives it in English.
+    """
+
+    def __init__(self, message: Message | str) -> None:
+        super().__init__(message)
+        self.message = message if isinstance(message, Message) else Message.from_table("text", message)
+
+    def __str__(self) -> str:
+        return str(self.message)
 
 
 class LocalProtocolError(BcapError):
@@ -33,7 +46,7 @@ class RemoteProtocolError(BcapError):
         raw: The frame or bytes that the peer sent.
     """
 
-    def __init__(self, message: str, raw: bytes) -> None:
+    def __init__(self, message: Message | str, raw: bytes) -> None:
         super().__init__(message)
         self.raw = raw
 
@@ -138,7 +151,7 @@ class CaptureError(BcapError):
         that an offset could refer to.
     """
 
-    def __init__(self, message: str, offset: int | None = None) -> None:
+    def __init__(self, message: Message | str, offset: int | None = None) -> None:
         super().__init__(message)
         self.offset = offset
 

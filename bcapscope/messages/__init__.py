@@ -4,7 +4,6 @@ Every room may make a `Message`. The words are in ``locale/*/LC_MESSAGES/bcapsco
 """
 
 from bcapscope.messages.language import Language, language_of
-from bcapscope.messages.message import Message
-from bcapscope.messages.message_formatter import ENGLISH_WORDS, MessageFormatter
+from bcapscope.messages.message import ENGLISH_WORDS, Message, MessageFormatter
 
 __all__ = ["ENGLISH_WORDS", "Language", "Message", "MessageFormatter", "language_of"]

@@ -1,12 +1,39 @@
-"""A sentence as data."""
+"""Sentences as data, and their words in the reader's language."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import os
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Mapping
+from functools import cache, lru_cache
+from string import Formatter
 from types import MappingProxyType
-from typing import TypeAlias, Union
+from typing import TYPE_CHECKING, ClassVar, TypeAlias, Union
 
-from bcapscope.messages.places import Place
+from bcapscope.messages.language import Language
+
+if TYPE_CHECKING:
+    from gettext import GNUTranslations
+
+DOMAIN = "bcapscope"
+
+Json: TypeAlias = "str | int | float | list[Json] | dict[str, Json] | None"
+
+
+class Place(ABC):
+    """A typed value. In templates, its type follows the name of the place: ``{latency:duration}``."""
+
+    __slots__ = ()
+    type_name: ClassVar[str]
+
+    @abstractmethod
+    def text(self, words: MessageFormatter) -> str:
+        """Return the value as text; strings from the wire are not escaped."""
+
+    @abstractmethod
+    def to_json(self) -> Json:
+        """Return the value for programs."""
+
 
 PlaceValue: TypeAlias = Union["Message", Place, str, int, float]
 """Value of a place: a typed one, another message, or plain text or a plain number."""
@@ -64,10 +91,131 @@ class Message:
         return f"Message({self.id!r}{places})"
 
     def __str__(self) -> str:
-        from bcapscope.messages.message_formatter import ENGLISH_WORDS  # noqa: PLC0415 - it formats messages
-
         return ENGLISH_WORDS.text(self)
 
 
 def _restore(id: str, places: dict[str, PlaceValue], english: str | None) -> Message:
     return Message(id, **places) if english is None else Message.from_table(id, english, **places)
+
+
+class MessageFormatter:
+    """Puts messages into one language, for one report.
+
+    Attributes:
+        language: Language of the reader.
+        start: Time when the traffic began, ns since 1970. Times in sentences count from there.
+        only_client: Whether the traffic has a single client, which then needs no address.
+    """
+
+    def __init__(
+        self, language: Language = Language.ENGLISH, start: int = 0, only_client: bool = True
+    ) -> None:
+        self.language = language
+        self.start = start
+        self.only_client = only_client
+
+    def __call__(self, id: str, /, **places: PlaceValue) -> str:
+        """Return the text of a message that is made for this purpose only."""
+        return self.text(Message(id, **places))
+
+    def for_report(self, start: int, only_client: bool) -> MessageFormatter:
+        """Return a formatter in the same language for other traffic."""
+        return MessageFormatter(self.language, start, only_client)
+
+    def text(self, message: Message) -> str:
+        """Return a message as text. An unknown id gives the id and the places; it never raises."""
+        say = getattr(message, "say", None)
+        if say is not None:  # a rule that still speaks English
+            from bcapscope.analysis.speech import Speech  # noqa: PLC0415
+
+            return str(say(Speech(self.start, self.only_client)))
+        template = _template(self.language, message.id)
+        if template is None:
+            return self._without_template(message)
+        return self._filled(template, message)
+
+    def plural(self, id: str, number: int) -> str:
+        """Return the text for a number of things; its template has the place ``{n}``."""
+        translations = _translations(self.language)
+        template = translations.ngettext(id, f"{id}.plural", number)
+        if template.startswith(id):
+            template = _translations(Language.ENGLISH).ngettext(id, f"{id}.plural", number)
+        return template.replace("{n}", str(number))
+
+    def sentences(self, texts: Iterable[str]) -> str:
+        """Return sentences one after the other; Japanese has no space between them."""
+        return ("" if self.language is Language.JAPANESE else " ").join(filter(None, texts))
+
+    def place_text(self, value: PlaceValue, type_name: str) -> str:
+        """Return the text of a place.
+
+        Args:
+            value: Value of the place.
+            type_name: Type that the template expects; with a capital letter, the text begins a sentence.
+        """
+        if isinstance(value, Place):
+            text = value.text(self)
+        else:
+            text = self.text(value) if isinstance(value, Message) else str(value)
+        return text[:1].upper() + text[1:] if type_name[:1].isupper() else text
+
+    def _filled(self, template: str, message: Message) -> str:
+        made = ""
+        for literal, name, type_name in _parsed(template):
+            made += literal
+            if name is not None:
+                value = message.places.get(name)
+                made += f"{{{name}}}" if value is None else self.place_text(value, type_name)
+        return made
+
+    def _without_template(self, message: Message) -> str:
+        if message.english is not None:
+            return message.english
+        places = ", ".join(f"{name}={self.place_text(value, '')}" for name, value in message.places.items())
+        return f"{message.id} ({places})" if places else message.id
+
+
+ENGLISH_WORDS = MessageFormatter()
+"""English, for messages without a report around them."""
+
+
+def message_params(message: Message) -> dict[str, Json]:
+    """Return the values of a message's places for programs."""
+    return {name: _json(value) for name, value in message.places.items()}
+
+
+def _json(value: PlaceValue) -> Json:
+    if isinstance(value, Message):
+        return {"type": "message", "id": value.id, "params": message_params(value), "text": str(value)}
+    return value.to_json() if isinstance(value, Place) else value
+
+
+@cache
+def _translations(language: Language) -> GNUTranslations:
+    import gettext  # noqa: PLC0415 - `bcapscope --help` loads this module and shows no message
+
+    path = os.path.join(os.path.dirname(__file__), "locale", language, "LC_MESSAGES", f"{DOMAIN}.mo")
+    with open(path, "rb") as compiled:
+        return gettext.GNUTranslations(compiled)
+
+
+def has_message(id: str) -> bool:
+    """Return whether the catalogue has an id."""
+    return _template(Language.ENGLISH, id) is not None
+
+
+@lru_cache(4096)
+def _template(language: Language, id: str) -> str | None:
+    """Return the template of an id; the English one if the language lacks it, None if that is missing too."""
+    found = _translations(language).gettext(id)
+    if found != id:
+        return found
+    if language is Language.ENGLISH:
+        return None
+    return _template(Language.ENGLISH, id)
+
+
+@lru_cache(4096)
+def _parsed(template: str) -> tuple[tuple[str, str | None, str], ...]:
+    """Return literal, name and type of each place, in order."""
+    return tuple((literal, name, spec or "") for literal, name, spec, _ in Formatter().parse(template))

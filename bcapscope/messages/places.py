@@ -2,15 +2,10 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar, TypeAlias
+from typing import ClassVar
 
-if TYPE_CHECKING:
-    from bcapscope.messages.message import Message
-    from bcapscope.messages.message_formatter import MessageFormatter
-
-Json: TypeAlias = "str | int | float | list[Json] | dict[str, Json] | None"
+from bcapscope.messages.message import Json, Message, MessageFormatter, Place
 
 LONGEST_TEXT = 60
 """Characters of a string from the wire that a sentence shows."""
@@ -31,21 +26,6 @@ def duration_text(nanoseconds: int) -> str:
 def amount_text(value: float) -> str:
     """Format a measured number with three significant digits, or with all digits before the decimal point."""
     return f"{value:.0f}" if 999.5 <= abs(value) < 1e9 else f"{value:.3g}"
-
-
-class Place(ABC):
-    """A typed value. In templates, its type follows the name of the place: ``{latency:duration}``."""
-
-    __slots__ = ()
-    type_name: ClassVar[str]
-
-    @abstractmethod
-    def text(self, words: MessageFormatter) -> str:
-        """Return the value as text; strings from the wire are not escaped."""
-
-    @abstractmethod
-    def to_json(self) -> Json:
-        """Return the value for programs."""
 
 
 @dataclass(frozen=True, slots=True)

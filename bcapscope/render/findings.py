@@ -10,7 +10,7 @@ from bcapscope.analysis.finding import Finding, Severity, TrafficTotals
 from bcapscope.analysis.rules import RULES
 from bcapscope.analysis.rules.rule_checker import DiagnosisRule
 from bcapscope.messages import ENGLISH_WORDS, MessageFormatter
-from bcapscope.messages.message_formatter import message_params
+from bcapscope.messages.message import message_params
 from bcapscope.render.color_palette import PLAIN, Palette
 from bcapscope.render.columns import wrap_text
 from bcapscope.render.diagnosis_summary import diagnosis_summary

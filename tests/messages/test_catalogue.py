@@ -17,7 +17,7 @@ from babel.messages.pofile import read_po
 
 import bcapscope
 from bcapscope.messages import Language
-from bcapscope.messages.places import Place
+from bcapscope.messages.message import Place
 
 PACKAGE = Path(bcapscope.__file__).parent
 LOCALE = PACKAGE / "messages" / "locale"

@@ -7,7 +7,7 @@ import pickle
 import pytest
 
 from bcapscope.messages import ENGLISH_WORDS, Language, Message, MessageFormatter, language_of
-from bcapscope.messages.message_formatter import has_message, message_params
+from bcapscope.messages.message import has_message, message_params
 from bcapscope.messages.places import Count, Duration, Times
 
 JAPANESE_WORDS = MessageFormatter(Language.JAPANESE)

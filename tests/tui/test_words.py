@@ -11,7 +11,7 @@ import pytest
 
 import bcapscope.tui
 from bcapscope.messages import Language
-from bcapscope.messages.message_formatter import has_message
+from bcapscope.messages.message import has_message
 from bcapscope.tui.words import say, speak
 
 (_ROOT,) = map(Path, bcapscope.tui.__path__)

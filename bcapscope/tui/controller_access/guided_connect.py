@@ -116,10 +116,10 @@ async def _run_step(
         text = await action()
     except CallTimeout as error:
         session.report(ConnectStepUpdate(step, False, session.last_failure_text()))
-        raise ConnectStepError from error
+        raise ConnectStepError("the step failed") from error
     except (BcapError, OSError) as error:
         session.report(ConnectStepUpdate(step, False, error_text(error)))
-        raise ConnectStepError from error
+        raise ConnectStepError("the step failed") from error
     session.report(ConnectStepUpdate(step, True, text))
 
 

@@ -13,7 +13,7 @@ from textual.dom import DOMNode
 from textual.widget import Widget
 
 from bcapscope.messages import Language
-from bcapscope.messages.message_formatter import has_message
+from bcapscope.messages.message import has_message
 from bcapscope.tui.app import BcapApp
 from bcapscope.tui.themes import THEMES
 from bcapscope.tui.words import say

@@ -10,7 +10,7 @@ from textual.events import Click
 from textual.screen import Screen
 from textual.widget import Widget
 
-from bcapscope.messages.message_formatter import has_message
+from bcapscope.messages.message import has_message
 from bcapscope.tui.words import say
 
 _ALWAYS_SHOWN = ("f12", "f1", "ctrl+p")
