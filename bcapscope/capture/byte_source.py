@@ -7,6 +7,7 @@ from collections.abc import Callable
 from typing import TypeAlias
 
 from bcapscope.errors import CaptureError
+from bcapscope.messages import Message
 
 CHUNK_SIZE = 256 * 1024
 """Bytes requested per read. A pipe returns the bytes that it has, so a large value causes no delay."""
@@ -79,7 +80,7 @@ class GzipReader:
                 return b""
             packed = self._tail or self._read(CHUNK_SIZE)
             if not packed:
-                raise CaptureError("the compressed file ends in the middle", self._bytes_returned)
+                raise CaptureError(Message("capture.gzip.cut"), self._bytes_returned)
             data = self._unpack(packed, size)
             if data:
                 self._bytes_returned += len(data)
@@ -121,6 +122,6 @@ class GzipReader:
                 position += 1
         except zlib.error:
             if not data:
-                raise CaptureError("the compressed file is damaged", self._bytes_returned) from error
+                raise CaptureError(Message("capture.gzip.damaged"), self._bytes_returned) from error
         self._tail = packed[position:]
         return bytes(data)

@@ -13,17 +13,19 @@ from bcapscope.capture.packet import Packet
 from bcapscope.capture.pcap import MAGICS, read_pcap
 from bcapscope.capture.pcapng import MAGIC, read_pcapng
 from bcapscope.errors import CaptureError
+from bcapscope.messages import Message
+from bcapscope.messages.os_errors import os_reason
 
 _FormatReader: TypeAlias = Callable[[ByteSource], Iterator[Packet]]
 
 _OTHER_FORMATS = {
-    b"\xa1\xb2\xcd\x34": "Kuznetzov's variant of pcap",
-    b"\x34\xcd\xb2\xa1": "Kuznetzov's variant of pcap",
-    b"snoo": "a capture of Solaris snoop",
-    b"\x28\xb5\x2f\xfd": "compressed by zstd",
-    b"\xfd7zX": "compressed by xz",
-    b"BZh9": "compressed by bzip2",
-    b"\x04\x22\x4d\x18": "compressed by lz4",
+    b"\xa1\xb2\xcd\x34": "kuznetzov",
+    b"\x34\xcd\xb2\xa1": "kuznetzov",
+    b"snoo": "snoop",
+    b"\x28\xb5\x2f\xfd": "zstd",
+    b"\xfd7zX": "xz",
+    b"BZh9": "bzip2",
+    b"\x04\x22\x4d\x18": "lz4",
 }
 
 
@@ -69,7 +71,9 @@ class CaptureFile:
         try:
             data = self._read(size)
         except OSError as error:
-            raise CaptureError(f"reading failed: {error.strerror}", self.position) from error
+            raise CaptureError(
+                Message("capture.cannot-read", reason=os_reason(error)), self.position
+            ) from error
         self.position += len(data)
         return data
 
@@ -83,7 +87,7 @@ def open_capture(path: str | os.PathLike[str]) -> CaptureFile:
     try:
         return CaptureFile(Path(path).open("rb", buffering=0))
     except OSError as error:
-        raise CaptureError(f"cannot be opened: {error.strerror}") from error
+        raise CaptureError(Message("capture.cannot-open", reason=os_reason(error))) from error
 
 
 def _reader_for(head: bytes) -> _FormatReader:
@@ -93,10 +97,10 @@ def _reader_for(head: bytes) -> _FormatReader:
     if magic == MAGIC:
         return read_pcapng
     if not head:
-        raise CaptureError("the file is empty", 0)
+        raise CaptureError(Message("capture.empty"), 0)
     if magic in _OTHER_FORMATS:
-        raise CaptureError(f"{_OTHER_FORMATS[magic]}, which is not read here: pcap and pcapng are", 0)
-    raise CaptureError(f"this is no capture: it begins with {magic.hex(' ')}, neither pcap nor pcapng", 0)
+        raise CaptureError(Message(f"capture.other-format.{_OTHER_FORMATS[magic]}"), 0)
+    raise CaptureError(Message("capture.no-capture", bytes=magic.hex(" ")), 0)
 
 
 def _file_size(stream: BinaryIO) -> int | None:

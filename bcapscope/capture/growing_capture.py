@@ -10,6 +10,8 @@ from typing import BinaryIO, cast
 
 from bcapscope.capture.capture_file import CaptureFile
 from bcapscope.errors import CaptureError
+from bcapscope.messages import Message
+from bcapscope.messages.os_errors import os_reason
 
 POLL_INTERVAL = 0.02
 """Seconds between two checks for new data, too short to notice. No function that all systems offer reports
@@ -54,5 +56,5 @@ def follow_capture(path: Path, ended: Event, on_idle: Callable[[], None]) -> Cap
     try:
         file = io.FileIO(path)
     except OSError as error:
-        raise CaptureError(f"cannot be opened: {error.strerror}") from error
+        raise CaptureError(Message("capture.cannot-open", reason=os_reason(error))) from error
     return CaptureFile(cast(BinaryIO, _GrowingFile(file, ended, on_idle)))

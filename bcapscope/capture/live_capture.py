@@ -20,6 +20,8 @@ from bcapscope.capture.link_layer import LINUX_COOKED
 from bcapscope.capture.packet import Interface, Packet
 from bcapscope.capture.sniffer import READ_TIMEOUT, RECORD_HEADER, SnifferRecordKind
 from bcapscope.errors import CaptureError
+from bcapscope.messages import Message
+from bcapscope.messages.os_errors import os_reason
 from bcapscope.transport.receive_timestamps import ANCILLARY_SIZE, enable_receive_timestamps, kernel_timestamp
 
 ANY_INTERFACE = "any"
@@ -68,20 +70,20 @@ def open_live_capture(name: str) -> LiveCapture:
     """
     known = [known for _, known in socket.if_nameindex()]
     if name not in known and (name != ANY_INTERFACE or sys.platform != "linux"):
-        raise CaptureError(f"there is no interface {name}; there are: {', '.join(known)}")
+        raise CaptureError(Message("capture.no-interface", name=name, known=", ".join(known)))
     try:
         return _PacketSocket(name) if hasattr(socket, "AF_PACKET") else _SnifferProcess(name)
     except PermissionError as error:
         raise CaptureError(_permission_help(name)) from error
     except OSError as error:
-        raise CaptureError(f"cannot capture on {name}: {error.strerror}") from error
+        raise CaptureError(Message("capture.cannot-capture", name=name, reason=os_reason(error))) from error
 
 
-def _permission_help(name: str) -> str:
+def _permission_help(name: str) -> Message:
     if sys.platform != "linux":
-        return f"capturing on {name} needs administrator rights"
+        return Message("capture.needs-administrator", name=name)
     python = os.path.realpath(sys.executable)
-    return f"capturing on {name} needs rights: run as root, or once: sudo setcap cap_net_raw=ep {python}"
+    return Message("capture.needs-rights", name=name, python=python)
 
 
 class _PacketSocket:
@@ -129,7 +131,9 @@ class _PacketSocket:
             except TimeoutError:
                 continue
             except OSError as error:
-                raise CaptureError(f"capturing on {self._name} ended: {error.strerror}") from error
+                raise CaptureError(
+                    Message("capture.ended", name=self._name, reason=os_reason(error))
+                ) from error
             name, protocol, kind, hardware, mac = address
             if kind == socket.PACKET_OUTGOING and name == "lo":
                 continue  # the loopback interface delivers the same packet again as incoming
@@ -168,7 +172,8 @@ class _SnifferProcess:
         if kind == SnifferRecordKind.FORBIDDEN:
             raise PermissionError(errno.EPERM, os.strerror(errno.EPERM))
         if kind != SnifferRecordKind.READY:
-            raise CaptureError(f"cannot capture on {self._name}: {data.decode('utf-8', 'replace')}")
+            reason = data.decode("utf-8", "replace")
+            raise CaptureError(Message("capture.cannot-capture", name=self._name, reason=reason))
         return linktype
 
     def _read_record(self) -> tuple[int, int, bytes]:
@@ -200,4 +205,4 @@ class _SnifferProcess:
                 yield when, data, len(data), self._interface, ()
             elif kind != SnifferRecordKind.ALIVE:
                 reason = data.decode("utf-8", "replace")
-                raise CaptureError(f"capturing on {self._name} ended: {reason}")
+                raise CaptureError(Message("capture.ended", name=self._name, reason=reason))

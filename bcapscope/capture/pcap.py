@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from bcapscope.capture.byte_source import ByteSource
 from bcapscope.capture.packet import Interface, Packet
 from bcapscope.errors import CaptureError
+from bcapscope.messages import Message
 
 MAGICS = {
     b"\xd4\xc3\xb2\xa1": ("<", 1000),
@@ -34,7 +35,7 @@ def read_pcap(source: ByteSource) -> Iterator[Packet]:
             packets before were yielded.
     """
     if not source.ensure_bytes(_HEADER_SIZE):
-        raise CaptureError(f"the capture ends inside its header, after {len(source.data)} bytes", 0)
+        raise CaptureError(Message("capture.cut-header", length=len(source.data)), 0)
     order, scale = MAGICS[source.data[:4]]
     (linktype,) = struct.unpack_from(order + "I", source.data, 20)
     interface = Interface(linktype & _LINKTYPE)
@@ -62,13 +63,12 @@ def read_pcap(source: ByteSource) -> Iterator[Packet]:
 
 
 def _oversized_record(offset: int, number: int, claimed: int) -> CaptureError:
-    reason = f"it claims {claimed} bytes, {RECORD_LIMIT} is the most"
-    return CaptureError(f"the capture is damaged at packet {number} (byte {offset}): {reason}", offset)
+    reason = Message("capture.packet-too-large", length=claimed, limit=RECORD_LIMIT)
+    return CaptureError(
+        Message("capture.damaged.packet", packet=number, offset=offset, reason=reason), offset
+    )
 
 
 def _truncated_record(offset: int, number: int, rest: bytes) -> CaptureError:
     there = len(rest)
-    return CaptureError(
-        f"the capture breaks off inside packet {number} (byte {offset}), of which {there} bytes are there",
-        offset,
-    )
+    return CaptureError(Message("capture.cut-packet", packet=number, offset=offset, length=there), offset)

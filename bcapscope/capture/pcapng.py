@@ -9,6 +9,7 @@ from typing import NamedTuple
 from bcapscope.capture.byte_source import ByteSource
 from bcapscope.capture.packet import Interface, Packet
 from bcapscope.errors import CaptureError
+from bcapscope.messages import Message
 from bcapscope.protocol.text_format import counted
 
 MAGIC = b"\x0a\x0d\x0d\x0a"
@@ -44,7 +45,11 @@ class _InterfaceClock(NamedTuple):
 
 
 class _DamagedBlockError(Exception):
-    """A block is invalid; the message states the reason in one clause."""
+    """A block is invalid."""
+
+    def __init__(self, reason: Message) -> None:
+        super().__init__(reason)
+        self.reason = reason
 
 
 def read_pcapng(source: ByteSource) -> Iterator[Packet]:
@@ -83,9 +88,9 @@ def read_pcapng(source: ByteSource) -> Iterator[Packet]:
             size = section.block_size(data, position)
             packet = section.read_block(data, position, size, time) if size else None
         except _DamagedBlockError as damage:
-            where = f"byte {source.offset + position}, after {count} packets"
+            at = source.offset + position
             raise CaptureError(
-                f"the capture is damaged at {where}: {damage}", source.offset + position
+                Message("capture.damaged.block", offset=at, packets=count, reason=damage.reason), at
             ) from None
         position += size
         if packet is not None:
@@ -98,9 +103,7 @@ def read_pcapng(source: ByteSource) -> Iterator[Packet]:
             position, data = 0, source.data
     if source.data:
         offset = source.offset
-        raise CaptureError(
-            f"the capture breaks off inside the block at byte {offset}, after {count} packets", offset
-        )
+        raise CaptureError(Message("capture.cut-block", offset=offset, packets=count), offset)
 
 
 class _Section:
@@ -124,7 +127,7 @@ class _Section:
         try:
             return struct.unpack_from(self._order + form, data, position)
         except struct.error:
-            raise _DamagedBlockError(f"the block is too small, with {len(data)} bytes") from None
+            raise _DamagedBlockError(Message("capture.block.too-small", length=len(data))) from None
 
     def block_size(self, data: bytes, position: int) -> int:
         """Return the size of the block at `position` in bytes; 0 if `data` does not hold all of it."""
@@ -134,11 +137,11 @@ class _Section:
         if data[position : position + 4] == MAGIC:
             order = _ORDERS.get(data[position + 8 : position + 12])
             if order is None:
-                raise _DamagedBlockError("a section header block without its byte-order magic")
+                raise _DamagedBlockError(Message("capture.block.no-byte-order"))
             self._set_byte_order(order)
         (size,) = self._unpack("I", data, position + 4)
         if size < _BLOCK_OVERHEAD or size % 4 or size > BLOCK_LIMIT:
-            raise _DamagedBlockError(f"a block claims a length of {size} bytes")
+            raise _DamagedBlockError(Message("capture.block.length", length=size))
         return size if size <= there else 0
 
     def read_block(self, data: bytes, position: int, size: int, time: int) -> Packet | None:
@@ -154,7 +157,7 @@ class _Section:
         body = data[position + 8 : position + size - 4]
         (again,) = self._unpack("I", data, position + size - 4)
         if again != size:
-            raise _DamagedBlockError(f"a block is {size} bytes long at its beginning and {again} at its end")
+            raise _DamagedBlockError(Message("capture.block.two-lengths", first=size, second=again))
         if kind == _SECTION:
             self._check_version(body)
         elif kind == _INTERFACE:
@@ -172,12 +175,12 @@ class _Section:
     def _check_version(self, body: bytes) -> None:
         _, major, minor = self._unpack("IHH", body)
         if major != 1:
-            raise _DamagedBlockError(f"a section of pcapng version {major}.{minor}, only 1 is known")
+            raise _DamagedBlockError(Message("capture.block.version", version=f"{major}.{minor}"))
 
     def _add_interface(self, body: bytes) -> None:
         linktype, _, snaplen = self._unpack("HHI", body)
         if len(self.clocks) == INTERFACES_LIMIT:
-            raise _DamagedBlockError(f"more than {INTERFACES_LIMIT} interfaces in one section")
+            raise _DamagedBlockError(Message("capture.block.interfaces", limit=INTERFACES_LIMIT))
         name, factor, divisor, offset = "", 1000, 1, 0
         for code, value in self._options(body, 8):
             if code == _NAME:
@@ -195,15 +198,13 @@ class _Section:
                 return
             start = position + 4
             if start + size > len(body):
-                raise _DamagedBlockError(
-                    f"an option claims {size} bytes, {len(body) - start} are left in its block"
-                )
+                raise _DamagedBlockError(Message("capture.block.option", length=size, left=len(body) - start))
             yield code, body[start : start + size]
             position = start + (size + 3 & ~3)
 
     def _clock_of(self, number: int) -> _InterfaceClock:
         if number >= len(self.clocks):
-            raise _DamagedBlockError(f"a packet of interface {number}, of which there is no description")
+            raise _DamagedBlockError(Message("capture.block.no-interface", number=number))
         return self.clocks[number]
 
     def _make_packet(self, body: bytes, number: int, rest: list[int]) -> Packet:
@@ -211,7 +212,7 @@ class _Section:
         high, low, kept, original = rest
         stop = 20 + kept
         if stop > len(body):
-            raise _DamagedBlockError(f"a packet claims {kept} bytes, its block has room for {len(body) - 20}")
+            raise _DamagedBlockError(Message("capture.block.packet", length=kept, room=len(body) - 20))
         time = (high << 32 | low) * factor // divisor + offset
         return time, body[20:stop], original, interface, self._comments(body, stop + 3 & ~3)
 
@@ -231,7 +232,7 @@ class _Section:
         (original,) = self._unpack("I", body)
         kept = min(original, clock.snaplen or original)
         if kept > len(body) - 4:
-            raise _DamagedBlockError(f"a packet claims {kept} bytes, its block has room for {len(body) - 4}")
+            raise _DamagedBlockError(Message("capture.block.packet", length=kept, room=len(body) - 4))
         return time, body[4 : 4 + kept], original, clock.interface, ()
 
 

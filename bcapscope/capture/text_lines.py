@@ -8,6 +8,7 @@ from collections.abc import Iterator
 
 from bcapscope.capture.byte_source import CHUNK_SIZE, ChunkReader
 from bcapscope.errors import CaptureError
+from bcapscope.messages import Message
 
 LONGEST_LINE = 256 * 1024
 """Longest line in characters. The longest frames of real sessions, 10 KiB, take 60 KiB as `0x01, 0x02, …`."""
@@ -48,5 +49,4 @@ def text_lines(read: ChunkReader) -> Iterator[str]:
 
 def _check_length(line: str, number: int, offset: int) -> None:
     if len(line) > LONGEST_LINE:
-        reason = f"line {number} has more than {LONGEST_LINE} characters, as no text with hex has"
-        raise CaptureError(reason, offset)
+        raise CaptureError(Message("capture.long-line", line=number, limit=LONGEST_LINE), offset)

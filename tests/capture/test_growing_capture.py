@@ -64,5 +64,5 @@ def test_a_capture_that_ends_inside_a_packet(tmp_path: Path) -> None:
 
 
 def test_no_such_file(tmp_path: Path) -> None:
-    with pytest.raises(CaptureError, match="No such file"):
+    with pytest.raises(CaptureError, match="no such file"):
         follow_capture(tmp_path / "a", over(), pytest.fail)

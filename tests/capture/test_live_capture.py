@@ -163,7 +163,7 @@ def test_other_failures_are_told_too(monkeypatch: pytest.MonkeyPatch) -> None:
 
     monkeypatch.setattr(live_capture, "_PacketSocket", fail)
     monkeypatch.setattr(sys, "platform", "linux")
-    with pytest.raises(CaptureError, match=r"^cannot capture on lo: No buffer space available$"):
+    with pytest.raises(CaptureError, match=r"^cannot capture on lo: no buffer space available$"):
         open_live_capture("lo")
 
 

@@ -163,17 +163,17 @@ def _with_length(data: bytes, length: int) -> bytes:
         (_with_length(enhanced(b"bad!"), 8), "a block claims a length of 8 bytes"),
         (_with_length(enhanced(b"bad!"), 37), "a block claims a length of 37 bytes"),
         (_with_length(block(9, b""), BLOCK_LIMIT + 4), "a block claims a length of 16777220 bytes"),
-        (enhanced(b"bad!", number=1), "a packet of interface 1, of which there is no description"),
-        (enhanced(b"bad!", kept=5), "a packet claims 5 bytes, its block has room for 4"),
-        (enhanced(b"bad!", kept=0xFFFFFFFF), "a packet claims 4294967295 bytes, its block has room for 4"),
-        (simple(b"bad!", original=99), "a packet claims 99 bytes, its block has room for 4"),
-        (enhanced(b"", options=b"\x01\x00\xff\x00"), "an option claims 255 bytes, 0 are left in its block"),
+        (enhanced(b"bad!", number=1), "a packet names interface 1, which the capture does not describe"),
+        (enhanced(b"bad!", kept=5), "a packet claims 5 bytes; its block has room for 4"),
+        (enhanced(b"bad!", kept=0xFFFFFFFF), "a packet claims 4294967295 bytes; its block has room for 4"),
+        (simple(b"bad!", original=99), "a packet claims 99 bytes; its block has room for 4"),
+        (enhanced(b"", options=b"\x01\x00\xff\x00"), "an option claims 255 bytes; its block has 0 left"),
         (block(6, b"tiny"), "the block is too small, with 4 bytes"),
         (block(1, b""), "the block is too small, with 0 bytes"),
         (interface(options=option(14, b"tiny")), "the block is too small, with 4 bytes"),
-        (block(0x0A0D0D0A, b"nonsense"), "a section header block without its byte-order magic"),
-        (section(version=2), "a section of pcapng version 2.0, only 1 is known"),
-        (section() + simple(b""), "a packet of interface 0, of which there is no description"),
+        (block(0x0A0D0D0A, b"nonsense"), "a section header block lacks its byte-order magic"),
+        (section(version=2), "a section has pcapng version 2.0; only 1 is known"),
+        (section() + simple(b""), "a packet names interface 0, which the capture does not describe"),
     ],
 )
 def test_damage_is_named(damaged: bytes, why: str) -> None:
@@ -181,7 +181,7 @@ def test_damage_is_named(damaged: bytes, why: str) -> None:
     packets, error = read_until_damage(BEFORE + damaged + tail)
     assert [packet[1] for packet in packets] == [b"good"]
     assert str(error).split(": ", 1)[1] == why
-    assert error.offset == len(BEFORE) + (len(section()) if why.startswith("a packet of interface 0") else 0)
+    assert error.offset == len(BEFORE) + (len(section()) if why.startswith("a packet names interface 0") else 0)
     assert str(error).startswith(f"the capture is damaged at byte {error.offset}, after 1 packets: ")
 
 

@@ -67,7 +67,7 @@ def test_no_capture_is_told_in_a_sentence(tmp_path: Path) -> None:
     done = run_here("diagnose", tmp_path / "none.pcap")
     assert done.code == ExitCode.UNREADABLE
     assert done.lines == []
-    assert done.err.endswith("none.pcap: cannot be opened: No such file or directory\n")
+    assert done.err.endswith("none.pcap: cannot be opened: no such file or directory\n")
     assert run_here("diagnose").code == ExitCode.USAGE
 
 

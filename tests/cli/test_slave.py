@@ -42,7 +42,7 @@ def test_of_what_could_not_be_read_nothing_is_said(command: list[str], tmp_path:
     path = tmp_path / "none.pcap"
     done = run_here(*command, path)
     assert done.code == ExitCode.UNREADABLE
-    assert done.err == f"{path}: cannot be opened: No such file or directory\n"
+    assert done.err == f"{path}: cannot be opened: no such file or directory\n"
 
 
 def test_json_of_a_whole_stay() -> None:

@@ -18,11 +18,12 @@ from babel.messages.pofile import read_po
 import bcapscope
 from bcapscope.messages import Language
 from bcapscope.messages.message import Place
+from bcapscope.messages.places import Duration
 
 PACKAGE = Path(bcapscope.__file__).parent
 LOCALE = PACKAGE / "messages" / "locale"
 SOURCES = sorted(PACKAGE.rglob("*.py"))
-TYPES = {kind.type_name for kind in Place.__subclasses__()} | {"message", ""}
+TYPES = {Duration.type_name, *(kind.type_name for kind in Place.__subclasses__())} | {"message", ""}
 MAKERS = ("Message", "words", "say", "label")
 """What makes a message from a literal id."""
 

@@ -26,6 +26,8 @@ from bcapscope.cli.common.progress_bar import ReadProgressBar
 from bcapscope.errors import CaptureError
 from bcapscope.live.deferred_interrupts import DeferredInterrupts
 from bcapscope.live.standard_streams import print_stderr
+from bcapscope.messages import Message
+from bcapscope.messages.os_errors import os_reason
 from bcapscope.protocol.text_format import counted
 from bcapscope.render.capture_counts_text import capture_counts_text
 from bcapscope.render.escape import printable
@@ -141,7 +143,7 @@ class CaptureReader:
         except _Interrupted:
             return
         except OSError as error:
-            self._add_problem(path, CaptureError(f"cannot be opened: {error.strerror}"))
+            self._add_problem(path, CaptureError(Message("capture.cannot-open", reason=os_reason(error))))
         except CaptureError as error:
             self._add_problem(path, error)
 

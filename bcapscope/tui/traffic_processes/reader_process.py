@@ -29,6 +29,8 @@ from bcapscope.capture.packet_decoder import PacketDecoder
 from bcapscope.capture.pcapng_writer import PcapngWriter
 from bcapscope.capture.role_detection import BCAP_PORTS
 from bcapscope.errors import CaptureError
+from bcapscope.messages import Message
+from bcapscope.messages.os_errors import os_reason
 from bcapscope.render.capture_counts_text import capture_counts_text
 from bcapscope.render.escape import printable
 from bcapscope.traffic.call import Call, PairingResult
@@ -251,7 +253,7 @@ class _LiveCapture:
         except CaptureError as error:
             self.problem = error
         except OSError as error:
-            self.problem = CaptureError(f"the packets cannot be kept: {error.strerror}")
+            self.problem = CaptureError(Message("capture.cannot-keep", reason=os_reason(error)))
 
 
 def main() -> None:

@@ -262,7 +262,7 @@ def test_no_such_capture_and_a_damaged_one(tmp_path: Path) -> None:
     act_on(cut, act)
 
     async def nothing(pilot: Pilot[None]) -> None:
-        await until(pilot, lambda: "No such file" in note(pilot))
+        await until(pilot, lambda: "no such file" in note(pilot))
         await pilot.press("r", "c", "w", "m", "X", "1", "2", "enter", "3", "enter", "s")
         assert "no packets" in note(pilot)
 
