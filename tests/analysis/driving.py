@@ -137,7 +137,7 @@ def watched(settled: Iterable[PairingResult], window: int | None = None) -> list
     for item in settled:
         if isinstance(item, Call):
             stays += watcher.add_call(item)
-    return [*stays, *watcher.finish()]
+    return [*stays, *watcher.remaining_sessions()]
 
 
 class Step(NamedTuple):

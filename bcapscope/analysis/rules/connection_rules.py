@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
+
 from bcapscope.analysis.client_state import ClientRegistry, ClientState
 from bcapscope.analysis.finding import Severity
 from bcapscope.analysis.rules.rule_checker import (
     SECOND,
+    ClientEnd,
     DiagnosisRule,
     Occurrence,
     OccurrenceSink,
@@ -14,6 +17,7 @@ from bcapscope.analysis.rules.rule_checker import (
 )
 from bcapscope.analysis.speech import Speech, called, span
 from bcapscope.protocol.tables.function_table import ID
+from bcapscope.traffic.call import Call
 from bcapscope.traffic.observation import ConnectionEnd, Conversation
 
 CONTROLLER_HUNG_UP = DiagnosisRule(
@@ -41,46 +45,48 @@ class ConnectionChecker(RuleChecker):
         client = self.clients.find(conversation)
         if client is not None:  # the client stays registered for a while, but its connection is closed
             self._judged_conversations.add(conversation)
-            self._check_closing(client)
+            for occurrence in _closing_occurrences(client):
+                self.report_occurrence(occurrence)
 
-    def on_client_ended(self, client: ClientState, ended_at: int) -> None:
-        if client.conversation in self._judged_conversations:
-            self._judged_conversations.discard(client.conversation)
-        else:
-            self._check_closing(client)
+    def end_occurrences(self, end: ClientEnd) -> Iterable[Occurrence]:
+        judged = end.client.conversation in self._judged_conversations
+        return () if judged else _closing_occurrences(end.client)
 
-    def _check_closing(self, client: ClientState) -> None:
-        closing = client.controller_closing
-        stopped = client.session_end is not None or client.last_call.kind.function_id == ID["Service_Stop"]
-        if closing is not None and not stopped:
-            self._report_hung_up(client, closing)
+    def drop_client(self, client: ClientState) -> None:
+        self._judged_conversations.discard(client.conversation)
 
-    def _report_hung_up(self, client: ClientState, closing: ConnectionEnd) -> None:
-        last = client.last_call
-        how = "broke off (RST)" if closing.reset else "closed (FIN)"
 
-        def say(speech: Speech) -> str:
-            who = speech.client(client.conversation)
-            since = span(max(closing.time - last_frame_time(last), 0))
-            text = (
-                f"at {speech.at(closing.time)} {client.conversation.server} {how} the connection of {who}, "
-                f"{since} after {called(last)}"
-            )
-            return text if last.reply is not None else f"{text}, to which no reply was seen"
+def _closing_occurrences(client: ClientState) -> Iterator[Occurrence]:
+    closing = client.controller_closing
+    stopped = client.session_end is not None or client.last_call.kind.function_id == ID["Service_Stop"]
+    if closing is not None and not stopped:
+        yield _hung_up(client.last_call, closing)
 
-        def then(speech: Speech, after: int) -> str:
-            return f"{client.conversation.server} {how} the connection"
 
-        frames = tuple(seen.number for seen in (last.request, last.reply) if seen is not None)
-        self.report_occurrence(
-            Occurrence(
-                CONTROLLER_HUNG_UP,
-                closing.time,
-                closing.time,
-                client.conversation,
-                frames,
-                say,
-                then,
-                call=last.number,
-            )
+def _hung_up(last: Call, closing: ConnectionEnd) -> Occurrence:
+    how = "broke off (RST)" if closing.reset else "closed (FIN)"
+    conversation = last.conversation
+
+    def say(speech: Speech) -> str:
+        who = speech.client(conversation)
+        since = span(max(closing.time - last_frame_time(last), 0))
+        text = (
+            f"at {speech.at(closing.time)} {conversation.server} {how} the connection of {who}, "
+            f"{since} after {called(last)}"
         )
+        return text if last.reply is not None else f"{text}, to which no reply was seen"
+
+    def then(speech: Speech, after: int) -> str:
+        return f"{conversation.server} {how} the connection"
+
+    frames = tuple(seen.number for seen in (last.request, last.reply) if seen is not None)
+    return Occurrence(
+        CONTROLLER_HUNG_UP,
+        closing.time,
+        closing.time,
+        conversation,
+        frames,
+        say,
+        then,
+        call=last.number,
+    )

@@ -133,7 +133,7 @@ class TrajectoryExtractor:
 
     def finish(self) -> Sequence[TrajectoryPiece]:
         """Return the remaining steps after the traffic has ended."""
-        self._forget_sessions(self._detector.finish())
+        self._detector.process_waiting()
         return self._pop_ready()
 
     @property

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections import Counter
 from collections.abc import Iterator
 from typing import NamedTuple, TypeAlias
@@ -165,9 +166,23 @@ class SlaveSessionBuilder:
 
     def process_batch(self, slave_setup: SlaveSetup) -> None:
         """Process the waiting set points. `slave_setup` counts only for the first batch."""
-        batch = self.batch
-        if not batch:
-            return
+        if self.batch:
+            self._process(self.batch, slave_setup)
+            self.batch.clear()
+
+    def processed(self, slave_setup: SlaveSetup) -> SlaveSessionBuilder:
+        """Return the builder as it is once the waiting set points are processed. This one is not changed."""
+        if not self.batch:
+            return self
+        processed = copy.copy(self)
+        processed._on_set_points = None
+        # The models hold a few MB at most, however long the session is. Copying them takes 2 ms.
+        processed._models = copy.deepcopy(self._models)
+        processed._process(self.batch, slave_setup)
+        processed.batch = SetPointBatch()
+        return processed
+
+    def _process(self, batch: SetPointBatch, slave_setup: SlaveSetup) -> None:
         if self._models is None:
             self._first_set_point = FrameTime(batch[0].frame, batch[0].time)
             self.slave_setup = slave_setup
@@ -182,7 +197,6 @@ class SlaveSessionBuilder:
             self.last_accepted = rows.origin + int(rows.times[accepted[-1]])
         with np.errstate(all="ignore"):  # numbers from the wire may be infinite or too large to square
             commanded, returned = self._models.add(rows, batch)
-        batch.clear()
         if self._on_set_points is not None:
             self._on_set_points(self._make_chunk(self._models, rows, commanded, returned))
 
@@ -206,11 +220,10 @@ class SlaveSessionBuilder:
         )
 
     @np.errstate(all="ignore")  # as above
-    def finish(
+    def session(
         self, exit_: SessionExit, slave_setup: SlaveSetup, other_calls: tuple[CallFact, ...]
     ) -> SlaveSession:
-        """Return the finished slave-mode session; add nothing afterwards."""
-        self.process_batch(slave_setup)
+        """Return the slave-mode session with this end, without the set points that wait."""
         slave_setup = self.slave_setup or slave_setup
         figures = self._models or _SessionModels(
             self.conversation.transport, slave_setup, SetPointBatch(), self._window
@@ -263,6 +276,23 @@ def known_mode(slave_setup: SlaveSetup, pose_type: PoseType | None) -> KnownMode
     )
 
 
+class _PosePicker:
+    """Finds the pose in a set point, and pose and time stamp in its result."""
+
+    def __init__(self, slave_setup: SlaveSetup, pose_type: PoseType | None) -> None:
+        self._send, self._receive = _formats(slave_setup)
+        self._pose_type = pose_type
+
+    def command(self, parameter: Variant) -> PickedNumbers:
+        pose = parse_set_point(parameter, self._pose_type, self._send, self._receive).pose
+        return (pose.values if pose and pose.type is self._pose_type else ()), None
+
+    def result(self, result: Variant) -> PickedNumbers:
+        feedback = parse_feedback(result, self._pose_type, self._receive)
+        fitting = (pose.values for pose in feedback.poses if pose.type is self._pose_type)
+        return next(fitting, ()), feedback.timestamp
+
+
 class _SessionModels:
     """Feeds all models of one slave-mode session."""
 
@@ -291,8 +321,9 @@ class _SessionModels:
         self._slicer = SessionSlicer(window, self.origin) if window else None
         self._axes = len(self.axes)
         self._has_set_points = False
-        self._command_columns = ColumnReader(NumberPicker(_PARAMETER, self._pick_command))
-        self._result_columns = ColumnReader(NumberPicker(_RESULT, self._pick_result))
+        picker = _PosePicker(setting, self._pose_type)
+        self._command_columns = ColumnReader(NumberPicker(_PARAMETER, picker.command))
+        self._result_columns = ColumnReader(NumberPicker(_RESULT, picker.result))
         self._last_poses = np.full((2, len(self.axes)), np.nan)  # the last two commanded poses
         self._sent = self._accepted = self._unanswered = self._open = self._not_followed = (
             self._buffer_full
@@ -338,18 +369,7 @@ class _SessionModels:
     def slices(self) -> tuple[tuple[SessionSlice, ...], int]:
         if self._slicer is None:
             return (), 0
-        return self._slicer.finish(), self._slicer.left_off
-
-    def _pick_command(self, parameter: Variant) -> PickedNumbers:
-        send, receive = _formats(self._slave_setup)
-        pose = parse_set_point(parameter, self._pose_type, send, receive).pose
-        return (pose.values if pose and pose.type is self._pose_type else ()), None
-
-    def _pick_result(self, result: Variant) -> PickedNumbers:
-        _, receive = _formats(self._slave_setup)
-        feedback = parse_feedback(result, self._pose_type, receive)
-        fitting = (pose.values for pose in feedback.poses if pose.type is self._pose_type)
-        return next(fitting, ()), feedback.timestamp
+        return self._slicer.slices()
 
     def _add_to_buffer(self, rows: SetPointTable, commanded: PoseColumns) -> Floats:
         points = np.vstack((self._last_poses, commanded.poses))

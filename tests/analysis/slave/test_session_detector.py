@@ -358,7 +358,7 @@ def test_a_set_point_that_is_let_go_is_not_unanswered() -> None:
     watcher = SlaveSessionDetector()
     for call in (*calls, let_go):
         assert not watcher.add_call(call)
-    (stay,) = watcher.finish()
+    (stay,) = watcher.remaining_sessions()
     counts = stay.counts
     assert (counts.sent, counts.unanswered, counts.open, counts.not_followed) == (21, 0, 0, 1)
     assert stay.timing.deadlines[0].late == 0
@@ -556,5 +556,5 @@ def test_stays_of_a_client_that_is_gone_are_given_out_at_once() -> None:
     (stay,) = watcher.close_conversation(calls[0].conversation)
     assert (stay.conversation, stay.exit.reason) == (calls[0].conversation, ExitReason.SILENT)
     assert watcher.close_conversation(calls[0].conversation) == ()
-    (rest,) = watcher.finish()
+    (rest,) = watcher.remaining_sessions()
     assert rest.conversation is not stay.conversation
