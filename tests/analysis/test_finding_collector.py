@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from bcapscope.analysis.finding import Finding, Severity
 from bcapscope.analysis.finding_collector import MAX_FINDINGS, MAX_KEPT, FindingCollector
 from bcapscope.analysis.rules.rule_checker import SECOND, DiagnosisRule, Occurrence
@@ -183,3 +185,57 @@ def test_news_tell_each_case_once_and_by_itself() -> None:
     book.add_occurrence(happen(SMOKE, 4))
     assert [finding.rule for finding in book.new_findings(speech)] == ["smoke"]
     assert {finding.rule for finding in book.findings(speech)} == {"spark", "fire", "smoke"}
+
+
+def test_provisional_occurrences_count_for_one_answer_only() -> None:
+    collector, speech = FindingCollector(), Speech(0, True)
+    collector.add_occurrence(happen(FIRE, 0.2))
+    before = collector.findings(speech)
+    assert links(before) == [("fire", None)]
+    for _ in range(2):
+        found = collector.findings(speech, [happen(SPARK, 0.1), happen(FIRE, 0.3)])
+        assert links(found) == [("spark", None), ("fire", 1)]
+        assert "twice in all" in found[1].sentence
+    assert collector.findings(speech) == before
+    assert [finding.rule for finding in collector.new_findings(speech)] == ["fire"]
+
+
+def test_asking_again_and_again_changes_nothing_that_follows() -> None:
+    asked, never_asked, speech = FindingCollector(), FindingCollector(), Speech(0, True)
+    occurrences = [
+        happen(what, number / 10, call=number, because=(number - 1,))
+        for number in range(1, 10 * MAX_KEPT)
+        for what in (SPARK, FIRE, SMOKE)
+    ]
+    for collector in (asked, never_asked):
+        for occurrence in occurrences:
+            collector.add_occurrence(occurrence)
+            if collector is asked:
+                collector.findings(speech)
+    assert asked.findings(speech) == never_asked.findings(speech)
+
+
+def test_an_update_replaces_its_occurrence_as_cause_and_as_consequence() -> None:
+    def update(occurrence: Occurrence, text: str) -> Occurrence:
+        return replace(occurrence, say=lambda speech: text, is_update=True)
+
+    collector = FindingCollector()
+    spark, fire = happen(SPARK, 0.1, call=1), happen(FIRE, 0.2, call=2)
+    for occurrence in (spark, fire, happen(SMOKE, 0.3, call=3, because=(2,))):
+        collector.add_occurrence(occurrence)
+    collector.add_occurrence(update(spark, "a bigger spark"))
+    collector.add_occurrence(update(fire, "a bigger fire"))
+    collector.add_occurrence(update(fire, "the biggest fire"))
+    found = collector.findings(Speech(0, True))
+    assert links(found) == [("spark", None), ("fire", 1), ("smoke", 2)]
+    assert [finding.sentence for finding in found[:2]] == [
+        "A bigger spark; fire followed; smoke followed.",
+        "The biggest fire.",
+    ]
+    assert "in all" not in found[1].sentence
+
+
+def test_an_update_of_an_occurrence_that_is_not_kept_is_ignored() -> None:
+    occurrences = [happen(SPARK, number / 10, call=number) for number in range(1, 10 * MAX_KEPT)]
+    middle = replace(occurrences[5 * MAX_KEPT], say=lambda speech: "another one", is_update=True)
+    assert told(*occurrences, middle) == told(*occurrences)
