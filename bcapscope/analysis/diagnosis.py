@@ -18,7 +18,8 @@ from bcapscope.analysis.rules.rule_checker import (
     checkers_overriding,
 )
 from bcapscope.analysis.rules.wire_rules import CHECKED_FROM_BYTES
-from bcapscope.analysis.slave.session_detector import SelectedSlaveSessions, SlaveSessionDetector
+from bcapscope.analysis.slave.selected_sessions import SelectedSlaveSessions
+from bcapscope.analysis.slave.session_detector import SlaveSessionDetector
 from bcapscope.analysis.slave.slave_session import ExitReason, SlaveSession
 from bcapscope.analysis.speech import Speech
 from bcapscope.protocol.codec.frame import Malformed

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator
 
 import click
 
-from bcapscope.analysis.slave.session_detector import SelectedSlaveSessions
+from bcapscope.analysis.slave.selected_sessions import SelectedSlaveSessions
 from bcapscope.analysis.slave.slave_session import SlaveSession
 from bcapscope.cli.common.call_reading import read_calls
 from bcapscope.cli.common.exit_codes import ExitCode

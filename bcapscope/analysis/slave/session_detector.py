@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple, TypeAlias
 
 from bcapscope.analysis.slave.controller_state import ControllerState, call_fact, requested_mode
@@ -13,9 +13,8 @@ from bcapscope.analysis.slave.session_builder import (
     BATCH_SIZE,
     SessionKey,
     SlaveSessionBuilder,
-    SlaveSetup,
-    execute_parameter,
 )
+from bcapscope.analysis.slave.session_models import SlaveSetup, execute_parameter
 from bcapscope.analysis.slave.set_point_batch import HANDLE_VALUE_BYTES, LARGE_FRAME, ROW_SIZE, SetPointBatch
 from bcapscope.analysis.slave.set_point_chunk import SetPointHandler
 from bcapscope.analysis.slave.slave_session import ExitReason, SessionExit, SlaveSession
@@ -137,7 +136,7 @@ class SlaveSessionDetector:
     def close_conversation(self, conversation: Conversation) -> tuple[SlaveSession, ...]:
         """End and return the slave-mode sessions of a closed conversation, and forget that conversation."""
         for builder in [each for each in self._unfinished if each.conversation is conversation]:
-            self._end_session(builder, SessionExit(ExitReason.SILENT, builder.last_activity, (), None, None))
+            self._end_session(builder, _silent_exit(builder))
         for key in [key for key in self._recently_ended if key[0] is conversation]:
             del self._recently_ended[key]
         found = [each for each in self._held_back if each.builder.conversation is conversation]
@@ -191,9 +190,7 @@ class SlaveSessionDetector:
             del self._ended_by_error[builder]
         builder.batch.add(call)
         if failed:
-            self._ended_by_error[builder] = SessionExit(
-                ExitReason.ERROR, _call_end(call), _call_frames(call), code, call_fact(call)
-            )
+            self._ended_by_error[builder] = _exit_by_call(ExitReason.ERROR, call)
         self._expect_next(None if failed else builder, call)
         if len(builder.batch) >= BATCH_SIZE or len(call.request.item.raw) > LARGE_FRAME:
             self._process_batch(builder)
@@ -228,7 +225,7 @@ class SlaveSessionDetector:
         self._recently_ended.pop(key, None)
         if len(self._active) > MAX_SESSIONS:
             silent = min(self._active.values(), key=lambda each: each.last_activity)
-            self._end_session(silent, SessionExit(ExitReason.SILENT, silent.last_activity, (), None, None))
+            self._end_session(silent, _silent_exit(silent))
         return builder
 
     def _on_found_off(self, key: SessionKey, builder: SlaveSessionBuilder | None, call: Call) -> None:
@@ -237,9 +234,7 @@ class SlaveSessionDetector:
         if builder is None:
             builder = self._recently_ended.get(key)
         else:
-            found = SessionExit(
-                ExitReason.FOUND_OFF, _call_end(call), _call_frames(call), call.hresult, call_fact(call)
-            )
+            found = _exit_by_call(ExitReason.FOUND_OFF, call)
             self._end_session(builder, found)
         if builder is not None:
             builder.after_end += 1
@@ -294,10 +289,7 @@ class SlaveSessionDetector:
         builder = self._active.get(key) or controller.pending_sessions.get(key)
         if builder is not None:
             reason = ExitReason.CHANGED if value else ExitReason.LEFT
-            self._end_session(
-                builder,
-                SessionExit(reason, _call_end(call), _call_frames(call), call.hresult, call_fact(call)),
-            )
+            self._end_session(builder, _exit_by_call(reason, call))
         controller.unanswered_entry = None
         controller.reported_mode = (None, "")
         if value != 0:
@@ -313,9 +305,7 @@ class SlaveSessionDetector:
             )
             dropped = controller.add_pending(key, entered)
             if dropped is not None:
-                self._end_session(
-                    dropped, SessionExit(ExitReason.SILENT, dropped.last_activity, (), None, None)
-                )
+                self._end_session(dropped, _silent_exit(dropped))
 
     def _on_get_mode(self, call: Call, controller: ControllerState) -> None:
         arguments = () if call.reply is None else call.reply.item.arguments
@@ -332,11 +322,7 @@ class SlaveSessionDetector:
         pending = self._controller(call).pending_sessions
         for builder in (*self._active.values(), *pending.values()):
             if builder.conversation is call.conversation and handle in (None, builder.handle):
-                reason = ExitReason.DISCONNECTED
-                self._end_session(
-                    builder,
-                    SessionExit(reason, _call_end(call), _call_frames(call), call.hresult, call_fact(call)),
-                )
+                self._end_session(builder, _exit_by_call(ExitReason.DISCONNECTED, call))
 
     # ends
 
@@ -403,42 +389,6 @@ class SlaveSessionDetector:
         return controller
 
 
-class SelectedSlaveSessions:
-    """Finds the slave-mode sessions of selected set points.
-
-    All other calls still count for the start and end of these sessions.
-    """
-
-    def __init__(self, is_selected: Callable[[Call], bool] | None, window: int | None = None) -> None:
-        """Create a detector.
-
-        Args:
-            is_selected: Returns whether a set point is selected; None for all set points, and for slave-mode
-                sessions without set points.
-            window: Length of a time slice, as in `SlaveSessionDetector`.
-        """
-        self._is_selected = is_selected
-        self._detector = SlaveSessionDetector(window)
-
-    def add_call(self, call: Call) -> Sequence[SlaveSession]:
-        """Add a completed call; return the slave-mode sessions that are finished."""
-        chosen = self._is_selected
-        if chosen is None:
-            return self._detector.add_call(call)
-        if is_set_point(call) and not chosen(call):
-            return ()
-        return _with_set_points(self._detector.add_call(call))
-
-    def remaining_sessions(self, ended_at: int = 0) -> Sequence[SlaveSession]:
-        """Return the slave-mode sessions not yet returned, as `SlaveSessionDetector.remaining_sessions`."""
-        sessions = self._detector.remaining_sessions(ended_at)
-        return sessions if self._is_selected is None else _with_set_points(sessions)
-
-
-def _with_set_points(sessions: Sequence[SlaveSession]) -> Sequence[SlaveSession]:
-    return [session for session in sessions if session.first_set_point is not None]
-
-
 def is_set_point(call: Call) -> bool:
     """Return whether a call is slvMove."""
     function_id, command = call.kind
@@ -466,14 +416,20 @@ def _find_exit_cause(ended: _EndedSession, controller: ControllerState) -> Sessi
     nearby = [call for call in controller.calls_between(min(recent, last), until) if _call_end(call) <= until]
     changes = [call for call in nearby if _call_end(call) >= last and _switches_off(call, builder)]
     if changes:
-        return _exit_by(ExitReason.OTHER_CLIENT, changes[-1], exit_)
+        return _exit_by_call(ExitReason.OTHER_CLIENT, changes[-1], exit_.frames)
     failures = [call for call in nearby if _call_end(call) >= recent and ends_slave_mode(call.hresult or 0)]
-    return _exit_by(ExitReason.OTHER_CALL, failures[-1], exit_) if failures and found_off else exit_
+    return (
+        _exit_by_call(ExitReason.OTHER_CALL, failures[-1], exit_.frames) if failures and found_off else exit_
+    )
 
 
-def _exit_by(reason: ExitReason, call: Call, exit_: SessionExit) -> SessionExit:
-    frames = (*_call_frames(call), *exit_.frames)
-    return SessionExit(reason, _call_end(call), frames, call.hresult, call_fact(call))
+def _silent_exit(builder: SlaveSessionBuilder) -> SessionExit:
+    return SessionExit(ExitReason.SILENT, builder.last_activity, (), None, None)
+
+
+def _exit_by_call(reason: ExitReason, call: Call, frames: tuple[int, ...] = ()) -> SessionExit:
+    """Return an end that a call shows, with the `frames` that prove it besides those of the call."""
+    return SessionExit(reason, _call_end(call), (*_call_frames(call), *frames), call.hresult, call_fact(call))
 
 
 def _switches_off(call: Call, builder: SlaveSessionBuilder) -> bool:

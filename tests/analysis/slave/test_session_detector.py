@@ -564,7 +564,7 @@ def test_stays_of_a_client_that_is_gone_are_given_out_at_once() -> None:
 
 def asked_at(calls: list[Call], cuts: set[int]) -> list[str]:
     """Return all sessions as text, NaN included, of a detector that is asked after some of the calls."""
-    detector, found = SlaveSessionDetector(WINDOW), []
+    detector, found = SlaveSessionDetector(WINDOW), list[SlaveSession]()
     for number, call in enumerate(calls, 1):
         found += detector.add_call(call)
         if number in cuts:
