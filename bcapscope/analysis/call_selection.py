@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import replace
+from itertools import chain
 
 from bcapscope.analysis.rules.rule_checker import Occurrence, OccurrenceSink, call_observations
 from bcapscope.protocol.codec.frame import Frame
@@ -57,18 +59,21 @@ class CallSelection:
         if self._unsettled_frame is not None:
             self._held_occurrences.setdefault(self._unsettled_frame, []).append(occurrence)
             return
-        occurrence.selected = any(map(self._is_frame_selected, occurrence.frames))
-        self._report_occurrence(occurrence)
+        self._report_occurrence(self._marked(occurrence))
 
-    def release_all(self) -> None:
-        """Report the occurrences that still wait: they concern no call."""
-        self._unsettled_frame = None
-        for frame in list(self._held_occurrences):
-            self._release_frame(frame)
+    def provisional_occurrences(self, at_end: Iterable[Occurrence]) -> Iterator[Occurrence]:
+        """Yield what counts if the traffic ended now: the occurrences that wait, then those of `at_end`.
+
+        The occurrences that wait then concern no call. They are not reported.
+        """
+        return map(self._marked, chain(*self._held_occurrences.values(), at_end))
+
+    def _marked(self, occurrence: Occurrence) -> Occurrence:
+        return replace(occurrence, selected=any(map(self._is_frame_selected, occurrence.frames)))
 
     def _release_frame(self, frame: int) -> None:
-        for incident in self._held_occurrences.pop(frame, ()):
-            self.add_occurrence(incident)
+        for occurrence in self._held_occurrences.pop(frame, ()):
+            self.add_occurrence(occurrence)
 
     def _select_frame(self, frame: int) -> None:
         byte, bit = divmod(frame, 8)

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 from typing import NamedTuple, TypeAlias, TypeVar
 
 from bcapscope.analysis.slave.generation_clues import NO_CLUE, clue_of_call, stronger_clue
+from bcapscope.analysis.slave.slave_session import SlaveSession
 from bcapscope.protocol.codec.variant import Value, Variant, integer_value
 from bcapscope.protocol.slave_mode.modes import Generation, SlaveMode, slave_mode_by_number
 from bcapscope.protocol.tables.function_table import FUNCTIONS, ID, ObjectClass
@@ -135,7 +136,7 @@ class ClientState:
         released_by: Calls that released handles lately, by class and handle.
         target_object: Object behind the handle of the current call; None if unknown.
         recent_set_points: Latest set points of this slave-mode session.
-        known_present: The client is known to be still there, even if it is silent.
+        silent_session: Latest slave-mode session that ended because the client sent no more set points.
         generation_clue: Clue to the controller's generation.
     """
 
@@ -157,12 +158,13 @@ class ClientState:
         self.mode_ended_by: Call | None = None
         self.uncleared_error: Call | None = None
         self.error_was_read = False
-        self.type_was_read = self.may_be_answered = self.known_present = False
+        self.type_was_read = self.may_be_answered = False
         self.slow_call: Call | None = None
         self.opened_objects: dict[int, OpenedObject] = {}
         self.released_by: dict[tuple[ObjectClass, int], Call] = {}
         self.target_object: TrackedObject | None = None
         self.recent_set_points: deque[Call] = deque(maxlen=RECENT_SET_POINTS)
+        self.silent_session: SlaveSession | None = None
         self.generation_clue = NO_CLUE
 
     @property
@@ -412,9 +414,9 @@ class ClientRegistry:
         client.recent_set_points.clear()
         self._closed.append(conversation)
         if len(self._closed) > MAX_CLOSED_CLIENTS:
-            forgotten = self._by_conversation.pop(self._closed.popleft(), None)
-            if forgotten is not None:
-                self._on_drop(forgotten)
+            dropped = self._by_conversation.pop(self._closed.popleft(), None)
+            if dropped is not None:
+                self._on_drop(dropped)
 
     def find(self, conversation: Conversation) -> ClientState | None:
         """Return a client; None if it has made no call or was dropped."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import TypeAlias
 
 from bcapscope.analysis.call_selection import CallSelection
@@ -10,10 +10,17 @@ from bcapscope.analysis.client_state import ClientRegistry, ClientState
 from bcapscope.analysis.finding import Finding, TrafficTotals
 from bcapscope.analysis.finding_collector import FindingCollector
 from bcapscope.analysis.rules import CHECKERS
-from bcapscope.analysis.rules.rule_checker import CallHealth, call_observations, checkers_overriding
+from bcapscope.analysis.rules.rule_checker import (
+    CallHealth,
+    ClientEnd,
+    Occurrence,
+    call_observations,
+    checkers_overriding,
+)
 from bcapscope.analysis.rules.wire_rules import CHECKED_FROM_BYTES
-from bcapscope.analysis.slave.session_detector import SelectedSlaveSessions, SlaveSessionDetector
-from bcapscope.analysis.slave.slave_session import SlaveSession
+from bcapscope.analysis.slave.selected_sessions import SelectedSlaveSessions
+from bcapscope.analysis.slave.session_detector import SlaveSessionDetector
+from bcapscope.analysis.slave.slave_session import ExitReason, SlaveSession
 from bcapscope.protocol.codec.frame import Malformed
 from bcapscope.protocol.tables.hresult import is_failure
 from bcapscope.traffic.call import Call, FrameObservation, PairingResult
@@ -34,7 +41,8 @@ class Diagnosis:
     """Finds what went wrong in the traffic, in bounded memory.
 
     Pass every observation to `on_observation`, and every result that a tracker makes of it to
-    `on_pairing_result`.
+    `on_pairing_result`. `findings`, `totals` and `remaining_sessions` can be called at any time: each answers
+    as if the traffic ended then, and changes nothing.
     """
 
     def __init__(
@@ -47,44 +55,38 @@ class Diagnosis:
         Args:
             is_selected: Returns whether a call is of interest; None for all calls. Only findings about
                 selected calls and their causes are reported. All calls count as context.
-            on_slave_session: Receives each slave-mode session; with `is_selected`, only those with selected
-                set points.
+            on_slave_session: Receives each slave-mode session when it is complete; with `is_selected`, only
+                those with selected set points. `remaining_sessions` returns the others.
         """
         self._collector = FindingCollector()
         self._selection = (
             None if is_selected is None else CallSelection(is_selected, self._collector.add_occurrence)
         )
-        report = self._collector.add_occurrence if self._selection is None else self._selection.add_occurrence
+        self._report_occurrence = (
+            self._collector.add_occurrence if self._selection is None else self._selection.add_occurrence
+        )
         self._clients = ClientRegistry(self._drop_client)
         self._handles = HandleTracker(max_ended=0)
         self._session_detector = SlaveSessionDetector()
-        watchers = [watcher(report, self._clients) for watcher in CHECKERS]
-        self._call_checkers = checkers_overriding(watchers, "on_call")
+        checkers = self._checkers = [checker(self._report_occurrence, self._clients) for checker in CHECKERS]
+        self._call_checkers = checkers_overriding(checkers, "on_call")
         self._suspect_frame_handlers = [
-            each.on_suspect_frame for each in checkers_overriding(watchers, "on_suspect_frame")
+            each.on_suspect_frame for each in checkers_overriding(checkers, "on_suspect_frame")
         ]
         self._stray_reply_handlers = [
-            each.on_stray_reply for each in checkers_overriding(watchers, "on_stray_reply")
+            each.on_stray_reply for each in checkers_overriding(checkers, "on_stray_reply")
         ]
-        self._slave_session_handlers: list[Callable[[SlaveSession], object]] = [
-            each.on_slave_session for each in checkers_overriding(watchers, "on_slave_session")
-        ]
-        self._selected_sessions: SelectedSlaveSessions | None = None
-        if on_slave_session is not None and is_selected is None:
-            self._slave_session_handlers.append(on_slave_session)
-        elif on_slave_session is not None:
-            self._selected_sessions, self._on_selected_session = (
-                SelectedSlaveSessions(is_selected),
-                on_slave_session,
-            )
-        self._client_ended_handlers = [
-            each.on_client_ended for each in checkers_overriding(watchers, "on_client_ended")
-        ]
-        self._new_flow_handlers = [each.on_new_flow for each in checkers_overriding(watchers, "on_new_flow")]
+        self._session_checkers = checkers_overriding(checkers, "session_occurrences")
+        self._on_slave_session = on_slave_session
+        self._selected_sessions = (
+            None if is_selected is None or on_slave_session is None else SelectedSlaveSessions(is_selected)
+        )
+        self._end_checkers = checkers_overriding(checkers, "end_occurrences")
+        self._new_flow_handlers = [each.on_new_flow for each in checkers_overriding(checkers, "on_new_flow")]
         self._closed_handlers = [
-            each.on_conversation_closed for each in checkers_overriding(watchers, "on_conversation_closed")
+            each.on_conversation_closed for each in checkers_overriding(checkers, "on_conversation_closed")
         ]
-        self._dropped_calls = self._not_followed = self._ended_at = 0
+        self._dropped_calls = self._not_followed = 0
         self._handlers_by_kind: dict[tuple[CallKind, CallHealth], tuple[_CallHandler, ...]] = {}
         self._flows: set[Flow] = set()
         self._first: Observation | None = None
@@ -103,8 +105,8 @@ class Diagnosis:
             self._on_new_flow(observation)
         self._last = observation
         if item.__class__ is Malformed or len(item.raw) >= CHECKED_FROM_BYTES:
-            for look in self._suspect_frame_handlers:
-                look(observation)
+            for check in self._suspect_frame_handlers:
+                check(observation)
 
     def on_pairing_result(self, settled: PairingResult) -> None:
         """Check a completed call, or a reply that belongs to no call."""
@@ -112,7 +114,7 @@ class Diagnosis:
             self._selection.on_pairing_result(settled)
         if isinstance(settled, Call):
             if self._selected_sessions is not None:
-                self._pass_on_selected(self._selected_sessions.add_call(settled))
+                self._pass_on(self._selected_sessions.add_call(settled))
             if settled.kind is self._expected_kind and settled.conversation is self._expected_conversation:
                 reply, frame = settled.reply, settled.request.item
                 if (
@@ -122,15 +124,15 @@ class Diagnosis:
                     and frame.reserved in (0, frame.serial)
                 ):
                     self._expected_client.on_set_point(settled)
-                    stays = self._session_detector.add_call(settled)
-                    if stays:
-                        self._on_slave_sessions(stays)
+                    sessions = self._session_detector.add_call(settled)
+                    if sessions:
+                        self._on_slave_sessions(sessions)
                     return
             self._on_call(settled)
         else:
             self._check_frame(settled.observation)
-            for judge in self._stray_reply_handlers:
-                judge(settled)
+            for check in self._stray_reply_handlers:
+                check(settled)
 
     def _on_call(self, call: Call) -> None:
         client = self._clients.client_of(call)
@@ -138,12 +140,12 @@ class Diagnosis:
         for seen in call_observations(call):
             self._check_frame(seen)
         self._not_followed += call.evicted
-        kind = _health_of(call)
-        seers = self._handlers_by_kind.get((call.kind, kind))
-        if seers is None:
-            seers = self._handlers_for((call.kind, kind))
-        for see in seers:
-            see(call, client)
+        health = _health_of(call)
+        handlers = self._handlers_by_kind.get((call.kind, health))
+        if handlers is None:
+            handlers = self._handlers_for((call.kind, health))
+        for check in handlers:
+            check(call, client)
         self._on_slave_sessions(self._session_detector.add_call(call))
         client.on_call(call)
         # There may be millions of set points. All checkers see the first one of a slave-mode session; after
@@ -155,17 +157,27 @@ class Diagnosis:
     def _check_frame(self, observation: FrameObservation) -> None:
         """Show a frame with problems to the checkers; `on_observation` has already shown large ones."""
         if observation.item.problems and len(observation.item.raw) < CHECKED_FROM_BYTES:
-            for look in self._suspect_frame_handlers:
-                look(observation)
+            for check in self._suspect_frame_handlers:
+                check(observation)
 
     def _on_slave_sessions(self, sessions: Sequence[SlaveSession]) -> None:
-        for stay in sessions:
-            for tell in self._slave_session_handlers:
-                tell(stay)
+        for session in sessions:
+            for occurrence in self._session_occurrences(session):
+                self._report_occurrence(occurrence)
+            client = self._clients.find(session.conversation)
+            if client is not None and session.exit.reason is ExitReason.SILENT:
+                client.silent_session = session
+        if self._selected_sessions is None:
+            self._pass_on(sessions)
 
-    def _pass_on_selected(self, sessions: Sequence[SlaveSession]) -> None:
-        for stay in sessions:
-            self._on_selected_session(stay)
+    def _pass_on(self, sessions: Sequence[SlaveSession]) -> None:
+        if self._on_slave_session is not None:
+            for session in sessions:
+                self._on_slave_session(session)
+
+    def _session_occurrences(self, session: SlaveSession) -> Iterator[Occurrence]:
+        for checker in self._session_checkers:
+            yield from checker.session_occurrences(session)
 
     def on_conversation_closed(self, conversation: Conversation) -> None:
         """Release what is kept for a closed conversation. All its calls must have been passed before."""
@@ -175,47 +187,58 @@ class Diagnosis:
         self._handles.close_conversation(conversation)
         self._on_slave_sessions(self._session_detector.close_conversation(conversation))
         self._clients.on_conversation_closed(conversation)
-        for forget in self._closed_handlers:
-            forget(conversation)
+        for close in self._closed_handlers:
+            close(conversation)
 
-    def finish(self, ended_at: int = 0, clients_present: bool = False) -> tuple[Finding, ...]:
-        """Return all findings, root cause first. Pass nothing more to this diagnosis afterwards.
+    def findings(self, ended_at: int = 0, clients_present: bool = False) -> tuple[Finding, ...]:
+        """Return all findings, root cause first.
 
         Args:
             ended_at: Time when the traffic ended, ns since 1970; the last frame counts if it is later.
             clients_present: True if silent clients are known to be still there.
         """
-        self._ended_at = max(self._ended_at, ended_at)
-        if self._selection is not None:
-            self._selection.release_all()
-        self._on_slave_sessions(self._session_detector.finish(self._end_time))
-        if self._selected_sessions is not None:
-            self._pass_on_selected(self._selected_sessions.finish(self._end_time))
-        for client in self._clients:
-            client.known_present = clients_present
-            self._end_client(client)
-        return self._collector.findings()
+        at_end = self._end_occurrences(self._end_time(ended_at), clients_present)
+        provisional = at_end if self._selection is None else self._selection.provisional_occurrences(at_end)
+        return self._collector.findings(provisional)
+
+    def remaining_sessions(self, ended_at: int = 0) -> Sequence[SlaveSession]:
+        """Return the slave-mode sessions that `on_slave_session` has not received; `ended_at` as above."""
+        return (self._selected_sessions or self._session_detector).remaining_sessions(
+            self._end_time(ended_at)
+        )
+
+    def totals(self, ended_at: int = 0) -> TrafficTotals:
+        """Return the amount of traffic so far; `ended_at` as above."""
+        first, last = self._first, self._last
+        if first is None or last is None:
+            return TrafficTotals(0, 0, 0, 0)
+        calls = self._dropped_calls + sum(client.call_count for client in self._clients)
+        selected = None if self._selection is None else self._selection.selected_calls
+        frames, lasted = last.number - first.number + 1, self._end_time(ended_at) - first.time
+        clients = self._clients.clients_seen
+        return TrafficTotals(frames, calls, clients, lasted, self._not_followed, selected, first.time)
 
     def new_findings(self) -> tuple[Finding, ...]:
         """Return the findings that are new since the last call, without links to their causes."""
         return self._collector.new_findings()
 
-    @property
-    def totals(self) -> TrafficTotals:
-        """Amount of traffic so far."""
-        first, last = self._first, self._last
-        if first is None or last is None:
-            return TrafficTotals(0, 0, 0, 0)
-        calls = self._dropped_calls + sum(client.call_count for client in self._clients)
-        chosen = None if self._selection is None else self._selection.selected_calls
-        frames, lasted = last.number - first.number + 1, self._end_time - first.time
-        return TrafficTotals(
-            frames, calls, self._clients.clients_seen, lasted, self._not_followed, chosen, first.time
-        )
+    def _end_time(self, ended_at: int = 0) -> int:
+        return max(ended_at, self._last.time if self._last is not None else 0)
 
-    @property
-    def _end_time(self) -> int:
-        return max(self._ended_at, self._last.time if self._last is not None else 0)
+    def _end_occurrences(self, ended_at: int, clients_present: bool) -> Iterator[Occurrence]:
+        """Yield what the checkers find if the traffic ended now."""
+        silent_sessions = {}
+        for session in self._session_detector.remaining_sessions(ended_at):
+            yield from self._session_occurrences(session)
+            if session.exit.reason is ExitReason.SILENT:
+                silent_sessions[session.conversation] = session
+        for client in self._clients:
+            silent = silent_sessions.get(client.conversation, client.silent_session)
+            yield from self._client_occurrences(ClientEnd(client, ended_at, clients_present, silent))
+
+    def _client_occurrences(self, end: ClientEnd) -> Iterator[Occurrence]:
+        for checker in self._end_checkers:
+            yield from checker.end_occurrences(end)
 
     def _on_new_flow(self, observation: Observation) -> None:
         """Register a flow at its first observation and show that to the checkers."""
@@ -224,24 +247,25 @@ class Diagnosis:
         if len(self._flows) >= MAX_FLOWS:
             self._flows.clear()
         self._flows.add(observation.flow)
-        for look in self._new_flow_handlers:
-            look(observation)
+        for check in self._new_flow_handlers:
+            check(observation)
 
     def _handlers_for(self, key: tuple[CallKind, CallHealth]) -> tuple[_CallHandler, ...]:
         if len(self._handlers_by_kind) >= MAX_CALL_KINDS:
             self._handlers_by_kind.clear()
-        seers = self._handlers_by_kind[key] = tuple(
+        handlers = self._handlers_by_kind[key] = tuple(
             each.on_call for each in self._call_checkers if each.wants_call(*key)
         )
-        return seers
+        return handlers
 
     def _drop_client(self, client: ClientState) -> None:
         self._dropped_calls += client.call_count
-        self._end_client(client)
-
-    def _end_client(self, client: ClientState) -> None:
-        for tell in self._client_ended_handlers:
-            tell(client, self._end_time)
+        for occurrence in self._client_occurrences(
+            ClientEnd(client, self._end_time(), False, client.silent_session)
+        ):
+            self._report_occurrence(occurrence)
+        for checker in self._checkers:
+            checker.drop_client(client)
 
 
 def _health_of(call: Call) -> CallHealth:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 
 from bcapscope.analysis.finding import Consequence, Finding, Repetition, Severity
@@ -39,7 +39,7 @@ class FindingGroup:
         rule: Rule of all occurrences.
         selected: True if the finding is reported for itself; False if only as the cause of another one.
         count: Number of occurrences.
-        shown: Occurrence that the finding describes; `FindingCollector.findings` sets it.
+        shown: Occurrence that the finding describes; only groups of a snapshot have one.
     """
 
     def __init__(self, rule: DiagnosisRule, selected: bool) -> None:
@@ -60,6 +60,23 @@ class FindingGroup:
         """Keep an occurrence that had consequences, even if the limits would drop it."""
         if len(self._causes) < MAX_KEPT and occurrence not in self._causes:
             self._causes.append(occurrence)
+
+    def replace(self, update: Occurrence) -> Occurrence | None:
+        """Replace the occurrence of the same call; return it, or None if it is not kept."""
+        replaced = next((each for each in self if each.call == update.call), None)
+        if replaced is not None:
+            for kept in (self._earliest, self._latest, self._causes):
+                if replaced in kept:
+                    kept[kept.index(replaced)] = update
+        return replaced
+
+    def copy(self) -> FindingGroup:
+        """Return an independent group of the same occurrences."""
+        twin = FindingGroup(self.rule, self.selected)
+        twin.count = self.count
+        twin._earliest, twin._latest = self._earliest.copy(), self._latest.copy()
+        twin._causes = self._causes.copy()
+        return twin
 
     def __iter__(self) -> Iterator[Occurrence]:
         """Yield the kept occurrences, each once."""
@@ -86,40 +103,57 @@ class FindingCollector:
         self._groups: dict[tuple[str, bool, str], FindingGroup] = {}
         self._by_rule: dict[str, list[FindingGroup]] = {}
         self._by_call: dict[int, list[Occurrence]] = {}
+        # Causes are linked for the first occurrences of each group, which are kept, so this is bounded.
+        self._causes: dict[Occurrence, Occurrence] = {}
         self._new_groups: list[FindingGroup] = []
 
     def add_occurrence(self, occurrence: Occurrence) -> None:
-        """Add an occurrence and look for its cause."""
+        """Add an occurrence and look for its cause, or replace the occurrence that it updates."""
+        if occurrence.is_update:
+            self._update(occurrence)
+            return
         rule = occurrence.rule
-        case = self._groups.get((rule.id, occurrence.selected, occurrence.group_key)) or self._open_group(
+        group = self._groups.get((rule.id, occurrence.selected, occurrence.group_key)) or self._open_group(
             occurrence
         )
-        case.add(occurrence)
+        group.add(occurrence)
         if occurrence.call:
             self._by_call.setdefault(occurrence.call, []).append(occurrence)
             if len(self._by_call) > MAX_CALLS:
                 del self._by_call[next(iter(self._by_call))]
-        if case.count <= MAX_KEPT:
+        if group.count <= MAX_KEPT:
             self._link_cause(occurrence)
 
+    def _update(self, update: Occurrence) -> None:
+        replaced = self._group_of(update).replace(update)
+        if replaced is None:
+            return
+        occurrences = self._by_call.get(update.call, [])
+        if replaced in occurrences:
+            occurrences[occurrences.index(replaced)] = update
+        self._causes = {
+            update if effect is replaced else effect: update if cause is replaced else cause
+            for effect, cause in self._causes.items()
+        }
+
     def _open_group(self, occurrence: Occurrence) -> FindingGroup:
-        rule, asked = occurrence.rule, occurrence.selected
-        cases = self._by_rule.setdefault(rule.id, [])
-        alike = [case for case in cases if case.selected is asked]
+        rule, selected = occurrence.rule, occurrence.selected
+        groups = self._by_rule.setdefault(rule.id, [])
+        alike = [group for group in groups if group.selected is selected]
         if len(alike) >= MAX_FINDINGS:
             return alike[0]
-        case = self._groups[rule.id, asked, occurrence.group_key] = FindingGroup(rule, asked)
-        cases.append(case)
-        self._new_groups.append(case)
-        return case
+        group = self._groups[rule.id, selected, occurrence.group_key] = FindingGroup(rule, selected)
+        groups.append(group)
+        self._new_groups.append(group)
+        return group
 
     def _link_cause(self, occurrence: Occurrence) -> None:
         """Set the cause of an occurrence: a fault in the calls it names, else the latest possible cause.
 
-        `findings` calls this again for every occurrence: a cause may be reported after its consequence, and
-        may fit better.
+        A snapshot repeats this for every occurrence: a cause may be reported after its consequence, and may
+        fit better.
         """
-        known, occurrence.cause = occurrence.cause, None
+        known = self._causes.pop(occurrence, None)
         likely = occurrence.rule.possible_causes
         named = [
             each
@@ -127,18 +161,31 @@ class FindingCollector:
             for each in self._by_call.get(number, ())
             if each.rule.severity is not Severity.NOTE or each.rule.id in likely
         ]
-        causes = [each for each in named if _can_cause(each, occurrence)]
+        causes = [each for each in named if self._can_cause(each, occurrence)]
         if not causes:
             found = list(self._possible_causes(occurrence)) + ([] if known is None else [known])
-            causes = [each for each in found if _can_cause(each, occurrence)]
+            causes = [each for each in found if self._can_cause(each, occurrence)]
         if causes:
-            occurrence.cause = max(causes, key=lambda each: (each.began, -_cause_rank(each.rule.id, likely)))
-            self._group_of(occurrence.cause).keep_cause(occurrence.cause)
+            cause = max(causes, key=lambda each: (each.began, -_cause_rank(each.rule.id, likely)))
+            self._causes[occurrence] = cause
+            self._group_of(cause).keep_cause(cause)
+
+    def _can_cause(self, cause: Occurrence, effect: Occurrence) -> bool:
+        """Return whether `cause` may be the cause of `effect`, and is not one of its consequences."""
+        return cause is not effect and cause.began <= effect.completed and not self._leads_to(cause, effect)
+
+    def _leads_to(self, start: Occurrence, goal: Occurrence) -> bool:
+        each: Occurrence | None = start
+        while each is not None:
+            if each is goal:
+                return True
+            each = self._causes.get(each)
+        return False
 
     def _group_of(self, occurrence: Occurrence) -> FindingGroup:
         known = self._groups.get((occurrence.rule.id, occurrence.selected, occurrence.group_key))
         return known or next(
-            case for case in self._by_rule[occurrence.rule.id] if case.selected is occurrence.selected
+            group for group in self._by_rule[occurrence.rule.id] if group.selected is occurrence.selected
         )
 
     def _possible_causes(self, occurrence: Occurrence) -> Iterator[Occurrence]:
@@ -147,8 +194,8 @@ class FindingCollector:
             occurrence.conversation.server.host,
         )
         for rule_id in occurrence.rule.possible_causes:
-            for case in self._by_rule.get(rule_id, ()):
-                for each in case:
+            for group in self._by_rule.get(rule_id, ()):
+                for each in group:
                     if each.completed >= earliest and each.conversation.server.host == host:
                         yield each
 
@@ -164,104 +211,110 @@ class FindingCollector:
             if group.selected
         )
 
-    def findings(self) -> tuple[Finding, ...]:
-        """Return the selected findings and their causes.
+    def findings(self, provisional: Iterable[Occurrence] = ()) -> tuple[Finding, ...]:
+        """Return the selected findings and their causes. Occurrences can still be added afterwards.
 
         Each root cause is followed by its consequences. Root causes are ordered by the gravest severity among
         them and their consequences, then by time.
+
+        Args:
+            provisional: Occurrences that count for these findings only.
         """
+        snapshot = self._copy()
+        for occurrence in provisional:
+            snapshot.add_occurrence(occurrence)
+        return snapshot._make_findings()
+
+    def _copy(self) -> FindingCollector:
+        twin = FindingCollector()
+        groups = {group: group.copy() for group in self._groups.values()}
+        twin._groups = {key: groups[group] for key, group in self._groups.items()}
+        twin._by_rule = {rule: [groups[group] for group in alike] for rule, alike in self._by_rule.items()}
+        twin._by_call = {number: list(occurrences) for number, occurrences in self._by_call.items()}
+        twin._causes = self._causes.copy()
+        return twin
+
+    def _make_findings(self) -> tuple[Finding, ...]:
         groups = list(self._groups.values())
         for group in groups:
             for occurrence in group:
                 self._link_cause(occurrence)
         self._choose_shown(groups)
-        order = _FindingOrder(_selected_groups(groups))
+        order = _FindingOrder(_selected_groups(groups, self._causes), self._causes)
         return tuple(_ordered_finding(group, order) for group in order.groups)
 
     def _choose_shown(self, groups: Iterable[FindingGroup]) -> None:
         """Choose the occurrence that each finding describes: the first with consequences, else the first."""
-        followed = {id(incident.cause) for case in groups for incident in case if incident.cause is not None}
-        for case in groups:
-            case.shown = min(case, key=lambda each: (id(each) not in followed, each.began, each.completed))
+        followed = set(self._causes.values())
+        for group in groups:
+            group.shown = min(group, key=lambda each: (each not in followed, each.began, each.completed))
 
 
 def _cause_rank(rule_id: str, likely: tuple[str, ...]) -> int:
     return likely.index(rule_id) if rule_id in likely else len(likely)
 
 
-def _can_cause(cause: Occurrence, effect: Occurrence) -> bool:
-    """Return whether `cause` may be the cause of `effect`."""
-    return cause is not effect and cause.began <= effect.completed and not _leads_to(cause, effect)
-
-
-def _leads_to(start: Occurrence, goal: Occurrence) -> bool:
-    each: Occurrence | None = start
-    while each is not None:
-        if each is goal:
-            return True
-        each = each.cause
-    return False
-
-
-def _parent_groups(groups: list[FindingGroup]) -> dict[int, FindingGroup]:
+def _parent_groups(
+    groups: list[FindingGroup], causes: Mapping[Occurrence, Occurrence]
+) -> dict[FindingGroup, FindingGroup]:
     """Map each group to the group that caused its shown occurrence; omit links that would close a cycle."""
-    home = {id(incident): case for case in groups for incident in case}
-    parents: dict[int, FindingGroup] = {}
-    for case in sorted(groups, key=lambda each: each.shown.began):
-        cause = case.shown.cause
-        parent = home.get(id(cause)) if cause is not None else None
+    group_of = {occurrence: group for group in groups for occurrence in group}
+    parents: dict[FindingGroup, FindingGroup] = {}
+    for group in sorted(groups, key=lambda each: each.shown.began):
+        cause = causes.get(group.shown)
+        parent = group_of.get(cause) if cause is not None else None
         above = parent
-        while above is not None and above is not case:
-            above = parents.get(id(above))
+        while above is not None and above is not group:
+            above = parents.get(above)
         if parent is not None and above is None:
-            parents[id(case)] = parent
+            parents[group] = parent
     return parents
 
 
-def _selected_groups(groups: list[FindingGroup]) -> list[FindingGroup]:
+def _selected_groups(
+    groups: list[FindingGroup], causes: Mapping[Occurrence, Occurrence]
+) -> list[FindingGroup]:
     """Drop groups that are not selected and are no cause of a selected one."""
-    parents = _parent_groups(groups)
-    kept: set[int] = set()
-    for case in groups:
-        each: FindingGroup | None = case if case.selected else None
-        while each is not None and id(each) not in kept:
-            kept.add(id(each))
-            each = parents.get(id(each))
-    return [case for case in groups if id(case) in kept]
+    parents = _parent_groups(groups, causes)
+    kept: set[FindingGroup] = set()
+    for group in groups:
+        each: FindingGroup | None = group if group.selected else None
+        while each is not None and each not in kept:
+            kept.add(each)
+            each = parents.get(each)
+    return [group for group in groups if group in kept]
 
 
 class _FindingOrder:
     """The order of the findings, and which follows from which."""
 
-    def __init__(self, groups: list[FindingGroup]) -> None:
-        parents = _parent_groups(groups)
-        self._children: dict[int, list[FindingGroup]] = {}
-        for case in sorted(groups, key=lambda each: (each.shown.began, _RANK[each.rule.severity])):
-            parent = parents.get(id(case))
-            self._children.setdefault(0 if parent is None else id(parent), []).append(case)
-        roots = sorted(self._children.get(0, ()), key=self._worst_severity)
-        self.groups = [case for root in roots for case in self.with_consequences(root)]
-        self._numbers = {id(case): number for number, case in enumerate(self.groups, 1)}
-        self._parents = parents
+    def __init__(self, groups: list[FindingGroup], causes: Mapping[Occurrence, Occurrence]) -> None:
+        self._parents = _parent_groups(groups, causes)
+        self._children: dict[FindingGroup | None, list[FindingGroup]] = {}
+        for group in sorted(groups, key=lambda each: (each.shown.began, _RANK[each.rule.severity])):
+            self._children.setdefault(self._parents.get(group), []).append(group)
+        roots = sorted(self._children.get(None, ()), key=self._worst_severity)
+        self.groups = [group for root in roots for group in self.with_consequences(root)]
+        self._numbers = {group: number for number, group in enumerate(self.groups, 1)}
 
     def number(self, group: FindingGroup) -> int:
-        return self._numbers[id(group)]
+        return self._numbers[group]
 
     def parent(self, group: FindingGroup) -> int | None:
         """Return the number of the finding that a group follows from; None for a root cause."""
-        parent = self._parents.get(id(group))
+        parent = self._parents.get(group)
         return None if parent is None else self.number(parent)
 
     def with_consequences(self, group: FindingGroup) -> Iterator[FindingGroup]:
         """Yield a group and all its direct and indirect consequences."""
         yield group
-        for child in self._children.get(id(group), ()):
+        for child in self._children.get(group, ()):
             yield from self.with_consequences(child)
 
     def first_consequences(self, group: FindingGroup) -> Iterator[FindingGroup]:
         """Yield the first consequence of a group, then the first consequence of that, and so on."""
-        while self._children.get(id(group)):
-            group = self._children[id(group)][0]
+        while self._children.get(group):
+            group = self._children[group][0]
             yield group
 
     def _worst_severity(self, group: FindingGroup) -> int:
@@ -269,11 +322,11 @@ class _FindingOrder:
 
     def explains_the_rest(self, group: FindingGroup) -> bool:
         """Return whether all later errors and warnings are consequences of this group."""
-        family = {id(each) for each in self.with_consequences(group)}
+        family = set(self.with_consequences(group))
         return all(
-            id(each) in family
+            each in family
             or each.rule.severity is Severity.NOTE
-            or max(incident.began for incident in each) <= group.shown.completed
+            or max(occurrence.began for occurrence in each) <= group.shown.completed
             for each in self.groups
         )
 

@@ -180,27 +180,27 @@ class ReportDataBuilder:
         if self._is_selected is None or self._is_selected(settled):
             self._on_call(settled)
 
-    def finish(self, ended_at: int = 0) -> ReportData | None:
-        """Return the data of the report; None without any observation.
+    def report_data(self, ended_at: int = 0) -> ReportData | None:
+        """Return the data of the report so far; None without any observation.
 
         Args:
             ended_at: Time when the traffic ended, ns since 1970; the last frame counts if it is later.
         """
         if self._start is None:
             return None
-        findings = self._diagnosis.finish(ended_at)
-        lanes = sorted(self._timelines.values(), key=lambda lane: -lane.call_count)
+        sessions = [*self._slave_sessions, *self._diagnosis.remaining_sessions(ended_at)]
+        timelines = sorted(self._timelines.values(), key=lambda timeline: -timeline.call_count)
         chains = sorted((chain for _, chain in self._retry_chains), key=lambda chain: chain.request.time)
         return ReportData(
             start=self._start,
             end=self._end,
-            findings=findings,
-            totals=self._diagnosis.totals,
+            findings=self._diagnosis.findings(ended_at),
+            totals=self._diagnosis.totals(ended_at),
             statistics=self._statistics.statistics(),
-            timelines=tuple(lane.timeline() for lane in lanes),
+            timelines=tuple(timeline.timeline() for timeline in timelines),
             timelines_left_off=len(self._timelines_left_off),
-            slave_sessions=tuple(sorted(self._slave_sessions, key=lambda stay: stay.number)),
-            slave_sessions_left_off=self._sessions_left_off,
+            slave_sessions=tuple(sorted(sessions[:MAX_SESSIONS], key=lambda session: session.number)),
+            slave_sessions_left_off=self._sessions_left_off + len(sessions[MAX_SESSIONS:]),
             verdicts=dict(self._verdicts.most_common()),
             retry_chains=tuple(chains),
             retried_calls=self._retried_calls,
@@ -211,11 +211,11 @@ class ReportDataBuilder:
 
     def _on_call(self, call: Call) -> None:
         self._statistics.add_call(call)
-        lane = self._timeline_of(call.conversation)
+        timeline = self._timeline_of(call.conversation)
         reply = call.reply
         plain = reply is not None and call.is_plain and not reply.item.code
-        if lane is not None:
-            lane.add_call(call, plain)
+        if timeline is not None:
+            timeline.add_call(call, plain)
         if not plain:
             self._on_troubled_call(call)
 
@@ -226,12 +226,12 @@ class ReportDataBuilder:
             self._sessions_left_off += 1
 
     def _timeline_of(self, conversation: Conversation) -> _TimelineBuilder | None:
-        lane = self._timelines.get(conversation)
-        if lane is None and len(self._timelines) < MAX_TIMELINES:
-            lane = self._timelines[conversation] = _TimelineBuilder(conversation)
-        elif lane is None and len(self._timelines_left_off) < MAX_COUNTED:
+        timeline = self._timelines.get(conversation)
+        if timeline is None and len(self._timelines) < MAX_TIMELINES:
+            timeline = self._timelines[conversation] = _TimelineBuilder(conversation)
+        elif timeline is None and len(self._timelines_left_off) < MAX_COUNTED:
             self._timelines_left_off.add(conversation)
-        return lane
+        return timeline
 
     def _on_troubled_call(self, call: Call) -> None:
         verdict = call.verdict
@@ -254,10 +254,10 @@ class ReportDataBuilder:
     def _add_damaged(self, observation: Observation | FrameObservation) -> None:
         item = observation.item
         missing = 0 if isinstance(item, Frame) else item.missing
-        lane = self._timeline_of(observation.flow.conversation)
-        if lane is not None:
+        timeline = self._timeline_of(observation.flow.conversation)
+        if timeline is not None:
             kind = TimelineEventKind.MISSING if missing else TimelineEventKind.DAMAGED
-            lane.add_event(kind, TimelineEvent(observation.time, observation.time, 1, observation.number))
+            timeline.add_event(kind, TimelineEvent(observation.time, observation.time, 1, observation.number))
         self._damaged_count += 1
         if len(self._damaged) < MAX_DAMAGED:
             about = observation.flow, len(item.raw), item.raw[:MAX_DAMAGED_BYTES], item.problems, missing
@@ -278,19 +278,19 @@ class _TimelineBuilder:
         request = call.request
         self._activity.add(TimelineEvent(request.time, call.last_activity, 1, request.number))
         if not plain:
-            mark = TimelineEvent(request.time, request.time, 1, request.number, call.kind, call.hresult)
+            event = TimelineEvent(request.time, request.time, 1, request.number, call.kind, call.hresult)
             for kind in _event_kinds(call):
-                self.add_event(kind, mark)
+                self.add_event(kind, event)
 
     def add_event(self, kind: TimelineEventKind, event: TimelineEvent) -> None:
-        marks = self._events.get(kind)
-        if marks is None:
-            marks = self._events[kind] = TimelineEventList(MAX_EVENTS)
-        marks.add(event)
+        events = self._events.get(kind)
+        if events is None:
+            events = self._events[kind] = TimelineEventList(MAX_EVENTS)
+        events.add(event)
 
     def timeline(self) -> ClientTimeline:
-        marks = {kind: self._events[kind].all for kind in TimelineEventKind if kind in self._events}
-        return ClientTimeline(self._conversation, self.call_count, self._activity.all, marks)
+        events = {kind: self._events[kind].all for kind in TimelineEventKind if kind in self._events}
+        return ClientTimeline(self._conversation, self.call_count, self._activity.all, events)
 
 
 def _event_kinds(call: Call) -> Sequence[TimelineEventKind]:

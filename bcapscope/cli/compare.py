@@ -67,15 +67,16 @@ def _read_side(path: str, reader: CaptureReader, wanted: Filter | None) -> Compa
     """Read a capture to its end, in one pass."""
     sessions: list[SlaveSession] = []
     chosen = None if wanted is None else wanted.bind(CALL_GETTERS)
-    diagnosis, summary = Diagnosis(chosen, sessions.append), StatisticsBuilder()
+    diagnosis, statistics = Diagnosis(chosen, sessions.append), StatisticsBuilder()
 
     def on_settled(settled: PairingResult) -> None:
         diagnosis.on_pairing_result(settled)
         if isinstance(settled, Call) and (chosen is None or chosen(settled)):
-            summary.add_call(settled)
+            statistics.add_call(settled)
         del sessions[MAX_SESSIONS:]
 
     read_to_end(reader, diagnosis.on_observation, on_settled)
-    findings = diagnosis.finish(reader.ended_at)
+    sessions += diagnosis.remaining_sessions(reader.ended_at)
     first = sorted(sessions, key=lambda session: session.number)[:MAX_SESSIONS]
-    return ComparedCapture(path, summary.statistics(), tuple(first), findings, diagnosis.totals)
+    findings, totals = diagnosis.findings(reader.ended_at), diagnosis.totals(reader.ended_at)
+    return ComparedCapture(path, statistics.statistics(), tuple(first), findings, totals)

@@ -51,16 +51,14 @@ def command(
     """
     reading = CaptureReader(paths, ports)
     diagnosis = _diagnose(reading, wanted)
-    findings = diagnosis.finish(reading.ended_at)
+    findings, totals = diagnosis.findings(reading.ended_at), diagnosis.totals(reading.ended_at)
     if as_json:
-        records = (
-            finding_record(number, finding, diagnosis.totals) for number, finding in enumerate(findings, 1)
-        )
+        records = (finding_record(number, finding, totals) for number, finding in enumerate(findings, 1))
         reading.output.write_lines(records, reading.show_progress)
-    elif diagnosis.totals.frames or reading.exit_code is not ExitCode.UNREADABLE:
+    elif totals.frames or reading.exit_code is not ExitCode.UNREADABLE:
         width = shutil.get_terminal_size((_PIPE_WIDTH, 24)).columns if sys.stdout.isatty() else _PIPE_WIDTH
         renderer = FindingsRenderer(choose_palette(color), width, words)
-        reading.output.write_lines(renderer.lines(findings, diagnosis.totals), reading.show_progress)
+        reading.output.write_lines(renderer.lines(findings, totals), reading.show_progress)
     reading.print_summary()
     sys.exit(reading.exit_code)
 

@@ -57,12 +57,14 @@ def command(
     if not to_stdout:
         check_output_path(output, force)
     reading = CaptureReader(paths, ports)
-    account = _read_report_data(reading, wanted)
+    report_data = _read_report_data(reading, wanted)
     reading.print_summary()
-    if account is None:
+    if report_data is None:
         print_stderr("no b-CAP found, so no report was written")
         sys.exit(reading.exit_code or ExitCode.NO_DATA)
-    page = report_page(account, _capture_names(paths), __version__, _remarks(reading, wanted)).encode("utf-8")
+    page = report_page(report_data, _capture_names(paths), __version__, _remarks(reading, wanted)).encode(
+        "utf-8"
+    )
     if to_stdout:
         reading.output.write_lines([page.removesuffix(b"\n")], reading.show_progress)
     else:
@@ -73,9 +75,9 @@ def command(
 
 
 def _read_report_data(reader: CaptureReader, wanted: Filter | None) -> ReportData | None:
-    accountant = ReportDataBuilder(None if wanted is None else wanted.bind(CALL_GETTERS))
-    read_to_end(reader, accountant.on_observation, accountant.on_pairing_result)
-    return accountant.finish(reader.ended_at)
+    builder = ReportDataBuilder(None if wanted is None else wanted.bind(CALL_GETTERS))
+    read_to_end(reader, builder.on_observation, builder.on_pairing_result)
+    return builder.report_data(reader.ended_at)
 
 
 def _capture_names(paths: Sequence[str]) -> list[str]:

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator
 
 import click
 
-from bcapscope.analysis.slave.session_detector import SelectedSlaveSessions
+from bcapscope.analysis.slave.selected_sessions import SelectedSlaveSessions
 from bcapscope.analysis.slave.slave_session import SlaveSession
 from bcapscope.cli.common.call_reading import read_calls
 from bcapscope.cli.common.exit_codes import ExitCode
@@ -49,16 +49,16 @@ def command(arguments: FigureArguments) -> None:
 
 
 def _read_slave_sessions(arguments: FigureArguments) -> Iterator[SlaveSession]:
-    watcher = SelectedSlaveSessions(
+    detector = SelectedSlaveSessions(
         None if arguments.call_filter is None else arguments.call_filter.bind(CALL_GETTERS), arguments.window
     )
-    add_call = watcher.add_call
+    add_call = detector.add_call
     for item in read_calls(arguments.reader):
         if isinstance(item, Call):
             ended = add_call(item)
             if ended:
                 yield from ended
-    yield from watcher.finish(arguments.reader.ended_at)
+    yield from detector.remaining_sessions(arguments.reader.ended_at)
 
 
 def _warn_if_none(

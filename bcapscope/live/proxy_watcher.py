@@ -302,7 +302,7 @@ class ProxyWatcher:
                     f"{color.problem}{QUIT_IN_SLAVE_MODE.severity}{color.reset} "
                     f"{QUIT_IN_SLAVE_MODE.id}: {sentence}"
                 )
-        words = words_for(ENGLISH_WORDS, self._diagnosis.totals)
+        words = words_for(ENGLISH_WORDS, self._diagnosis.totals())
         for finding in self._diagnosis.new_findings():
             head = f"{color.problem}{finding.severity}{color.reset} {finding.rule}"
             self._terminal.write_message(f"{head}: {printable(finding_sentence(finding, words))}")
@@ -362,13 +362,13 @@ class ProxyWatcher:
             self._recorder_task.record_available()
         self._skip_undecoded()
         self._terminal.write_lines(self._settled_lines(self._tracker.close()))
-        findings = self._diagnosis.finish()
-        tell, counts = self._terminal.write_message, tuple(self._reader.counts)
+        findings = self._diagnosis.findings()
+        write, counts = self._terminal.write_message, tuple(self._reader.counts)
         calls = f"{counted(self._call_count, 'call')}, {counted(self._retry_count, 'retry', 'retries')}"
-        tell(f"{calls}; {totals_text(counts)}")
+        write(f"{calls}; {totals_text(counts)}")
         for line in (*loss_lines(counts), *self._delays.summary_lines()):
-            tell(line)
+            write(line)
         if self._record_decoder.observation_count:
             width = shutil.get_terminal_size().columns
-            for line in FindingsRenderer(self._colors, width).lines(findings, self._diagnosis.totals):
-                tell(line)
+            for line in FindingsRenderer(self._colors, width).lines(findings, self._diagnosis.totals()):
+                write(line)

@@ -137,7 +137,7 @@ def watched(settled: Iterable[PairingResult], window: int | None = None) -> list
     for item in settled:
         if isinstance(item, Call):
             stays += watcher.add_call(item)
-    return [*stays, *watcher.finish()]
+    return [*stays, *watcher.remaining_sessions()]
 
 
 class Step(NamedTuple):
@@ -180,8 +180,17 @@ steps = st.lists(
 """Sessions without sense."""
 
 
+WINDOW = 100_000_000
+"""Length of the slices of `play`, ns."""
+
+
 def play(played: list[Step], release: int) -> list[SlaveSession]:
     """Play a session of three clients, of which one lets go in the middle; return the stays, with slices."""
+    return watched(played_calls(played, release), WINDOW)
+
+
+def played_calls(played: list[Step], release: int) -> list[PairingResult]:
+    """Return the calls of `play`."""
     plan = Plan()
     drivers = [plan.driver(50001), plan.driver(50002, handle=2), plan.driver(50003, Transport.TCP)]
     now = 0.0
@@ -191,4 +200,4 @@ def play(played: list[Step], release: int) -> list[SlaveSession]:
             now, step.command, step.parameter, code=step.code, result=step.result, takes=step.takes
         )
     drivers[release].stop(now / 2)
-    return plan.stays(window=100_000_000)
+    return plan.track()

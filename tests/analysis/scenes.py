@@ -193,7 +193,7 @@ def diagnose(observations: list[Observation]) -> Diagnosed:
             diagnosis.on_pairing_result(settled)
     for settled in tracker.close():
         diagnosis.on_pairing_result(settled)
-    return Diagnosed(diagnosis.finish(), diagnosis.totals)
+    return Diagnosed(diagnosis.findings(), diagnosis.totals())
 
 
 def _time(ms: float) -> int:

@@ -43,7 +43,7 @@ def diagnosed(
             diagnosis.on_pairing_result(settled)
     for settled in tracker.close():
         diagnosis.on_pairing_result(settled)
-    return diagnosis.finish(), diagnosis
+    return diagnosis.findings(), diagnosis
 
 
 def lost_mode(story: Story) -> None:
@@ -71,15 +71,15 @@ def test_what_does_not_concern_the_chosen_calls_is_left_out() -> None:
     seen = observed(lost_mode)
     told, diagnosis = diagnosed(seen, by("function == Service_Start"))
     assert told == ()
-    assert diagnosis.totals.selected_calls == 1
-    assert diagnosis.totals.calls > 1
+    assert diagnosis.totals().selected_calls == 1
+    assert diagnosis.totals().calls > 1
 
 
 @pytest.mark.parametrize("scene", SCENES, ids=lambda scene: scene.rule)
 def test_nothing_is_told_when_nothing_was_asked_for(scene: Scene) -> None:
     told, diagnosis = diagnosed(observed(scene.fires), by("false"))
     assert told == ()
-    assert diagnosis.totals.selected_calls == 0
+    assert diagnosis.totals().selected_calls == 0
 
 
 @pytest.mark.parametrize("scene", SCENES, ids=lambda scene: scene.rule)

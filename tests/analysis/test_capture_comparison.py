@@ -53,8 +53,8 @@ def read(name: str) -> ComparedCapture:
                 take(settled)
     for settled in tracker.close():
         take(settled)
-    stays.extend(watcher.finish())
-    return ComparedCapture(name, summary.statistics(), tuple(stays), diagnosis.finish())
+    stays.extend(watcher.remaining_sessions())
+    return ComparedCapture(name, summary.statistics(), tuple(stays), diagnosis.findings())
 
 
 def run(count: int, latency: float = 1.0, pace: float = 8.0, retries: int = 0) -> list[Call]:

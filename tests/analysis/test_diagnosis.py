@@ -31,8 +31,8 @@ def chain(found: Diagnosed) -> list[tuple[str, int | None]]:
 
 def test_nothing_seen() -> None:
     diagnosis = Diagnosis()
-    assert diagnosis.finish() == ()
-    assert diagnosis.totals == TrafficTotals(0, 0, 0, 0)
+    assert diagnosis.findings() == ()
+    assert diagnosis.totals() == TrafficTotals(0, 0, 0, 0)
 
 
 def test_a_clean_capture_says_how_much_was_seen() -> None:
@@ -229,7 +229,7 @@ def test_a_proxy_has_seen_each_stream_from_its_beginning(known_by: str, rule: st
     diagnosis = Diagnosis()
     item = Malformed(b"GET / HTTP/1.0\r\n\r\n", (Problem(0, "outside", "bytes outside of any frame"),))
     diagnosis.on_observation(Observation(1, 0, 0, flow, item, 0))
-    assert [finding.rule for finding in diagnosis.finish()] == [rule]
+    assert [finding.rule for finding in diagnosis.findings()] == [rule]
 
 
 @pytest.mark.interop

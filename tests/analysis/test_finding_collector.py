@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from bcapscope.analysis.finding import Finding, Severity
 from bcapscope.analysis.finding_collector import MAX_FINDINGS, MAX_KEPT, FindingCollector
 from bcapscope.analysis.rules.rule_checker import SECOND, DiagnosisRule, Occurrence
@@ -186,3 +188,59 @@ def test_news_tell_each_case_once_and_by_itself() -> None:
     book.add_occurrence(happen(SMOKE, 4))
     assert [finding.rule for finding in book.new_findings()] == ["smoke"]
     assert {finding.rule for finding in book.findings()} == {"spark", "fire", "smoke"}
+
+
+def test_provisional_occurrences_count_for_one_answer_only() -> None:
+    collector = FindingCollector()
+    collector.add_occurrence(happen(FIRE, 0.2))
+    before = collector.findings()
+    assert links(before) == [("fire", None)]
+    for _ in range(2):
+        found = collector.findings([happen(SPARK, 0.1), happen(FIRE, 0.3)])
+        assert links(found) == [("spark", None), ("fire", 1)]
+        assert "twice in all" in sentence_of(found[1])
+    assert collector.findings() == before
+    assert [finding.rule for finding in collector.new_findings()] == ["fire"]
+
+
+def test_asking_again_and_again_changes_nothing_that_follows() -> None:
+    asked, never_asked = FindingCollector(), FindingCollector()
+    occurrences = [
+        happen(what, number / 10, call=number, because=(number - 1,))
+        for number in range(1, 10 * MAX_KEPT)
+        for what in (SPARK, FIRE, SMOKE)
+    ]
+    for collector in (asked, never_asked):
+        for occurrence in occurrences:
+            collector.add_occurrence(occurrence)
+            if collector is asked:
+                collector.findings()
+    assert asked.findings() == never_asked.findings()
+
+
+def test_an_update_replaces_its_occurrence_as_cause_and_as_consequence() -> None:
+    def update(occurrence: Occurrence, text: str) -> Occurrence:
+        return replace(occurrence, fact=Message.from_table("fact", text), is_update=True)
+
+    collector = FindingCollector()
+    spark, fire = happen(SPARK, 0.1, call=1), happen(FIRE, 0.2, call=2)
+    for occurrence in (spark, fire, happen(SMOKE, 0.3, call=3, because=(2,))):
+        collector.add_occurrence(occurrence)
+    collector.add_occurrence(update(spark, "A bigger spark."))
+    collector.add_occurrence(update(fire, "A bigger fire."))
+    collector.add_occurrence(update(fire, "The biggest fire."))
+    found = collector.findings()
+    assert links(found) == [("spark", None), ("fire", 1), ("smoke", 2)]
+    assert [sentence_of(finding) for finding in found[:2]] == [
+        "A bigger spark. 100 ms later, fire followed. 100 ms later, smoke followed.",
+        "The biggest fire.",
+    ]
+    assert "in all" not in sentence_of(found[1])
+
+
+def test_an_update_of_an_occurrence_that_is_not_kept_is_ignored() -> None:
+    occurrences = [happen(SPARK, number / 10, call=number) for number in range(1, 10 * MAX_KEPT)]
+    middle = replace(
+        occurrences[5 * MAX_KEPT], fact=Message.from_table("fact", "another one"), is_update=True
+    )
+    assert told(*occurrences, middle) == told(*occurrences)

@@ -27,13 +27,13 @@ def tell(script: Script) -> ReportData:
             accountant.on_pairing_result(settled)
     for settled in tracker.close():
         accountant.on_pairing_result(settled)
-    account = accountant.finish()
+    account = accountant.report_data()
     assert account is not None
     return account
 
 
 def test_nothing_seen_is_no_account() -> None:
-    assert ReportDataBuilder().finish() is None
+    assert ReportDataBuilder().report_data() is None
 
 
 def test_a_small_session() -> None:

@@ -9,7 +9,6 @@ from bcapscope.analysis.diagnosis import Diagnosis
 from bcapscope.analysis.rules import object_rules
 from bcapscope.analysis.rules.object_rules import ObjectChecker
 from bcapscope.analysis.rules.rule_checker import Occurrence
-from bcapscope.analysis.rules.session_rules import SessionChecker
 from bcapscope.analysis.slave.slave_session import ExitReason
 from bcapscope.traffic.call import Call
 from bcapscope.traffic.handle_tracker import HandleTracker
@@ -46,7 +45,8 @@ def test_a_leak_is_found_among_many_names(monkeypatch: pytest.MonkeyPatch) -> No
     watcher = ObjectChecker(found.append, clients)
     names = [name for number in range(30) for name in ("leaks", f"I{number}", f"F{number}")]
     opened(watcher, clients, names)
-    assert [incident.rule.id for incident in found] == ["handle-leak"]
+    assert {occurrence.rule.id for occurrence in found} == {"handle-leak"}
+    assert [occurrence.is_update for occurrence in found] == [False] + [True] * 10
 
 
 def left_on(until: float) -> Plan:
@@ -62,9 +62,10 @@ def left_on(until: float) -> Plan:
 def test_stays_of_clients_that_are_forgotten_are_not_kept() -> None:
     (stay,) = left_on(9000).stays()
     assert stay.exit.reason is ExitReason.SILENT
-    watcher = SessionChecker(lambda incident: None, ClientRegistry(lambda client: None))
-    watcher.on_slave_session(stay)
-    assert not watcher._silent_sessions
+    diagnosis = Diagnosis()
+    diagnosis._on_slave_sessions([stay])
+    assert list(diagnosis._clients) == []
+    assert diagnosis.findings() == ()
 
 
 def test_of_clients_that_are_gone_the_latest_few_are_remembered() -> None:
@@ -92,5 +93,5 @@ def test_a_diagnosis_lets_go_of_a_client_that_is_gone_and_tells_what_it_left_on(
         diagnosis.on_conversation_closed(call.conversation)
     diagnosis.on_pairing_result(last)
     diagnosis.on_conversation_closed(last.conversation)
-    found = diagnosis.finish(last.request.time)
+    found = diagnosis.findings(last.request.time)
     assert "quit-in-slave-mode" in [finding.rule for finding in found]

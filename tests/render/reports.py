@@ -78,7 +78,7 @@ def account_of(path: Path) -> ReportData:
                 accountant.on_pairing_result(settled)
     for settled in tracker.close():
         accountant.on_pairing_result(settled)
-    account = accountant.finish()
+    account = accountant.report_data()
     assert account is not None
     return account
 

@@ -43,6 +43,6 @@ CHECKERS: tuple[type[RuleChecker], ...] = (
 """All checkers, in the order in which they see a call."""
 
 RULES: tuple[DiagnosisRule, ...] = tuple(
-    dict.fromkeys(rule for watcher in CHECKERS for rule in watcher.rules)
+    dict.fromkeys(rule for checker in CHECKERS for rule in checker.rules)
 )
 """All rules, each once."""

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
+
 from bcapscope.analysis.client_state import ClientRegistry, ClientState
 from bcapscope.analysis.finding import Severity
 from bcapscope.analysis.finding_places import call_place, client_place
 from bcapscope.analysis.rules.rule_checker import (
     SECOND,
+    ClientEnd,
     DiagnosisRule,
     Occurrence,
     OccurrenceSink,
@@ -16,6 +19,7 @@ from bcapscope.analysis.rules.rule_checker import (
 from bcapscope.messages import Message
 from bcapscope.messages.places import Duration, Moment
 from bcapscope.protocol.tables.function_table import ID
+from bcapscope.traffic.call import Call
 from bcapscope.traffic.observation import ConnectionEnd, Conversation
 
 CONTROLLER_HUNG_UP = DiagnosisRule(
@@ -40,41 +44,42 @@ class ConnectionChecker(RuleChecker):
         client = self.clients.find(conversation)
         if client is not None:  # the client stays registered for a while, but its connection is closed
             self._judged_conversations.add(conversation)
-            self._check_closing(client)
+            for occurrence in _closing_occurrences(client):
+                self.report_occurrence(occurrence)
 
-    def on_client_ended(self, client: ClientState, ended_at: int) -> None:
-        if client.conversation in self._judged_conversations:
-            self._judged_conversations.discard(client.conversation)
-        else:
-            self._check_closing(client)
+    def end_occurrences(self, end: ClientEnd) -> Iterable[Occurrence]:
+        judged = end.client.conversation in self._judged_conversations
+        return () if judged else _closing_occurrences(end.client)
 
-    def _check_closing(self, client: ClientState) -> None:
-        closing = client.controller_closing
-        stopped = client.session_end is not None or client.last_call.kind.function_id == ID["Service_Stop"]
-        if closing is not None and not stopped:
-            self._report_hung_up(client, closing)
+    def drop_client(self, client: ClientState) -> None:
+        self._judged_conversations.discard(client.conversation)
 
-    def _report_hung_up(self, client: ClientState, closing: ConnectionEnd) -> None:
-        last = client.last_call
-        how = "reset" if closing.reset else "closed"
-        answered = "" if last.reply is not None else ".unanswered"
-        server = str(client.conversation.server)
-        self.report_occurrence(
-            Occurrence(
-                CONTROLLER_HUNG_UP,
-                closing.time,
-                closing.time,
-                client.conversation,
-                tuple(seen.number for seen in (last.request, last.reply) if seen is not None),
-                Message(
-                    f"finding.controller-hung-up.{how}{answered}",
-                    at=Moment(closing.time),
-                    server=server,
-                    client=client_place(client.conversation),
-                    after=Duration(max(closing.time - last_frame_time(last), 0)),
-                    call=call_place(last),
-                ),
-                Message(f"clause.controller-hung-up.{how}", server=server),
-                call=last.number,
-            )
-        )
+
+def _closing_occurrences(client: ClientState) -> Iterator[Occurrence]:
+    closing = client.controller_closing
+    stopped = client.session_end is not None or client.last_call.kind.function_id == ID["Service_Stop"]
+    if closing is not None and not stopped:
+        yield _hung_up(client.last_call, closing)
+
+
+def _hung_up(last: Call, closing: ConnectionEnd) -> Occurrence:
+    how = "reset" if closing.reset else "closed"
+    answered = "" if last.reply is not None else ".unanswered"
+    server = str(last.conversation.server)
+    return Occurrence(
+        CONTROLLER_HUNG_UP,
+        closing.time,
+        closing.time,
+        last.conversation,
+        tuple(seen.number for seen in (last.request, last.reply) if seen is not None),
+        Message(
+            f"finding.controller-hung-up.{how}{answered}",
+            at=Moment(closing.time),
+            server=server,
+            client=client_place(last.conversation),
+            after=Duration(max(closing.time - last_frame_time(last), 0)),
+            call=call_place(last),
+        ),
+        Message(f"clause.controller-hung-up.{how}", server=server),
+        call=last.number,
+    )

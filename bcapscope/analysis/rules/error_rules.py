@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 from bcapscope.analysis.client_state import ClientRegistry, ClientState, folded_command
 from bcapscope.analysis.finding import Severity
 from bcapscope.analysis.rules.refusal import Refusal, RefusalReason, make_refusal
 from bcapscope.analysis.rules.rule_checker import (
     SECOND,
     CallHealth,
+    ClientEnd,
     DiagnosisRule,
+    Occurrence,
     OccurrenceSink,
     RuleChecker,
+    frame_numbers,
+    last_frame_time,
 )
 from bcapscope.analysis.speech import Speech, called
 from bcapscope.messages import Message
@@ -116,29 +122,20 @@ class ErrorChecker(RuleChecker):
             if call.reply is not None and not client.error_was_read and not self._was_read_by_other(client):
                 self._report_unread(call, failure)
             return
-        story = self._after_error.get(call.conversation)
-        if story is None or story.error_call is not failure:
-            story = self._after_error[call.conversation] = _CallsAfterError(failure)
+        calls = self._after_error.get(call.conversation)
+        if calls is None or calls.error_call is not failure:
+            calls = self._after_error[call.conversation] = _CallsAfterError(failure)
         if call.request.time > failure.request.time and not _only_stops(call):
-            story.count += 1
-            story.first = story.first or call
+            calls.count += 1
+            calls.first = calls.first or call
 
-    def on_client_ended(self, client: ClientState, ended_at: int) -> None:
-        story = self._after_error.pop(client.conversation, None)
-        if story is None or story.first is None or story.error_call is not client.uncleared_error:
-            return
-        failure, count, first = story.error_call, story.count, story.first
+    def end_occurrences(self, end: ClientEnd) -> Iterator[Occurrence]:
+        calls, failure = self._after_error.get(end.client.conversation), end.client.uncleared_error
+        if calls is not None and calls.first is not None and calls.error_call is failure:
+            yield _went_on(calls.error_call, calls.count, calls.first)
 
-        def say(speech: Speech) -> str:
-            who = speech.client(client.conversation)
-            return (
-                f"after the error of {called(failure)} {who} made {counted(count, 'more call')} that "
-                f"can change or move something, from {called(first)} on, and never called ClearError"
-            )
-
-        self.report_call(
-            WENT_ON_AFTER_ERROR, first, say, evidence_call=failure, explaining_calls=(failure.number,)
-        )
+    def drop_client(self, client: ClientState) -> None:
+        self._after_error.pop(client.conversation, None)
 
     def _was_read_by_other(self, client: ClientState) -> bool:
         return any(other.error_was_read for other in self.clients.other_clients(client))
@@ -153,6 +150,26 @@ class ErrorChecker(RuleChecker):
             )
 
         self.report_call(CLEARED_UNREAD, call, say, evidence_call=failure, explaining_calls=(failure.number,))
+
+
+def _went_on(failure: Call, count: int, first: Call) -> Occurrence:
+    def say(speech: Speech) -> str:
+        who = speech.client(first.conversation)
+        return (
+            f"after the error of {called(failure)} {who} made {counted(count, 'more call')} that "
+            f"can change or move something, from {called(first)} on, and never called ClearError"
+        )
+
+    return Occurrence(
+        WENT_ON_AFTER_ERROR,
+        first.request.time,
+        last_frame_time(first),
+        first.conversation,
+        frame_numbers(failure, first),
+        say,
+        call=first.number,
+        explaining_calls=(failure.number,),
+    )
 
 
 def _only_stops(call: Call) -> bool:

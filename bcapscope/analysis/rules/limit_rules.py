@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from itertools import pairwise
 
 from bcapscope.analysis.client_state import ClientRegistry, ClientState, argument, folded_command
@@ -83,72 +83,71 @@ class LimitChecker(RuleChecker):
 
     rules = (OVER_LIMIT, BEYOND_RANGE, INVALID_SET_POINT, NOT_FINITE, FAR_FIRST_POINT, SET_POINT_JUMP)
 
-    def on_slave_session(self, session: SlaveSession) -> None:
+    def session_occurrences(self, session: SlaveSession) -> Iterator[Occurrence]:
         motion = session.motion
         if motion is None:
             return
         if motion.not_finite:
-            self._report_not_finite(session, motion.not_finite, motion.not_finite_frames)
+            yield _not_finite(session, motion.not_finite, motion.not_finite_frames)
         distances = [abs(each) if math.isfinite(each) else 0.0 for each in motion.first_distance]
         named = list(zip(motion.axes, distances, strict=False))
         measured = [(axis, distance) for axis, distance in named if axis.unit]
         if measured:
             axis, distance = max(measured, key=lambda pair: pair[1])
             if distance > _FAR_DISTANCE and not session.began_before_capture:
-                self._report_far(session, axis.name, axis.unit, distance)
+                yield _far_first_point(session, axis.name, axis.unit, distance)
         for jump in motion.jump_list:
-            self._report_jump(session, jump)
+            yield _set_point_jump(session, jump)
 
-    def _report_not_finite(self, session: SlaveSession, count: int, frames: tuple[int, ...]) -> None:
-        def say(speech: Speech) -> str:
-            who = speech.client(session.conversation)
-            return (
-                f"{who} sent {counted(count, 'set point')} with a NaN or an infinity, the first in "
-                f"frame {frames[0]}"
-            )
 
-        time = session.first_set_point.time if session.first_set_point is not None else session.entered_at
-        self.report_occurrence(Occurrence(NOT_FINITE, time, time, session.conversation, frames[:8], say))
-
-    def _report_far(self, session: SlaveSession, axis: str, unit: str, distance: float) -> None:
-        known_by = session.motion.first_distance_known_by if session.motion is not None else ""
-        frames = session.motion.first_distance_frames if session.motion is not None else ()
-
-        def say(speech: Speech) -> str:
-            who = speech.client(session.conversation)
-            return (
-                f"the first set point of {who} is {amount(distance)} {unit} away in {axis} from where the "
-                f"robot was ({known_by}), and in slave mode it is to get there in one period"
-            )
-
-        def then(speech: Speech, after: int) -> str:
-            return f"the first set point was {amount(distance)} {unit} away in {axis}"
-
-        time = session.first_set_point.time if session.first_set_point is not None else session.entered_at
-        self.report_occurrence(
-            Occurrence(FAR_FIRST_POINT, time, time, session.conversation, frames, say, then)
+def _not_finite(session: SlaveSession, count: int, frames: tuple[int, ...]) -> Occurrence:
+    def say(speech: Speech) -> str:
+        who = speech.client(session.conversation)
+        return (
+            f"{who} sent {counted(count, 'set point')} with a NaN or an infinity, the first in "
+            f"frame {frames[0]}"
         )
 
-    def _report_jump(self, session: SlaveSession, jump: Jump) -> None:
-        unit = (
-            next((axis.unit for axis in session.motion.axes if axis.name == jump.axis), "")
-            if session.motion
-            else ""
+    time = session.first_set_point.time if session.first_set_point is not None else session.entered_at
+    return Occurrence(NOT_FINITE, time, time, session.conversation, frames[:8], say)
+
+
+def _far_first_point(session: SlaveSession, axis: str, unit: str, distance: float) -> Occurrence:
+    known_by = session.motion.first_distance_known_by if session.motion is not None else ""
+    frames = session.motion.first_distance_frames if session.motion is not None else ()
+
+    def say(speech: Speech) -> str:
+        who = speech.client(session.conversation)
+        return (
+            f"the first set point of {who} is {amount(distance)} {unit} away in {axis} from where the "
+            f"robot was ({known_by}), and in slave mode it is to get there in one period"
         )
-        speed = abs(jump.step) / (session.timing.grid_ms / 1000)
 
-        def say(speech: Speech) -> str:
-            return (
-                f"at {speech.at(jump.time)} the set point of frame {jump.frame} jumps by {amount(jump.step)} "
-                f"{unit} in {jump.axis} ({amount(speed)} {unit}/s in one period), {_BESIDE[jump.kind]}"
-            )
+    def then(speech: Speech, after: int) -> str:
+        return f"the first set point was {amount(distance)} {unit} away in {axis}"
 
-        def then(speech: Speech, after: int) -> str:
-            return f"a set point jumped by {amount(jump.step)} {unit} in {jump.axis}"
+    time = session.first_set_point.time if session.first_set_point is not None else session.entered_at
+    return Occurrence(FAR_FIRST_POINT, time, time, session.conversation, frames, say, then)
 
-        self.report_occurrence(
-            Occurrence(SET_POINT_JUMP, jump.time, jump.time, session.conversation, (jump.frame,), say, then)
+
+def _set_point_jump(session: SlaveSession, jump: Jump) -> Occurrence:
+    unit = (
+        next((axis.unit for axis in session.motion.axes if axis.name == jump.axis), "")
+        if session.motion
+        else ""
+    )
+    speed = abs(jump.step) / (session.timing.grid_ms / 1000)
+
+    def say(speech: Speech) -> str:
+        return (
+            f"at {speech.at(jump.time)} the set point of frame {jump.frame} jumps by {amount(jump.step)} "
+            f"{unit} in {jump.axis} ({amount(speed)} {unit}/s in one period), {_BESIDE[jump.kind]}"
         )
+
+    def then(speech: Speech, after: int) -> str:
+        return f"a set point jumped by {amount(jump.step)} {unit} in {jump.axis}"
+
+    return Occurrence(SET_POINT_JUMP, jump.time, jump.time, session.conversation, (jump.frame,), say, then)
 
 
 def _pose_values(call: Call, pose_type: PoseType | None) -> tuple[float, ...]:

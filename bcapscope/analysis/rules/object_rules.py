@@ -9,8 +9,11 @@ from bcapscope.analysis.rules.rule_checker import (
     SECOND,
     CallHealth,
     DiagnosisRule,
+    Occurrence,
     OccurrenceSink,
     RuleChecker,
+    frame_numbers,
+    last_frame_time,
 )
 from bcapscope.analysis.speech import Speech, called, shown
 from bcapscope.protocol.tables.function_table import FUNCTIONS, ObjectClass
@@ -47,10 +50,11 @@ _MAX_NAMES = 4096
 
 
 class _HandleTally:
-    """Number of open handles of one object, now and at most."""
+    """Number of open handles of one object, now and at most, and the call that made them a leak."""
 
     def __init__(self) -> None:
         self.open = self.most = 0
+        self.leak_call: Call | None = None
 
 
 class ObjectChecker(RuleChecker):
@@ -73,7 +77,7 @@ class ObjectChecker(RuleChecker):
     def on_call(self, call: Call, client: ClientState) -> None:
         function, thing = FUNCTIONS[call.kind.function_id], client.target_object
         if function.creates is ObjectClass.SERVICE or function.releases is ObjectClass.SERVICE:
-            self._forget_conversation(call.conversation)
+            self._drop_conversation(call.conversation)
         elif function.creates is not None and isinstance(result_of(call), int):
             name = text_argument(call, 0 if function.creates is ObjectClass.CONTROLLER else 1)
             self._count_opened(call, function.creates, name)
@@ -82,8 +86,8 @@ class ObjectChecker(RuleChecker):
             if tally is not None:
                 tally.open -= 1
 
-    def on_client_ended(self, client: ClientState, ended_at: int) -> None:
-        self._forget_conversation(client.conversation)
+    def drop_client(self, client: ClientState) -> None:
+        self._drop_conversation(client.conversation)
 
     def _count_opened(self, call: Call, kind: ObjectClass, name: str) -> None:
         key = call.conversation, kind, name
@@ -96,24 +100,37 @@ class ObjectChecker(RuleChecker):
         if tally.open <= tally.most:
             return
         tally.most = tally.open
-        if tally.most == _LEAK_AT:
-            self._report_leak(call, kind, name, tally)
+        if tally.most >= _LEAK_AT:
+            is_update = tally.leak_call is not None
+            tally.leak_call = tally.leak_call or call
+            self.report_occurrence(_leak(tally.leak_call, kind, name, tally.most, is_update))
 
     def _least_relevant(self) -> tuple[Conversation, ObjectClass, str]:
         """Return the first object with at most one open handle, or else the first object."""
         single = (key for key, tally in self._tallies.items() if tally.open <= 1)
         return next(single, next(iter(self._tallies)))
 
-    def _report_leak(self, call: Call, kind: ObjectClass, name: str, tally: _HandleTally) -> None:
-        def say(speech: Speech) -> str:
-            who = speech.client(call.conversation)
-            return f"{who} came to hold {tally.most} handles of the {kind} '{shown(name)}' at once"
-
-        self.report_call(HANDLE_LEAK, call, say, group_key=f"{kind} {name}")
-
-    def _forget_conversation(self, conversation: Conversation) -> None:
+    def _drop_conversation(self, conversation: Conversation) -> None:
         for key in [key for key in self._tallies if key[0] is conversation]:
             del self._tallies[key]
+
+
+def _leak(call: Call, kind: ObjectClass, name: str, handles: int, is_update: bool) -> Occurrence:
+    def say(speech: Speech) -> str:
+        who = speech.client(call.conversation)
+        return f"{who} came to hold {handles} handles of the {kind} '{shown(name)}' at once"
+
+    return Occurrence(
+        HANDLE_LEAK,
+        call.request.time,
+        last_frame_time(call),
+        call.conversation,
+        frame_numbers(call),
+        say,
+        call=call.number,
+        group_key=f"{kind} {name}",
+        is_update=is_update,
+    )
 
 
 def _may_be_released(call: Call) -> bool:

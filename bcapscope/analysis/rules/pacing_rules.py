@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Iterator
 from itertools import pairwise
 
 from bcapscope.analysis.client_state import ClientRegistry, ClientState, folded_command
@@ -88,7 +89,7 @@ class PacingChecker(RuleChecker):
     def on_call(self, call: Call, client: ClientState) -> None:
         """Look for the pause that explains an empty buffer.
 
-        `on_slave_session` comes later and knows less about it.
+        `session_occurrences` comes later and knows less about it.
         """
         pair = _longest_pause(call, client) if call.hresult in _EMPTY_CODES else None
         if pair is None:
@@ -107,74 +108,74 @@ class PacingChecker(RuleChecker):
             completed=after.request.time,
         )
 
-    def on_slave_session(self, session: SlaveSession) -> None:
+    def session_occurrences(self, session: SlaveSession) -> Iterator[Occurrence]:
         if not session.buffer.overwrites:
-            self._report_underflows(session)
-        cycle = session.timing.cycle
-        if cycle is None or cycle.count < _FEWEST_CYCLES:
-            return
-        grid = session.timing.grid_ms
-        off = cycle.mean / grid - 1
-        if session.buffer.replies_pace and off < -_TOLERANCE:
-            self._report_off_grid(REPLIES_DO_NOT_PACE, session, cycle.mean, "")
-        elif abs(off) > _TOLERANCE:
-            self._report_off_grid(OFF_GRID, session, cycle.mean, "")
-        elif session.timing.skipped > cycle.count * _MAX_SKIPPED_SHARE:
-            share = (
-                f", and {session.timing.skipped} of {cycle.count} cycles took one and a half periods or more"
-            )
-            self._report_off_grid(OFF_GRID, session, cycle.mean, share)
+            yield from self._underflows(session)
+        yield from _off_grid_occurrences(session)
 
-    def _report_underflows(self, session: SlaveSession) -> None:
-        listed = [starved for starved in session.buffer.underflow_list if starved.moving is not False]
+    def _underflows(self, session: SlaveSession) -> Iterator[Occurrence]:
+        listed = [underflow for underflow in session.buffer.underflow_list if underflow.moving is not False]
         more = max(session.buffer.underflows_in_motion - len(listed), 0)
-        untold = [starved for starved in listed if starved.late_frame not in self._reported_gaps]
-        for starved in untold[:-1]:
-            self._report_underflow(session, starved, 1)
-        for starved in untold[-1:]:
-            self._report_underflow(session, starved, 1 + more)
+        unreported = [underflow for underflow in listed if underflow.late_frame not in self._reported_gaps]
+        for underflow in unreported[:-1]:
+            yield _predicted_gap(session, underflow, 1)
+        for underflow in unreported[-1:]:
+            yield _predicted_gap(session, underflow, 1 + more)
 
-    def _report_underflow(self, session: SlaveSession, underflow: PredictedUnderflow, count: int) -> None:
-        wait = round((underflow.late_ms + session.timing.slack_ms) * MS)
 
-        def say(speech: Speech) -> str:
-            return (
-                f"the set point of frame {underflow.late_frame} came {span(round(underflow.late_ms * MS))} "
-                f"after the buffer of {counted(session.buffer.slots, 'point')} must have been empty, "
-                "while the robot moved (by a model of the buffer)"
-            )
+def _predicted_gap(session: SlaveSession, underflow: PredictedUnderflow, count: int) -> Occurrence:
+    wait = round((underflow.late_ms + session.timing.slack_ms) * MS)
 
-        def then(speech: Speech, after: int) -> str:
-            return f"no set point came for {span(wait)}"
-
-        frames = (underflow.last_frame, underflow.late_frame)
-        began = underflow.time - round(session.timing.slack_ms * MS)
-        self.report_occurrence(
-            Occurrence(
-                SET_POINT_GAP, began, underflow.time, session.conversation, frames, say, then, count=count
-            )
+    def say(speech: Speech) -> str:
+        return (
+            f"the set point of frame {underflow.late_frame} came {span(round(underflow.late_ms * MS))} "
+            f"after the buffer of {counted(session.buffer.slots, 'point')} must have been empty, "
+            "while the robot moved (by a model of the buffer)"
         )
 
-    def _report_off_grid(self, rule: DiagnosisRule, session: SlaveSession, mean: float, more: str) -> None:
-        first, last = session.first_set_point, session.last_set_point
-        if first is None or last is None:
-            return
-        rate, grid = 1000 / mean if mean else 0, session.timing.grid_ms
+    def then(speech: Speech, after: int) -> str:
+        return f"no set point came for {span(wait)}"
 
-        def say(speech: Speech) -> str:
-            who, points = speech.client(session.conversation), counted(session.counts.sent, "set point")
-            return (
-                f"{who} sent {points} every {amount(mean)} ms on average ({amount(rate)} a second), where "
-                f"{grid:g} ms is the period{more}"
-            )
+    frames = (underflow.last_frame, underflow.late_frame)
+    began = underflow.time - round(session.timing.slack_ms * MS)
+    return Occurrence(
+        SET_POINT_GAP, began, underflow.time, session.conversation, frames, say, then, count=count
+    )
 
-        def then(speech: Speech, after: int) -> str:
-            return f"set points came every {amount(mean)} ms"
 
-        frames = (first.frame, last.frame)
-        self.report_occurrence(
-            Occurrence(rule, first.time, last.time, session.conversation, frames, say, then)
+def _off_grid_occurrences(session: SlaveSession) -> Iterator[Occurrence]:
+    cycle = session.timing.cycle
+    if cycle is None or cycle.count < _FEWEST_CYCLES:
+        return
+    grid = session.timing.grid_ms
+    off = cycle.mean / grid - 1
+    if session.buffer.replies_pace and off < -_TOLERANCE:
+        yield _off_grid(REPLIES_DO_NOT_PACE, session, cycle.mean, "")
+    elif abs(off) > _TOLERANCE:
+        yield _off_grid(OFF_GRID, session, cycle.mean, "")
+    elif session.timing.skipped > cycle.count * _MAX_SKIPPED_SHARE:
+        share = f", and {session.timing.skipped} of {cycle.count} cycles took one and a half periods or more"
+        yield _off_grid(OFF_GRID, session, cycle.mean, share)
+
+
+def _off_grid(rule: DiagnosisRule, session: SlaveSession, mean: float, more: str) -> Occurrence:
+    first, last = session.first_set_point, session.last_set_point
+    assert first is not None
+    assert last is not None
+    rate, grid = 1000 / mean if mean else 0, session.timing.grid_ms
+
+    def say(speech: Speech) -> str:
+        who, points = speech.client(session.conversation), counted(session.counts.sent, "set point")
+        return (
+            f"{who} sent {points} every {amount(mean)} ms on average ({amount(rate)} a second), where "
+            f"{grid:g} ms is the period{more}"
         )
+
+    def then(speech: Speech, after: int) -> str:
+        return f"set points came every {amount(mean)} ms"
+
+    frames = (first.frame, last.frame)
+    return Occurrence(rule, first.time, last.time, session.conversation, frames, say, then)
 
 
 def _buffer_slack_ns(client: ClientState) -> int:

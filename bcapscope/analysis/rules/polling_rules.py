@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 from bcapscope.analysis.client_state import ClientRegistry, ClientState
 from bcapscope.analysis.finding import Severity
 from bcapscope.analysis.rules.rule_checker import (
     CallHealth,
+    ClientEnd,
     DiagnosisRule,
     Occurrence,
     OccurrenceSink,
@@ -64,22 +67,27 @@ class PollingChecker(RuleChecker):
             reads = self._reads[call.conversation] = _VariableReads(call)
         reads.add(call, client.target_object.label if client.target_object is not None else "")
 
-    def on_client_ended(self, client: ClientState, ended_at: int) -> None:
-        reads = self._reads.pop(client.conversation, None)
-        if reads is None or reads.count < _FEWEST_READS or reads.count < client.call_count * _LEAST_SHARE:
-            return
-        calls, took = client.call_count, last_frame_time(reads.last) - reads.first.request.time
-        top, often = max(reads.names.items(), key=lambda item: item[1])
+    def end_occurrences(self, end: ClientEnd) -> Iterator[Occurrence]:
+        reads, calls = self._reads.get(end.client.conversation), end.client.call_count
+        if reads is not None and reads.count >= max(_FEWEST_READS, calls * _LEAST_SHARE):
+            yield _polling(reads, calls)
 
-        def say(speech: Speech) -> str:
-            what = f", most of all '{shown(top)}' ({often})" if top else ""
-            share = f", {reads.spent_ns / took:.0%} of its time" if took > 0 else ""
-            each = span(reads.spent_ns // reads.count)
-            return (
-                f"{reads.count} of {calls} calls of {speech.client(client.conversation)} read one "
-                f"variable{what}, {each} each{share}"
-            )
+    def drop_client(self, client: ClientState) -> None:
+        self._reads.pop(client.conversation, None)
 
-        frames = (reads.first.request.number, reads.last.request.number)
-        began, time = reads.first.request.time, reads.last.request.time
-        self.report_occurrence(Occurrence(POLLING, began, time, client.conversation, frames, say))
+
+def _polling(reads: _VariableReads, calls: int) -> Occurrence:
+    first, last, count, spent_ns = reads.first, reads.last, reads.count, reads.spent_ns
+    took = last_frame_time(last) - first.request.time
+    top, often = max(reads.names.items(), key=lambda item: item[1])
+
+    def say(speech: Speech) -> str:
+        what = f", most of all '{shown(top)}' ({often})" if top else ""
+        share = f", {spent_ns / took:.0%} of its time" if took > 0 else ""
+        return (
+            f"{count} of {calls} calls of {speech.client(first.conversation)} read one "
+            f"variable{what}, {span(spent_ns // count)} each{share}"
+        )
+
+    frames = (first.request.number, last.request.number)
+    return Occurrence(POLLING, first.request.time, last.request.time, first.conversation, frames, say)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from bisect import bisect_right
+from collections.abc import Iterator
 from itertools import pairwise
 
 from bcapscope.analysis.client_state import ClientRegistry, ClientState, folded_command
@@ -10,10 +11,12 @@ from bcapscope.analysis.finding import Severity
 from bcapscope.analysis.rules.rule_checker import (
     MS,
     SECOND,
+    ClientEnd,
     DiagnosisRule,
     Occurrence,
     OccurrenceSink,
     RuleChecker,
+    frame_numbers,
 )
 from bcapscope.analysis.speech import Speech, called, name_of, span, times
 from bcapscope.protocol.slave_mode.modes import PERIOD_MS
@@ -176,21 +179,20 @@ class ReplyChecker(RuleChecker):
     def on_conversation_closed(self, conversation: Conversation) -> None:
         self._requesting.discard(conversation)
 
-    def on_client_ended(self, client: ClientState, ended_at: int) -> None:
-        last = client.last_call
+    def end_occurrences(self, end: ClientEnd) -> Iterator[Occurrence]:
+        client, first, last = end.client, end.client.first_call, end.client.last_call
         if client.may_be_answered:
             return
-        first = client.first_call
         if not client.answered_count and (first.surely_unanswered or first.evicted or len(last.attempts) > 1):
-            self._report_silent(client, ended_at)
+            yield _controller_silent(first, last, client.call_count, end.ended_at)
         if last.reply is not None or last.surely_unanswered or last.notices or last.late_replies:
             return
-        tries = [request.time for request in last.attempts]
-        if len(tries) > 1:
-            pause = max(after - before for before, after in pairwise(tries))
-            quiet = ended_at - tries[-1]
+        attempts = [request.time for request in last.attempts]
+        if len(attempts) > 1:
+            pause = max(after - before for before, after in pairwise(attempts))
+            quiet = end.ended_at - attempts[-1]
             if quiet >= max(3 * pause, _QUIET_NS):
-                self._report_stopped(last, quiet)
+                yield _client_stopped(last, quiet)
 
     def _report_late(self, call: Call, reply: FrameObservation) -> None:
         tries = _AttemptIndex(call)
@@ -253,43 +255,6 @@ class ReplyChecker(RuleChecker):
             advice=_WAIT_ADVICE if by_client else "",
         )
 
-    def _report_stopped(self, call: Call, quiet: int) -> None:
-        first, last = call.attempts[0].time, call.attempts[-1].time
-
-        def say(speech: Speech) -> str:
-            tries = len(call.attempts)
-            who = speech.client(call.conversation)
-            return (
-                f"{who} sent {called(call)} {times(tries)} in {span(last - first)} without any reply and "
-                f"then said nothing more for the {span(quiet)} that the capture goes on; its library has "
-                "probably reported 80000900"
-            )
-
-        def then(speech: Speech, after: int) -> str:
-            return f"{speech.client(call.conversation)} said nothing more after {called(call)}"
-
-        self.report_call(CLIENT_STOPPED, call, say, then, completed=last)
-
-    def _report_silent(self, client: ClientState, ended: int) -> None:
-        first, last, calls = client.first_call, client.last_call, client.call_count
-
-        def say(speech: Speech) -> str:
-            server = client.conversation.server
-            tries = f" in {counted(len(last.attempts), 'try', 'tries')}" if calls == 1 else ""
-            return (
-                f"{server} never answered {speech.client(client.conversation)}, which made "
-                f"{counted(calls, 'call')}{tries} in {span(ended - first.request.time)}"
-            )
-
-        def then(speech: Speech, after: int) -> str:
-            return f"{client.conversation.server} never answered {speech.client(client.conversation)}"
-
-        frames = (first.request.number, last.attempts[-1].number)
-        began = first.request.time
-        self.report_occurrence(
-            Occurrence(CONTROLLER_SILENT, began, began, client.conversation, frames, say, then)
-        )
-
     def _report_executed_twice(self, call: Call) -> None:
         def say(speech: Speech) -> str:
             text = (
@@ -336,6 +301,42 @@ class ReplyChecker(RuleChecker):
             return f"{called(call)} was answered only at try {len(call.attempts)}"
 
         self.report_call(RETRIED, call, say, then)
+
+
+def _client_stopped(call: Call, quiet: int) -> Occurrence:
+    first, last = call.attempts[0].time, call.attempts[-1].time
+
+    def say(speech: Speech) -> str:
+        tries = len(call.attempts)
+        who = speech.client(call.conversation)
+        return (
+            f"{who} sent {called(call)} {times(tries)} in {span(last - first)} without any reply and "
+            f"then said nothing more for the {span(quiet)} that the capture goes on; its library has "
+            "probably reported 80000900"
+        )
+
+    def then(speech: Speech, after: int) -> str:
+        return f"{speech.client(call.conversation)} said nothing more after {called(call)}"
+
+    frames = frame_numbers(call)
+    return Occurrence(CLIENT_STOPPED, first, last, call.conversation, frames, say, then, call=call.number)
+
+
+def _controller_silent(first: Call, last: Call, calls: int, ended_at: int) -> Occurrence:
+    conversation, began = first.conversation, first.request.time
+
+    def say(speech: Speech) -> str:
+        tries = f" in {counted(len(last.attempts), 'try', 'tries')}" if calls == 1 else ""
+        return (
+            f"{conversation.server} never answered {speech.client(conversation)}, which made "
+            f"{counted(calls, 'call')}{tries} in {span(ended_at - began)}"
+        )
+
+    def then(speech: Speech, after: int) -> str:
+        return f"{conversation.server} never answered {speech.client(conversation)}"
+
+    frames = (first.request.number, last.attempts[-1].number)
+    return Occurrence(CONTROLLER_SILENT, began, began, conversation, frames, say, then)
 
 
 def _waited_for_room(call: Call, client: ClientState) -> bool:

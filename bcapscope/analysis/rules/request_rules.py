@@ -93,7 +93,7 @@ class RequestChecker(RuleChecker):
             self._checked.discard(conversation)
             self._report_odd(call, _odd_mode(argument(call, 2)))
 
-    def on_client_ended(self, client: ClientState, ended_at: int) -> None:
+    def drop_client(self, client: ClientState) -> None:
         self._checked.discard(client.conversation)
 
     def _report_odd(self, call: Call, odd: str) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 from bcapscope.analysis.client_state import ClientRegistry, ClientState, folded_command
 from bcapscope.analysis.finding import Severity
 from bcapscope.analysis.rules.rule_checker import (
@@ -113,27 +115,11 @@ class RetryChecker(RuleChecker):
         elif client.last_call.reply is None:
             self._check_unmarked_retry(client, call)
 
-    def on_slave_session(self, session: SlaveSession) -> None:
-        count, frames = session.counts.retries_forbidden, session.forbidden_retry_frames
-        if not count:
-            return
-        mode = f"mode 0x{session.mode.value:03X}" if session.mode.value is not None else "Async mode"
+    def session_occurrences(self, session: SlaveSession) -> Iterator[Occurrence]:
+        if session.counts.retries_forbidden:
+            yield _retry_in_async(session)
 
-        def say(speech: Speech) -> str:
-            who = speech.client(session.conversation)
-            points = counted(session.counts.sent, "set point")
-            return (
-                f"{who} sent {counted(count, 'retry', 'retries')} of {points} in {mode}, where the "
-                "newest point wins"
-            )
-
-        self.report_occurrence(
-            Occurrence(
-                RETRY_IN_ASYNC, session.entered_at, session.exit.time, session.conversation, frames[:8], say
-            )
-        )
-
-    def on_client_ended(self, client: ClientState, ended_at: int) -> None:
+    def drop_client(self, client: ClientState) -> None:
         self._conventions.pop(client.conversation, None)
 
     def _check_convention(self, call: Call) -> None:
@@ -251,6 +237,23 @@ class RetryChecker(RuleChecker):
             evidence_call=before,
             explaining_calls=(before.number,),
         )
+
+
+def _retry_in_async(session: SlaveSession) -> Occurrence:
+    count, frames = session.counts.retries_forbidden, session.forbidden_retry_frames
+    mode = f"mode 0x{session.mode.value:03X}" if session.mode.value is not None else "Async mode"
+
+    def say(speech: Speech) -> str:
+        who = speech.client(session.conversation)
+        points = counted(session.counts.sent, "set point")
+        return (
+            f"{who} sent {counted(count, 'retry', 'retries')} of {points} in {mode}, where the "
+            "newest point wins"
+        )
+
+    return Occurrence(
+        RETRY_IN_ASYNC, session.entered_at, session.exit.time, session.conversation, frames[:8], say
+    )
 
 
 def _is_same_request(one: Call, other: Call) -> bool:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from enum import Enum
-from typing import ClassVar, TypeAlias
+from typing import ClassVar, NamedTuple, TypeAlias
 
 from bcapscope.analysis.client_state import ClientRegistry, ClientState
 from bcapscope.analysis.finding import Severity
@@ -70,7 +70,7 @@ class Occurrence:
         group_key: Occurrences of a rule with different keys become different findings.
         advice: What to do in this case; None for the advice of the rule.
         count: Number of times it stands for, if they are not listed one by one.
-        cause: Occurrence that caused it, once known.
+        is_update: True if it replaces the earlier occurrence of the same rule and call.
         selected: True to report it for itself; False to report it only as a cause of another one.
     """
 
@@ -86,11 +86,27 @@ class Occurrence:
     group_key: str = ""
     advice: Message | str | None = None
     count: int = 1
-    cause: Occurrence | None = None
+    is_update: bool = False
     selected: bool = True
 
     def __post_init__(self) -> None:
         self.fact, self.clause, self.advice = as_messages(self.fact, self.clause, self.advice)
+
+
+class ClientEnd(NamedTuple):
+    """A client that makes no more calls.
+
+    Attributes:
+        client: Final state of the client.
+        ended_at: Time when the traffic ended, ns since 1970, or time when the client was dropped from memory.
+        known_present: The client is known to be still there, even if it is silent.
+        silent_session: Latest slave-mode session that ended because the client sent no more set points.
+    """
+
+    client: ClientState
+    ended_at: int
+    known_present: bool
+    silent_session: SlaveSession | None
 
 
 OccurrenceSink: TypeAlias = Callable[[Occurrence], None]
@@ -110,7 +126,8 @@ class CallHealth(Enum):
 class RuleChecker:
     """Checks one rule, or a few that need the same data, in one pass and in bounded memory.
 
-    A subclass overrides the methods for the events that it needs.
+    A subclass overrides the methods for the events that it needs. Methods that return occurrences change
+    nothing: they are also called for a snapshot, after which the traffic goes on.
     """
 
     rules: ClassVar[tuple[DiagnosisRule, ...]]
@@ -179,20 +196,19 @@ class RuleChecker:
     def on_stray_reply(self, stray: StrayReply) -> None:
         """Check a reply that belongs to no call."""
 
-    def on_slave_session(self, session: SlaveSession) -> None:
-        """Check a slave-mode session that has ended."""
+    def session_occurrences(self, session: SlaveSession) -> Iterable[Occurrence]:
+        """Return what is wrong with a slave-mode session that has ended."""
+        return ()
 
     def on_conversation_closed(self, conversation: Conversation) -> None:
         """Release what is kept for a closed conversation; it may have had no calls."""
 
-    def on_client_ended(self, client: ClientState, ended_at: int) -> None:
-        """Check a client that makes no more calls.
+    def end_occurrences(self, end: ClientEnd) -> Iterable[Occurrence]:
+        """Return what is wrong with a client that makes no more calls."""
+        return ()
 
-        Args:
-            client: Final state of the client.
-            ended_at: Time when the traffic ended, ns since 1970, or time when the client was dropped from
-                memory.
-        """
+    def drop_client(self, client: ClientState) -> None:
+        """Release what is kept for a client that is dropped from memory."""
 
 
 def frame_numbers(*calls: Call | None) -> tuple[int, ...]:

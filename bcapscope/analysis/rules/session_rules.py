@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 from bcapscope.analysis.client_state import ClientRegistry, ClientState, text_argument
 from bcapscope.analysis.finding import Severity
@@ -11,9 +11,9 @@ from bcapscope.analysis.rules.refusal import Refusal, RefusalReason, fixed_reaso
 from bcapscope.analysis.rules.rule_checker import (
     SECOND,
     CallHealth,
+    ClientEnd,
     DiagnosisRule,
     Occurrence,
-    OccurrenceSink,
     RuleChecker,
     last_frame_time,
 )
@@ -23,7 +23,7 @@ from bcapscope.protocol.tables.function_table import ID, function_name
 from bcapscope.protocol.tables.hresult import E_BUSY, E_CAO_COLLECTION_REGISTERED, E_INVALIDARG
 from bcapscope.traffic.call import Call
 from bcapscope.traffic.call_kind import CallKind
-from bcapscope.traffic.observation import Conversation, Transport
+from bcapscope.traffic.observation import Transport
 
 _SERVER = "orin_bcap C/src/bCAPServer/bcap_server.c"
 _SEED = "DENSO Wave 2009, How to use the Slave mode"
@@ -99,10 +99,6 @@ class SessionChecker(RuleChecker):
 
     rules = (UNCLEAN_QUIT, QUIT_IN_SLAVE_MODE, EXECUTING_FOREVER, LONG_CALL_WITHOUT_WDT)
 
-    def __init__(self, report_occurrence: OccurrenceSink, clients: ClientRegistry) -> None:
-        super().__init__(report_occurrence, clients)
-        self._silent_sessions: dict[Conversation, SlaveSession] = {}
-
     def wants_call(self, call_kind: CallKind, health: CallHealth) -> bool:
         return health is not CallHealth.SMOOTH or call_kind.function_id == ID["Service_Start"]
 
@@ -120,41 +116,20 @@ class SessionChecker(RuleChecker):
         elif client.service_start is not None and not _has_wdt(client.service_start):
             self._check_long_call(call, client.service_start)
 
-    def on_slave_session(self, session: SlaveSession) -> None:
+    def session_occurrences(self, session: SlaveSession) -> Iterator[Occurrence]:
         if session.exit.reason is ExitReason.DISCONNECTED:
-            self._report_left_on(session)
-        elif session.exit.reason is ExitReason.SILENT and self.clients.find(session.conversation) is not None:
-            self._silent_sessions[session.conversation] = session  # until `on_client_ended` decides
+            yield _left_on(session)
 
-    def _report_left_on(self, session: SlaveSession) -> None:
-        exit_ = session.exit
-        mode = f" 0x{session.mode.value:03X}" if session.mode.value is not None else ""
-
-        def say(speech: Speech) -> str:
-            who, when = speech.client(session.conversation), speech.at(exit_.time)
-            if exit_.by is not None:
-                what = f"called {shown(exit_.by.command or function_name(exit_.by.function_id))}"
-                return f"{who} {what} at {when} while slave mode{mode} was on"
-            return f"{who} sent no more set points after {when} and left slave mode{mode} on"
-
-        def then(speech: Speech, after: int) -> str:
-            return f"slave mode{mode} was left on"
-
-        frames = exit_.frames or (
-            (session.last_set_point.frame,) if session.last_set_point is not None else ()
-        )
-        self.report_occurrence(
-            Occurrence(QUIT_IN_SLAVE_MODE, exit_.time, exit_.time, session.conversation, frames, say, then)
-        )
-
-    def on_client_ended(self, client: ClientState, ended_at: int) -> None:
-        stay = self._silent_sessions.pop(client.conversation, None)
-        if client.known_present or client.last_call.evicted:  # the client may have ended its session in order
+    def end_occurrences(self, end: ClientEnd) -> Iterator[Occurrence]:
+        client, session = end.client, end.silent_session
+        if end.known_present or client.last_call.evicted:  # the client may have ended its session in order
             return
-        if stay is not None and ended_at - stay.exit.time >= _SILENT_NS:
-            self._report_left_on(stay)
-        if client.controller_closing or not client.has_open_session:
-            return
+        if session is not None and end.ended_at - session.exit.time >= _SILENT_NS:
+            yield _left_on(session)
+        if client.has_open_session and not client.controller_closing:
+            yield from self._unclosed_session(client)
+
+    def _unclosed_session(self, client: ClientState) -> Iterator[Occurrence]:
         silent = last_frame_time(client.last_call)
         follower = _successor(client, self.clients, silent)
         quiet = max((last_frame_time(each.last_call) for each in self.clients), default=silent) - silent
@@ -173,7 +148,7 @@ class SessionChecker(RuleChecker):
             return f"{text}, while others went on for {span(quiet)}"
 
         frames = (client.last_call.last_attempt.number,)
-        self._report_unclean(client.last_call, silent, say, frames)
+        yield _unclean_quit(client.last_call, silent, say, frames)
 
     def _report_restart(self, client: ClientState, call: Call) -> None:
         pause = call.request.time - last_frame_time(client.last_call)
@@ -186,26 +161,7 @@ class SessionChecker(RuleChecker):
             )
 
         frames = (client.last_call.last_attempt.number, call.request.number)
-        self._report_unclean(client.last_call, call.request.time, say, frames)
-
-    def _report_unclean(
-        self, last: Call, time: int, say: Callable[[Speech], str], frames: tuple[int, ...]
-    ) -> None:
-        def then(speech: Speech, after: int) -> str:
-            return f"{speech.client(last.conversation)} did not close its session"
-
-        self.report_occurrence(
-            Occurrence(
-                UNCLEAN_QUIT,
-                time,
-                time,
-                last.conversation,
-                frames,
-                say,
-                then,
-                explaining_calls=(last.number,),
-            )
-        )
+        self.report_occurrence(_unclean_quit(client.last_call, call.request.time, say, frames))
 
     def _report_executing_forever(self, call: Call) -> None:
         notices = call.notices
@@ -253,6 +209,40 @@ class SessionChecker(RuleChecker):
             began=call.request.time,
             completed=call.request.time,
         )
+
+
+def _left_on(session: SlaveSession) -> Occurrence:
+    exit_ = session.exit
+    mode = f" 0x{session.mode.value:03X}" if session.mode.value is not None else ""
+
+    def say(speech: Speech) -> str:
+        who, when = speech.client(session.conversation), speech.at(exit_.time)
+        if exit_.by is not None:
+            what = f"called {shown(exit_.by.command or function_name(exit_.by.function_id))}"
+            return f"{who} {what} at {when} while slave mode{mode} was on"
+        return f"{who} sent no more set points after {when} and left slave mode{mode} on"
+
+    def then(speech: Speech, after: int) -> str:
+        return f"slave mode{mode} was left on"
+
+    frames = exit_.frames or ((session.last_set_point.frame,) if session.last_set_point is not None else ())
+    return Occurrence(QUIT_IN_SLAVE_MODE, exit_.time, exit_.time, session.conversation, frames, say, then)
+
+
+def _unclean_quit(last: Call, time: int, say: Callable[[Speech], str], frames: tuple[int, ...]) -> Occurrence:
+    def then(speech: Speech, after: int) -> str:
+        return f"{speech.client(last.conversation)} did not close its session"
+
+    return Occurrence(
+        UNCLEAN_QUIT,
+        time,
+        time,
+        last.conversation,
+        frames,
+        say,
+        then,
+        explaining_calls=(last.number,),
+    )
 
 
 def _has_wdt(service: Call) -> bool:

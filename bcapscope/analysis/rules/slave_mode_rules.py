@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 from bcapscope.analysis.client_state import ClientRegistry, ClientState, argument, folded_command
 from bcapscope.analysis.finding import Severity
 from bcapscope.analysis.rules.refusal import Refusal, RefusalReason, fixed_reason, make_refusal
@@ -13,7 +15,7 @@ from bcapscope.analysis.rules.rule_checker import (
     Occurrence,
     RuleChecker,
 )
-from bcapscope.analysis.slave.slave_session import CallFact, ExitReason, SlaveSession
+from bcapscope.analysis.slave.slave_session import CallFact, ExitReason, FrameTime, SlaveSession
 from bcapscope.analysis.speech import Speech, called, name_of, shown
 from bcapscope.protocol.codec.variant import integer_value
 from bcapscope.protocol.tables.call_effect import CallEffect, function_effect
@@ -92,67 +94,63 @@ class SlaveModeChecker(RuleChecker):
         SLAVE_MODE_REFUSED,
     )
 
-    def on_slave_session(self, session: SlaveSession) -> None:
+    def session_occurrences(self, session: SlaveSession) -> Iterator[Occurrence]:
         exit_ = session.exit
         if exit_.reason is ExitReason.OTHER_CLIENT and exit_.by is not None:
-            self._report_ended_by_other(session, exit_.by)
-        elif exit_.reason is ExitReason.FOUND_OFF:
-            self._report_lost_unseen(session)
+            yield _ended_by_other(session, exit_.by)
+        elif exit_.reason is ExitReason.FOUND_OFF and session.last_set_point is not None:
+            yield _lost_unseen(session, session.last_set_point)
 
-    def _report_ended_by_other(self, session: SlaveSession, by: CallFact) -> None:
-        def say(speech: Speech) -> str:
-            who = speech.client(session.conversation)
-            return (
-                f"client {by.client} called {_call_name(by)} at {speech.at(by.time)} while {who} was in "
-                "slave mode"
-            )
 
-        def then(speech: Speech, after: int) -> str:
-            return f"client {by.client} called {_call_name(by)}"
-
-        time = session.exit.time
-        frames = (by.request_frame, *(() if by.reply_frame is None else (by.reply_frame,)))
-        self.report_occurrence(
-            Occurrence(
-                SLAVE_MODE_ENDED_BY_OTHER, by.time, time, session.conversation, frames, say, then, by.call
-            )
+def _ended_by_other(session: SlaveSession, by: CallFact) -> Occurrence:
+    def say(speech: Speech) -> str:
+        who = speech.client(session.conversation)
+        return (
+            f"client {by.client} called {_call_name(by)} at {speech.at(by.time)} while {who} was in "
+            "slave mode"
         )
 
-    def _report_lost_unseen(self, session: SlaveSession) -> None:
-        exit_, last = session.exit, session.last_set_point
-        if last is None:
-            return
-        suspects = [
-            call
-            for call in session.other_calls
-            if call.client != session.conversation.client
-            and last.time - _SUSPECT_WITHIN_NS <= call.time < exit_.time
-            and not _is_harmless_call(call)
-        ]
+    def then(speech: Speech, after: int) -> str:
+        return f"client {by.client} called {_call_name(by)}"
 
-        def say(speech: Speech) -> str:
-            who, since = speech.client(session.conversation), speech.at(last.time)
-            text = (
-                f"slave mode of {who} was off after the set point at {since}, and no call that was seen "
-                "had ended it"
-            )
-            if suspects:
-                by = suspects[-1]
-                text += (
-                    f"; client {by.client} had called {_call_name(by)} at {speech.at(by.time)}, which may "
-                    "be the reason"
-                )
-            return text
+    time = session.exit.time
+    frames = (by.request_frame, *(() if by.reply_frame is None else (by.reply_frame,)))
+    return Occurrence(
+        SLAVE_MODE_ENDED_BY_OTHER, by.time, time, session.conversation, frames, say, then, by.call
+    )
 
-        def then(speech: Speech, after: int) -> str:
-            return "slave mode ended"
 
-        frames = (last.frame, *(call.request_frame for call in suspects[-1:]), *exit_.frames[-1:])
-        self.report_occurrence(
-            Occurrence(
-                SLAVE_MODE_LOST_UNSEEN, last.time, last.time + 1, session.conversation, frames, say, then
-            )
+def _lost_unseen(session: SlaveSession, last: FrameTime) -> Occurrence:
+    exit_ = session.exit
+    suspects = [
+        call
+        for call in session.other_calls
+        if call.client != session.conversation.client
+        and last.time - _SUSPECT_WITHIN_NS <= call.time < exit_.time
+        and not _is_harmless_call(call)
+    ]
+
+    def say(speech: Speech) -> str:
+        who, since = speech.client(session.conversation), speech.at(last.time)
+        text = (
+            f"slave mode of {who} was off after the set point at {since}, and no call that was seen "
+            "had ended it"
         )
+        if suspects:
+            by = suspects[-1]
+            text += (
+                f"; client {by.client} had called {_call_name(by)} at {speech.at(by.time)}, which may "
+                "be the reason"
+            )
+        return text
+
+    def then(speech: Speech, after: int) -> str:
+        return "slave mode ended"
+
+    frames = (last.frame, *(call.request_frame for call in suspects[-1:]), *exit_.frames[-1:])
+    return Occurrence(
+        SLAVE_MODE_LOST_UNSEEN, last.time, last.time + 1, session.conversation, frames, say, then
+    )
 
 
 def _call_name(call: CallFact) -> str:

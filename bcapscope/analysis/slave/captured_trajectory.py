@@ -119,21 +119,21 @@ class TrajectoryExtractor:
         self._ready: list[TrajectoryPiece] = []
         self._set_point_count = self._step_count = 0
         self._left_out: Counter[LeftOutReason] = Counter()
-        self._question: CallKind | None = None
+        self._set_point_kind: CallKind | None = None
         self._not_selected: dict[int, None] = {}  # calls not yet received as set points, in order
 
     def add_call(self, call: Call) -> Sequence[TrajectoryPiece]:
         """Add a completed call; return the steps that are ready."""
-        question = call.kind
-        if question is self._question or _is_set_point(question):
-            self._question = question
+        kind = call.kind
+        if kind is self._set_point_kind or _is_set_point(kind):
+            self._set_point_kind = kind
             self._count_set_point(call)
-        self._forget_sessions(self._detector.add_call(call))
+        self._drop_sessions(self._detector.add_call(call))
         return self._pop_ready() if self._ready else ()
 
     def finish(self) -> Sequence[TrajectoryPiece]:
         """Return the remaining steps after the traffic has ended."""
-        self._forget_sessions(self._detector.finish())
+        self._detector.process_waiting()
         return self._pop_ready()
 
     @property
@@ -160,9 +160,9 @@ class TrajectoryExtractor:
             if len(self._not_selected) > MAX_NOT_SELECTED:
                 del self._not_selected[next(iter(self._not_selected))]
 
-    def _forget_sessions(self, sessions: Sequence[SlaveSession]) -> None:
-        for stay in sessions:
-            self._by_session.pop(stay.number, None)
+    def _drop_sessions(self, sessions: Sequence[SlaveSession]) -> None:
+        for session in sessions:
+            self._by_session.pop(session.number, None)
 
     def _pop_ready(self) -> Sequence[TrajectoryPiece]:
         found, self._ready = self._ready, []
@@ -192,8 +192,8 @@ class TrajectoryExtractor:
         return True
 
 
-def _is_set_point(question: CallKind) -> bool:
-    return question.command is not None and question.command.casefold() == "slvmove"
+def _is_set_point(kind: CallKind) -> bool:
+    return kind.command is not None and kind.command.casefold() == "slvmove"
 
 
 def _rows_not_refused(points: SetPointChunk) -> Iterator[int]:

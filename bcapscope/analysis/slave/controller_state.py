@@ -6,12 +6,10 @@ from collections import deque
 
 from bcapscope.analysis.slave.generation_clues import NO_CLUE, GenerationClue
 from bcapscope.analysis.slave.session_builder import (
-    KnownPosition,
     SessionKey,
     SlaveSessionBuilder,
-    SlaveSetup,
-    execute_parameter,
 )
+from bcapscope.analysis.slave.session_models import KnownPosition, SlaveSetup, execute_parameter
 from bcapscope.analysis.slave.slave_session import AcceptedFormat, CallFact
 from bcapscope.protocol.codec.variant import integer_value
 from bcapscope.protocol.slave_mode.formats import parse_format_parameter

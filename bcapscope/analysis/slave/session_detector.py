@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple, TypeAlias
 
 from bcapscope.analysis.slave.controller_state import ControllerState, call_fact, requested_mode
@@ -13,9 +13,8 @@ from bcapscope.analysis.slave.session_builder import (
     BATCH_SIZE,
     SessionKey,
     SlaveSessionBuilder,
-    SlaveSetup,
-    execute_parameter,
 )
+from bcapscope.analysis.slave.session_models import SlaveSetup, execute_parameter
 from bcapscope.analysis.slave.set_point_batch import HANDLE_VALUE_BYTES, LARGE_FRAME, ROW_SIZE, SetPointBatch
 from bcapscope.analysis.slave.set_point_chunk import SetPointHandler
 from bcapscope.analysis.slave.slave_session import ExitReason, SessionExit, SlaveSession
@@ -111,10 +110,10 @@ class SlaveSessionDetector:
 
     def add_call(self, call: Call) -> Sequence[SlaveSession]:
         """Add a completed call; return the slave-mode sessions that are finished."""
-        question, conversation, batch = self._expected
+        kind, conversation, batch = self._expected
         reply = call.reply
         if (
-            call.kind is question
+            call.kind is kind
             and call.conversation is conversation
             and reply is not None
             and not call.other_frames
@@ -136,36 +135,38 @@ class SlaveSessionDetector:
 
     def close_conversation(self, conversation: Conversation) -> tuple[SlaveSession, ...]:
         """End and return the slave-mode sessions of a closed conversation, and forget that conversation."""
-        for course in [each for each in self._unfinished if each.conversation is conversation]:
-            self._end_session(course, SessionExit(ExitReason.SILENT, course.last_activity, (), None, None))
+        for builder in [each for each in self._unfinished if each.conversation is conversation]:
+            self._end_session(builder, _silent_exit(builder))
         for key in [key for key in self._recently_ended if key[0] is conversation]:
             del self._recently_ended[key]
         found = [each for each in self._held_back if each.builder.conversation is conversation]
         self._held_back = deque(
             each for each in self._held_back if each.builder.conversation is not conversation
         )
-        return tuple(self._finish_session(each) for each in found)
+        return tuple(map(self._release, found))
 
-    def finish(self, ended_at: int = 0) -> tuple[SlaveSession, ...]:
-        """Return the remaining slave-mode sessions after the traffic has ended.
+    def remaining_sessions(self, ended_at: int = 0) -> tuple[SlaveSession, ...]:
+        """Return the slave-mode sessions not yet returned, as if the traffic ended now. Changes nothing.
 
         Args:
             ended_at: Time when the traffic ended, ns since 1970; the last frame of a call counts if it is
                 later.
         """
-        courses = self._unfinished
-        ends = [course.last_activity for course in courses]
-        seen = max((self._latest_time, ended_at, *ends))
-        for course, last in zip(courses, ends, strict=True):
-            reason = ExitReason.SILENT if seen - last > SILENCE_NS else ExitReason.CAPTURE_ENDED
-            self._end_session(course, SessionExit(reason, last, (), None, None))
-        return tuple(sorted(self._release_ended(None), key=lambda stay: stay.number))
+        unfinished = self._unfinished
+        end = max((self._latest_time, ended_at, *(builder.last_activity for builder in unfinished)))
+        ended = (*self._held_back, *(self._ended_with_traffic(builder, end) for builder in unfinished))
+        return tuple(sorted(map(self._make_session, ended), key=lambda session: session.number))
+
+    def process_waiting(self) -> None:
+        """Process the set points that wait, so that `on_set_points` has received all of them."""
+        for builder in (*self._unfinished, *(ended.builder for ended in self._held_back)):
+            self._process_batch(builder)
 
     @property
     def _unfinished(self) -> Sequence[SlaveSessionBuilder]:
         """Slave-mode sessions that have not ended, followed by those without a set point."""
         waiting = (
-            course for known in self._controllers.values() for course in known.pending_sessions.values()
+            builder for known in self._controllers.values() for builder in known.pending_sessions.values()
         )
         return (*self._active.values(), *waiting)
 
@@ -173,48 +174,46 @@ class SlaveSessionDetector:
 
     def _on_set_point(self, call: Call) -> None:
         key = call.conversation, call.request.item.body[_HANDLE]
-        code, course = call.hresult, self._active.get(key)
+        code, builder = call.hresult, self._active.get(key)
         if code in SLAVE_MODE_OFF_CODES:
-            self._on_found_off(key, course, call)
+            self._on_found_off(key, builder, call)
             return
         failed = code is not None and is_failure(code) and code != E_SLAVE_OVERFLOW
-        if course is None:
+        if builder is None:
             if self._is_outside_session(key, call, failed):
                 return
-            course = self._begin_session(key, call)
-        if course in self._ended_by_error:
+            builder = self._begin_session(key, call)
+        if builder in self._ended_by_error:
             if code is None or failed:
-                course.after_end += 1
+                builder.after_end += 1
                 return
-            del self._ended_by_error[course]
-        course.batch.add(call)
+            del self._ended_by_error[builder]
+        builder.batch.add(call)
         if failed:
-            self._ended_by_error[course] = SessionExit(
-                ExitReason.ERROR, _call_end(call), _call_frames(call), code, call_fact(call)
-            )
-        self._expect_next(None if failed else course, call)
-        if len(course.batch) >= BATCH_SIZE or len(call.request.item.raw) > LARGE_FRAME:
-            self._process_batch(course)
+            self._ended_by_error[builder] = _exit_by_call(ExitReason.ERROR, call)
+        self._expect_next(None if failed else builder, call)
+        if len(builder.batch) >= BATCH_SIZE or len(call.request.item.raw) > LARGE_FRAME:
+            self._process_batch(builder)
 
     def _is_outside_session(self, key: SessionKey, call: Call, failed: bool) -> bool:
         """Return whether a set point without a slave-mode session does not begin one either."""
         if self._controller(call).pending_sessions or not (failed or call.reply is None):
             return False
-        over = self._recently_ended.get(key)
-        if over is not None:
-            over.after_end += 1
-        return failed or over is not None
+        ended = self._recently_ended.get(key)
+        if ended is not None:
+            ended.after_end += 1
+        return failed or ended is not None
 
     def _begin_session(self, key: SessionKey, call: Call) -> SlaveSessionBuilder:
         controller = self._controller(call)
         parameter = execute_parameter(call.request.item)
         if parameter is not None:
             controller.clue = stronger_clue(controller.clue, clue_of_set_point(parameter))
-        course = controller.claim_pending(key)
-        if course is None:
+        builder = controller.claim_pending(key)
+        if builder is None:
             self._session_count += 1
             tried = controller.claim_unanswered_entry()
-            course = SlaveSessionBuilder(
+            builder = SlaveSessionBuilder(
                 self._session_count,
                 key,
                 tried,
@@ -222,12 +221,12 @@ class SlaveSessionDetector:
                 window=self._window,
                 on_set_points=self._on_set_points,
             )
-        self._active[key] = course
+        self._active[key] = builder
         self._recently_ended.pop(key, None)
         if len(self._active) > MAX_SESSIONS:
             silent = min(self._active.values(), key=lambda each: each.last_activity)
-            self._end_session(silent, SessionExit(ExitReason.SILENT, silent.last_activity, (), None, None))
-        return course
+            self._end_session(silent, _silent_exit(silent))
+        return builder
 
     def _on_found_off(self, key: SessionKey, builder: SlaveSessionBuilder | None, call: Call) -> None:
         if builder is None and key in self._controller(call).pending_sessions:
@@ -235,9 +234,7 @@ class SlaveSessionDetector:
         if builder is None:
             builder = self._recently_ended.get(key)
         else:
-            found = SessionExit(
-                ExitReason.FOUND_OFF, _call_end(call), _call_frames(call), call.hresult, call_fact(call)
-            )
+            found = _exit_by_call(ExitReason.FOUND_OFF, call)
             self._end_session(builder, found)
         if builder is not None:
             builder.after_end += 1
@@ -274,9 +271,9 @@ class SlaveSessionDetector:
         if command == "slvchangemode":
             self._on_change_mode(call, controller)
         elif call.reply is not None and command in ("slvsendformat", "slvrecvformat"):
-            for course in self._active.values():
-                if course.slave_setup is None and course.conversation.server == call.conversation.server:
-                    self._process_batch(course)
+            for builder in self._active.values():
+                if builder.slave_setup is None and builder.conversation.server == call.conversation.server:
+                    self._process_batch(builder)
             controller.record_format(call, command)
         elif call.reply is not None and command == "slvgetmode":
             self._on_get_mode(call, controller)
@@ -289,13 +286,10 @@ class SlaveSessionDetector:
             controller.unanswered_entry = call if value else None
             return
         key = call.conversation, call.request.item.body[_HANDLE]
-        course = self._active.get(key) or controller.pending_sessions.get(key)
-        if course is not None:
+        builder = self._active.get(key) or controller.pending_sessions.get(key)
+        if builder is not None:
             reason = ExitReason.CHANGED if value else ExitReason.LEFT
-            self._end_session(
-                course,
-                SessionExit(reason, _call_end(call), _call_frames(call), call.hresult, call_fact(call)),
-            )
+            self._end_session(builder, _exit_by_call(reason, call))
         controller.unanswered_entry = None
         controller.reported_mode = (None, "")
         if value != 0:
@@ -311,9 +305,7 @@ class SlaveSessionDetector:
             )
             dropped = controller.add_pending(key, entered)
             if dropped is not None:
-                self._end_session(
-                    dropped, SessionExit(ExitReason.SILENT, dropped.last_activity, (), None, None)
-                )
+                self._end_session(dropped, _silent_exit(dropped))
 
     def _on_get_mode(self, call: Call, controller: ControllerState) -> None:
         arguments = () if call.reply is None else call.reply.item.arguments
@@ -321,20 +313,16 @@ class SlaveSessionDetector:
         if not value:
             return
         controller.reported_mode = value, "slvGetMode"
-        course = self._active.get((call.conversation, call.request.item.body[_HANDLE]))
-        if course is not None and course.mode[0] is None:
-            course.mode = controller.reported_mode
+        builder = self._active.get((call.conversation, call.request.item.body[_HANDLE]))
+        if builder is not None and builder.mode[0] is None:
+            builder.mode = controller.reported_mode
 
     def _on_disconnect(self, call: Call, handle: bytes | None) -> None:
         """End the slave-mode sessions of a client, or of one of its robots."""
-        waiting = self._controller(call).pending_sessions
-        for course in (*self._active.values(), *waiting.values()):
-            if course.conversation is call.conversation and handle in (None, course.handle):
-                reason = ExitReason.DISCONNECTED
-                self._end_session(
-                    course,
-                    SessionExit(reason, _call_end(call), _call_frames(call), call.hresult, call_fact(call)),
-                )
+        pending = self._controller(call).pending_sessions
+        for builder in (*self._active.values(), *pending.values()):
+            if builder.conversation is call.conversation and handle in (None, builder.handle):
+                self._end_session(builder, _exit_by_call(ExitReason.DISCONNECTED, call))
 
     # ends
 
@@ -349,24 +337,40 @@ class SlaveSessionDetector:
             del self._recently_ended[next(iter(self._recently_ended))]
         if self._expected_session is builder:
             self._expected_session, self._expected = None, _NOTHING_EXPECTED
-        setting = self._slave_setup(builder)
-        builder.process_batch(setting)
-        self._held_back.append(_EndedSession(builder, exit_, setting))
+        slave_setup = self._slave_setup(builder)
+        builder.process_batch(slave_setup)
+        self._held_back.append(_EndedSession(builder, exit_, slave_setup))
 
-    def _release_ended(self, before: int | None) -> list[SlaveSession]:
-        """Return the slave-mode sessions that ended until `before`; all of them if it is None."""
-        stays = []
+    def _ended_with_traffic(self, builder: SlaveSessionBuilder, ended_at: int) -> _EndedSession:
+        """Return a session as it is if the traffic ended at `ended_at`, without ending it."""
+        last = builder.last_activity
+        reason = ExitReason.SILENT if ended_at - last > SILENCE_NS else ExitReason.CAPTURE_ENDED
+        exit_ = self._ended_by_error.get(builder) or SessionExit(reason, last, (), None, None)
+        slave_setup = self._slave_setup(builder)
+        return _EndedSession(builder.processed(slave_setup), exit_, slave_setup)
+
+    def _release_ended(self, before: int) -> list[SlaveSession]:
+        """Return the slave-mode sessions that ended until `before`."""
+        sessions = []
         ended = self._held_back
-        while ended and (before is None or ended[0].exit.time <= before or len(ended) > MAX_HELD_BACK):
-            stays.append(self._finish_session(ended.popleft()))
-        return stays
+        while ended and (ended[0].exit.time <= before or len(ended) > MAX_HELD_BACK):
+            sessions.append(self._release(ended.popleft()))
+        return sessions
 
-    def _finish_session(self, ended: _EndedSession) -> SlaveSession:
-        course = ended.builder
-        controller = self._controllers.get(course.conversation.server) or ControllerState()
+    def _release(self, ended: _EndedSession) -> SlaveSession:
+        session = self._make_session(ended)
+        ended.builder.process_batch(ended.slave_setup)
+        return session
+
+    def _make_session(self, ended: _EndedSession) -> SlaveSession:
+        builder = ended.builder
+        controller = self._controllers.get(builder.conversation.server) or ControllerState()
         exit_ = _find_exit_cause(ended, controller)
-        others = controller.calls_between(course.began_at(exit_.time) - BEFORE_NS, exit_.time + AFTER_NS)
-        return course.finish(exit_, ended.slave_setup, tuple(map(call_fact, others[-MAX_LISTED:])))
+        others = controller.calls_between(builder.began_at(exit_.time) - BEFORE_NS, exit_.time + AFTER_NS)
+        # Set points may have been added after the end: see `_begin_session`.
+        return builder.processed(ended.slave_setup).session(
+            exit_, ended.slave_setup, tuple(map(call_fact, others[-MAX_LISTED:]))
+        )
 
     def _process_batch(self, builder: SlaveSessionBuilder) -> None:
         builder.process_batch(self._slave_setup(builder))
@@ -385,42 +389,6 @@ class SlaveSessionDetector:
         return controller
 
 
-class SelectedSlaveSessions:
-    """Finds the slave-mode sessions of selected set points.
-
-    All other calls still count for the start and end of these sessions.
-    """
-
-    def __init__(self, is_selected: Callable[[Call], bool] | None, window: int | None = None) -> None:
-        """Create a detector.
-
-        Args:
-            is_selected: Returns whether a set point is selected; None for all set points, and for slave-mode
-                sessions without set points.
-            window: Length of a time slice, as in `SlaveSessionDetector`.
-        """
-        self._is_selected = is_selected
-        self._detector = SlaveSessionDetector(window)
-
-    def add_call(self, call: Call) -> Sequence[SlaveSession]:
-        """Add a completed call; return the slave-mode sessions that are finished."""
-        chosen = self._is_selected
-        if chosen is None:
-            return self._detector.add_call(call)
-        if is_set_point(call) and not chosen(call):
-            return ()
-        return _with_set_points(self._detector.add_call(call))
-
-    def finish(self, ended_at: int = 0) -> Sequence[SlaveSession]:
-        """Return the remaining slave-mode sessions; `ended_at` as in `SlaveSessionDetector.finish`."""
-        stays = self._detector.finish(ended_at)
-        return stays if self._is_selected is None else _with_set_points(stays)
-
-
-def _with_set_points(stays: Sequence[SlaveSession]) -> Sequence[SlaveSession]:
-    return [stay for stay in stays if stay.first_set_point is not None]
-
-
 def is_set_point(call: Call) -> bool:
     """Return whether a call is slvMove."""
     function_id, command = call.kind
@@ -437,25 +405,31 @@ def _call_frames(call: Call) -> tuple[int, ...]:
 
 def _find_exit_cause(ended: _EndedSession, controller: ControllerState) -> SessionExit:
     """Look in other calls for the end of a slave-mode session that its set points do not show."""
-    course, exit_, _ = ended
+    builder, exit_, _ = ended
     if exit_.reason not in (ExitReason.FOUND_OFF, ExitReason.SILENT, ExitReason.CAPTURE_ENDED):
         return exit_
-    began = course.began_at(exit_.time)
-    last = began if course.last_accepted is None else course.last_accepted
+    began = builder.began_at(exit_.time)
+    last = began if builder.last_accepted is None else builder.last_accepted
     found_off = exit_.reason is ExitReason.FOUND_OFF
     until = exit_.time if found_off else max(exit_.time, last) + SILENCE_NS
     recent = max(began, last - STILL_TAKING_NS, exit_.time - SUSPECT_WITHIN_NS)
-    told = [call for call in controller.calls_between(min(recent, last), until) if _call_end(call) <= until]
-    changes = [call for call in told if _call_end(call) >= last and _switches_off(call, course)]
+    nearby = [call for call in controller.calls_between(min(recent, last), until) if _call_end(call) <= until]
+    changes = [call for call in nearby if _call_end(call) >= last and _switches_off(call, builder)]
     if changes:
-        return _exit_by(ExitReason.OTHER_CLIENT, changes[-1], exit_)
-    failures = [call for call in told if _call_end(call) >= recent and ends_slave_mode(call.hresult or 0)]
-    return _exit_by(ExitReason.OTHER_CALL, failures[-1], exit_) if failures and found_off else exit_
+        return _exit_by_call(ExitReason.OTHER_CLIENT, changes[-1], exit_.frames)
+    failures = [call for call in nearby if _call_end(call) >= recent and ends_slave_mode(call.hresult or 0)]
+    return (
+        _exit_by_call(ExitReason.OTHER_CALL, failures[-1], exit_.frames) if failures and found_off else exit_
+    )
 
 
-def _exit_by(reason: ExitReason, call: Call, told: SessionExit) -> SessionExit:
-    frames = (*_call_frames(call), *told.frames)
-    return SessionExit(reason, _call_end(call), frames, call.hresult, call_fact(call))
+def _silent_exit(builder: SlaveSessionBuilder) -> SessionExit:
+    return SessionExit(ExitReason.SILENT, builder.last_activity, (), None, None)
+
+
+def _exit_by_call(reason: ExitReason, call: Call, frames: tuple[int, ...] = ()) -> SessionExit:
+    """Return an end that a call shows, with the `frames` that prove it besides those of the call."""
+    return SessionExit(reason, _call_end(call), (*_call_frames(call), *frames), call.hresult, call_fact(call))
 
 
 def _switches_off(call: Call, builder: SlaveSessionBuilder) -> bool:

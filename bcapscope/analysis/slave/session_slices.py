@@ -56,7 +56,7 @@ class SessionSlicer:
 
     def __init__(self, window: int, origin: int) -> None:
         """Create a slicer; `window` is the length of a slice, `origin` the start of the first, both in ns."""
-        self.left_off = 0
+        self._left_off = 0
         self._window = window
         self._origin = origin
         self._finished: list[SessionSlice] = []
@@ -76,10 +76,13 @@ class SessionSlicer:
                 self._open = _OpenSlice(number)
             self._fill(self._open, rows, np.flatnonzero(numbers == number), cycles, slacks)
 
-    def finish(self) -> tuple[SessionSlice, ...]:
-        """Return all slices with set points; the last one may be incomplete."""
-        self._close()
-        return tuple(self._finished)
+    def slices(self) -> tuple[tuple[SessionSlice, ...], int]:
+        """Return all slices with set points, the last one perhaps incomplete, and the number left off."""
+        if self._open is None:
+            return tuple(self._finished), self._left_off
+        if len(self._finished) >= MAX_SLICES:
+            return tuple(self._finished), self._left_off + 1
+        return (*self._finished, self._slice(self._open)), self._left_off
 
     def _fill(
         self, slot: _OpenSlice, rows: SetPointTable, chosen: NDArray[np.int64], cycles: Floats, slacks: Floats
@@ -99,17 +102,18 @@ class SessionSlicer:
         if slot is None:
             return
         if len(self._finished) >= MAX_SLICES:
-            self.left_off += 1
-            return
-        self._finished.append(
-            SessionSlice(
-                begin=self._origin + slot.number * self._window,
-                sent=slot.sent,
-                retries=slot.retries,
-                refused=slot.refused,
-                unanswered=slot.unanswered,
-                cycle=slot.cycle.distribution(),
-                latency=slot.latency.distribution(),
-                smallest_slack_ms=float(slot.slack) if np.isfinite(slot.slack) else None,
-            )
+            self._left_off += 1
+        else:
+            self._finished.append(self._slice(slot))
+
+    def _slice(self, slot: _OpenSlice) -> SessionSlice:
+        return SessionSlice(
+            begin=self._origin + slot.number * self._window,
+            sent=slot.sent,
+            retries=slot.retries,
+            refused=slot.refused,
+            unanswered=slot.unanswered,
+            cycle=slot.cycle.distribution(),
+            latency=slot.latency.distribution(),
+            smallest_slack_ms=float(slot.slack) if np.isfinite(slot.slack) else None,
         )

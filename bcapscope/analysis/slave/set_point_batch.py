@@ -163,7 +163,7 @@ class SetPointBatch:
     def columns(self) -> NDArray[np.int64]:
         """Return five arrays: calls, frames, times, reply frames and times of replies."""
         rows = np.frombuffer(self.row_data, np.int64).reshape(-1, len(SetPointRow._fields))
-        return np.ascontiguousarray(rows.T)
+        return rows.T.copy()
 
     def clear(self) -> None:
         """Remove all set points; arrays made from them stay valid."""

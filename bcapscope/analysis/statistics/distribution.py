@@ -102,28 +102,28 @@ class Histogram:
     def distribution(self, bins: bool = False) -> DistributionSummary | None:
         """Return the distribution so far; None without values."""
         if self._counts is not None:
-            self._count_into_bins(self._pending_values())
-            points = self._percentiles(self._counts)
-            drawn = _bins(self._first_bin, self._counts) if bins else ()
-            return self._summary(int(self._counts.sum()), self._total, points, drawn)
+            return self._binned_distribution(bins)
         values = np.sort(self._pending_values())
         if not len(values):
             return None
-        self._least, self._most = float(values[0]), float(values[-1])
         points = [float(values[_rank(share, len(values)) - 1]) for share in _SHARES]
         drawn = _bins(*_bin_counts(values)) if bins else ()
-        return self._summary(len(values), float(values.sum()), points, drawn)
+        ends = float(values[0]), float(values[-1])
+        return _summary(len(values), float(values.sum()), ends, points, drawn)
 
-    def _summary(
-        self, count: int, total: float, points: list[float], drawn: tuple[Bin, ...]
-    ) -> DistributionSummary:
-        mean = min(max(total / count, self._least), self._most)
-        p50, p90, p99, p999 = points
-        return DistributionSummary(count, mean, self._least, self._most, p50, p90, p99, p999, drawn)
+    def _binned_distribution(self, bins: bool) -> DistributionSummary:
+        """Return the distribution with the pending values in bins, without moving them there."""
+        whole = Histogram()
+        whole.merge(self)
+        whole._count_into_bins(whole._pending_values())
+        counts = whole._counts
+        assert counts is not None
+        drawn = _bins(whole._first_bin, counts) if bins else ()
+        ends = whole._least, whole._most
+        return _summary(int(counts.sum()), whole._total, ends, whole._percentiles(counts), drawn)
 
     def _pending_values(self) -> Floats:
         values = np.concatenate(self._pending) if self._pending else np.empty(0)
-        self._pending, self._pending_count = [values], len(values)
         valid = (values >= 0) & (values < math.inf)  # false for NaN
         return values if valid.all() else values[valid]
 
@@ -161,6 +161,16 @@ class Histogram:
         found = (np.searchsorted(sums, ranks) + self._first_bin).tolist()
         middles = [(_bin_edge(number) + _bin_edge(number + 1)) / 2 for number in found]
         return [min(max(middle, self._least), self._most) for middle in middles]
+
+
+def _summary(
+    count: int, total: float, ends: tuple[float, float], points: list[float], drawn: tuple[Bin, ...]
+) -> DistributionSummary:
+    least, most = ends
+    p50, p90, p99, p999 = points
+    return DistributionSummary(
+        count, min(max(total / count, least), most), least, most, p50, p90, p99, p999, drawn
+    )
 
 
 _SHARES = (500, 900, 990, 999)  # thousandths

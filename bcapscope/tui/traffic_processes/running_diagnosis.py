@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import copy
-
 from bcapscope.analysis.diagnosis import Diagnosis
 from bcapscope.analysis.finding import Finding, TrafficTotals
 from bcapscope.analysis.slave.slave_session import SlaveSession
@@ -33,7 +31,7 @@ class RunningDiagnosis:
         """
         self._tongue = tongue
         self._diagnosis = Diagnosis(on_slave_session=self._on_slave_session)
-        self._summary = StatisticsBuilder()
+        self._statistics = StatisticsBuilder()
         self._slave_session_lines: list[str] = []
         self.on_observation = self._diagnosis.on_observation
 
@@ -41,7 +39,7 @@ class RunningDiagnosis:
         """Add a settled call, or a reply that belongs to no call."""
         self._diagnosis.on_pairing_result(settled)
         if isinstance(settled, Call):
-            self._summary.add_call(settled)
+            self._statistics.add_call(settled)
 
     def snapshot(self, ended: int, present: bool = False) -> TrafficAnalysis:
         """Return the analysis so far; more calls can follow.
@@ -50,17 +48,20 @@ class RunningDiagnosis:
             ended: Assumed end of the traffic, ns since 1970.
             present: Whether silent clients are known to be still connected.
         """
-        end = copy.deepcopy(self)
-        findings = end._diagnosis.finish(ended, present)
-        statistics = self._summary.statistics()
-        totals = end._diagnosis.totals
-        shown = tuple(shown_finding(finding, totals) for finding in findings)
+        statistics, totals = self._statistics.statistics(), self._diagnosis.totals(ended)
+        findings = tuple(shown_finding(each, totals) for each in self._diagnosis.findings(ended, present))
+        session_lines = self._slave_session_lines.copy()
+        for session in self._diagnosis.remaining_sessions(ended):
+            self._add_slave_session(session, session_lines)
         lines = [] if statistics is None else list(statistics_lines(statistics, INK, self._tongue))
-        return TrafficAnalysis(shown, totals, end._slave_session_lines, lines)
+        return TrafficAnalysis(findings, totals, session_lines, lines)
 
-    def _on_slave_session(self, slave_session: SlaveSession) -> None:
-        if len(self._slave_session_lines) < MAX_LINES:
-            self._slave_session_lines.extend((*slave_session_lines(slave_session, INK, self._tongue), ""))
+    def _on_slave_session(self, session: SlaveSession) -> None:
+        self._add_slave_session(session, self._slave_session_lines)
+
+    def _add_slave_session(self, session: SlaveSession, lines: list[str]) -> None:
+        if len(lines) < MAX_LINES:
+            lines.extend((*slave_session_lines(session, INK, self._tongue), ""))
 
 
 def shown_finding(finding: Finding, totals: TrafficTotals) -> ShownFinding:

@@ -23,11 +23,13 @@ from tests.analysis.driving import (
     OFF,
     OVERFLOW,
     UNDERFLOW,
+    WINDOW,
     Plan,
     Step,
     i4,
     joints,
     play,
+    played_calls,
     singles,
     steps,
     watched,
@@ -358,7 +360,7 @@ def test_a_set_point_that_is_let_go_is_not_unanswered() -> None:
     watcher = SlaveSessionDetector()
     for call in (*calls, let_go):
         assert not watcher.add_call(call)
-    (stay,) = watcher.finish()
+    (stay,) = watcher.remaining_sessions()
     counts = stay.counts
     assert (counts.sent, counts.unanswered, counts.open, counts.not_followed) == (21, 0, 0, 1)
     assert stay.timing.deadlines[0].late == 0
@@ -556,5 +558,35 @@ def test_stays_of_a_client_that_is_gone_are_given_out_at_once() -> None:
     (stay,) = watcher.close_conversation(calls[0].conversation)
     assert (stay.conversation, stay.exit.reason) == (calls[0].conversation, ExitReason.SILENT)
     assert watcher.close_conversation(calls[0].conversation) == ()
-    (rest,) = watcher.finish()
+    (rest,) = watcher.remaining_sessions()
     assert rest.conversation is not stay.conversation
+
+
+def asked_at(calls: list[Call], cuts: set[int]) -> list[str]:
+    """Return all sessions as text, NaN included, of a detector that is asked after some of the calls."""
+    detector, found = SlaveSessionDetector(WINDOW), list[SlaveSession]()
+    for number, call in enumerate(calls, 1):
+        found += detector.add_call(call)
+        if number in cuts:
+            remaining = detector.remaining_sessions()
+            assert repr([*found, *remaining]) == repr(watched(calls[:number], WINDOW))
+            assert repr(remaining) == repr(detector.remaining_sessions())
+    return [repr(session) for session in (*found, *detector.remaining_sessions())]
+
+
+@settings(deadline=None, max_examples=50)
+@given(steps, st.integers(0, 2))
+def test_asking_for_the_remaining_sessions_changes_nothing(played: list[Step], release: int) -> None:
+    calls = [call for call in played_calls(played, release) if isinstance(call, Call)]
+    assert asked_at(calls, set(range(len(calls)))) == asked_at(calls, set())
+
+
+def test_asking_about_a_long_session_changes_none_of_its_figures() -> None:
+    plan = Plan()
+    driver = plan.driver()
+    driver.change(0, ENTER)
+    for n in range(1, 3 * BATCH_SIZE):
+        driver.move(8.0 * n + n % 7 / 10, takes=0.3 + n % 11 / 10)
+    calls = [call for call in plan.track() if isinstance(call, Call)]
+    cuts = {2, 3, 1000, BATCH_SIZE, BATCH_SIZE + 2, 2 * BATCH_SIZE + 1000, 2 * BATCH_SIZE + 1001}
+    assert asked_at(calls, cuts) == asked_at(calls, set())

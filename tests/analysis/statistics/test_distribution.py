@@ -119,3 +119,13 @@ def test_asking_changes_nothing() -> None:
 def test_another_unit() -> None:
     found = spread([1.0, 2.0, 3.0]).scaled(125.0)
     assert (found.count, found.least, found.p50, found.most, found.mean) == (3, 125.0, 250.0, 375.0, 250.0)
+
+
+def test_asking_does_not_change_what_follows() -> None:
+    values = np.random.default_rng(1).exponential(size=(300, 100))
+    asked, never_asked = Histogram(), Histogram()
+    for row in values:
+        for histogram in (asked, never_asked):
+            histogram.add(row)
+        asked.distribution(bins=True)
+    assert asked.distribution(bins=True) == never_asked.distribution(bins=True)

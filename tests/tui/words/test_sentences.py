@@ -101,7 +101,7 @@ def _figures(capture: bytes) -> Iterator[str]:
                 summary.add_call(settled)
     for settled in tracker.close():
         diagnosis.on_pairing_result(settled)
-    diagnosis.finish()
+    stays += diagnosis.remaining_sessions()
     yield from (line for stay in stays for line in slave_session_lines(stay, tongue=told))
     statistics = summary.statistics()
     if statistics is not None:

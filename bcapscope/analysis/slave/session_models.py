@@ -1,0 +1,305 @@
+"""The models of one slave-mode session: timing, buffer, clock, motion and counts of its set points."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from bcapscope.analysis.slave.buffer_model import BufferBehaviour, BufferModel, SetPointArrivals
+from bcapscope.analysis.slave.column_templates import ColumnReader, NumberPicker, PickedNumbers, PoseColumns
+from bcapscope.analysis.slave.controller_clock import ControllerClock
+from bcapscope.analysis.slave.generation_clues import GenerationClue
+from bcapscope.analysis.slave.motion_model import MotionModel, PoseTable, StartDistance
+from bcapscope.analysis.slave.notable_set_points import MAX_LISTED, SetPointFact, set_point_fact
+from bcapscope.analysis.slave.plot_samples import PlotSampler
+from bcapscope.analysis.slave.session_slices import SessionSlice, SessionSlicer
+from bcapscope.analysis.slave.set_point_batch import SetPointBatch
+from bcapscope.analysis.slave.set_point_table import SetPointTable
+from bcapscope.analysis.slave.slave_session import (
+    AcceptedFormat,
+    KnownMode,
+    SetPointCounts,
+)
+from bcapscope.analysis.slave.timing_model import TimingModel
+from bcapscope.analysis.statistics.distribution import Floats
+from bcapscope.protocol.codec.frame import Frame
+from bcapscope.protocol.codec.variant import Variant
+from bcapscope.protocol.slave_mode.formats import ReceiveFormat, SendFormat
+from bcapscope.protocol.slave_mode.modes import Generation, PoseType, pose_type_of_mode, slave_mode_by_number
+from bcapscope.protocol.slave_mode.poses import Axis, Pose
+from bcapscope.protocol.slave_mode.slvmove_values import parse_feedback, parse_set_point
+from bcapscope.protocol.tables.hresult import E_SLAVE_OVERFLOW, S_BUF_FULL, is_failure
+from bcapscope.traffic.call import Call
+from bcapscope.traffic.observation import Transport
+
+MAX_CODES = 256
+"""Different HRESULTs of refused set points that are counted separately; further ones count under 0."""
+
+_PARAMETER = 2
+_RESULT = 0
+_UNKNOWN = -1
+
+
+class KnownPosition(NamedTuple):
+    """Position of the robot that the controller reported earlier.
+
+    Attributes:
+        pose_type: Type of the pose.
+        values: Numbers of the pose.
+        known_by: Source of the position, one clause.
+        frames: Request and reply frame.
+    """
+
+    pose_type: PoseType
+    values: tuple[float, ...]
+    known_by: str
+    frames: tuple[int, ...]
+
+
+class SlaveSetup(NamedTuple):
+    """What client and controller agreed on before the first set point.
+
+    Attributes:
+        mode_value: Value of the slave mode; None if unknown.
+        known_by: Source of that value.
+        generation_clue: Clue to the controller's generation.
+        send_format: Accepted send format; None if none was seen.
+        receive_format: Accepted receive format; None if none was seen.
+        position: Position of the robot; None if unknown.
+    """
+
+    mode_value: int | None
+    known_by: str
+    generation_clue: GenerationClue
+    send_format: AcceptedFormat | None
+    receive_format: AcceptedFormat | None
+    position: KnownPosition | None
+
+
+def known_mode(slave_setup: SlaveSetup, pose_type: PoseType | None) -> KnownMode:
+    """Return what a mode means on this controller, as far as known."""
+    value, generation = slave_setup.mode_value, slave_setup.generation_clue.generation
+    meaning = None if value is None else slave_mode_by_number(value, generation or Generation.RC8)
+    return KnownMode(
+        value=value,
+        known_by=slave_setup.known_by if value is not None else "",
+        generation=generation,
+        generation_known_by=slave_setup.generation_clue.reason,
+        meaning=meaning,
+        guessed=meaning is not None and generation is None,
+        pose_type=pose_type,
+    )
+
+
+class _PosePicker:
+    """Finds the pose in a set point, and pose and time stamp in its result."""
+
+    def __init__(self, slave_setup: SlaveSetup, pose_type: PoseType | None) -> None:
+        self._send, self._receive = _formats(slave_setup)
+        self._pose_type = pose_type
+
+    def command(self, parameter: Variant) -> PickedNumbers:
+        pose = parse_set_point(parameter, self._pose_type, self._send, self._receive).pose
+        return (pose.values if pose and pose.type is self._pose_type else ()), None
+
+    def result(self, result: Variant) -> PickedNumbers:
+        feedback = parse_feedback(result, self._pose_type, self._receive)
+        fitting = (pose.values for pose in feedback.poses if pose.type is self._pose_type)
+        return next(fitting, ()), feedback.timestamp
+
+
+class SessionModels:
+    """Feeds all models of one slave-mode session."""
+
+    def __init__(
+        self, transport: Transport, slave_setup: SlaveSetup, batch: SetPointBatch, window: int | None
+    ) -> None:
+        self._slave_setup = slave_setup
+        self.origin = batch[0].time if batch else 0
+        pose = next(_poses_in(batch, slave_setup), None)
+        self._pose_type = pose.type if pose else _pose_type(slave_setup)
+        self.axes: tuple[Axis, ...] = pose.axes if pose else ()
+        self.mode = known_mode(slave_setup, self._pose_type)
+        rules = BufferBehaviour.of_mode(self.mode.meaning, self.mode.guessed)
+        self._replies_pace = rules.replies_pace
+        self.forbids_retries = rules.overwrites and transport is Transport.UDP
+        self.timing = TimingModel(self.mode.meaning, transport, rules.slots)
+        self.buffer = BufferModel(rules, self.origin)
+        self.clock = ControllerClock(
+            None if slave_setup.receive_format is None else slave_setup.receive_format.microseconds
+        )
+        self.motion = MotionModel(self.axes, self._pose_type, pose.guessed if pose else False)
+        self.sampler = PlotSampler(len(self.axes), self.origin)
+        self.start_distance = StartDistance()
+        self.refused_list: list[SetPointFact] = []
+        self.forbidden_retries: list[int] = []
+        self._slicer = SessionSlicer(window, self.origin) if window else None
+        self._axes = len(self.axes)
+        self._has_set_points = False
+        picker = _PosePicker(slave_setup, self._pose_type)
+        self._command_columns = ColumnReader(NumberPicker(_PARAMETER, picker.command))
+        self._result_columns = ColumnReader(NumberPicker(_RESULT, picker.result))
+        self._last_poses = np.full((2, len(self.axes)), np.nan)  # the last two commanded poses
+        self._sent = self._accepted = self._unanswered = self._open = self._not_followed = (
+            self._buffer_full
+        ) = 0
+        self._retries: Counter[int] = Counter()
+        self._late_replies = self._lost_replies = 0
+        self._refused: Counter[int] = Counter()
+
+    def add(self, rows: SetPointTable, batch: SetPointBatch) -> tuple[PoseColumns, PoseColumns]:
+        commanded = self._command_columns.read(batch.requests, len(batch), self._axes)
+        returned = self._result_columns.read(batch.results, len(batch), self._axes)
+        cycles = self.timing.add(rows)
+        slacks = self._add_to_buffer(rows, commanded)
+        self._count(rows, cycles)
+        self._add_motion(rows, commanded, returned)
+        stamped = np.flatnonzero(~np.isnan(returned.stamps))
+        self.clock.add(returned.stamps[stamped], rows.replies[stamped])
+        latencies = np.where(rows.answered, rows.latencies, np.nan)
+        poses = commanded.poses, returned.poses
+        self.sampler.add(rows.times, rows.frames, (cycles, latencies, slacks), poses)
+        if self._slicer is not None:
+            self._slicer.add(rows, cycles, slacks)
+        return commanded, returned
+
+    def counts(self, after_end: int) -> SetPointCounts:
+        retries = sum(times * count for times, count in self._retries.items())
+        return SetPointCounts(
+            sent=self._sent,
+            accepted=self._accepted,
+            refused=dict(self._refused),
+            unanswered=self._unanswered,
+            open=self._open - self._not_followed,
+            not_followed=self._not_followed,
+            buffer_full=self._buffer_full,
+            after_end=after_end,
+            retries=retries,
+            by_retries={times: count for times, count in sorted(self._retries.items()) if count},
+            retries_forbidden=retries if self.forbids_retries else 0,
+            late_replies=self._late_replies,
+            lost_replies=self._lost_replies,
+        )
+
+    def slices(self) -> tuple[tuple[SessionSlice, ...], int]:
+        if self._slicer is None:
+            return (), 0
+        return self._slicer.slices()
+
+    def _add_to_buffer(self, rows: SetPointTable, commanded: PoseColumns) -> Floats:
+        points = np.vstack((self._last_poses, commanded.poses))
+        known = ~np.isnan(points).any(axis=1)
+        differ = (points[1:] != points[:-1]).any(axis=1)
+        moving = np.where(known[1:] & known[:-1] & (self._axes > 0), differ, _UNKNOWN)[:-1]
+        self._last_poses = points[-2:]
+        entered = np.maximum(rows.arrivals, rows.replies) if self._replies_pace else rows.arrivals
+        slacks = self.buffer.add(
+            SetPointArrivals(rows.arrivals, entered, rows.codes, rows.frames, rows.reply_frames, moving)
+        )
+        found = slacks / 1e6
+        if not self._has_set_points:
+            found[0] = np.nan
+        return found
+
+    def _count(self, rows: SetPointTable, cycles: Floats) -> None:
+        sent = len(rows.calls)
+        self._sent += sent
+        open_ = int(np.count_nonzero(rows.open))
+        without_reply = int(np.count_nonzero(~rows.answered))
+        self._open += open_
+        self._unanswered += without_reply - open_
+        refused = 0
+        for row in np.flatnonzero(rows.codes).tolist():
+            code = int(rows.codes[row])
+            if is_failure(code):
+                refused += 1
+                self._refused[code if code in self._refused or len(self._refused) < MAX_CODES else 0] += 1
+                if len(self.refused_list) < MAX_LISTED:
+                    self.refused_list.append(set_point_fact(rows, row, cycles))
+            elif code == S_BUF_FULL:
+                self._buffer_full += 1
+        self._accepted += sent - without_reply - refused
+        self._retries[0] += sent - len(rows.irregular)
+        for _, call in rows.irregular:
+            self._retries[call.retries] += 1
+            self._count_irregular(call)
+
+    def _count_irregular(self, call: Call) -> None:
+        self._late_replies += len(call.late_replies)
+        self._lost_replies += len(call.lost_replies)
+        self._not_followed += call.evicted
+        if self.forbids_retries and len(self.forbidden_retries) < MAX_LISTED:
+            self.forbidden_retries += [request.number for request in call.attempts[call.first_attempt_seen :]]
+            del self.forbidden_retries[MAX_LISTED:]
+
+    def _add_motion(self, rows: SetPointTable, commanded: PoseColumns, returned: PoseColumns) -> None:
+        accepted = returned.has_pose & rows.answered
+        if not self._has_set_points:
+            self._has_set_points = True
+            self.start_distance = self._start_distance(rows, commanded, returned)
+        self.motion.add(
+            PoseTable(
+                commanded=commanded.poses,
+                readable=commanded.has_pose & (self._axes > 0) & (rows.codes != E_SLAVE_OVERFLOW),
+                returned=returned.poses,
+                has_returned=accepted,
+                frames=rows.frames,
+                times=rows.origin + rows.times,
+            )
+        )
+
+    def _start_distance(
+        self, rows: SetPointTable, commanded: PoseColumns, returned: PoseColumns
+    ) -> StartDistance:
+        """Compare the first set point with the pose in its reply, or else with the position known before."""
+        commanded_pose, position = commanded.poses[0], self._slave_setup.position
+        if not self._axes or not np.isfinite(commanded_pose).all():
+            return StartDistance()
+        if returned.has_pose[0] and np.isfinite(returned.poses[0]).all():
+            frames = int(rows.frames[0]), int(rows.reply_frames[0])
+            return StartDistance(
+                _distance(commanded_pose, returned.poses[0]), "the reply to the first set point", frames
+            )
+        if position and position.pose_type is self._pose_type and len(position.values) >= self._axes:
+            actual = np.array(position.values[: self._axes])
+            if np.isfinite(actual).all():
+                evidence = *position.frames, int(rows.frames[0])
+                return StartDistance(_distance(commanded_pose, actual), position.known_by, evidence)
+        return StartDistance()
+
+
+def _distance(commanded_pose: Floats, actual: Floats) -> tuple[float, ...]:
+    return tuple((commanded_pose - actual).tolist())
+
+
+def _formats(slave_setup: SlaveSetup) -> tuple[SendFormat | None, ReceiveFormat | None]:
+    send, receive = slave_setup.send_format, slave_setup.receive_format
+    return (
+        None if send is None else SendFormat.parse(send.value),
+        None if receive is None else ReceiveFormat.parse(receive.value, receive.microseconds),
+    )
+
+
+def _pose_type(slave_setup: SlaveSetup) -> PoseType | None:
+    return None if slave_setup.mode_value is None else pose_type_of_mode(slave_setup.mode_value)
+
+
+def _poses_in(batch: SetPointBatch, slave_setup: SlaveSetup) -> Iterator[Pose]:
+    """Yield the readable poses of known type among the first 16 set points."""
+    send, receive = _formats(slave_setup)
+    pose_type = _pose_type(slave_setup)
+    for place in range(min(len(batch), 16)):
+        parameter = execute_parameter(Frame(batch.requests[place]))
+        if parameter is not None:
+            pose = parse_set_point(parameter, pose_type, send, receive).pose
+            if pose is not None and pose.type is not None:
+                yield pose
+
+
+def execute_parameter(request: Frame) -> Variant | None:
+    """Return vntParam of an ..._Execute request; None if it is missing."""
+    arguments = request.arguments
+    return arguments[_PARAMETER].variant if len(arguments) > _PARAMETER else None
