@@ -9,6 +9,7 @@ from contextlib import suppress
 
 from bcapscope.proxy.poller import ERROR, HANG_UP, READ, WRITE
 from bcapscope.proxy.relay import Relay, client_conversation
+from bcapscope.proxy.relay_session import ClientEndpoints
 from bcapscope.proxy.ring_buffer import RelayCounter, RingRecordKind
 from bcapscope.proxy.sockets import SocketAddress, endpoint_of, keep_alive, os_error_text
 from bcapscope.traffic.observation import Endpoint, Transport
@@ -115,7 +116,7 @@ class TcpSession:
         relay.watch(client.fileno(), self._on_client_ready, 0)
         relay.watch(server.fileno(), self._on_controller_ready, WRITE)
         places = endpoint_of(address), endpoint_of(client.getsockname()), endpoint_of(server.getsockname())
-        relay.add_client(self, (*places, to), first[1])
+        relay.add_client(self, ClientEndpoints(Transport.TCP, *places, to), first[1])
 
     @property
     def upstream_state(self) -> str:

@@ -9,9 +9,9 @@ from contextlib import suppress
 
 from bcapscope.protocol.first_frame import first_frame_stops
 from bcapscope.protocol.tables.hresult import S_EXECUTING
-from bcapscope.proxy.admission import ClientSlot
 from bcapscope.proxy.listener_spec import ListenerSpec
 from bcapscope.proxy.relay import Handler, Relay, client_conversation
+from bcapscope.proxy.relay_session import ClientEndpoints
 from bcapscope.proxy.ring_buffer import BATCH_SIZE, RelayCounter
 from bcapscope.proxy.sockets import (
     LARGEST_DATAGRAM,
@@ -25,8 +25,9 @@ from bcapscope.proxy.sockets import (
     resolve,
     should_report,
 )
+from bcapscope.proxy.upstream import ClientDeniedError, open_upstream
 from bcapscope.traffic.observation import Transport
-from bcapscope.transport.descriptors import OUT_OF_DESCRIPTORS_TEXT, is_out_of_descriptors, wait_readable
+from bcapscope.transport.descriptors import wait_readable
 from bcapscope.transport.first_frame_queue import source_network
 from bcapscope.transport.receive_timestamps import ANCILLARY_SIZE, kernel_timestamp, receive_function
 
@@ -135,42 +136,20 @@ class UdpListener:
     def _admit(self, address: SocketAddress, is_stop: bool) -> UdpSession | None:
         """Give a new client a slot and its own socket toward the controller; None if it is refused."""
         relay = self.relay
-        places = relay.slots[Transport.UDP]
-        place = places.find_slot(address[0], relay.now, is_stop)
-        if place is ClientSlot.NONE:
-            self._refuse(address, "is one client too many")
-            return None
         try:
-            upstream = self._new_socket(is_stop)
+            upstream, slot = open_upstream(
+                relay, Transport.UDP, address[0], is_stop, lambda: connect_datagrams(*self.controller)
+            )
+        except ClientDeniedError as error:
+            relay.spares.refill()
+            relay.deny(endpoint_of(address), str(error), "its datagrams are dropped")
+            return None
         except OSError as error:
             self._notify_unreachable(address, error)
             return None
-        if not relay.spares.refill():
-            place = ClientSlot.RESERVED
-            if not is_stop:
-                upstream.close()
-                self._refuse(address, f"cannot be accepted: {OUT_OF_DESCRIPTORS_TEXT}")
-                return None
         session = self._fresh_sessions[address] = UdpSession(self, address, upstream)
-        places.occupy(session, place, is_fresh=True)
+        relay.slots[Transport.UDP].occupy(session, slot, is_fresh=True)
         return session
-
-    def _refuse(self, address: SocketAddress, why: str) -> None:
-        self.relay.spares.refill()
-        self.relay.deny(endpoint_of(address), why, "its datagrams are dropped")
-
-    def _new_socket(self, is_stop: bool) -> socket.socket:
-        """Open a socket toward the controller. For a stop, end others to free a file descriptor.
-
-        Raises:
-            OSError: There is no route to the controller, or no file descriptor.
-        """
-        while True:
-            try:
-                return connect_datagrams(*self.controller)
-            except OSError as error:
-                if not is_stop or not is_out_of_descriptors(error) or not self.relay.free_descriptor():
-                    raise
 
     def _notify_unreachable(self, address: SocketAddress, error: OSError) -> None:
         self._unreachable_count += 1
@@ -225,7 +204,8 @@ class UdpSession:
         self._send_down = listener.listening_socket.sendto
         self._dropped = 0
         relay.watch(upstream.fileno(), _datagram_handler(listener, upstream, self))
-        ends = (
+        ends = ClientEndpoints(
+            Transport.UDP,
             client,
             local_address_for(listener.listening_socket, address),
             endpoint_of(upstream.getsockname()),
