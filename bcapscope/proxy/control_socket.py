@@ -13,7 +13,8 @@ from contextlib import suppress
 from typing import Protocol
 
 from bcapscope.errors import BcapError
-from bcapscope.proxy.control_api import LONGEST_LINE, ControlApi
+from bcapscope.proxy.control_api import ControlApi
+from bcapscope.proxy.control_messages import LONGEST_LINE
 from bcapscope.proxy.poller import READ, WRITE
 
 MAX_CONNECTIONS = 16

@@ -18,7 +18,9 @@ _MAX_NAMED = 8
 def report_lines(rules: RulePolicy) -> list[str]:
     """Return a summary of what the rules did."""
     scripts = rules.scripts
-    lines = [f"fault {name}: struck {_times_text(count)}" for name, count in rules.shaper.hit_counts.items()]
+    lines = [
+        f"fault {name}: injected {_times_text(count)}" for name, count in rules.shaper.hit_counts.items()
+    ]
     if rules.guard is not None:
         lines.append(f"guard: refused {_times_text(rules.refused_requests)}")
     if rules.intercept.held_so_far:

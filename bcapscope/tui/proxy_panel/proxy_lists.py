@@ -6,7 +6,7 @@ from typing import Generic, TypeVar
 
 from rich.cells import cell_len
 
-from bcapscope.proxy.control_answers import ClientStatus, FaultStatus, HeldStatus
+from bcapscope.proxy.control_messages import ClientStatus, FaultStatus, HeldStatus
 from bcapscope.render.escape import printable
 from bcapscope.tui.ink import INK
 from bcapscope.tui.widgets.lines import Lines
@@ -120,16 +120,19 @@ class RuleList(ItemList[FaultStatus]):
 
     def header(self) -> str:
         """Return the column header."""
-        name, struck = _left_aligned(say("proxy.head.rule"), 16), _right_aligned(say("proxy.head.struck"), 8)
-        return f"       {name} {struck}  {say('proxy.head.what')}"
+        name, injected = (
+            _left_aligned(say("proxy.head.rule"), 16),
+            _right_aligned(say("proxy.head.injected"), 8),
+        )
+        return f"       {name} {injected}  {say('proxy.head.what')}"
 
     def item_line(self, item: FaultStatus) -> str:
         """Return the line of a fault."""
         state = f"{INK.good}●{INK.reset}" if item.on else f"{INK.dim}○{INK.reset}"
         word = _left_aligned(say("proxy.on" if item.on else "proxy.off"), 4)
-        struck = f"{INK.number}{item.struck:>8,}{INK.reset}"
+        count = f"{INK.number}{item.injected:>8,}{INK.reset}"
         name = _left_aligned(printable(item.name), 16)
-        return f" {state} {word}{INK.name}{name}{INK.reset} {struck}  {printable(item.rule)}"
+        return f" {state} {word}{INK.name}{name}{INK.reset} {count}  {printable(item.rule)}"
 
 
 class HeldList(ItemList[HeldStatus]):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import msgspec
 
-from bcapscope.proxy.control_answers import ClientStatus, FaultStatus, HeldStatus, ProxyStats
+from bcapscope.proxy.control_messages import ClientStatus, FaultStatus, HeldStatus, ProxyStats
 
 
 class ProxyState(msgspec.Struct, frozen=True):

@@ -81,7 +81,6 @@ WORDS: dict[str, tuple[str, str]] = {
     "proxy.gone": ("The proxy does not answer: {reason}", "プロキシが応答しません: {reason}"),
     "proxy.ended": ("The proxy has ended: {reason}", "プロキシが終了しました: {reason}"),
     "proxy.no_words": ("it was killed", "強制終了されました"),
-    "proxy.strange": ("what answers is no proxy of this version", "応答元はこの版のプロキシではありません"),
     "proxy.here": ("● {way}", "● {way}"),
     "proxy.not_here": ("○ {way}", "○ {way}"),
     "proxy.unrecorded": (
@@ -119,7 +118,7 @@ WORDS: dict[str, tuple[str, str]] = {
     "proxy.head.heard": ("heard", "最終"),
     "proxy.head.upstream": ("controller", "コントローラ"),
     "proxy.head.rule": ("rule", "ルール"),
-    "proxy.head.struck": ("struck", "回数"),
+    "proxy.head.injected": ("injected", "回数"),
     "proxy.head.what": ("what it does", "内容"),
     "proxy.head.left": ("left", "残り"),
     "proxy.head.message": ("message", "メッセージ"),
