@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 from msgspec.structs import replace
@@ -12,7 +12,7 @@ from bcapscope.protocol.codec.frame import Frame, Malformed, parse_datagram
 from bcapscope.protocol.codec.stream_splitter import StreamSplitter
 from bcapscope.protocol.guard import always_passes
 from bcapscope.proxy.policy import CloseAction, SendAction
-from bcapscope.traffic.observation import Conversation, Flow, Transport
+from bcapscope.traffic.observation import Conversation, Direction, Flow, Transport
 
 
 class DirectionState:
@@ -96,6 +96,53 @@ class ClientActivity(NamedTuple):
     last_request_at: int
     down: int
     last_reply_at: int
+
+
+class ClientStates:
+    """The connected clients, each with the state of both directions."""
+
+    def __init__(self) -> None:
+        self._directions: dict[int, dict[Direction, DirectionState]] = {}
+        self._connected_at: dict[int, int] = {}
+        self._numbers: dict[Conversation, int] = {}
+        self._budget = ByteBudget()
+
+    def add(self, client: int, conversation: Conversation, now: int) -> None:
+        """Add a client."""
+        self._directions[client] = {
+            each: DirectionState(client, Flow(conversation, each), self._budget) for each in Direction
+        }
+        self._numbers[conversation] = client
+        self._connected_at[client] = now
+
+    def remove(self, client: int) -> None:
+        """Remove a client."""
+        del self._numbers[self.directions(client)[Direction.REQUEST].flow.conversation]
+        del self._directions[client], self._connected_at[client]
+
+    def directions(self, client: int) -> Mapping[Direction, DirectionState]:
+        """Return the states of a client; {} for one that is gone."""
+        return self._directions.get(client, {})
+
+    def number_of(self, conversation: Conversation) -> int:
+        """Return the number of the client of a conversation."""
+        return self._numbers[conversation]
+
+    def requests(self) -> Iterator[DirectionState]:
+        """Yield the request direction of each client."""
+        return (each[Direction.REQUEST] for each in self._directions.values())
+
+    def split_streams(self) -> list[DirectionState]:
+        """Return the streams that are split into frames."""
+        states = (state for each in self._directions.values() for state in each.values())
+        return [state for state in states if state.splitter is not None]
+
+    def activities(self) -> Iterator[ClientActivity]:
+        """Yield the activity of each client."""
+        for number, states in self._directions.items():
+            up, down = states[Direction.REQUEST], states[Direction.RESPONSE]
+            counts = up.piece_count, up.last_piece_at, down.piece_count, down.last_piece_at
+            yield ClientActivity(number, up.flow.conversation, self._connected_at[number], *counts)
 
 
 class DecisionBuilder:
