@@ -199,9 +199,9 @@ def split_held_requests(state: DirectionState, held: Iterable[bytes]) -> SplitRe
     of a partly sent frame goes first. Otherwise the controller would take the stop for that rest.
     """
     if not state.is_stream:
-        parted = [_split_frames(parse_datagram(data)) for data in held]
-        going = [data for each in parted for data in each.forwarded]
-        return SplitRequests(going, [lost for each in parted for lost in each.dropped])
+        split = [_split_frames(parse_datagram(data)) for data in held]
+        going = [data for each in split for data in each.forwarded]
+        return SplitRequests(going, [lost for each in split for lost in each.dropped])
     splitter = StreamSplitter(synchronized=False)
     items = [piece.item for piece in (*splitter.feed(b"".join(held)), *splitter.close())]
     going, lost = _split_frames(items)

@@ -263,11 +263,11 @@ class Intercept:
     def _should_hold(self, message: WireMessage) -> bool:
         """Return whether a message is to be held."""
         test = self._matches_frame
-        if test is None or not any(test(told) for told in message.annotated_frames):
+        if test is None or not any(test(each) for each in message.annotated_frames):
             return False
         if message.flow.direction is Direction.RESPONSE:
             return True
-        items = (told.observation.item for told in message.annotated_frames)
+        items = (each.observation.item for each in message.annotated_frames)
         return not any(always_passes(item.code, item.variants) for item in items if isinstance(item, Frame))
 
     def _hold(self, client: int, message: WireMessage, subject: _Subject | None) -> int:
@@ -278,7 +278,9 @@ class Intercept:
             client,
             message.flow,
             message.data,
-            next((told.call_kind for told in message.annotated_frames if told.call_kind), None),
+            next(
+                (annotated.call_kind for annotated in message.annotated_frames if annotated.call_kind), None
+            ),
             message.now,
             message.now + self.hold_time,
             message.now,

@@ -85,9 +85,9 @@ class Relay:
     def listen(self, listeners: Iterable[ClientListener]) -> None:
         """Accept clients on these listeners."""
         self.spares.refill()
-        for port in listeners:
-            self._listeners.append(port)
-            port.open()
+        for listener in listeners:
+            self._listeners.append(listener)
+            listener.open()
 
     def stop(self) -> None:
         """Let `run` return soon. Call it from a signal handler, or from code that `run` calls."""
@@ -126,8 +126,8 @@ class Relay:
         for session in list(self.sessions.values()):
             session.close(False, "the proxy ended")
         self._record_removed_clients()
-        for port in self._listeners:
-            port.release()
+        for listener in self._listeners:
+            listener.release()
         self.spares.close()
         if self._ticker is not None:
             os.close(self._ticker)
@@ -140,8 +140,8 @@ class Relay:
         if not self._is_closed:
             self._is_closed = True
             self.pending_connections.close()
-            for port in self._listeners:
-                port.close()
+            for listener in self._listeners:
+                listener.close()
 
     # For listeners and sessions.
 
@@ -369,8 +369,8 @@ class Relay:
             self._poller.modify(self._paused.pop(), READ)
         self.spares.refill()
         self.pending_connections.sweep(self.now)
-        for port in self._listeners:
-            port.sweep(self.now)
+        for listener in self._listeners:
+            listener.sweep(self.now)
         for session in list(self.sessions.values()):
             session.sweep(self.now)
 

@@ -183,8 +183,8 @@ class _Ring:
         return self._marks[_URGENCY]
 
     @urgency.setter
-    def urgency(self, haste: int) -> None:
-        self._marks[_URGENCY] = haste
+    def urgency(self, value: int) -> None:
+        self._marks[_URGENCY] = value
 
     def release(self) -> None:
         """Release the memory."""
@@ -381,15 +381,15 @@ class RingWriter(_Ring):
         return True
 
     def _write_waiting(self) -> bool:
-        owed, self._required = self._required, deque()
+        waiting, self._required = self._required, deque()
         unwatched = self.counts[RelayCounter.UNWATCHED]
-        while owed:
-            if not self._write_or_count(owed[0]):
+        while waiting:
+            if not self._write_or_count(waiting[0]):
                 self.counts[RelayCounter.UNWATCHED] = unwatched  # it still waits and is not lost
                 break
-            owed.popleft()
-        self._required = owed
-        return not owed
+            waiting.popleft()
+        self._required = waiting
+        return not waiting
 
 
 class RingReader(_Ring):

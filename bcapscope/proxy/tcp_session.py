@@ -163,13 +163,13 @@ class TcpSession:
         if self._is_ending:
             return
         self._is_ending = True
-        spoke = self._relay.release_held(self)
+        released = self._relay.release_held(self)
         self._closed = True
         for half in (self._up, self._down):
             if half.pending and not reset_both:
                 self._send_last(half)
             # A reset would discard the requests that were just released.
-            self._close_sink(half, reset_both and not (spoke and half.up), cause)
+            self._close_sink(half, reset_both and not (released and half.up), cause)
         self._relay.remove_client(self, why)
 
     def _close_sink(self, half: _HalfConnection, by_reset: bool, cause: bytes) -> None:

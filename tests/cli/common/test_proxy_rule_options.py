@@ -244,7 +244,9 @@ def test_a_script_that_goes_wrong_is_told_once_and_all_passes(tmp_path: Path) ->
         words = "-e", "Robot_Execute CurJnt", "-e", "Robot_Execute CurPos"
         assert run("call", "127.0.0.1", "-p", str(proxy.port), *words).code == 0
         said = proxy.end()
-    assert said.count("Mine.request: ZeroDivisionError: division by zero (mine.py line 3) (told once)") == 1
+    assert (
+        said.count("Mine.request: ZeroDivisionError: division by zero (mine.py line 3) (reported once)") == 1
+    )
     assert "done after None" in said
 
 
