@@ -7,11 +7,9 @@ from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple, TypeVar
 
 from bcapscope.faults.document import DocumentError, fault_from, to_plain_data
-from bcapscope.faults.fault import RewriteFault
 from bcapscope.faults.fault_notation import read_fault, write_fault
 from bcapscope.faults.quantities import Duration, FrameCondition
-from bcapscope.faults.rewriter import Rewriter
-from bcapscope.protocol.codec.frame import Frame, parse_datagram
+from bcapscope.faults.rewriter import rewrite_message
 from bcapscope.protocol.tables.function_table import function_name
 from bcapscope.proxy import control_messages as control
 from bcapscope.proxy.direction_state import ClientActivity
@@ -128,13 +126,7 @@ class ControlApi:
             raise ValueError("edit takes the bytes in hex, or what to rewrite")
         if request.hex:
             return bytes.fromhex(request.hex)
-        fault = read_fault(f"rewrite {request.rewrite}")
-        assert isinstance(fault, RewriteFault)
-        rewriter = Rewriter(fault)
-        data = b"".join(
-            rewriter.rewrite(item, held.flow) if isinstance(item, Frame) else item.raw
-            for item in parse_datagram(held.data)
-        )
+        data = rewrite_message(held.data, held.flow, request.rewrite)
         if data == held.data:  # a typing error must not let a motion pass unchanged
             raise ValueError(
                 "that changes nothing: no such argument, a value that does not fit its type, "

@@ -86,7 +86,6 @@ class ControlClient:
         return line
 
     def close(self) -> None:
-        """Close the connection."""
         if self._socket is not None:
             self._socket.close()
             self._socket = None

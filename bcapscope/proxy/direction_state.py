@@ -108,7 +108,6 @@ class ClientStates:
         self._budget = ByteBudget()
 
     def add(self, client: int, conversation: Conversation, now: int) -> None:
-        """Add a client."""
         self._directions[client] = {
             each: DirectionState(client, Flow(conversation, each), self._budget) for each in Direction
         }
@@ -116,7 +115,6 @@ class ClientStates:
         self._connected_at[client] = now
 
     def remove(self, client: int) -> None:
-        """Remove a client."""
         del self._numbers[self.directions(client)[Direction.REQUEST].flow.conversation]
         del self._directions[client], self._connected_at[client]
 
@@ -133,12 +131,10 @@ class ClientStates:
         return (each[Direction.REQUEST] for each in self._directions.values())
 
     def split_streams(self) -> list[DirectionState]:
-        """Return the streams that are split into frames."""
         states = (state for each in self._directions.values() for state in each.values())
         return [state for state in states if state.splitter is not None]
 
     def activities(self) -> Iterator[ClientActivity]:
-        """Yield the activity of each client."""
         for number, states in self._directions.items():
             up, down = states[Direction.REQUEST], states[Direction.RESPONSE]
             counts = up.piece_count, up.last_piece_at, down.piece_count, down.last_piece_at

@@ -137,7 +137,6 @@ class Intercept:
 
     @property
     def held(self) -> list[HeldMessage]:
-        """All held messages, oldest first."""
         return list(self._held.values())
 
     @property
@@ -208,11 +207,9 @@ class Intercept:
                 self._held[held.number] = held._replace(abandoned_because=why)
 
     def holds(self, flow: Flow) -> bool:
-        """Return whether a message of a flow is held."""
         return any(held.flow is flow for held in self._held.values())
 
     def remove_held(self, flow: Flow) -> list[HeldMessage]:
-        """Remove all held messages of one flow, and return them."""
         found = [held for held in self.held if held.flow is flow]
         for held in found:
             del self._held[held.number]
@@ -261,7 +258,6 @@ class Intercept:
             del self._past_decisions[next(iter(self._past_decisions))]
 
     def _should_hold(self, message: WireMessage) -> bool:
-        """Return whether a message is to be held."""
         test = self._matches_frame
         if test is None or not any(test(each) for each in message.annotated_frames):
             return False

@@ -33,7 +33,6 @@ class MessageSender:
         self._replies.on_message(flow, data)
 
     def close_conversation(self, conversation: Conversation) -> None:
-        """Forget a conversation."""
         self._replies.close_conversation(conversation)
 
     def send(self, state: DirectionState, data: bytes, note: str, work: DecisionBuilder) -> None:

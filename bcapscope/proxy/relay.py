@@ -83,7 +83,6 @@ class Relay:
         self._paused_sessions: dict[int, RelaySession] = {}
 
     def listen(self, listeners: Iterable[ClientListener]) -> None:
-        """Accept clients on these listeners."""
         self.spares.refill()
         for listener in listeners:
             self._listeners.append(listener)
@@ -121,7 +120,6 @@ class Relay:
             self.release_held(session)
 
     def close(self) -> None:
-        """Close all clients and listeners."""
         self.close_listeners()
         for session in list(self.sessions.values()):
             session.close(False, "the proxy ended")
@@ -156,11 +154,9 @@ class Relay:
         self._poller.register(descriptor, mask)
 
     def change(self, descriptor: int, mask: int) -> None:
-        """Wait for other events of a file descriptor."""
         self._poller.modify(descriptor, mask)
 
     def unwatch(self, descriptor: int) -> None:
-        """Stop waiting for a file descriptor."""
         if self._handlers.pop(descriptor, None) or self._new_handlers.pop(descriptor, None):
             self._just_unwatched.add(descriptor)
             self._paused.discard(descriptor)
@@ -215,7 +211,6 @@ class Relay:
             self.policy.add_client(session.number, session.conversation, time.monotonic_ns())
 
     def next_number(self) -> int:
-        """Return the number of the next client."""
         return self.counts[RelayCounter.CLIENTS] + 1
 
     def remove_client(self, session: RelaySession, why: str) -> None:
@@ -255,7 +250,6 @@ class Relay:
     def _record_and_perform(
         self, arrival: _Arrival, note: str, actions: Sequence[SendAction | CloseAction]
     ) -> None:
-        """Record received data, and carry out the decision about it."""
         session, up, data, came = arrival
         if not note and len(actions) == 1:
             action = actions[0]
@@ -401,5 +395,4 @@ def direction_of(up: bool) -> Direction:
 
 
 def client_conversation(client: Endpoint, controller: Endpoint, transport: Transport) -> Conversation:
-    """Return the conversation of a client of the proxy."""
     return Conversation(client, controller, transport, "the proxy")

@@ -6,22 +6,19 @@ from typing import NamedTuple, Protocol
 
 import msgspec
 
+from bcapscope.proxy.admission import Occupant
 from bcapscope.traffic.observation import Conversation, Endpoint, Transport
 
 
-class RelaySession(Protocol):
+class RelaySession(Occupant, Protocol):
     """The forwarding for one client.
 
     Attributes:
-        number: Number of the client, never used twice.
         conversation: Conversation between the client and the controller, without the proxy.
-        source: Network of the client; see `source_network`.
         last_heard: `Relay.now` when the client last sent something.
     """
 
-    number: int
     conversation: Conversation
-    source: str
     last_heard: int
 
     @property
@@ -36,12 +33,6 @@ class RelaySession(Protocol):
 
     def resume_reading(self) -> None:
         """Read again after rules held too much."""
-
-    def evictable_idle_ns(self, now: int) -> int | None:
-        """Return for how many ns the client was idle, if it may be evicted for another; else None."""
-
-    def close(self, reset: bool, why: str) -> None:
-        """End the session and release its resources."""
 
     def sweep(self, now: int) -> None:
         """Do the periodic work; `now` as `Relay.now`."""

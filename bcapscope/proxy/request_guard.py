@@ -43,7 +43,6 @@ class GuardTarget(NamedTuple):
     command: str | None
 
     def matches(self, kind: CallKind) -> bool:
-        """Return whether the target covers a request."""
         if self.function_id not in (None, kind.function_id):
             return False
         return self.command is None or (kind.command or "").casefold() == self.command

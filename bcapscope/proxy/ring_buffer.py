@@ -169,7 +169,6 @@ class _Ring:
 
     @property
     def bytes_written(self) -> int:
-        """Bytes written so far."""
         return self._marks[_WRITTEN]
 
     @property
@@ -187,7 +186,6 @@ class _Ring:
         self._marks[_URGENCY] = value
 
     def release(self) -> None:
-        """Release the memory."""
         self.counts.release()
         self.figures.release()
         self._marks.release()

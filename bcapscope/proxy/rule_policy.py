@@ -82,7 +82,6 @@ class RulePolicy:
 
     @property
     def guard(self) -> RequestGuard | None:
-        """The guard; None without one."""
         return self._sender.guard
 
     @property
@@ -95,13 +94,11 @@ class RulePolicy:
     # methods of `Policy`
 
     def add_client(self, client: int, conversation: Conversation, now: int) -> None:
-        """Register a client."""
         self._clients.add(client, conversation, now)
         if self.scripts is not None:
             self.scripts.send_connected(client, conversation, now)
 
     def receive(self, client: int, direction: Direction, data: bytes, now: int) -> PolicyDecision:
-        """Decide about a datagram, or the next bytes of a stream."""
         state = self._clients.directions(client)[direction]
         state.piece_count += 1
         state.last_piece_at = now
@@ -145,7 +142,6 @@ class RulePolicy:
         return join_untouched_bytes(work.actions, state)
 
     def hides_end(self, client: int) -> bool:
-        """Return whether each side of a client must not learn of the other's end."""
         state = self._clients.directions(client).get(Direction.REQUEST)
         return state is not None and not self.shaper.passes_close(state.flow.conversation)
 
@@ -180,7 +176,6 @@ class RulePolicy:
         return work.actions
 
     def remove_client(self, client: int, now: int) -> None:
-        """Forget a client."""
         flows = [state.flow for state in self._clients.directions(client).values()]
         self._clients.remove(client)
         for flow in flows:
@@ -194,14 +189,12 @@ class RulePolicy:
             self.scripts.send_gone(client, now)
 
     def due(self) -> int | None:
-        """Return when to call `pop_due_actions`, in ns of the relay's clock; None while nothing waits."""
         if self._outbox:
             return 0
         times = [self.shaper.due(), self.intercept.due(), self.scripts.due() if self.scripts else None]
         return min((time for time in times if time is not None), default=None)
 
     def pop_due_actions(self, now: int) -> Sequence[PolicyAction]:
-        """Return the actions that are due by `now`."""
         if self.scripts is not None:
             self._apply_script_decisions(self.scripts.advance(now, now + self._epoch), now)
         outbox, self._outbox = self._outbox, []
@@ -224,7 +217,6 @@ class RulePolicy:
             self.scripts.finish(now)
 
     def report(self) -> Sequence[str]:
-        """Return a summary of what the rules did."""
         return report_lines(
             self.shaper.hit_counts,
             None if self.guard is None else self.refused_requests,
@@ -248,7 +240,6 @@ class RulePolicy:
     # for the control socket and the screen
 
     def clients(self) -> Iterator[ClientActivity]:
-        """Return the connected clients."""
         return self._clients.activities()
 
     def on_rules_changed(self, now: int) -> None:
@@ -389,7 +380,6 @@ class RulePolicy:
     def _intercept_and_fault(
         self, state: DirectionState, message: WireMessage, now: int, work: DecisionBuilder
     ) -> None:
-        """Pass a message through the intercept and the faults."""
         going = self._apply_intercept(state, message, work)
         if going is not None:
             self._apply_faults(state, going, now, work)
@@ -422,7 +412,6 @@ class RulePolicy:
             self.intercept.mark_abandoned(state.flow, "its client's connection has ended")
 
     def _apply_faults(self, state: DirectionState, data: bytes, now: int, work: DecisionBuilder) -> None:
-        """Pass a message through the faults."""
         processed = self.shaper.process_message(state.flow, data, now)
         work.notes += processed.fault_notes
         self._carry_out(processed.outputs, work)

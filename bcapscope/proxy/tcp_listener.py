@@ -45,11 +45,9 @@ class TcpListener:
         self._is_pause_reported = False
 
     def open(self) -> None:
-        """Start to accept clients."""
         self.relay.watch(self._socket.fileno(), self._on_acceptable)
 
     def close(self) -> None:
-        """Accept no more clients."""
         self.relay.unwatch(self._socket.fileno())
         self._socket.close()
 

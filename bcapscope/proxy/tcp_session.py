@@ -120,7 +120,6 @@ class TcpSession:
 
     @property
     def upstream_state(self) -> str:
-        """State of the connection to the controller."""
         if self._is_half_open:
             return "half-open"
         return "connected" if self._connected else "connecting"
@@ -151,7 +150,6 @@ class TcpSession:
         self._update_masks()
 
     def resume_reading(self) -> None:
-        """Read again after rules held too much."""
         self._update_masks()
 
     def close(self, reset_both: bool, why: str) -> None:
@@ -196,7 +194,6 @@ class TcpSession:
         received_at: int = 0,
         sent_at: int = 0,
     ) -> None:
-        """Record how a direction ended."""
         self._relay.record_undecided(self, half.up)
         self._relay.ring.write_required(how, self.number, cause, received_at, sent_at=sent_at, up=half.up)
 
@@ -314,7 +311,6 @@ class TcpSession:
             self._update_masks()
 
     def _on_source_end(self, half: _HalfConnection) -> None:
-        """Handle the end of a direction's source."""
         half.source_ended = True
         if self._relay.on_stream_end(self, half.up):
             self._shut_sink_when_flushed(half)
@@ -351,7 +347,6 @@ class TcpSession:
         return left, sent
 
     def _flush(self, half: _HalfConnection) -> None:
-        """Write pending bytes."""
         data = bytes(half.pending[:_AT_ONCE])
         half.pending, pending = bytearray(), half.pending
         left, sent = self._write(half, memoryview(data))

@@ -99,7 +99,6 @@ class UdpListener:
         self.relay.unwatch(self.listening_socket.fileno())
 
     def release(self) -> None:
-        """Close the socket."""
         self.listening_socket.close()
 
     def sweep(self, now: int) -> None:
@@ -110,7 +109,6 @@ class UdpListener:
                 session.close(False, f"silent for {self._forget_after // 1_000_000_000} s")
 
     def remove_session(self, address: SocketAddress) -> None:
-        """Forget a client."""
         self.sessions.pop(address, None)
         self._fresh_sessions.pop(address, None)
 

@@ -17,12 +17,10 @@ class SharedControlClient:
     """
 
     def __init__(self, address: str) -> None:
-        """Store the address of the proxy's control socket."""
         self._client = ControlClient(address)
         self._lock = threading.Lock()
 
     def read_state(self) -> ProxyState:
-        """Query the proxy's state."""
         with self._lock:
             request = self._client.request
             return ProxyState(
@@ -33,10 +31,8 @@ class SharedControlClient:
             )
 
     def send_order(self, order: control.ControlRequest) -> None:
-        """Send an order to the proxy."""
         with self._lock:
             self._client.request(order, control.DoneResponse)
 
     def close(self) -> None:
-        """Close the connection."""
         self._client.close()

@@ -103,7 +103,6 @@ class ProxyScreen(ViewsScreen):
         self._shown_message: int | None = None
 
     def content(self) -> ComposeResult:
-        """Yield the summary, then the lists."""
         yield InkedText(id="summary")
         yield self.make_view_bar()
         yield Static(id="head")
@@ -149,7 +148,6 @@ class ProxyScreen(ViewsScreen):
 
     @work(thread=True, group="poll", exclusive=True)
     def _poll(self) -> None:
-        """Query the proxy's state."""
         if not self._has_ended:
             self.post_message(self._read_state())
 
@@ -174,12 +172,10 @@ class ProxyScreen(ViewsScreen):
         self.post_message(self._read_state())
 
     def on_order_done(self, message: OrderDone) -> None:
-        """Run the callback of the order."""
         message.stop()
         message.callback()
 
     def on_proxy_state_read(self, message: ProxyStateRead) -> None:
-        """Show the proxy's state."""
         message.stop()
         if self._has_ended:
             return
@@ -205,7 +201,6 @@ class ProxyScreen(ViewsScreen):
             self._feed.report_source_problem(reason)
 
     def on_proxy_output(self, message: ProxyOutput) -> None:
-        """Show a line of the proxy's output."""
         message.stop()
         if message.is_end:
             reason = printable(told(message.text)) or say("proxy.no_words")
@@ -223,17 +218,14 @@ class ProxyScreen(ViewsScreen):
 
     @property
     def clients(self) -> ClientList:
-        """The list of clients."""
         return self.query_one(ClientList)
 
     @property
     def rules(self) -> RuleList:
-        """The list of faults."""
         return self.query_one(RuleList)
 
     @property
     def held(self) -> HeldList:
-        """The list of held messages."""
         return self.query_one(HeldList)
 
     def show_state(self) -> None:
@@ -302,19 +294,16 @@ class ProxyScreen(ViewsScreen):
     # rules
 
     def action_switch(self) -> None:
-        """Switch the fault under the cursor on or off."""
         rule = self.rules.current_item
         if rule is not None:
             self._send_order(control.DisableFault(rule.name) if rule.on else control.EnableFault(rule.name))
 
     def action_remove(self) -> None:
-        """Remove the fault under the cursor."""
         rule = self.rules.current_item
         if rule is not None:
             self._send_order(control.RemoveFault(rule.name))
 
     def action_add(self) -> None:
-        """Focus the line for a new fault."""
         self.action_view("rules")
         self.set_focus(self.query_one("#fault"))
 
@@ -340,11 +329,9 @@ class ProxyScreen(ViewsScreen):
             self._send_order(control.SetIntercept(answer.strip() or None))
 
     def action_forward(self) -> None:
-        """Forward the message under the cursor."""
         self._send_decision(control.ForwardHeld, "proxy.sent")
 
     def action_drop(self) -> None:
-        """Drop the message under the cursor."""
         self._send_decision(control.DropHeld, "proxy.dropped")
 
     def _send_decision(self, decide: Callable[[int], control.ControlRequest], word: str) -> None:
