@@ -174,17 +174,17 @@ def command(
     if ring is not None and record is None:
         raise click.UsageError("--ring needs --record FILE.pcapng")
     shown = None if quiet else RecordKind.CALL if calls else RecordKind.FRAME
-    view = ViewOptions(shown, form or TrafficFormat.LINE, wanted, TimeFormat(clock))
+    look = ViewOptions(shown, form or TrafficFormat.LINE, wanted, TimeFormat(clock))
     try:
         listeners = parse_listener_specs(listen, to, transport, allow)
-        view.compiled_filter()
+        look.compiled_filter()
     except ListenerSpecError as error:
         raise click.UsageError(str(error)) from None
     except FilterError as error:
         raise click.BadParameter(f"\n{error}", context, param_hint="--filter") from None
     if record is not None and ring is None:
         check_output_path(record)
-    options = ProxyOptions(record, ring, view, color)
+    wishes = ProxyOptions(record, ring, look, color)
     with ExitStack() as opened:
         listening: list[str] = []
         try:
@@ -192,7 +192,7 @@ def command(
             policy = rules.build_rules(scripts)
             ends = opened.enter_context(end_signal_socket())
             proxy = opened.enter_context(
-                closing(ProxySupervisor(options, ends, policy, low_latency=low_latency))
+                closing(ProxySupervisor(wishes, ends, policy, low_latency=low_latency))
             )
             for line in rules.summary_lines():
                 print_stderr(line)

@@ -1,7 +1,7 @@
 """Decodes the relay's records into observations: the requests and replies of each client.
 
 Observations show the clients' side: requests as received, replies as sent on. A request that a rule dropped
-on the stream to the controller is observed; a reply that a rule dropped is not.
+on the way to the controller is observed; a reply that a rule dropped is not.
 """
 
 from __future__ import annotations
@@ -92,13 +92,13 @@ class RecordDecoder:
                     continue
                 if up:
                     client.last_heard = time
-                stream = client.directions[up]
+                way = client.directions[up]
                 if client.is_stream:
-                    yield from self._decode_stream(stream, data, time, note)
+                    yield from self._decode_stream(way, data, time, note)
                     continue
                 for item in parse_datagram(data):
                     self.observation_count += 1
-                    yield Observation(self.observation_count, time, time, stream.flow, item, 0), note
+                    yield Observation(self.observation_count, time, time, way.flow, item, 0), note
             else:
                 yield from self._decode_event(client, record)
 
@@ -114,25 +114,25 @@ class RecordDecoder:
         elif kind is RingRecordKind.CLIENT_CLOSED:
             del self._clients[record.client]
             self._closed_clients.append((client.conversation, record.data.decode("utf-8", "replace")))
-            for stream in client.directions:
-                yield from self._flush_direction(stream, record.received_at)
+            for way in client.directions:
+                yield from self._flush_direction(way, record.received_at)
 
     def _decode_stream(
-        self, stream: _DirectionStream, data: bytes, time: int, note: str
+        self, way: _DirectionStream, data: bytes, time: int, note: str
     ) -> Iterator[tuple[Observation, str]]:
-        stream.arrival_times.append((stream.size, time))
-        stream.size += len(data)
-        yield from self._make_observations(stream, stream.splitter.feed(data), time, note)
-        if len(stream.arrival_times) > _MAX_MARKS:
-            del stream.arrival_times[1 : _MAX_MARKS // 2]
+        way.arrival_times.append((way.size, time))
+        way.size += len(data)
+        yield from self._make_observations(way, way.splitter.feed(data), time, note)
+        if len(way.arrival_times) > _MAX_MARKS:
+            del way.arrival_times[1 : _MAX_MARKS // 2]
 
-    def _decode_hole(self, stream: _DirectionStream, record: RingRecord) -> Iterator[tuple[Observation, str]]:
+    def _decode_hole(self, way: _DirectionStream, record: RingRecord) -> Iterator[tuple[Observation, str]]:
         came, left = hole_sizes(record)
         size, when = (came, record.received_at) if record.up else (left, record.sent_at)
         if size:
-            stream.arrival_times.append((stream.size, when))
-            stream.size += size
-            yield from self._make_observations(stream, stream.splitter.add_gap(size), when, "")
+            way.arrival_times.append((way.size, when))
+            way.size += size
+            yield from self._make_observations(way, way.splitter.add_gap(size), when, "")
 
     def _decode_end(self, client: _Client, record: RingRecord) -> Iterator[tuple[Observation, str]]:
         _, up, _, came, left, *_ = record
@@ -141,22 +141,22 @@ class RecordDecoder:
         if time := came if up else left:
             yield from self._flush_direction(client.directions[up], time)
 
-    def _flush_direction(self, stream: _DirectionStream, time: int) -> Iterator[tuple[Observation, str]]:
-        yield from self._make_observations(stream, stream.splitter.close(), time, "")
+    def _flush_direction(self, way: _DirectionStream, time: int) -> Iterator[tuple[Observation, str]]:
+        yield from self._make_observations(way, way.splitter.close(), time, "")
 
     def _make_observations(
-        self, stream: _DirectionStream, pieces: Iterable[StreamPiece], time: int, note: str
+        self, way: _DirectionStream, pieces: Iterable[StreamPiece], time: int, note: str
     ) -> Iterator[tuple[Observation, str]]:
         for start, stop, item in pieces:
-            place = bisect_right(stream.arrival_times, start, key=_offset) - 1
+            place = bisect_right(way.arrival_times, start, key=_offset) - 1
             self.observation_count += 1
             yield (
                 Observation(
-                    self.observation_count, time, stream.arrival_times[place][1] or time, stream.flow, item, 0
+                    self.observation_count, time, way.arrival_times[place][1] or time, way.flow, item, 0
                 ),
                 note,
             )
-            del stream.arrival_times[: max(bisect_right(stream.arrival_times, stop, key=_offset) - 1, 0)]
+            del way.arrival_times[: max(bisect_right(way.arrival_times, stop, key=_offset) - 1, 0)]
 
 
 def _offset(mark: tuple[int, int]) -> int:

@@ -134,28 +134,13 @@ def hole_sizes(record: RingRecord) -> tuple[int, int]:
     return came, left
 
 
-class _Hole:
-    """Bytes of one direction of a stream that found no room.
+class _Hole(NamedTuple):
+    """Bytes of one direction of a stream that found no room: how many, and when the last were; 0 for none."""
 
-    Attributes:
-        received: Number of bytes received.
-        sent: Number of bytes sent.
-        received_at: Time of the last receipt, ns since 1970; 0 for none.
-        sent_at: Time of the last sending, ns since 1970; 0 for none.
-    """
-
-    __slots__ = ("received", "received_at", "sent", "sent_at")
-
-    def __init__(self) -> None:
-        self.received = self.sent = self.received_at = self.sent_at = 0
-
-    def add(self, received_at: int, sent_at: int, size: int) -> None:
-        if received_at:
-            self.received += size
-            self.received_at = received_at
-        if sent_at:
-            self.sent += size
-            self.sent_at = sent_at
+    received: int = 0
+    sent: int = 0
+    received_at: int = 0
+    sent_at: int = 0
 
 
 class _Ring:
@@ -293,7 +278,13 @@ class RingWriter(_Ring):
         kind, up, client, came, left, data, _ = entry
         self.counts[RelayCounter.UNWATCHED] += 1
         if kind is RingRecordKind.DATA and client in self.streams and not self._is_reader_detached:
-            self._holes.setdefault((client, up), _Hole()).add(came, left, len(data))
+            hole, size = self._holes.get((client, up), _Hole()), len(data)
+            self._holes[client, up] = _Hole(
+                hole.received + (size if came else 0),
+                hole.sent + (size if left else 0),
+                came or hole.received_at,
+                left or hole.sent_at,
+            )
 
     def _write_holes(self, client: int, size: int) -> bool:
         """Write the holes of a client's streams. Return whether there was room for them and the next record.

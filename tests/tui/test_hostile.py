@@ -23,7 +23,7 @@ from bcapscope.tui.app import BcapApp, ScreenEntry
 from bcapscope.tui.control_char_filter import ControlCharFilter
 from bcapscope.tui.proxy_panel.message_editing import edited_message, proposed_edit
 from bcapscope.tui.proxy_panel.proxy_events import ProxyOutput, ProxyStateRead
-from bcapscope.tui.proxy_panel.proxy_state import ProxyState
+from bcapscope.tui.proxy_panel.shared_control_client import ProxyState
 from bcapscope.tui.screens.proxy_screen import ProxyScreen
 from bcapscope.tui.screens.traffic_screen import TrafficScreen
 from bcapscope.tui.tester.choice_row import ChoiceRow

@@ -4,9 +4,19 @@ from __future__ import annotations
 
 import threading
 
+import msgspec
+
 from bcapscope.proxy import control_messages as control
 from bcapscope.proxy.control_client import ControlClient
-from bcapscope.tui.proxy_panel.proxy_state import ProxyState
+
+
+class ProxyState(msgspec.Struct, frozen=True):
+    """All responses to one poll."""
+
+    clients: list[control.ClientStatus]
+    rules: list[control.FaultStatus]
+    held: list[control.HeldStatus]
+    figures: control.ProxyStats
 
 
 class SharedControlClient:

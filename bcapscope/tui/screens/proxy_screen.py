@@ -26,9 +26,8 @@ from bcapscope.tui.ink import INK
 from bcapscope.tui.proxy_panel.message_editing import edited_message, proposed_edit
 from bcapscope.tui.proxy_panel.proxy_events import OrderDone, ProxyOutput, ProxyStateRead
 from bcapscope.tui.proxy_panel.proxy_lists import ClientList, HeldList, ProxyLog, RuleList
-from bcapscope.tui.proxy_panel.proxy_state import ProxyState
 from bcapscope.tui.proxy_panel.proxy_summary import intercept_line, summary_lines
-from bcapscope.tui.proxy_panel.shared_control_client import SharedControlClient
+from bcapscope.tui.proxy_panel.shared_control_client import ProxyState, SharedControlClient
 from bcapscope.tui.screens.prompt import Prompt
 from bcapscope.tui.screens.views_screen import ViewsScreen, view_keys
 from bcapscope.tui.traffic_processes.traffic_feed import TrafficFeed

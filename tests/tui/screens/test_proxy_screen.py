@@ -25,7 +25,7 @@ from bcapscope.proxy.control_messages import ClientStatus, FaultStatus, HeldStat
 from bcapscope.traffic.observation import Direction, Transport
 from bcapscope.tui.app import BcapApp, ScreenEntry
 from bcapscope.tui.proxy_panel.proxy_events import ProxyStateRead
-from bcapscope.tui.proxy_panel.proxy_state import ProxyState
+from bcapscope.tui.proxy_panel.shared_control_client import ProxyState
 from bcapscope.tui.screens.proxy_screen import ProxyScreen
 from bcapscope.tui.screens.traffic_screen import TrafficScreen
 from bcapscope.tui.traffic_processes.traffic_feed import TrafficFeed
