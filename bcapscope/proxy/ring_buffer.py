@@ -23,6 +23,9 @@ SET_POINT_DEADLINE_NS = 2_000_000
 BATCH_SIZE = 16
 """Datagrams that are collected before they are written together. Other datagrams may wait during a write."""
 
+DELAY_FIGURES = 9
+"""Figures that the watcher leaves for the relay: the fields of `control_messages.RelayDelays`, in order."""
+
 MAX_WAITING_NOTICES = 1024
 """Messages for the user that may wait for room. Further ones are lost and counted."""
 
@@ -82,21 +85,6 @@ class RelayCounter(IntEnum):
     """Datagrams and pieces of streams that a rule touched."""
 
 
-class DelayFigure(IntEnum):
-    """Delays in the relay that the watcher measures and leaves for the relay, in ns."""
-
-    P50_UP = 0
-    P99_UP = 1
-    P999_UP = 2
-    MAX_UP = 3
-    P50_DOWN = 4
-    P99_DOWN = 5
-    P999_DOWN = 6
-    MAX_DOWN = 7
-    SLOW = 8
-    """Number of delays longer than `SET_POINT_DEADLINE_NS`; not in ns."""
-
-
 _CAME, _LEFT = (
     (int(RelayCounter.CAME_DOWN), int(RelayCounter.CAME_UP)),
     (int(RelayCounter.LEFT_DOWN), int(RelayCounter.LEFT_UP)),
@@ -150,7 +138,7 @@ class _Ring:
         self._space = memory[HEADER_SIZE:]
         self._size = len(self._space)
         self.counts = self._marks[_COUNTS : _COUNTS + len(RelayCounter)]
-        self.figures = self._marks[_FIGURES : _FIGURES + len(DelayFigure)]
+        self.figures = self._marks[_FIGURES : _FIGURES + DELAY_FIGURES]
 
     @property
     def bytes_written(self) -> int:
@@ -189,7 +177,7 @@ class RingWriter(_Ring):
 
     Attributes:
         counts: Counts of the relay, indexed by `RelayCounter`; add to them in place.
-        figures: Figures of the watcher, indexed by `DelayFigure`.
+        figures: Figures of the watcher; see `DELAY_FIGURES`.
         pending_datagrams: Datagrams not written yet. A caller that appends one calls `flush` at `BATCH_SIZE`.
         streams: Numbers of the clients whose bytes are streams, in which holes must be recorded.
     """
@@ -386,7 +374,7 @@ class RingReader(_Ring):
 
     Attributes:
         counts: Counts of the relay, indexed by `RelayCounter`.
-        figures: Figures of the watcher, indexed by `DelayFigure`.
+        figures: Figures of the watcher; see `DELAY_FIGURES`.
         position: Bytes read so far.
     """
 

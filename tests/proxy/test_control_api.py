@@ -16,7 +16,7 @@ from bcapscope.proxy import control_messages as control
 from bcapscope.proxy.control_api import ControlApi
 from bcapscope.proxy.control_messages import ProxyStats, RelayDelays
 from bcapscope.proxy.policy import SendAction
-from bcapscope.proxy.ring_buffer import DelayFigure, RelayCounter
+from bcapscope.proxy.ring_buffer import DELAY_FIGURES, RelayCounter
 from tests.faults.traffic import MS, request
 from tests.proxy.test_rule_policy import DOWN, UP, holding, rules, sent
 
@@ -131,9 +131,7 @@ def test_figures_are_given() -> None:
 def test_each_figure_of_the_relay_has_its_field() -> None:
     fields = ProxyStats.__struct_fields__
     assert {count.name.lower() for count in RelayCounter} <= set(fields)
-    assert len(RelayDelays.__struct_fields__) == len(DelayFigure)
-    for name, figure in zip(RelayDelays.__struct_fields__, DelayFigure, strict=True):
-        assert name.replace("most", "max") == figure.name.lower()
+    assert len(RelayDelays.__struct_fields__) == DELAY_FIGURES
 
 
 def test_a_request_is_written_as_documented() -> None:
