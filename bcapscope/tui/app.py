@@ -143,8 +143,8 @@ class BcapApp(KeyOrderApp):
         self.stylesheet.set_variables(self.get_css_variables())
         self._update_text_styles()
 
-    def _watch_theme(self, theme_name: str) -> None:
-        super()._watch_theme(theme_name)
+    def watch_theme(self) -> None:
+        """Use the text styles of the new theme."""
         self._update_text_styles()
 
     def _update_text_styles(self) -> None:
