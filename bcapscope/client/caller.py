@@ -55,7 +55,6 @@ class Caller:
 
     @property
     def link(self) -> Link:
-        """The link in use."""
         return self._link
 
     async def perform_call(
@@ -107,7 +106,6 @@ class Caller:
             return bool(done)
 
     def close(self) -> None:
-        """Close the link."""
         self._link.close()
         self.on_link_lost("the link was closed")
 

@@ -40,7 +40,6 @@ class VirtualTimeLoop(asyncio.SelectorEventLoop):
     """
 
     def __init__(self) -> None:
-        """Start at time 0."""
         self._virtual_selector = _VirtualTimeSelector()
         super().__init__(self._virtual_selector)
 

@@ -306,7 +306,6 @@ class BcapApp(KeyOrderApp):
         self.show_message(say("shell.quit.hint"))
 
     def action_next_theme(self) -> None:
-        """Switch to the next theme."""
         names = [theme.name for theme in THEMES]
         self.action_theme(names[(names.index(self.theme) + 1) % len(names)])
 

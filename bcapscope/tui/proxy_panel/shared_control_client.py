@@ -52,5 +52,4 @@ class SharedControlClient:
             return self._client.request(order)
 
     def close(self) -> None:
-        """Close the connection."""
         self._client.close()

@@ -55,7 +55,6 @@ class BaseScreen(Screen[None], PlainContainer):
         event.refresh_styles = False
 
     def content(self) -> ComposeResult:
-        """Yield the widgets of the screen."""
         raise NotImplementedError
 
     def commands(self) -> Iterator[tuple[str, str, str]]:

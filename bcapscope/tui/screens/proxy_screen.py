@@ -222,17 +222,14 @@ class ProxyScreen(ViewsScreen):
 
     @property
     def clients(self) -> ClientList:
-        """The list of clients."""
         return self.query_one(ClientList)
 
     @property
     def rules(self) -> RuleList:
-        """The list of faults."""
         return self.query_one(RuleList)
 
     @property
     def held(self) -> HeldList:
-        """The list of held messages."""
         return self.query_one(HeldList)
 
     def show_state(self) -> None:

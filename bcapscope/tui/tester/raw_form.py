@@ -46,7 +46,6 @@ class RawForm(Vertical):
         yield ResultView()
 
     def fill_bytes(self, raw: bytes) -> None:
-        """Show bytes."""
         self.query_one(Input).value = raw.hex(" ").upper()
 
     @property
