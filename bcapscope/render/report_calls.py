@@ -85,15 +85,7 @@ def timeline_picture(report_data: ReportData) -> Picture:
         uniformtext={"minsize": 11, "mode": "hide"},
         hovermode="closest",
         xaxis=axis_layout("time since the first frame, s", range=[-0.01 * lasted, 1.01 * lasted]),
-        yaxis={
-            "tickvals": list(rows.values()),
-            "ticktext": [endpoints_label(lane.conversation) for lane in lanes],
-            "range": [0.62 - len(lanes), 0.62],
-            "showgrid": False,
-            "zeroline": False,
-            "automargin": True,
-            "fixedrange": True,
-        },
+        yaxis=_row_axis([endpoints_label(lane.conversation) for lane in lanes], 0.62 - len(lanes), 0.62, -1),
     )
 
 
@@ -142,15 +134,7 @@ def latency_picture(rows: Sequence[StatisticsRow]) -> Picture | None:
         traces,
         hovermode="closest",
         xaxis=axis_layout("time to the reply, ms", type="log", dtick=1),
-        yaxis={
-            "tickvals": list(range(len(found))),
-            "ticktext": [name for name, _, _ in found],
-            "range": [-0.7, len(found) - 0.3],
-            "showgrid": False,
-            "zeroline": False,
-            "automargin": True,
-            "fixedrange": True,
-        },
+        yaxis=_row_axis([name for name, _, _ in found], -0.7, len(found) - 0.3),
     )
 
 
@@ -181,18 +165,25 @@ def retry_chain_picture(report_data: ReportData) -> Picture | None:
         traces,
         hovermode="closest",
         xaxis=axis_layout("time since the first request, ms", range=[-0.02 * longest, 1.04 * longest]),
-        yaxis={
-            "tickvals": list(range(len(found))),
-            "ticktext": [
-                f"call {call.number}, {plotly_label(call_kind_text(call.kind), 32)}" for call in found
-            ],
-            "range": [-0.7, len(found) - 0.3],
-            "showgrid": False,
-            "zeroline": False,
-            "automargin": True,
-            "fixedrange": True,
-        },
+        yaxis=_row_axis(
+            [f"call {call.number}, {plotly_label(call_kind_text(call.kind), 32)}" for call in found],
+            -0.7,
+            len(found) - 0.3,
+        ),
     )
+
+
+def _row_axis(labels: Sequence[str], low: float, high: float, step: int = 1) -> dict[str, Any]:
+    """Describe a vertical axis with a labelled row at 0, `step`, 2 * `step` and so on."""
+    return {
+        "tickvals": [index * step for index in range(len(labels))],
+        "ticktext": labels,
+        "range": [low, high],
+        "showgrid": False,
+        "zeroline": False,
+        "automargin": True,
+        "fixedrange": True,
+    }
 
 
 def endpoints_label(conversation: Conversation) -> str:
