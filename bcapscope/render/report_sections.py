@@ -250,8 +250,8 @@ def damage_table(report_data: ReportData) -> ReportTable:
 
 def drawn_slave_sessions(slave_sessions: Sequence[SlaveSession]) -> list[SlaveSession]:
     """Choose the stays that get pictures, in the order in which they began."""
-    worst = sorted(slave_sessions, key=lambda stay: (-_trouble_rank(stay), -stay.counts.sent))
-    return sorted(worst[:MAX_DRAWN], key=lambda stay: stay.number)
+    worst = sorted(slave_sessions, key=lambda session: (-_trouble_rank(session), -session.counts.sent))
+    return sorted(worst[:MAX_DRAWN], key=lambda session: session.number)
 
 
 def _trouble_rank(slave_session: SlaveSession) -> int:
@@ -303,8 +303,8 @@ def _mode(slave_session: SlaveSession) -> str:
 
 def _exit(slave_session: SlaveSession) -> str:
     code = slave_session.exit.hresult
-    told = "" if not code else f": {hresult_name(code)}, {describe_hresult(code).text}"
-    return f"{_EXIT_TEXTS[slave_session.exit.reason]}{told}"
+    meaning = "" if not code else f": {hresult_name(code)}, {describe_hresult(code).text}"
+    return f"{_EXIT_TEXTS[slave_session.exit.reason]}{meaning}"
 
 
 def _slave_session_facts(slave_session: SlaveSession, start: int) -> Iterator[tuple[str, str | Conversation]]:
