@@ -96,12 +96,10 @@ class OpenedObject(NamedTuple):
     Attributes:
         object_class: Class of the object.
         name: Name that the client asked for.
-        opened_by: Call that opened the object.
     """
 
     object_class: ObjectClass
     name: str
-    opened_by: Call
 
 
 class ClientState:
@@ -254,9 +252,7 @@ class ClientState:
             return
         handle, thing = result_of(call), self.target_object
         if function.creates is not None and isinstance(handle, int):
-            _put_bounded(
-                self.opened_objects, handle, OpenedObject(function.creates, _requested_name(call), call)
-            )
+            _put_bounded(self.opened_objects, handle, OpenedObject(function.creates, _requested_name(call)))
             self.released_by.pop((function.creates, handle), None)
         elif function.releases is not None and thing is not None:
             _put_bounded(self.released_by, (thing.kind, thing.handle), call)

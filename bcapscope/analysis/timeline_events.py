@@ -20,8 +20,6 @@ MAX_EVENTS = 256
 
 
 class TimelineEventKind(StrEnum):
-    """Kind of event on a timeline."""
-
     RETRIED = "sent again"
     LATE = "reply came too late"
     EXECUTED_TWICE = "executed twice"
@@ -66,7 +64,6 @@ class TimelineEventList:
         self._events: list[TimelineEvent] = []
 
     def add(self, event: TimelineEvent) -> None:
-        """Add an event."""
         self._append(event)
         while len(self._events) > self._most:
             lasted = max(self._events[-1].end - self._events[0].begin, 0)

@@ -37,7 +37,6 @@ class AppendLogWriter:
         self.count = 0
 
     def add(self, record: bytes) -> None:
-        """Append a record."""
         self._offsets += _OFFSET.pack(self._end)
         self._pending += record
         self._end += len(record)
@@ -99,7 +98,6 @@ class CachedFileReader:
         self._data = b""
 
     def close(self) -> None:
-        """Close the file."""
         self._file.close()
 
 

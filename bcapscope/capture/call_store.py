@@ -117,7 +117,6 @@ class CallStoreWriter:
         self._first_unwritten = len(self._row_by_frame)
 
     def close(self) -> None:
-        """Close the files."""
         self._calls.close()
         self._file.close()
 
@@ -210,7 +209,6 @@ class CallStore:
         return self._records.read(start + _SIZE.size, size)
 
     def close(self) -> None:
-        """Close the files."""
         self._records.close()
         self._row_by_frame.close()
 

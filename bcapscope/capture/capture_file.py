@@ -51,7 +51,6 @@ class CaptureFile:
         self.close()
 
     def close(self) -> None:
-        """Close the stream."""
         self._stream.close()
 
     def __iter__(self) -> Iterator[Packet]:

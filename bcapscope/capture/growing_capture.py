@@ -37,7 +37,6 @@ class _GrowingFile(io.RawIOBase):
             self._ended.wait(POLL_INTERVAL)
 
     def close(self) -> None:
-        """Close the file."""
         self._file.close()
         super().close()
 

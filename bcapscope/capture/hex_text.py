@@ -17,7 +17,7 @@ from bcapscope.capture.link_layer import ETHERNET, NOT_IP, find_ip, read_ip
 from bcapscope.capture.role_detection import BCAP_PORTS, direction_evidence
 from bcapscope.protocol.codec.frame import parse_single_frame
 from bcapscope.protocol.codec.frame_content import EOT, HEADER_SIZE, SOH
-from bcapscope.protocol.dissection.frame_repair import LONGEST_SEARCHED, find_repair
+from bcapscope.protocol.dissection.frame_repair import LONGEST_REPAIRED, find_repair
 from bcapscope.protocol.dissection.plausibility import (
     LARGEST_LIKELY,
     plausible_length_field,
@@ -152,7 +152,7 @@ class _BlockReader:
     def _add_few_bytes(self, number: int, piece: HexDigits) -> None:
         """Use a few bytes beside words as the end of a frame, or as the start of the next line's bytes."""
         block = self._open
-        is_short = block is not None and block.size <= LONGEST_SEARCHED
+        is_short = block is not None and block.size <= LONGEST_REPAIRED
         if piece.starts_line and block and is_short and len(piece.digits) <= 2 * _missing_bytes(block.data):
             block.add(number, piece)
         elif piece.ends_line:

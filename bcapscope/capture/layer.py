@@ -78,7 +78,6 @@ class ArgumentsField(StrField):  # type: ignore[misc] # scapy's classes have no 
         return tuple(map(_as_variant, values))
 
     def i2m(self, pkt: Packet | None, x: Any) -> bytes:
-        """Encode all arguments."""
         return b"".join(map(encode_argument, x or ()))
 
     def i2len(self, pkt: Packet | None, x: Any) -> int:
@@ -86,7 +85,6 @@ class ArgumentsField(StrField):  # type: ignore[misc] # scapy's classes have no 
         return len(self.i2m(pkt, x))
 
     def i2count(self, pkt: Packet | None, x: Any) -> int:
-        """Count the arguments."""
         return len(x or ())
 
     def i2repr(self, pkt: Packet | None, x: Any) -> str:

@@ -89,10 +89,6 @@ def read_ip(data: bytes, offset: int) -> IPPacket | None:
     return _read_ipv6(data, offset) if version == 6 else None
 
 
-def _ethernet(data: bytes) -> int:
-    return _ip_after_type(data, 12)
-
-
 def _ip_after_type(data: bytes, offset: int) -> int:
     """Return the offset of the IP header behind the type field at `offset`, or `NOT_IP`.
 
@@ -132,10 +128,6 @@ def _ppp(data: bytes) -> int:
     return _ip_after_ppp(data, len(_PPP_FRAMING) if data.startswith(_PPP_FRAMING) else 0)
 
 
-def _cooked(data: bytes) -> int:
-    return _ip_after_type(data, 14)
-
-
 def _cooked_2(data: bytes) -> int:
     kind = int.from_bytes(data[:2])
     if kind in _VLAN_TAGS:
@@ -161,14 +153,14 @@ def _raw(_: bytes) -> int:
 
 IP_OFFSET_FINDERS: dict[int, Callable[[bytes], int]] = {
     0: _loopback,
-    ETHERNET: _ethernet,
+    ETHERNET: lambda data: _ip_after_type(data, 12),
     9: _ppp,
     12: _raw,
     14: _raw,
     50: _ppp,
     101: _raw,
     108: _loopback,
-    LINUX_COOKED: _cooked,
+    LINUX_COOKED: lambda data: _ip_after_type(data, 14),
     228: _raw,
     229: _raw,
     LINUX_COOKED_2: _cooked_2,

@@ -118,7 +118,6 @@ class ObservationStoreWriter:
         self._frames.flush()
 
     def close(self) -> None:
-        """Close the files."""
         self._frames.close()
         self._conversations.close()
 
@@ -198,7 +197,6 @@ class ObservationStore:
         return pair
 
     def close(self) -> None:
-        """Close the files."""
         self._records.close()
         self._conversations.close()
 

@@ -27,8 +27,6 @@ has ended."""
 
 
 class SnifferRecordKind(IntEnum):
-    """The kind of a record."""
-
     READY = 0
     """Capturing has begun; the number is the link type."""
     PACKET = 1

@@ -40,8 +40,6 @@ class _TrackedConnection:
 
 
 class TcpConversations:
-    """All TCP conversations of a capture."""
-
     def __init__(self, ports: Collection[int], counts: CaptureCounts) -> None:
         """Start without connections.
 

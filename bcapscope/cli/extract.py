@@ -153,7 +153,6 @@ class _TrajectoryFiles(ExitStack):
         check_output_path(path, overwrite)
 
     def add(self, trajectory: CapturedTrajectory, steps: Sequence[TrajectoryStep]) -> None:
-        """Write steps to the file of their trajectory."""
         output = self._outputs.get(trajectory.session_number) or self._open(trajectory)
         output.file.write(output.writer.rows(steps))
         output.tally.add(steps)

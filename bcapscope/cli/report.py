@@ -21,7 +21,7 @@ from bcapscope.traffic.filter.compiler import Filter
 from bcapscope.traffic.filter.field_table import RecordKind
 from bcapscope.traffic.filter.getters import CALL_GETTERS
 
-_INSTALL = "plotly is not installed. Install it with: pip install 'bcapscope[report]'"
+_NEEDED = ("jinja2", "plotly")
 
 
 @click.command(short_help="Write one HTML page with findings, figures and charts.")
@@ -36,21 +36,23 @@ def command(
     """Write a report about captures: one HTML page that needs no network and no other file.
 
     The page has a summary, the findings of `diagnose` and a timeline. Tables and charts show the cycle times
-    of slave mode, the latencies of calls, and retries. The report needs plotly: pip install
-    'bcapscope[report]'.
+    of slave mode, the latencies of calls, and retries. The report needs plotly and Jinja2:
+    pip install 'bcapscope[report]'.
 
     --filter selects calls, as for `stats`, `slave` and `diagnose`. The page shows the filter.
 
     Exit codes: 0: the page was written; 2: invalid command line; 3: a capture is damaged or incomplete, and
     the page covers everything before the damage; 4: nothing could be read; 5: the captures contain no b-CAP,
-    so no page was written; 6: the page could not be written; 7: plotly is not installed.
+    so no page was written; 6: the page could not be written; 7: plotly or Jinja2 is not
+    installed.
     """
     try:
         from bcapscope.render.report_page import report_page
     except ModuleNotFoundError as error:
-        if error.name is None or error.name.partition(".")[0] != "plotly":
+        missing = (error.name or "").partition(".")[0]
+        if missing not in _NEEDED:
             raise
-        print_stderr(_INSTALL)
+        print_stderr(f"{missing} is not installed. Install it with: pip install 'bcapscope[report]'")
         sys.exit(ExitCode.NOT_INSTALLED)
     interrupt_on_end_signals()
     to_stdout = str(output) == STDIN

@@ -44,7 +44,7 @@ class Caller:
 
     def attach(self, link: Link, convention: ReservedConvention) -> None:
         """Use `link` from now on."""
-        self._link = link
+        self.link = link
         self._requester = Requester(convention)
         transport = Transport.UDP if link.datagrams else Transport.TCP
         conversation = Conversation(
@@ -52,11 +52,6 @@ class Caller:
         )
         self._request_flow = Flow(conversation, Direction.REQUEST)
         self._reply_flow = Flow(conversation, Direction.RESPONSE)
-
-    @property
-    def link(self) -> Link:
-        """The link in use."""
-        return self._link
 
     async def perform_call(
         self, function_id: int, arguments: Sequence[Variant], retry_policy: RetryPolicy
@@ -100,20 +95,19 @@ class Caller:
             for item in parse_datagram(raw):
                 self._report_frame(self._request_flow, item, now)
             self._data_arrived = asyncio.get_running_loop().create_future()
-            self._link.send(raw)
+            self.link.send(raw)
             done, _ = await asyncio.wait([self._data_arrived], timeout=timeout)
             if self._lost_reason is not None:
                 raise ConnectionResetError(self._lost_reason)
             return bool(done)
 
     def close(self) -> None:
-        """Close the link."""
-        self._link.close()
+        self.link.close()
         self.on_link_lost("the link was closed")
 
     def on_data(self, data: bytes) -> None:
         """Process bytes received over the link."""
-        if self._link.datagrams:
+        if self.link.datagrams:
             items: Sequence[Frame | Malformed] = parse_datagram(data)
         else:
             items = [piece.item for piece in self._splitter.feed(data)]
@@ -149,7 +143,7 @@ class Caller:
         requester = self._requester
         for raw in requester.data_to_send():
             self._report_frame(self._request_flow, Frame(raw), self._clock.now())
-            self._link.send(raw)
+            self.link.send(raw)
         if self._timer is not None:
             self._timer.cancel()
         due = requester.deadline

@@ -57,7 +57,6 @@ class LogFiles:
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     def _current(self, day: str) -> Path:
-        """Return the file to append to."""
         path = self.path
         if path.parent != self._folder or not path.name.startswith(f"{self._name}-{day}"):
             self._folder.mkdir(parents=True, exist_ok=True)

@@ -3,14 +3,15 @@
 A method has the vendor's name in lower case. The class completes the name of the function:
 `Robot.get_attribute` calls Robot_GetAttribute. Types and order of the arguments are those of
 `protocol.tables.function_table`. Every method raises what `Session.call` raises. It raises
-RemoteProtocolError if the value in the reply has a wrong type.
+RemoteProtocolError if the value in the reply has a wrong type. Dates are in the controller's time zone.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable, Coroutine
 from datetime import datetime
 from types import TracebackType
-from typing import ClassVar, Self, TypeVar
+from typing import Any, ClassVar, Self, TypeVar
 
 from bcapscope.client.session import Session
 from bcapscope.client.variant_values import date_of, plain_value
@@ -102,32 +103,30 @@ class RemoteObject:
         return handle_of(await self._invoke(verb, *values))
 
 
+def _getter(
+    invoke: Callable[[RemoteObject, str], Coroutine[Any, Any, R]], verb: str
+) -> Callable[[RemoteObject], Coroutine[Any, Any, R]]:
+    """Return a method for a function that has no arguments but the handle."""
+
+    async def get(self: RemoteObject) -> R:
+        return await invoke(self, verb)
+
+    return get
+
+
 class _DescribedObject(RemoteObject):
     """Functions of all classes but Message."""
 
-    async def get_attribute(self) -> int:
-        """Return the attribute bits."""
-        return await self._invoke_int("GetAttribute")
-
-    async def get_help(self) -> str:
-        """Return the help text."""
-        return await self._invoke_text("GetHelp")
-
-    async def get_name(self) -> str:
-        """Return the name."""
-        return await self._invoke_text("GetName")
-
-    async def get_tag(self) -> Value:
-        """Return the value that a client stored with `put_tag`."""
-        return await self._invoke_value("GetTag")
+    get_attribute = _getter(RemoteObject._invoke_int, "GetAttribute")  # bits
+    get_help = _getter(RemoteObject._invoke_text, "GetHelp")
+    get_name = _getter(RemoteObject._invoke_text, "GetName")
+    get_tag = _getter(RemoteObject._invoke_value, "GetTag")  # the value that a client stored with `put_tag`
 
     async def put_tag(self, value: object) -> None:
         """Store a value of the client's own."""
         await self._invoke("PutTag", value)
 
-    async def get_id(self) -> Value:
-        """Return the ID."""
-        return await self._invoke_value("GetID")
+    get_id = _getter(RemoteObject._invoke_value, "GetID")
 
     async def put_id(self, value: object) -> None:
         """Set the ID."""
@@ -243,33 +242,13 @@ class File(_DescribedObject, _ObjectWithVariables, _ExecutingObject):
         """Run the file; return the name of what runs."""
         return await self._invoke_text("Run", option)
 
-    async def get_date_created(self) -> datetime:
-        """Return the time of creation, in the controller's time zone."""
-        return await self._invoke_date("GetDateCreated")
-
-    async def get_date_last_accessed(self) -> datetime:
-        """Return the time of the last access, in the controller's time zone."""
-        return await self._invoke_date("GetDateLastAccessed")
-
-    async def get_date_last_modified(self) -> datetime:
-        """Return the time of the last change, in the controller's time zone."""
-        return await self._invoke_date("GetDateLastModified")
-
-    async def get_path(self) -> str:
-        """Return the path."""
-        return await self._invoke_text("GetPath")
-
-    async def get_size(self) -> int:
-        """Return the size in bytes."""
-        return await self._invoke_int("GetSize")
-
-    async def get_type(self) -> str:
-        """Return the type of the file."""
-        return await self._invoke_text("GetType")
-
-    async def get_value(self) -> Value:
-        """Return the contents."""
-        return await self._invoke_value("GetValue")
+    get_date_created = _getter(RemoteObject._invoke_date, "GetDateCreated")
+    get_date_last_accessed = _getter(RemoteObject._invoke_date, "GetDateLastAccessed")
+    get_date_last_modified = _getter(RemoteObject._invoke_date, "GetDateLastModified")
+    get_path = _getter(RemoteObject._invoke_text, "GetPath")
+    get_size = _getter(RemoteObject._invoke_int, "GetSize")  # bytes
+    get_type = _getter(RemoteObject._invoke_text, "GetType")
+    get_value = _getter(RemoteObject._invoke_value, "GetValue")
 
     async def put_value(self, value: object) -> None:
         """Write the contents."""
@@ -360,9 +339,7 @@ class Task(_DescribedObject, _ObjectWithVariables, _ExecutingObject):
         """Delete the task."""
         await self._invoke("Delete", option)
 
-    async def get_file_name(self) -> str:
-        """Return the name of the task's file."""
-        return await self._invoke_text("GetFileName")
+    get_file_name = _getter(RemoteObject._invoke_text, "GetFileName")
 
 
 class Variable(_DescribedObject):
@@ -370,21 +347,14 @@ class Variable(_DescribedObject):
 
     owner = ObjectClass.VARIABLE
 
-    async def get_value(self) -> Value:
-        """Read the value."""
-        return await self._invoke_value("GetValue")
+    get_value = _getter(RemoteObject._invoke_value, "GetValue")
 
     async def put_value(self, value: object) -> None:
         """Write the value. A Variant sets the type; `variant_of` converts other values."""
         await self._invoke("PutValue", value)
 
-    async def get_date_time(self) -> datetime:
-        """Return the time of the value, in the controller's time zone."""
-        return await self._invoke_date("GetDateTime")
-
-    async def get_microsecond(self) -> int:
-        """Return the microseconds of that time."""
-        return await self._invoke_int("GetMicrosecond")
+    get_date_time = _getter(RemoteObject._invoke_date, "GetDateTime")
+    get_microsecond = _getter(RemoteObject._invoke_int, "GetMicrosecond")  # of that date
 
 
 class Command(_DescribedObject):
@@ -400,29 +370,20 @@ class Command(_DescribedObject):
         """Cancel the command."""
         await self._invoke("Cancel")
 
-    async def get_timeout(self) -> int:
-        """Return the timeout in ms."""
-        return await self._invoke_int("GetTimeout")
+    get_timeout = _getter(RemoteObject._invoke_int, "GetTimeout")  # ms
 
     async def put_timeout(self, value: int) -> None:
         """Set the timeout in ms."""
         await self._invoke("PutTimeout", value)
 
-    async def get_state(self) -> int:
-        """Return the state."""
-        return await self._invoke_int("GetState")
-
-    async def get_parameters(self) -> Value:
-        """Return the parameters."""
-        return await self._invoke_value("GetParameters")
+    get_state = _getter(RemoteObject._invoke_int, "GetState")
+    get_parameters = _getter(RemoteObject._invoke_value, "GetParameters")
 
     async def put_parameters(self, value: object) -> None:
         """Set the parameters."""
         await self._invoke("PutParameters", value)
 
-    async def get_result(self) -> Value:
-        """Return the result."""
-        return await self._invoke_value("GetResult")
+    get_result = _getter(RemoteObject._invoke_value, "GetResult")
 
 
 class Message(RemoteObject):
@@ -438,30 +399,10 @@ class Message(RemoteObject):
         """Clear the message."""
         await self._invoke("Clear")
 
-    async def get_date_time(self) -> datetime:
-        """Return the time of the message, in the controller's time zone."""
-        return await self._invoke_date("GetDateTime")
-
-    async def get_description(self) -> str:
-        """Return the text of the message."""
-        return await self._invoke_text("GetDescription")
-
-    async def get_destination(self) -> str:
-        """Return the receiver."""
-        return await self._invoke_text("GetDestination")
-
-    async def get_number(self) -> int:
-        """Return the number of the message."""
-        return await self._invoke_int("GetNumber")
-
-    async def get_serial_number(self) -> int:
-        """Return the serial number of the message."""
-        return await self._invoke_int("GetSerialNumber")
-
-    async def get_source(self) -> str:
-        """Return the sender."""
-        return await self._invoke_text("GetSource")
-
-    async def get_value(self) -> Value:
-        """Return the value that the message carries."""
-        return await self._invoke_value("GetValue")
+    get_date_time = _getter(RemoteObject._invoke_date, "GetDateTime")
+    get_description = _getter(RemoteObject._invoke_text, "GetDescription")  # the text
+    get_destination = _getter(RemoteObject._invoke_text, "GetDestination")  # the receiver
+    get_number = _getter(RemoteObject._invoke_int, "GetNumber")
+    get_serial_number = _getter(RemoteObject._invoke_int, "GetSerialNumber")
+    get_source = _getter(RemoteObject._invoke_text, "GetSource")  # the sender
+    get_value = _getter(RemoteObject._invoke_value, "GetValue")

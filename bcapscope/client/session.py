@@ -79,19 +79,15 @@ class Session:
 
     Attributes:
         retry_policies: Policies of the following calls.
+        caller: Makes the calls.
     """
 
     def __init__(self, caller: BaseCaller, retry_policies: RetryPolicies) -> None:
         self.retry_policies = retry_policies
-        self._caller = caller
+        self.caller = caller
         self._open_handles: list[tuple[Function, int | None]] = []
         self._slave_modes: dict[int, int] = {}
         self._is_starting = False
-
-    @property
-    def caller(self) -> BaseCaller:
-        """The caller that makes the calls."""
-        return self._caller
 
     async def perform_call(self, function_id: int, arguments: Sequence[Variant]) -> RequesterOutcome:
         """Make a call and return its outcome.
@@ -108,7 +104,7 @@ class Session:
         self._is_starting = function_id == _SERVICE_START
         if mode:
             self._slave_modes[robot] = mode
-        settled = await self._caller.perform_call(function_id, arguments, pace)
+        settled = await self.caller.perform_call(function_id, arguments, pace)
         self._is_starting = False
         if isinstance(settled, CallAnswered):
             self._record_call(function_id, arguments, settled.reply)
@@ -164,7 +160,7 @@ class Session:
         except OSError:
             pass
         finally:
-            self._caller.close()
+            self.caller.close()
 
     async def _stop_service_once(self) -> None:
         if any(function.releases is ObjectClass.SERVICE for function, _ in self._open_handles):
@@ -183,7 +179,7 @@ class Session:
     def retry_policy_for(self, function_id: int, arguments: Sequence[Variant]) -> RetryPolicy:
         """Return timeout and retries of a call, considering the slave mode of the robot."""
         paces = self.retry_policies
-        if not self._caller.link.datagrams:
+        if not self.caller.link.datagrams:
             return RetryPolicy(paces.others.timeout * (paces.others.retries + 1), 0)
         if command_of(function_id, arguments) != "slvmove":
             in_async = paces.others == DEFAULT_RETRY_POLICIES.others and any(

@@ -13,9 +13,11 @@ from typing import Any, NamedTuple, TypeVar, get_args, get_type_hints
 
 import msgspec
 import yaml
-from yaml.composer import Composer
-from yaml.constructor import SafeConstructor
-from yaml.resolver import Resolver
+
+try:
+    from yaml import CSafeLoader as SafeLoader
+except ImportError:  # PyYAML was built without libyaml
+    from yaml import SafeLoader  # type: ignore[assignment]
 
 from bcapscope.faults.fault import ALIASES, AnyFault
 from bcapscope.faults.quantities import QUANTITIES
@@ -133,34 +135,8 @@ def _read_quantity(kind: type, written: object) -> object:
     raise NotImplementedError(f"{kind} is no quantity")  # msgspec expects this for an unknown type
 
 
-class _Loader(Composer, SafeConstructor, Resolver):
-    """YAML loader that rejects aliases, duplicate keys and non-scalar keys, since their meaning is easily
-    misread."""
-
-    def __init__(self, text: str) -> None:
-        Composer.__init__(self)
-        SafeConstructor.__init__(self)
-        Resolver.__init__(self)
-        self._events = yaml_events(text)
-        self._next: yaml.Event | None = None
-
-    def peek_event(self) -> yaml.Event | None:
-        if self._next is None:
-            self._next = next(self._events, None)
-        return self._next
-
-    def check_event(self, *choices: type[yaml.Event]) -> bool:
-        return isinstance(self.peek_event(), choices or yaml.Event)
-
-    def get_event(self) -> yaml.Event | None:
-        event, self._next = self.peek_event(), None
-        return event
-
-    def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
-        event = self.peek_event()
-        if isinstance(event, yaml.AliasEvent):
-            raise YamlError("anchors are not read", event.start_mark)
-        return super().compose_node(parent, index)
+class _Loader(SafeLoader):
+    """YAML loader that rejects duplicate keys, non-scalar keys and overlong numbers."""
 
     def construct_yaml_int(self, node: yaml.ScalarNode) -> int:
         _check_number(node)
@@ -183,8 +159,8 @@ class _Loader(Composer, SafeConstructor, Resolver):
         return super().construct_mapping(node, deep)
 
 
-_Loader.add_constructor("tag:yaml.org,2002:int", _Loader.construct_yaml_int)  # type: ignore[type-var]  # the stubs know the library's loaders only
-_Loader.add_constructor("tag:yaml.org,2002:float", _Loader.construct_yaml_float)  # type: ignore[type-var]  # likewise
+_Loader.add_constructor("tag:yaml.org,2002:int", _Loader.construct_yaml_int)
+_Loader.add_constructor("tag:yaml.org,2002:float", _Loader.construct_yaml_float)
 
 
 def _check_number(node: yaml.ScalarNode) -> None:
@@ -194,10 +170,18 @@ def _check_number(node: yaml.ScalarNode) -> None:
         )
 
 
+def _check_events(text: str) -> None:
+    """Check the nesting, and reject aliases, before anything is built."""
+    for event in yaml_events(text):
+        if isinstance(event, yaml.AliasEvent):
+            raise YamlError("anchors are not read", event.start_mark)
+
+
 def _parse(text: str) -> tuple[yaml.Node | None, object]:
     if len(text) > LONGEST_DOCUMENT:
         raise DocumentError((), 0, f"longer than {LONGEST_DOCUMENT} characters, the most that is read")
     try:
+        _check_events(text)
         loader = _Loader(text)
         root = loader.get_single_node()
         return root, None if root is None else loader.construct_document(root)

@@ -65,7 +65,6 @@ class FaultMatcher:
         return share >= 1 or self.rng.random() < share
 
     def count_hit(self) -> None:
-        """Record a hit."""
         self.hit_count += 1
         if self._hits_left:
             self._hits_left -= 1

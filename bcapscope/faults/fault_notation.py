@@ -254,6 +254,5 @@ class _FaultParser:
         return NotationError(self.text, start, error.reason)
 
     def text_before_condition(self) -> str:
-        """Return the line before the condition."""
         stop = self.condition.start if self.condition else len(self.text)
         return self.text[:stop].rstrip()

@@ -15,7 +15,6 @@ class ArmedMessageLogger:
         self._is_simulator = False
 
     def on_message(self, message: PlayerMessage) -> None:
-        """Log a message of the player."""
         if isinstance(message, ControllerInfo):
             self._is_simulator = message.simulator
         elif self._is_simulator:

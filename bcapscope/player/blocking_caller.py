@@ -195,7 +195,6 @@ class BlockingCaller:
         return CallTimedOut(self._requester.abandon())
 
     def close(self) -> None:
-        """Close the channel."""
         self.link.close()
 
     def _receive(self, until: int) -> bytes | None:

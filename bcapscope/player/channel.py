@@ -132,7 +132,6 @@ class SocketChannel:
             select.select(self._readable, (), (), rest / 1e9)
 
     def close(self) -> None:
-        """Close the socket."""
         self._socket.close()
 
     def _set_arrival_time(self, control: AncillaryData) -> None:

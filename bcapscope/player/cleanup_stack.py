@@ -74,7 +74,6 @@ class CleanupStack:
             self._channel.wait_until(self._channel.now() + _BUSY_PAUSE)
 
     def remove(self, task: CleanupTask) -> None:
-        """Remove a task that is done."""
         self._tasks.remove(task)
         self._report_tasks()
 

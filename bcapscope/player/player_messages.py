@@ -255,8 +255,6 @@ class FrameMessage(msgspec.Struct, frozen=True, tag=True):
 
 
 class QuestionTopic(StrEnum):
-    """Subject of a question."""
-
     BEGIN = "begin"
     """Begin? Everything that can be known without motion is known."""
     ARM = "arm"

@@ -91,7 +91,6 @@ class PlayerProcess:
 
     @property
     def pid(self) -> int:
-        """Process id of the player."""
         return self._process.pid
 
     @property

@@ -126,7 +126,6 @@ def stop_after(
 
 
 def _moving_axes(axes: Sequence[Axis], points: Array) -> list[Axis]:
-    """Return the axes that move at all."""
     span = np.ptp(points, axis=0)
     return [axis for axis, width in zip(axes, span, strict=True) if width > 0 and axis.unit]
 

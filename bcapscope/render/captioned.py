@@ -17,7 +17,6 @@ _FRAMES_SHOWN = 8
 
 
 def captioned_line(caption: str, text: str, palette: Palette, tongue: Tongue = english) -> str:
-    """Write a line with a caption."""
     caption = tongue(caption)
     space = " " * (CAPTION_WIDTH - display_width(caption))
     return f"  {palette.dim}{caption}{space}{palette.reset}{tongue(text)}".rstrip()

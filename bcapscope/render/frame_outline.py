@@ -26,8 +26,6 @@ MAX_ELEMENTS = 32
 
 
 class FieldRowKind(Enum):
-    """What a row is."""
-
     FIELD = "field"
     """A field that consists of others, which follow."""
     LEAF = "leaf"
@@ -110,7 +108,6 @@ def field_rows(section: FrameSection, full: bool = False, tongue: Tongue = engli
 
 
 def _rows_of_field(field: FrameField, depth: int, full: bool, tongue: Tongue) -> Iterator[FieldRow]:
-    """Yield a field and what it consists of."""
     kind = FieldRowKind.FIELD if field.children else FieldRowKind.LEAF
     failed = is_failure(field.value) if field.name == HRESULT and isinstance(field.value, int) else None
     text = field_meaning(field, None if full else LONGEST_STRING, tongue)

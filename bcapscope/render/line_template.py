@@ -68,7 +68,6 @@ class LineTemplateBuilder:
         self._numbers_placed = 0
 
     def add_text(self, text: str) -> None:
-        """Add words."""
         self._pieces.append(text.replace("%", "%%"))
 
     def add_arguments(self, arguments: Sequence[Argument], role: Callable[[int], Param]) -> None:
@@ -85,7 +84,6 @@ class LineTemplateBuilder:
                 self._add_constant(argument.variant, typed)
 
     def add_variant(self, variant: Variant, typed: bool = True) -> None:
-        """Add a value."""
         base = variant.vt & ~ARRAY
         if variant.vt & ARRAY:
             self._add_array(base, variant)

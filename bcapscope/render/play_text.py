@@ -84,7 +84,6 @@ def progress_line(progress: PlayProgress, width: int) -> str:
 
 
 def play_summary_lines(ended: PlayEnded) -> Iterator[str]:
-    """Yield the summary."""
     reason = f": {printable(ended.reason.splitlines()[0])}" if ended.reason else ""
     unbegun = ended.outcome is PlayOutcome.STOPPED and not ended.index
     yield f"{_STOPPED_BEFORE if unbegun else _HEADLINES[ended.outcome]}{reason}"

@@ -62,38 +62,35 @@ _FRAME_NAMES = {FrameRole.NOTICE: "S_EXECUTING", FrameRole.LATE: "late reply, di
 
 
 def timeline_picture(report_data: ReportData) -> Picture:
-    """Draw a lane for each client: calls, stays in slave mode, and what happened."""
-    lanes = report_data.timelines[:MAX_TIMELINE_ROWS]
-    rows = {lane.conversation: -index for index, lane in enumerate(lanes)}
-    drawn = [stay for stay in report_data.slave_sessions if stay.conversation in rows]
+    """Draw a row for each client: calls, slave-mode sessions and events."""
+    timelines = report_data.timelines[:MAX_TIMELINE_ROWS]
+    rows = {timeline.conversation: -index for index, timeline in enumerate(timelines)}
+    drawn = [session for session in report_data.slave_sessions if session.conversation in rows]
     traces = [
-        _activity_bars(report_data, lanes),
+        _activity_bars(report_data, timelines),
         *_slave_session_bars(report_data, drawn, rows),
-        *_event_markers(report_data, lanes),
+        *_event_markers(report_data, timelines),
     ]
     lasted = _seconds(report_data, report_data.end) or 1.0
-    left_off = len(report_data.timelines) + report_data.timelines_left_off - len(lanes)
+    left_off = len(report_data.timelines) + report_data.timelines_left_off - len(timelines)
     return make_picture(
         "timeline",
         "Who did what, and when",
         "Each lane is a client. The thin bar shows when it made calls, the thick one a stay in slave mode. "
         "Marks above show what happened; marks close to each other in a long capture are drawn as one, and "
         "tell how many they are." + (f" {left_off} more clients made fewer calls." if left_off else ""),
-        130 + 76 * len(lanes),
+        130 + 76 * len(timelines),
         traces,
         barmode="overlay",
         uniformtext={"minsize": 11, "mode": "hide"},
         hovermode="closest",
         xaxis=axis_layout("time since the first frame, s", range=[-0.01 * lasted, 1.01 * lasted]),
-        yaxis={
-            "tickvals": list(rows.values()),
-            "ticktext": [endpoints_label(lane.conversation) for lane in lanes],
-            "range": [0.62 - len(lanes), 0.62],
-            "showgrid": False,
-            "zeroline": False,
-            "automargin": True,
-            "fixedrange": True,
-        },
+        yaxis=_row_axis(
+            [endpoints_label(timeline.conversation) for timeline in timelines],
+            0.62 - len(timelines),
+            0.62,
+            -1,
+        ),
     )
 
 
@@ -142,15 +139,7 @@ def latency_picture(rows: Sequence[StatisticsRow]) -> Picture | None:
         traces,
         hovermode="closest",
         xaxis=axis_layout("time to the reply, ms", type="log", dtick=1),
-        yaxis={
-            "tickvals": list(range(len(found))),
-            "ticktext": [name for name, _, _ in found],
-            "range": [-0.7, len(found) - 0.3],
-            "showgrid": False,
-            "zeroline": False,
-            "automargin": True,
-            "fixedrange": True,
-        },
+        yaxis=_row_axis([name for name, _, _ in found], -0.7, len(found) - 0.3),
     )
 
 
@@ -181,18 +170,25 @@ def retry_chain_picture(report_data: ReportData) -> Picture | None:
         traces,
         hovermode="closest",
         xaxis=axis_layout("time since the first request, ms", range=[-0.02 * longest, 1.04 * longest]),
-        yaxis={
-            "tickvals": list(range(len(found))),
-            "ticktext": [
-                f"call {call.number}, {plotly_label(call_kind_text(call.kind), 32)}" for call in found
-            ],
-            "range": [-0.7, len(found) - 0.3],
-            "showgrid": False,
-            "zeroline": False,
-            "automargin": True,
-            "fixedrange": True,
-        },
+        yaxis=_row_axis(
+            [f"call {call.number}, {plotly_label(call_kind_text(call.kind), 32)}" for call in found],
+            -0.7,
+            len(found) - 0.3,
+        ),
     )
+
+
+def _row_axis(labels: Sequence[str], low: float, high: float, step: int = 1) -> dict[str, Any]:
+    """Describe a vertical axis with a labelled row at 0, `step`, 2 * `step` and so on."""
+    return {
+        "tickvals": [index * step for index in range(len(labels))],
+        "ticktext": labels,
+        "range": [low, high],
+        "showgrid": False,
+        "zeroline": False,
+        "automargin": True,
+        "fixedrange": True,
+    }
 
 
 def endpoints_label(conversation: Conversation) -> str:
@@ -212,17 +208,17 @@ def _least_width(report_data: ReportData) -> float:
 
 
 def _activity_bars(report_data: ReportData, timelines: Sequence[ClientTimeline]) -> Any:
-    spells = [(-index, spell) for index, lane in enumerate(timelines) for spell in lane.activity]
+    periods = [(-index, period) for index, timeline in enumerate(timelines) for period in timeline.activity]
     least = _least_width(report_data)
     return go.Bar(
         name="calls",
         orientation="h",
-        y=[row for row, _ in spells],
-        base=[_seconds(report_data, spell.begin) for _, spell in spells],
-        x=[max(round((spell.end - spell.begin) / 1e9, 6), least) for _, spell in spells],
+        y=[row for row, _ in periods],
+        base=[_seconds(report_data, period.begin) for _, period in periods],
+        x=[max(round((period.end - period.begin) / 1e9, 6), least) for _, period in periods],
         width=0.12,
         marker={"color": GRAY, "line": {"width": 0}},
-        customdata=[[spell.occurrences, (spell.end - spell.begin) / 1e9] for _, spell in spells],
+        customdata=[[period.occurrences, (period.end - period.begin) / 1e9] for _, period in periods],
         hovertemplate="%{customdata[0]} calls in %{customdata[1]:.3f} s, from %{base:.3f} s<extra></extra>",
     )
 
@@ -233,23 +229,26 @@ def _slave_session_bars(
     if not slave_sessions:
         return
     least = _least_width(report_data)
-    values = ["slave mode" if s.mode.value is None else f"mode 0x{s.mode.value:03X}" for s in slave_sessions]
+    values = [
+        "slave mode" if session.mode.value is None else f"mode 0x{session.mode.value:03X}"
+        for session in slave_sessions
+    ]
     yield go.Bar(
         name="slave mode",
         orientation="h",
-        y=[rows[stay.conversation] for stay in slave_sessions],
-        base=[_seconds(report_data, stay.entered_at) for stay in slave_sessions],
-        x=[max(round(stay.duration_ms / 1e3, 6), least) for stay in slave_sessions],
+        y=[rows[session.conversation] for session in slave_sessions],
+        base=[_seconds(report_data, session.entered_at) for session in slave_sessions],
+        x=[max(round(session.duration_ms / 1e3, 6), least) for session in slave_sessions],
         width=0.34,
         marker={"color": _BAR, "line": {"width": 0}},
-        text=[f"{stay.number}: {value}" for stay, value in zip(slave_sessions, values, strict=True)],
+        text=[f"{session.number}: {value}" for session, value in zip(slave_sessions, values, strict=True)],
         textposition="inside",
         insidetextanchor="middle",
         insidetextfont={"color": "#FFFFFF"},
         textangle=0,
         customdata=[
-            [stay.number, value, stay.counts.sent, stay.duration_ms / 1e3, stay.exit.reason.value]
-            for stay, value in zip(slave_sessions, values, strict=True)
+            [session.number, value, session.counts.sent, session.duration_ms / 1e3, session.exit.reason.value]
+            for session, value in zip(slave_sessions, values, strict=True)
         ],
         hovertemplate="stay %{customdata[0]}, %{customdata[1]}<br>%{customdata[2]} set points in "
         "%{customdata[3]:.3f} s from %{base:.3f} s<br>ended: %{customdata[4]}<extra></extra>",
@@ -258,7 +257,11 @@ def _slave_session_bars(
 
 def _event_markers(report_data: ReportData, timelines: Sequence[ClientTimeline]) -> Iterator[Any]:
     for kind, (symbol, color, above) in _MARKER_STYLES.items():
-        found = [(-index, mark) for index, lane in enumerate(timelines) for mark in lane.events.get(kind, ())]
+        found = [
+            (-index, mark)
+            for index, timeline in enumerate(timelines)
+            for mark in timeline.events.get(kind, ())
+        ]
         if found:
             yield go.Scatter(
                 name=kind.value,

@@ -1,38 +1,25 @@
 """A report as one HTML page that needs nothing else, neither files nor network.
 
-Nothing from the wire is more than text on it. Should that fail, the page's own policy still lets no script
-run but the two that belong to it, and lets nothing be fetched or sent.
+Text from the wire is escaped. Should that fail, the page's own policy lets only its two scripts run, and
+lets nothing be fetched or sent.
 """
 
 from __future__ import annotations
 
 import base64
 import hashlib
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from typing import NamedTuple
+from collections.abc import Sequence
+from functools import cache
+from importlib import resources
 
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup
 from plotly.offline import get_plotlyjs
 
 from bcapscope.analysis.report_data import ReportData
+from bcapscope.protocol.text_format import counted
 from bcapscope.render import report_calls, report_sections
-from bcapscope.render.report_figure import Picture
-from bcapscope.render.report_html import Html, element, escape_html, join_html, paragraph
-from bcapscope.render.report_script import SCRIPT
-from bcapscope.render.report_style import STYLE
-
-_THEMES = (("auto", "As the system"), ("light", "Light"), ("dark", "Dark"))
-_HELP = (
-    "Point at a picture for its values, drag to zoom, double-click to see all again. With the keyboard: Tab "
-    "to a picture, then + and - to zoom, arrows to move, 0 to see all."
-)
-
-
-class _PageSection(NamedTuple):
-    """A section of the page."""
-
-    name: str
-    title: str
-    content: Callable[[], Iterable[Html | Picture]]
+from bcapscope.render.escape import printable
 
 
 def report_page(
@@ -41,113 +28,72 @@ def report_page(
     """Write the page.
 
     Args:
-        report_data: what was found.
-        captures: names of the files.
-        version: of this program.
-        remarks: what is to be said about reading the captures, such as that one is damaged.
+        report_data: Findings, statistics and slave-mode sessions.
+        captures: Names of the files.
+        version: Version of bcapscope.
+        remarks: Sentences about the reading of the captures, such as that one is damaged.
     """
+    statistics, strays = report_data.statistics, report_data.stray_replies
+    timeline = report_calls.timeline_picture(report_data) if report_data.timelines else None
+    sessions = report_sections.session_views(report_data)
+    latencies = None if statistics is None else report_calls.latency_picture(statistics.kinds)
+    retry_chains = report_calls.retry_chain_picture(report_data)
+    of_sessions = [picture for session in sessions for picture in session.pictures]
     plotly = _script_text(get_plotlyjs())
-    title = f"b-CAP report: {', '.join(captures)}"
-    pictures: list[Picture] = []
-    sections = list(_sections(report_data, remarks))
-    main = join_html(_section(section, pictures) for section in sections)
-    parts = (
-        '<!DOCTYPE html>\n<html lang="en" data-theme="auto">\n<head>\n<meta charset="utf-8">\n',
-        f'<meta http-equiv="Content-Security-Policy" content="{_policy(plotly, SCRIPT)}">\n',
-        '<meta name="viewport" content="width=device-width, initial-scale=1">\n',
-        '<meta name="referrer" content="no-referrer">\n',
-        f"<title>{escape_html(title)}</title>\n<style>\n{STYLE}</style>\n</head>\n<body>\n",
-        _header(captures),
-        _contents(sections),
-        element("main", main, id="content"),
-        _footer(version),
-        *(_picture_data(each) for each in pictures),
-        f"\n<script>{plotly}</script>\n<script>{SCRIPT}</script>\n</body>\n</html>\n",
+    script = resources.files("bcapscope.render").joinpath("templates/report.js").read_text("utf-8")
+    template = template_environment().get_template("report.html")
+    return template.render(
+        captures=", ".join(captures),
+        version=version,
+        remarks=remarks,
+        titles=_titles(report_data),
+        verdict=report_sections.overall_verdict(report_data),
+        period=report_sections.period_text(report_data),
+        tiles=report_sections.summary_tiles(report_data),
+        findings=report_sections.finding_views(report_data),
+        slave_sessions=report_sections.slave_session_table(report_data),
+        call_tables=list(report_sections.call_tables(report_data)),
+        verdicts=report_sections.verdict_table(report_data),
+        stray_replies=counted(strays, "reply", "replies") if strays else "",
+        damage=report_sections.damage_table(report_data),
+        timeline=timeline,
+        drawn_sessions=sessions,
+        latencies=latencies,
+        retry_chains=retry_chains,
+        pictures=[picture for picture in (timeline, *of_sessions, latencies, retry_chains) if picture],
+        plotly=Markup(plotly),
+        script=Markup(script),
+        policy=_policy(plotly, script),
     )
-    return "".join(parts)
 
 
-def _sections(report_data: ReportData, remarks: Sequence[str]) -> Iterator[_PageSection]:
-    yield _PageSection(
-        "summary",
-        "Summary",
-        lambda: (report_sections.summary_section(report_data), *(paragraph(remark) for remark in remarks)),
+@cache
+def template_environment() -> Environment:
+    """Return the environment of the templates: it escapes HTML and makes control characters visible."""
+    return Environment(
+        loader=PackageLoader("bcapscope.render"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        finalize=lambda value: value if isinstance(value, Markup) else printable(str(value)),
+        keep_trailing_newline=True,
     )
-    yield _PageSection("findings", "Findings", lambda: (report_sections.findings_section(report_data),))
-    if report_data.timelines:
-        yield _PageSection(
-            "timeline-section", "Session timeline", lambda: (report_calls.timeline_picture(report_data),)
-        )
-    if report_data.slave_sessions:
-        yield _PageSection("slave", "Slave mode", lambda: report_sections.slave_mode_section(report_data))
-    if report_data.statistics is not None:
-        yield _PageSection("calls", "Calls", lambda: report_sections.calls_section(report_data))
-    if report_data.verdicts or report_data.retry_chains or report_data.stray_replies:
-        yield _PageSection(
-            "retries", "Retries and lost replies", lambda: report_sections.retries_section(report_data)
-        )
-    if report_data.damaged_frames:
-        yield _PageSection("damage", "Damaged frames", lambda: report_sections.damage_section(report_data))
 
 
-def _section(section: _PageSection, pictures: list[Picture]) -> Html:
-    pieces = [element("h2", escape_html(section.title), id=f"{section.name}-title")]
-    for item in section.content():
-        if isinstance(item, Picture):
-            pictures.append(item)
-            pieces.append(_figure(item))
-        else:
-            pieces.append(item)
-    return element("section", join_html(pieces), id=section.name, aria_labelledby=f"{section.name}-title")
-
-
-def _figure(picture: Picture) -> Html:
-    name = picture.name
-    drawing = element(
-        "div", Html(""), class_="plot", data_from=f"{name}-data", style=f"height:{picture.height}px"
-    )
-    content = join_html(
-        (
-            element("h3", escape_html(picture.title), id=f"{name}-title"),
-            drawing,
-            element("figcaption", escape_html(picture.caption), id=f"{name}-caption"),
-        )
-    )
-    described = {"aria_labelledby": f"{name}-title", "aria_describedby": f"{name}-caption"}
-    return element("figure", content, id=name, tabindex="0", **described)
-
-
-def _picture_data(picture: Picture) -> str:
-    return f'<script type="application/json" id="{picture.name}-data">{picture.json}</script>\n'
-
-
-def _header(captures: Sequence[str]) -> Html:
-    choices = join_html(
-        Html(
-            f'<label><input type="radio" name="theme" value="{value}"{" checked" * (value == "auto")}> '
-            f"{escape_html(name)}</label>"
-        )
-        for value, name in _THEMES
-    )
-    switch = element("fieldset", Html(f"<legend>Theme</legend>{choices}"), class_="theme")
-    names = element("p", escape_html(", ".join(captures)), class_="names soft")
-    title = element("div", Html(f"<h1>b-CAP report</h1>{names}"))
-    skip = element("a", escape_html("Skip to the content"), href="#content", class_="skip")
-    return Html(f"{skip}<header>{title}{switch}</header>\n")
-
-
-def _contents(sections: Sequence[_PageSection]) -> Html:
-    links = join_html(element("a", escape_html(each.title), href=f"#{each.name}") for each in sections)
-    return element("nav", Html(f"{links}{paragraph(_HELP, 'soft screen')}"), aria_label="Contents")
-
-
-def _footer(version: str) -> Html:
-    words = (
-        f"Made by bcapscope {version}. Frames and calls can be looked up in the capture: bcapscope decode "
-        "-f 'frame == 4711', bcapscope calls --tree -f 'call == 815'."
-    )
-    script = element("noscript", paragraph("The pictures need JavaScript; text and tables do not."))
-    return element("footer", Html(f"{script}{paragraph(words, 'soft')}"))
+def _titles(report_data: ReportData) -> dict[str, str]:
+    """Return the titles of the sections that have content."""
+    titles = {
+        "summary": ("Summary", True),
+        "findings": ("Findings", True),
+        "timeline-section": ("Session timeline", report_data.timelines),
+        "slave": ("Slave mode", report_data.slave_sessions),
+        "calls": ("Calls", report_data.statistics is not None),
+        "retries": (
+            "Retries and lost replies",
+            report_data.verdicts or report_data.retry_chains or report_data.stray_replies,
+        ),
+        "damage": ("Damaged frames", report_data.damaged_frames),
+    }
+    return {name: title for name, (title, present) in titles.items() if present}
 
 
 def _script_text(code: str) -> str:

@@ -100,7 +100,11 @@ def spread_picture(slave_session: SlaveSession) -> Picture | None:
         kind = {"type": "log"} if bars.logarithmic else {}
         layout[f"xaxis{number}"] = axis_layout(title, domain=domain, anchor=f"y{number}", **kind)
         layout[f"yaxis{number}"] = axis_layout(
-            "set points", type="log", dtick=1, anchor=f"x{number}", range=_counts_range(bars)
+            "set points",
+            type="log",
+            dtick=1,
+            anchor=f"x{number}",
+            range=[math.log10(0.6), math.log10(max(bars.counts) * 1.6)],
         )
         traces.append(_bars(title, color, bars, number))
         if index == 0 and slave_session.timing.cycle is not None:
@@ -338,10 +342,6 @@ def _end_annotations(slave_session: SlaveSession, start: int) -> Iterator[dict[s
             "xanchor": "right",
             "xshift": -4,
         }
-
-
-def _counts_range(bars: HistogramBars) -> list[float]:
-    return [math.log10(0.6), math.log10(max(bars.counts) * 1.6)]
 
 
 def _bars(title: str, color: str, bars: HistogramBars, number: str) -> Any:

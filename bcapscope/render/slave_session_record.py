@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import asdict, fields
 from typing import TypeAlias
 
 import orjson
@@ -148,9 +149,7 @@ def _mode(mode: KnownMode) -> _Object:
 
 
 def _format(format_: AcceptedFormat | None) -> _Object | None:
-    if format_ is None:
-        return None
-    return {"value": format_.value, "microseconds": format_.microseconds, "frame": format_.frame}
+    return None if format_ is None else format_._asdict()
 
 
 def _frame_record(spot: FrameTime | None) -> _Object | None:
@@ -180,21 +179,7 @@ def _counts(counts: SetPointCounts) -> _Object:
         }
         for code, count in counts.refused.items()
     ]
-    return {
-        "sent": counts.sent,
-        "accepted": counts.accepted,
-        "refused": refused,
-        "unanswered": counts.unanswered,
-        "open": counts.open,
-        "not_followed": counts.not_followed,
-        "buffer_full": counts.buffer_full,
-        "after_end": counts.after_end,
-        "retries": counts.retries,
-        "by_retries": _by_number(counts.by_retries),
-        "retries_forbidden": counts.retries_forbidden,
-        "late_replies": counts.late_replies,
-        "lost_replies": counts.lost_replies,
-    }
+    return {**asdict(counts), "refused": refused, "by_retries": _by_number(counts.by_retries)}
 
 
 def _by_number(counts: Mapping[int, int]) -> dict[str, int]:
@@ -273,17 +258,8 @@ def _clock(clock: ClockFacts) -> _Object:
 
 def _motion(motion: MotionFacts) -> _Object:
     return {
-        "read": motion.read,
-        "unread": motion.unread,
-        "not_finite": motion.not_finite,
-        "not_finite_frames": motion.not_finite_frames,
-        "pose_type_guessed": motion.pose_type_guessed,
+        **{field.name: getattr(motion, field.name) for field in fields(motion)},
         "axes": list(map(_axis, motion.axes)),
-        "returned": motion.returned,
-        "repeated": motion.repeated,
-        "stutters": motion.stutters,
-        "stutter_frames": motion.stutter_frames,
-        "jumps": motion.jumps,
         "jump_list": [
             {
                 "frame": jump.frame,
@@ -293,11 +269,9 @@ def _motion(motion: MotionFacts) -> _Object:
             }
             for jump in motion.jump_list
         ],
-        "figure_changes": motion.figure_changes,
         "lag_cycles": json_ready_number(motion.lag_cycles),
         "first_distance": list(map(json_ready_number, motion.first_distance)),
         "first_distance_known_by": motion.first_distance_known_by or None,
-        "first_distance_frames": motion.first_distance_frames,
     }
 
 

@@ -121,7 +121,6 @@ class JsonTrajectoryWriter:
 
 
 def column_names(trajectory: CapturedTrajectory) -> list[str]:
-    """List the columns in order."""
     axes = [_axis_name(axis) for axis in trajectory.axes]
     stamps = ["controller_time_ms"] if trajectory.has_stamps else []
     returned = [f"returned_{name}" for name in axes]

@@ -54,7 +54,6 @@ def float_array(element: VT, values: Iterable[float]) -> Variant:
 
 
 def variant_array(*items: Variant) -> Variant:
-    """Make an array of VARIANT."""
     return Variant.array(VT.VARIANT, items)
 
 

@@ -45,7 +45,6 @@ class ControlLog:
         self.due = now if self.due is None else self.due
 
     def stop(self) -> None:
-        """Stop recording."""
         self.due = None
 
     def advance(self, now: int, sample: Callable[[int], ControlLogRecord]) -> None:

@@ -50,7 +50,6 @@ class Equipment:
         return cls(Hand(COBOTTA_HAND, object_width), Hand(TWO_FINGER_HAND, object_width))
 
     def stop(self, now: int) -> None:
-        """Stop all hands."""
         self.hand.stop(now, HAND_STOPPED)
         self.gripper.stop(now, HAND_STOPPED)
 

@@ -219,10 +219,6 @@ def _task_stop(context: CallContext, arguments: Arguments) -> CallOutcome:
     return DONE
 
 
-def _put_value(context: CallContext, arguments: Arguments) -> CallOutcome:
-    return system_variables.write_variable(context, argument_at(arguments, 0))
-
-
 def _date(context: CallContext, arguments: Arguments) -> CallOutcome:
     return CallResult(value=Variant(VT.DATE, context.machine.date(context.now)))
 
@@ -292,7 +288,9 @@ _OWN_HANDLERS: Mapping[str, FunctionHandler] = {
     "Task_GetFileName": lambda context, arguments: CallResult(value=bstr(f"{context.object.name}.pac")),
     "Variable_GetDateTime": _date,
     "Variable_GetValue": lambda context, arguments: CallResult(value=system_variables.read_variable(context)),
-    "Variable_PutValue": _put_value,
+    "Variable_PutValue": lambda context, arguments: system_variables.write_variable(
+        context, argument_at(arguments, 0)
+    ),
     "Variable_GetMicrosecond": lambda context, arguments: CallResult(
         value=i4(context.now // 1000 % 1_000_000)
     ),

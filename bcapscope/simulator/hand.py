@@ -113,6 +113,7 @@ class Hand:
         object_width: Width of the object between the open fingers, mm; None if there is none.
         motion_count: Number of motions and stops so far.
         stopped_by: Result of the last stop.
+        ends: Time of the end of the last motion, past or future.
     """
 
     def __init__(self, limits: HandLimits, object_width: float | None = None) -> None:
@@ -121,23 +122,18 @@ class Hand:
         self.motion_count = 0
         self.stopped_by = 0
         self._motion = HandMotion.plan(limits.widest, limits.widest, 0, limits.speed, limits.acceleration)
-        self._ends = 0
+        self.ends = 0
         self._final_width = limits.widest
         self._force = 0.0
         self._touches_object = False
 
-    @property
-    def ends(self) -> int:
-        """Time of the end of the last motion, past or future."""
-        return self._ends
-
     def width(self, now: int) -> float:
         """Return the width between the fingers, mm."""
-        return self._final_width if now >= self._ends else self._motion.at(now)
+        return self._final_width if now >= self.ends else self._motion.at(now)
 
     def is_moving(self, now: int) -> bool:
         """Return whether the fingers move."""
-        return now < self._ends
+        return now < self.ends
 
     def is_gripping(self, now: int) -> bool:
         """Return whether the fingers press on the object."""
@@ -150,7 +146,7 @@ class Hand:
     @property
     def collides_at(self) -> int | None:
         """Time at which fingers that do not grip touch the object; None if they never do."""
-        return self._ends if self._touches_object and not self._force else None
+        return self.ends if self._touches_object and not self._force else None
 
     def move(self, goal: float, speed: float, now: int, force: float = 0.0) -> int:
         """Begin a motion; return the time of its end.
@@ -165,16 +161,16 @@ class Hand:
         self._touches_object = thing is not None and goal < thing <= start
         self._final_width = thing if thing is not None and self._touches_object else goal
         self._motion = HandMotion.plan(start, goal, now, speed, self.limits.acceleration)
-        self._ends = self._motion.time_at_distance(abs(self._final_width - start))
+        self.ends = self._motion.time_at_distance(abs(self._final_width - start))
         self._force = force
         self.motion_count += 1
-        return self._ends
+        return self.ends
 
     def stop(self, now: int, result: int) -> None:
         """Stop moving fingers; the call that waits for them answers `result`. A grip stays."""
         if self.is_moving(now) or self.collides_at is not None:
             self._final_width = self.width(now)
-            self._ends = now
+            self.ends = now
             self._touches_object = False
             self.stopped_by = result
             self.motion_count += 1

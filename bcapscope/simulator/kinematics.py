@@ -159,7 +159,6 @@ def joints_of(pose_type: PoseType, values: tuple[float, ...]) -> Joints:
 
 
 def pose_of(pose_type: PoseType, joints: Joints) -> tuple[float, ...]:
-    """Compute a pose of a given type from joints."""
     if pose_type is _J:
         return joints
     return position(joints) if pose_type is _P else trans(joints)

@@ -9,6 +9,7 @@ Robot_Move.
 from __future__ import annotations
 
 import re
+from functools import partial
 from types import MappingProxyType
 from typing import NamedTuple
 
@@ -231,14 +232,6 @@ def _option(items: tuple[Variant, ...], index: int) -> str:
     return text_of(items[index]) if index < len(items) else ""
 
 
-def _drive_by(context: CallContext, parameter: Variant) -> CallOutcome:
-    return _drive_many(context, parameter, False)
-
-
-def _drive_to(context: CallContext, parameter: Variant) -> CallOutcome:
-    return _drive_many(context, parameter, True)
-
-
 def _drive_many(context: CallContext, parameter: Variant, absolute: bool) -> CallOutcome:
     """Run DriveEx or DriveAEx: axes and angles as text or as pairs, then an option."""
     items = items_of(parameter)
@@ -283,8 +276,8 @@ MOTION_COMMANDS: CommandTable = MappingProxyType(
     {
         "approach": approach,
         "depart": depart,
-        "driveex": _drive_by,
-        "driveaex": _drive_to,
+        "driveex": partial(_drive_many, absolute=False),
+        "driveaex": partial(_drive_many, absolute=True),
         "motionskip": motion_skip,
     }
 )

@@ -39,7 +39,6 @@ def relative_to(frame: PoseNumbers, pose: PoseNumbers) -> PoseNumbers:
 
 
 def rotation(pose: PoseNumbers) -> Matrix:
-    """Compute the rotation matrix of a pose."""
     about_x, about_y, about_z = (radians(angle) for angle in pose[3:6])
     c, s = cos(about_x), sin(about_x)
     turn_x: Matrix = ((1.0, 0.0, 0.0), (0.0, c, -s), (0.0, s, c))

@@ -62,7 +62,6 @@ def give_arm(context: CallContext, parameter: Variant) -> CallOutcome:
 
 
 def take_arm_state(context: CallContext, parameter: Variant) -> CallOutcome:
-    """Run TakeArmState."""
     return CallResult(value=i4(int(context.machine.owner == context.client)))
 
 
@@ -138,19 +137,16 @@ def log_record(context: CallContext, parameter: Variant) -> CallOutcome:
 
 
 def clear_log(context: CallContext, parameter: Variant) -> CallOutcome:
-    """Run ClearLog."""
     context.machine.log.records.clear()
     return DONE
 
 
 def start_log(context: CallContext, parameter: Variant) -> CallOutcome:
-    """Run StartLog."""
     context.machine.log.start(context.now)
     return DONE
 
 
 def stop_log(context: CallContext, parameter: Variant) -> CallOutcome:
-    """Run StopLog."""
     context.machine.log.stop()
     return DONE
 

@@ -53,8 +53,6 @@ _SHIPPED = "scenarios"
 
 
 class ProfileName(StrEnum):
-    """Names of the profiles."""
-
     RC7 = "rc7"
     RC8 = "rc8"
     RC9 = "rc9"
@@ -62,7 +60,6 @@ class ProfileName(StrEnum):
 
     @property
     def profile(self) -> Profile:
-        """The profile."""
         return PROFILES[self.value]
 
 
@@ -79,8 +76,6 @@ class ServerDefect(StrEnum):
 
 
 class ScenarioTransport(StrEnum):
-    """Transports."""
-
     UDP = "udp"
     TCP = "tcp"
 
@@ -217,7 +212,6 @@ class AxisLimitsSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True
 
     @property
     def axis_limits(self) -> tuple[AxisLimit, ...]:
-        """The limits of all axes."""
         given = (self.J1, self.J2, self.J3, self.J4, self.J5, self.J6)
         return tuple(limit.applied_to(usual) for limit, usual in zip(given, AXIS_LIMITS, strict=True))
 

@@ -37,7 +37,6 @@ class OperatingMode(StrEnum):
 
     @property
     def number(self) -> int:
-        """The value of @MODE."""
         return {
             OperatingMode.MANUAL: MANUAL,
             OperatingMode.TEACH_CHECK: TEACH_CHECK,

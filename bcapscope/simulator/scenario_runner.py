@@ -40,8 +40,6 @@ class _ClientLine(NamedTuple):
 
 
 class _TriggeredEvent(NamedTuple):
-    """An event that a request triggers."""
-
     event: AnyEvent
     striker: FaultMatcher
 

@@ -155,7 +155,6 @@ class SimulatorServer:
         return self._clock.now()
 
     def close(self) -> None:
-        """Close all sockets."""
         for connection in list(self._connections.values()):
             self._drop(connection)
         self._udp.close()

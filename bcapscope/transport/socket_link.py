@@ -25,7 +25,6 @@ class SocketLink(asyncio.BaseProtocol, Generic[T]):
 
     @property
     def local(self) -> Address:
-        """Address of this end."""
         return self._address("sockname")
 
     @property

@@ -29,7 +29,6 @@ class UdpLink(SocketLink[asyncio.DatagramTransport], asyncio.DatagramProtocol):
     datagrams = True
 
     def send(self, data: bytes) -> None:
-        """Send one datagram."""
         if self._transport is not None:
             self._transport.sendto(data)
 

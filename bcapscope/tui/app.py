@@ -144,8 +144,8 @@ class BcapApp(KeyOrderApp):
         self.stylesheet.set_variables(self.get_css_variables())
         self._update_text_styles()
 
-    def _watch_theme(self, theme_name: str) -> None:
-        super()._watch_theme(theme_name)
+    def watch_theme(self) -> None:
+        """Use the text styles of the new theme."""
         self._update_text_styles()
 
     def _update_text_styles(self) -> None:
@@ -309,7 +309,6 @@ class BcapApp(KeyOrderApp):
         self.show_message(say("shell.quit.hint"))
 
     def action_next_theme(self) -> None:
-        """Switch to the next theme."""
         names = [theme.name for theme in THEMES]
         self.action_theme(names[(names.index(self.theme) + 1) % len(names)])
 

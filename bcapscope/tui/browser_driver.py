@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-import os
+import asyncio
 from collections.abc import Callable
-from contextlib import suppress
 from functools import partial
 from typing import Any
 
 from textual.driver import Driver
 from textual.drivers.web_driver import WebDriver
+
+from bcapscope.tui.textual_internals import survive_lost_server
 
 
 def make_server_safe_driver(driver: type[Driver], on_end: Callable[[], object]) -> type[Driver]:
@@ -27,12 +28,13 @@ def make_server_safe_driver(driver: type[Driver], on_end: Callable[[], object]) 
     class ServerSafeDriver(driver):  # type: ignore[valid-type, misc]  # a subclass of WebDriver, for all we know
         def __init__(self, *arguments: Any, **options: Any) -> None:
             super().__init__(*arguments, **options)
-            self._write = partial(_write_all, self.fileno)
+            survive_lost_server(self)
+            self._end_program = partial(asyncio.get_running_loop().call_soon_threadsafe, on_end)
 
         def on_meta(self, packet_type: str, payload: dict[str, object]) -> None:
             """Handle a message from the server; `quit` ends the program as Ctrl-Q does."""
             if packet_type == "quit":
-                self._loop.call_soon_threadsafe(on_end)
+                self._end_program()
             else:
                 super().on_meta(packet_type, payload)
 
@@ -40,13 +42,6 @@ def make_server_safe_driver(driver: type[Driver], on_end: Callable[[], object]) 
             """Read keys until the screen closes or the server disconnects."""
             super().run_input_thread()
             if not self.exit_event.is_set():
-                self._loop.call_soon_threadsafe(on_end)
+                self._end_program()
 
     return ServerSafeDriver
-
-
-def _write_all(fileno: int, data: bytes) -> None:
-    """Write all of `data`, even across signals; write nothing once the server has gone."""
-    with suppress(OSError):
-        while data:
-            data = data[os.write(fileno, data) :]

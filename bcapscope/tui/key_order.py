@@ -12,6 +12,7 @@ from functools import partial
 
 from textual import on
 from textual.app import App
+from textual.binding import Binding
 from textual.events import Event, Key, Paste
 from textual.message import Message
 from textual.message_pump import MessagePump
@@ -46,6 +47,7 @@ class KeyOrderApp(App[None]):
         """Start without a pending key."""
         super().__init__()
         self._queued_events: deque[Event] = deque()
+        self._urgent_keys = {each.key for each in Binding.make_bindings(self.BINDINGS) if each.priority}
 
     async def on_event(self, event: Event) -> None:
         """Queue keys and pastes behind the key before them; pass HALT and all other events on at once."""
@@ -58,8 +60,7 @@ class KeyOrderApp(App[None]):
             self._start_stuck_timer()
 
     def _is_urgent(self, event: Event) -> bool:
-        bindings = self._bindings.key_to_bindings.get(event.key, ()) if isinstance(event, Key) else ()
-        return any(binding.priority for binding in bindings)
+        return isinstance(event, Key) and event.key in self._urgent_keys
 
     async def _deliver_event(self, event: Event) -> None:
         """Deliver a key, and then queued keys while they are letters for the same input field."""

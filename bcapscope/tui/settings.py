@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import os
-import tempfile
 from pathlib import Path
 
 import msgspec
 import platformdirs
 
 from bcapscope.faults.document import read_document
+from bcapscope.tui.atomic_file import write_atomically
 
 MAX_RECENT = 20
 """Maximum number of recent files and of recent hosts."""
@@ -60,15 +59,7 @@ def write_settings(settings: Settings, path: Path) -> None:
     Raises:
         OSError: The file cannot be written.
     """
-    path.parent.mkdir(parents=True, exist_ok=True)
-    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-    try:
-        with os.fdopen(handle, "wb") as file:
-            file.write(msgspec.yaml.encode(settings))
-        os.replace(name, path)
-    except BaseException:
-        Path(name).unlink(missing_ok=True)
-        raise
+    write_atomically(path, msgspec.yaml.encode(settings))
 
 
 def with_recent(item: str, recent: list[str]) -> list[str]:

@@ -66,7 +66,7 @@ def test_several_captures_are_one_report() -> None:
 def test_a_filter_chooses_calls_and_the_page_says_so() -> None:
     page = run_here("report", LOST, "-o", "-", "-f", 'function ~ "<b>|Service"').out
     assert (
-        "This page covers only calls that match this filter: function ~ &quot;&lt;b&gt;|Service&quot;" in page
+        "This page covers only calls that match this filter: function ~ &#34;&lt;b&gt;|Service&#34;" in page
     )
     assert "slvmove-outside-slave-mode" not in page
     assert "slvmove-outside-slave-mode" in run_here("report", LOST, "-o", "-", "-f", "command == slvMove").out
@@ -91,14 +91,15 @@ def test_without_bcap_there_is_no_page(tmp_path: Path) -> None:
     assert ran.code == ExitCode.UNREADABLE
 
 
-def test_without_plotly_it_says_how_to_get_it(tmp_path: Path) -> None:
-    (tmp_path / "plotly").mkdir()
-    missing = "raise ModuleNotFoundError(\"No module named 'plotly'\", name='plotly')\n"
-    (tmp_path / "plotly" / "__init__.py").write_text(missing)
+@pytest.mark.parametrize("package", ["jinja2", "plotly"])
+def test_a_missing_package_is_named_with_the_way_to_get_it(package: str, tmp_path: Path) -> None:
+    (tmp_path / package).mkdir()
+    missing = f"raise ModuleNotFoundError(\"No module named '{package}'\", name='{package}')\n"
+    (tmp_path / package / "__init__.py").write_text(missing)
     root = str(Path(__file__).parent.parent.parent)
     ran = run("report", LOST, "-o", tmp_path / "report.html", PYTHONPATH=f"{tmp_path}:{root}")
     assert ran.code == ExitCode.NOT_INSTALLED
-    assert ran.err == ("plotly is not installed. Install it with: pip install 'bcapscope[report]'\n")
+    assert ran.err == (f"{package} is not installed. Install it with: pip install 'bcapscope[report]'\n")
 
 
 @pytest.mark.skipif(CHROMIUM is None, reason="no Chromium is installed")

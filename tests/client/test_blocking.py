@@ -7,9 +7,9 @@ import asyncio
 import pytest
 
 from bcapscope.client import Blocking, connect, over_link
-from bcapscope.transport.loop_clock import VirtualTimeLoop
 from bcapscope.transport.memory_link import memory_link_pair
 from tests.client.peer import Peer
+from tests.virtual_time import VirtualTimeLoop
 
 
 def test_steps_are_waited_for_and_blocks_left() -> None:

@@ -16,9 +16,9 @@ from bcapscope.protocol.retry.reserved_convention import ReservedConvention
 from bcapscope.simulator.call_executor import CallReport
 from bcapscope.simulator.profile import PROFILES
 from bcapscope.simulator.simulator import Peer, Simulator
-from bcapscope.transport.loop_clock import run_in_virtual_time
 from bcapscope.transport.memory_link import memory_link_pair
 from tests.client.simulated import Controller
+from tests.virtual_time import run_in_virtual_time
 
 _PUT_TAG, _GET_TAG = 23, 22
 _UDP = [ReservedConvention.SEED, ReservedConvention.OWN, ReservedConvention.CHAIN]

@@ -14,9 +14,9 @@ from bcapscope.protocol.retry.requester import CallRefused
 from bcapscope.protocol.tables.function_table import FUNCTIONS, ObjectClass
 from bcapscope.protocol.tables.hresult import E_INVALIDARG, S_OK
 from bcapscope.protocol.tables.simulator_marker import SIMULATOR_TEXT, SIMULATOR_VARIABLE
-from bcapscope.transport.loop_clock import run_in_virtual_time
 from bcapscope.transport.memory_link import memory_link_pair
 from tests.client.peer import Answer, Peer
+from tests.virtual_time import run_in_virtual_time
 
 _CONNECT = ("", "provider", "machine", "")
 

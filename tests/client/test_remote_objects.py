@@ -16,9 +16,9 @@ from bcapscope.errors import ControllerError, RemoteProtocolError
 from bcapscope.protocol.codec.variant import VT, Variant
 from bcapscope.protocol.tables.function_table import FUNCTIONS
 from bcapscope.protocol.tables.hresult import E_HANDLE, S_OK
-from bcapscope.transport.loop_clock import run_in_virtual_time
 from bcapscope.transport.memory_link import memory_link_pair
 from tests.client.peer import Answer, Peer
+from tests.virtual_time import run_in_virtual_time
 
 _SAMPLES = {"str": "x", "int": 3, "float": 1.5, "object": (1, 2)}
 _CLASSES = [

@@ -19,9 +19,9 @@ from bcapscope.protocol.retry.reserved_convention import ReservedConvention
 from bcapscope.protocol.tables.function_table import function_name
 from bcapscope.protocol.tables.hresult import E_HANDLE
 from bcapscope.traffic.observation import Direction, Observation, Transport
-from bcapscope.transport.loop_clock import run_in_virtual_time
 from bcapscope.transport.memory_link import NetworkModel, memory_link_pair, perfect_network
 from tests.client.peer import Peer
+from tests.virtual_time import run_in_virtual_time
 
 
 def _lost(_: bytes) -> Iterable[float]:

@@ -11,9 +11,13 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from bcapscope.analysis.finding import Severity
-from bcapscope.render.report_page import report_page
+from bcapscope.render.escape import printable
+from bcapscope.render.report_page import report_page, template_environment
+from bcapscope.render.report_sections import ReportTable
 from bcapscope.traffic.observation import Conversation, Endpoint, Transport
 from tests.render.reports import CAPTURES, Page, account_of, page_of
 from tests.samples.findings import make_finding
@@ -125,3 +129,49 @@ def test_json_has_no_numbers_that_are_none() -> None:
         text = json.dumps(page_of(name).data)
         assert "NaN" not in text
         assert "Infinity" not in text
+
+
+@given(st.text())
+def test_any_text_is_text(text: str) -> None:
+    page = Page(template_environment().from_string("<p>{{ text }}</p>").render(text=text))
+    assert page.tags == [("p", {})]
+    assert page.text == printable(text)
+
+
+@given(st.text())
+def test_any_attribute_is_one(text: str) -> None:
+    source = template_environment().from_string('<a href="{{ text }}" class="x"></a>').render(text=text)
+    page = Page(source)
+    assert page.tags == [("a", {"href": printable(text), "class": "x"})]
+    assert page.text == ""
+
+
+def test_control_characters_become_visible() -> None:
+    source = template_environment().from_string("<p>{{ text }}</p>").render(text="\x1b[2J\u202e\n")
+    assert Page(source).text == "\\x1b[2J\\u202e\\n"
+
+
+def elements() -> Any:
+    return template_environment().get_template("elements.html").module
+
+
+def test_a_table_has_its_caption_and_sides() -> None:
+    made = elements().table(ReportTable("All <of> it.", ("name", "n"), "tn", [["a&b", 3]]))
+    assert "<caption>All &lt;of&gt; it.</caption>" in made
+    assert '<th scope="col" class="t">name</th><th scope="col" class="n">n</th>' in made
+    assert '<td class="t">a&amp;b</td><td class="n">3</td>' in made
+
+
+def test_cells_are_code_or_the_ends_of_a_conversation() -> None:
+    ends = Conversation(Endpoint("<a>", 1), Endpoint("b", 2), Transport.UDP, "the port")
+    made = elements().table(ReportTable("", ("c", "e"), "ce", [["<x>", ends], ["y", None]]))
+    assert "<code>&lt;x&gt;</code>" in made
+    assert '<span class="ends">&lt;a&gt;:1</span> → <span class="ends">b:2 UDP</span>' in made
+    assert '<td class="t">all</td>' in made
+
+
+def test_facts_are_a_list_of_definitions() -> None:
+    made = elements().facts([("a", "1"), ("b", "<")], "tiles")
+    text = "".join(made.split("\n"))
+    expected = "<dl><div><dt>a</dt><dd>1</dd></div><div><dt>b</dt><dd>&lt;</dd></div></dl>"
+    assert text == f'<div class="tiles">{expected}</div>'

@@ -17,10 +17,10 @@ from bcapscope.simulator.simulator_server import ControllerModel
 from bcapscope.traffic.call import Call
 from bcapscope.traffic.observation import Observation
 from bcapscope.traffic.tracker import Tracker
-from bcapscope.transport.loop_clock import run_in_virtual_time
 from bcapscope.transport.memory_link import memory_link_pair
 from tests.client.simulated import Controller
 from tests.player.simulated import SimulatedChannel
+from tests.virtual_time import run_in_virtual_time
 
 CONNECT = ("", "CaoProv.DENSO.VRC", "localhost", "")
 MINUTE = 60_000_000_000

@@ -13,10 +13,10 @@ from bcapscope.simulator.scenario import Scenario, ScenarioTransport
 from bcapscope.simulator.scenario_runner import ScenarioRunner
 from bcapscope.simulator.simulator import Simulator
 from bcapscope.simulator.simulator_server import ControllerModel
-from bcapscope.transport.loop_clock import run_in_virtual_time
 from bcapscope.transport.memory_link import memory_link_pair
 from tests.client.simulated import Controller
 from tests.simulator.sessions import play
+from tests.virtual_time import run_in_virtual_time
 
 WAY = 0.0002
 """Seconds that a packet is on its way."""

@@ -7,7 +7,8 @@ import time
 
 import pytest
 
-from bcapscope.transport.loop_clock import LoopClock, run_in_virtual_time
+from bcapscope.transport.loop_clock import LoopClock
+from tests.virtual_time import run_in_virtual_time
 
 
 def test_virtual_time_jumps() -> None:

@@ -5,9 +5,9 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Iterable
 
-from bcapscope.transport.loop_clock import run_in_virtual_time
 from bcapscope.transport.memory_link import memory_link_pair
 from tests.transport.receiver import Notes
+from tests.virtual_time import run_in_virtual_time
 
 
 def _by_first_byte(data: bytes) -> Iterable[float]:

@@ -126,7 +126,6 @@ class BufferBehaviour:
 
     @classmethod
     def of_mode(cls, mode: SlaveMode | None, guessed: bool) -> BufferBehaviour:
-        """Return the behaviour for a mode."""
         common = (
             f"the controller takes a set point each {PERIOD_MS} ms, the first one as it comes",
             "set points arrive when the capture sees them",

@@ -96,7 +96,11 @@ TrajectoryPiece: TypeAlias = "tuple[CapturedTrajectory, Sequence[TrajectoryStep]
 
 
 class TrajectoryExtractor:
-    """Extracts trajectory steps from completed calls; it keeps no steps."""
+    """Extracts trajectory steps from completed calls; it keeps no steps.
+
+    Attributes:
+        set_points: Number of slvMove calls.
+    """
 
     def __init__(
         self,
@@ -117,7 +121,7 @@ class TrajectoryExtractor:
         self._detector = SlaveSessionDetector(on_set_points=self._on_set_points)
         self._by_session: dict[int, CapturedTrajectory] = {}
         self._ready: list[TrajectoryPiece] = []
-        self._set_point_count = self._step_count = 0
+        self.set_points = self._step_count = 0
         self._left_out: Counter[LeftOutReason] = Counter()
         self._set_point_kind: CallKind | None = None
         self._not_selected: dict[int, None] = {}  # calls not yet received as set points, in order
@@ -137,21 +141,16 @@ class TrajectoryExtractor:
         return self._pop_ready()
 
     @property
-    def set_points(self) -> int:
-        """Number of slvMove calls."""
-        return self._set_point_count
-
-    @property
     def left_out(self) -> Mapping[LeftOutReason, int]:
         """Number of set points left out, by reason; complete after `finish`."""
         counted = dict(self._left_out)
-        after = self._set_point_count - self._step_count - sum(counted.values())
+        after = self.set_points - self._step_count - sum(counted.values())
         return {**counted, LeftOutReason.AFTER_END: after} if after else counted
 
     def _count_set_point(self, call: Call) -> None:
         if self._is_selected_client is not None and not self._is_selected_client(call.conversation):
             return
-        self._set_point_count += 1
+        self.set_points += 1
         code = call.hresult
         if code and is_failure(code):
             self._left_out[LeftOutReason.REFUSED] += 1

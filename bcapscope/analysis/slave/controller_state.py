@@ -138,7 +138,6 @@ def requested_mode(call: Call) -> int | None:
 
 
 def call_fact(call: Call) -> CallFact:
-    """Return a summary of a call."""
     reply = call.reply
     return CallFact(
         call=call.number,

@@ -149,7 +149,6 @@ class SetPointBatch:
         return True
 
     def add(self, call: Call) -> None:
-        """Add any set point."""
         place, request, reply = len(self), call.request, call.reply
         self.irregular.append((place, call))
         self.requests.add(place, request.item.raw)

@@ -214,7 +214,6 @@ class StatisticsBuilder:
         self._end = 0
 
     def add_call(self, call: Call) -> None:
-        """Count a call."""
         if call.kind is not self._question or call.conversation is not self._conversation:
             self._select_tally(call)
         self._tally.add_call(call)

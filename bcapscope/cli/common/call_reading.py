@@ -27,7 +27,6 @@ def read_calls(reader: CaptureReader) -> Iterator[PairingResult]:
 
 
 def read_filtered_calls(reader: CaptureReader, call_filter: Filter | None) -> Iterator[Call]:
-    """Yield the calls that match a filter."""
     test = None if call_filter is None else call_filter.bind(CALL_GETTERS)
     for item in read_calls(reader):
         if isinstance(item, Call) and (test is None or test(item)):
@@ -53,6 +52,5 @@ def read_to_end(
 
 
 def _close_open_calls(reader: CaptureReader, tracker: Tracker) -> Iterator[PairingResult]:
-    """Yield the calls that are open at the end of the captures."""
     yield from tracker.expire(reader.ended_at)
     yield from tracker.close()

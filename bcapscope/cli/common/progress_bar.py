@@ -39,7 +39,6 @@ class ReadProgressBar:
         self._bar.update(self._bar.task_ids[0], completed=position, total=size)
 
     def remove(self) -> None:
-        """Remove the bar."""
         if self._bar is not None:
             self._bar.stop()
             self._bar = None

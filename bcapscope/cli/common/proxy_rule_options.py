@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import inspect
 import random
 import time
 from collections.abc import Callable, Mapping
@@ -163,9 +164,11 @@ class RuleOptions:
 def rule_options(function: F) -> F:
     """Add the options to a command; it gets one argument `rules`, a `RuleOptions`."""
 
+    names = [name for name in inspect.getfullargspec(_build_options).kwonlyargs if name != "typed"]
+
     @functools.wraps(function)
     def command(**arguments: Any) -> Any:
-        own = {name: arguments.pop(name) for name in _OPTION_NAMES}
+        own = {name: arguments.pop(name) for name in names}
         typed = click.get_current_context().meta.get(_TYPED, ())
         return function(rules=_build_options(typed=tuple(typed), **own), **arguments)
 
@@ -407,19 +410,4 @@ _OPTIONS = (
         callback=_print_fault_notation,
         help="Explain the notation of faults, and exit.",
     ),
-)
-
-_OPTION_NAMES = (
-    "faults",
-    "rule_files",
-    "seed",
-    "read_only",
-    "block",
-    "allow_command",
-    "intercept",
-    "hold",
-    "scripts",
-    "script_limit",
-    "script_memory",
-    "control",
 )

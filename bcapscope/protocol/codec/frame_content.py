@@ -5,6 +5,7 @@ from __future__ import annotations
 import struct
 import zlib
 from enum import Enum
+from operator import attrgetter
 from typing import ClassVar
 
 from bcapscope.protocol.codec.arguments import Argument, ArgumentReader, NumberSpan, Problem
@@ -28,6 +29,7 @@ second."""
 _HEADER = struct.Struct("<xIHHIH")
 _ZLIB_BODY = 13
 _SMALLEST_UNPACKED = 6
+_OFFSET = attrgetter("offset")
 
 
 class Framing(Enum):
@@ -96,7 +98,7 @@ class FrameContent:
         reader = self._read_arguments()
         self.arguments: tuple[Argument, ...] = tuple(reader.arguments)
         self.number_spans: list[NumberSpan] = reader.number_spans
-        self.problems: tuple[Problem, ...] = tuple(sorted((*head, *reader.problems), key=_offset))
+        self.problems: tuple[Problem, ...] = tuple(sorted((*head, *reader.problems), key=_OFFSET))
 
     def _read_arguments(self) -> ArgumentReader:
         body = self.body
@@ -129,10 +131,6 @@ class FrameContent:
             reader.problems.append(
                 Problem(reader.pos, "left-over", f"{count} left over behind the last argument")
             )
-
-
-def _offset(problem: Problem) -> int:
-    return problem.offset
 
 
 def has_compressed_header(data: bytes | bytearray, pos: int = 0) -> bool:

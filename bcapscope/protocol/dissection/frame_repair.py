@@ -7,9 +7,8 @@ The result is a guess and is worded as one. The original bytes are never changed
 
 from __future__ import annotations
 
-import heapq
-from collections import Counter
-from collections.abc import Callable, Iterator
+import re
+from collections.abc import Iterator
 from typing import NamedTuple
 
 from bcapscope.protocol.codec.frame_content import EOT, HEADER_SIZE, SOH, FrameContent
@@ -21,13 +20,11 @@ from bcapscope.protocol.dissection.plausibility import (
 )
 from bcapscope.protocol.dissection.similar_commands import find_similar_command
 
-LONGEST_SEARCHED = 1024
-"""Largest frame, in bytes, that is searched for lost bytes; on UDP none has more than 503 (orin_bcap
-dn_udp.h)."""
+LONGEST_REPAIRED = 1024
+"""Largest frame, in bytes, whose lost zeros are found; on UDP none has more than 503 (orin_bcap dn_udp.h)."""
 
 MAX_EDITS = 2
-_BEAM = 24
-"""Number of first edits that the search continues with a second one."""
+"""Largest number of zeros that a repair inserts or removes."""
 
 _SMALLEST_LIKELY, _LARGEST_LIKELY = 1e-6, 1e9
 """Range of magnitudes of positions, speeds and times."""
@@ -63,26 +60,6 @@ class FrameRepair(NamedTuple):
     is_argument: bool = False
 
 
-class _State(NamedTuple):
-    """An intermediate result of the search for a sound frame.
-
-    Attributes:
-        data: The bytes after the changes so far.
-        changes: Changes so far: +1 for an inserted zero or -1 for a removed one, and its offset in the bytes
-            just
-        before that change.
-        zeros: Total length of the runs of zeros that were changed; a byte gets lost most easily in a long
-            run.
-    """
-
-    data: bytes
-    changes: tuple[tuple[int, int], ...]
-    zeros: int
-
-
-_Step = Callable[[_State], Iterator[_State]]
-
-
 def find_repair(raw: bytes, is_request: bool | None = None) -> FrameRepair | None:
     """Find the smallest damage that explains why `raw` is no sound frame.
 
@@ -99,11 +76,7 @@ def find_repair(raw: bytes, is_request: bool | None = None) -> FrameRepair | Non
     length = plausible_length_field(raw)
     if length == len(raw) and not FrameContent(raw).problems:
         return _misread_command(raw, is_request)
-    for attempt in (_wrong_ends, _changed_zeros, _cut_end):
-        found = attempt(raw, length, is_request)
-        if found is not None:
-            return found
-    return None
+    return _wrong_ends(raw, length, is_request) or _changed_zeros(raw, length, is_request)
 
 
 def _misread_command(raw: bytes, is_request: bool | None) -> FrameRepair | None:
@@ -143,107 +116,75 @@ def _wrong_ends(raw: bytes, length: int | None, is_request: bool | None) -> Fram
 
 
 def _changed_zeros(raw: bytes, length: int | None, is_request: bool | None) -> FrameRepair | None:
-    """Find lost, surplus or moved zero bytes; the length field determines how many."""
-    plans: tuple[tuple[_Step, ...], ...]
-    if len(raw) > LONGEST_SEARCHED:
-        plans = ()
-    elif length is None:
-        plans = ((_lost,), (_surplus,), (_lost, _lost))
-    elif length == len(raw):
-        plans = ((_lost, _surplus),)
-    elif abs(length - len(raw)) <= MAX_EDITS:
-        plans = ((_lost if length > len(raw) else _surplus,) * abs(length - len(raw)),)
-    else:
-        return None
-    for plan in plans:
-        sound = [state for state in _search(raw, plan, is_request) if _is_sound(state.data, is_request)]
-        if sound:
-            best = min(sound, key=_preference)
-            return FrameRepair(best.data, _edits(best))
+    """Insert or remove the zeros that the length field asks for; else accept that the end is missing."""
+    lacking = 1 if length is None else length - len(raw)
+    versions = _with_changed_zeros(raw, lacking, is_request)
+    if len(versions) == abs(lacking) + 1 and _sound_prefix(versions[-1], is_request) == len(versions[-1]):
+        return FrameRepair(versions[-1], _zero_edits(raw, versions[-1]))
+    for data in versions:
+        if length is not None and len(data) < length and _sound_prefix(data, is_request) == len(data):
+            return FrameRepair(data, _zero_edits(raw, data), length - len(data))
     return None
 
 
-def _cut_end(raw: bytes, length: int | None, is_request: bool | None) -> FrameRepair | None:
-    """Find out whether the end is missing, and whether zero bytes were lost before it."""
-    for lost in range(1 if len(raw) > LONGEST_SEARCHED else MAX_EDITS + 1):
-        if length is None or length <= len(raw) + lost:
-            return None
-        states = _search(raw, (_lost,) * lost, is_request)
-        whole = [
-            state
-            for state in states
-            if plausible_prefix_length(state.data, length, is_request) == len(state.data)
-        ]
-        if whole:
-            best = min(whole, key=_preference)
-            return FrameRepair(best.data, _edits(best), length - len(best.data))
-    return None
+def _with_changed_zeros(raw: bytes, lacking: int, is_request: bool | None) -> list[bytes]:
+    """Return `raw`, then with one and two zeros changed, each where most of the frame becomes plausible."""
+    versions = [raw]
+    for _ in range(min(abs(lacking), MAX_EDITS) if len(raw) <= LONGEST_REPAIRED else 0):
+        edited = _one_zero_more(versions[-1]) if lacking > 0 else _one_zero_less(versions[-1])
+        reached = [(_sound_prefix(data, is_request), data, run) for data, run in edited]
+        furthest = max((prefix for prefix, _, _ in reached), default=0)
+        best = [(data, run) for prefix, data, run in reached if prefix == furthest]
+        if not best:
+            break
+        versions.append(min(best, key=lambda choice: (_strange_arguments(choice[0]), -choice[1]))[0])
+    return versions
 
 
-def _search(raw: bytes, plan: tuple[_Step, ...], is_request: bool | None) -> list[_State]:
-    """Apply each step of `plan` at every offset; keep the most promising states between steps."""
-    states = [_State(raw, (), 0)]
-    for step in plan:
-        states = heapq.nlargest(
-            _BEAM, states, key=lambda state: (_progress(state.data, is_request), state.zeros)
-        )
-        made = {after.data: after for state in states for after in step(state)}
-        states = list(made.values())
-    return states
-
-
-def _progress(data: bytes, is_request: bool | None) -> int:
+def _sound_prefix(data: bytes, is_request: bool | None) -> int:
     length = plausible_length_field(data)
     return 1 if length is None else plausible_prefix_length(data, length, is_request)
 
 
-def _is_sound(data: bytes, is_request: bool | None) -> bool:
-    length = plausible_length_field(data)
-    return length == len(data) and plausible_prefix_length(data, length, is_request) == length
+def _one_zero_more(data: bytes) -> Iterator[tuple[bytes, int]]:
+    """Yield `data` with a zero inserted after each run of zeros or between other bytes; and the run's length.
 
-
-def _lost(state: _State) -> Iterator[_State]:
-    """Yield states with one zero inserted: at the end of each run of zeros, or between other bytes."""
-    data = state.data
+    A byte gets lost most easily in a long run.
+    """
     run = 0
     for at in range(1, len(data) + 1):
         run = run + 1 if data[at - 1] == 0 else 0
         if at == len(data) or data[at]:
-            changed = data[:at] + b"\0" + data[at:]
-            yield _State(changed, (*state.changes, (1, at)), state.zeros + run)
+            yield data[:at] + b"\0" + data[at:], run
 
 
-def _surplus(state: _State) -> Iterator[_State]:
-    """Yield states with one zero removed, the last one of each run."""
-    data = state.data
-    run = 0
-    for at in range(1, len(data)):
-        run = run + 1 if data[at] == 0 else 0
-        if run and (at + 1 == len(data) or data[at + 1]):
-            changed = data[:at] + data[at + 1 :]
-            yield _State(changed, (*state.changes, (-1, at)), state.zeros + run)
+def _one_zero_less(data: bytes) -> Iterator[tuple[bytes, int]]:
+    """Yield `data` without the last zero of each run, and the length of the run."""
+    for zeros in re.finditer(rb"\0+", data):
+        yield data[: zeros.end() - 1] + data[zeros.end() :], zeros.end() - zeros.start()
 
 
-def _edits(state: _State) -> tuple[ByteEdit, ...]:
-    """Convert the changes to edits with offsets in the original bytes."""
-    lost: Counter[int] = Counter()
-    edits = []
-    for index, (change, place) in enumerate(state.changes):
-        at = place
-        for earlier, where in reversed(state.changes[:index]):
-            at += at >= where if earlier < 0 else -(at > where)
-        if change > 0:
-            lost[at] += 1
+def _zero_edits(raw: bytes, repaired: bytes) -> tuple[ByteEdit, ...]:
+    """Return the zeros by which two versions of the same bytes differ."""
+    edits: list[ByteEdit] = []
+    at = to = 0
+    while at < len(raw) or to < len(repaired):
+        if raw[at : at + 1] == repaired[to : to + 1]:
+            at, to = at + 1, to + 1
+        elif repaired[to : to + 1] == b"\0":
+            if edits and edits[-1].offset == at:
+                edits[-1] = ByteEdit(at, b"", edits[-1].expected + b"\0")
+            else:
+                edits.append(ByteEdit(at, b"", b"\0"))
+            to += 1
         else:
             edits.append(ByteEdit(at, b"\0", b""))
-    edits += (ByteEdit(at, b"", bytes(count)) for at, count in lost.items())
-    return tuple(sorted(edits))
+            at += 1
+    return tuple(edits)
 
 
-def _preference(state: _State) -> tuple[int, int, tuple[tuple[int, int], ...]]:
-    """Return the sort key of a repair: likely values first, then changes in the longest runs of zeros."""
-    strange = sum(_strange(argument.variant.value) for argument in FrameContent(state.data).arguments)
-    return strange, -state.zeros, state.changes
+def _strange_arguments(data: bytes) -> int:
+    return sum(_strange(argument.variant.value) for argument in FrameContent(data).arguments)
 
 
 def _strange(value: Value | Variant) -> int:
@@ -269,19 +210,15 @@ def _argument(raw: bytes) -> FrameRepair | None:
     """Repair a separate argument, such as one from a table of fields."""
     if plausible_argument_end(raw) == len(raw):
         return FrameRepair(raw, (), is_argument=True)
-    if not raw or len(raw) > LONGEST_SEARCHED:
+    if not raw or len(raw) > LONGEST_REPAIRED:
         return None
     turned = raw[-1:] + raw[:-1]
     if plausible_argument_end(turned) == len(raw):
         edits = (ByteEdit(0, b"", raw[-1:]), ByteEdit(len(raw) - 1, raw[-1:], b""))
         return FrameRepair(turned, edits, is_argument=True)
-    for step in (_surplus, _lost):
-        whole = [
-            state
-            for state in step(_State(raw, (), 0))
-            if plausible_argument_end(state.data) == len(state.data)
-        ]
+    for edited in (_one_zero_less, _one_zero_more):
+        whole = [(data, run) for data, run in edited(raw) if plausible_argument_end(data) == len(data)]
         if whole:
-            best = min(whole, key=lambda state: (-state.zeros, state.changes))
-            return FrameRepair(best.data, _edits(best), is_argument=True)
+            best = max(whole, key=lambda choice: choice[1])[0]
+            return FrameRepair(best, _zero_edits(raw, best), is_argument=True)
     return None

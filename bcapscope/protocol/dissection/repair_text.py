@@ -101,21 +101,11 @@ class _Sentence:
         return Problem(first, "guess", f"probably misread: {told}, in {self._where(first)}; {self._then()}")
 
     def _damage(self, edits: tuple[ByteEdit, ...]) -> str:
-        lost = [edit for edit in edits if not edit.found]
-        surplus = [edit for edit in edits if not edit.expected]
-        parts = []
-        if lost:
-            parts.append(f"{counted(sum(len(edit.expected) for edit in lost), self._noun(lost))} lost: ")
-            parts[-1] += ", ".join(map(self._place, lost))
-        if surplus:
-            parts.append(
-                f"{counted(sum(len(edit.found) for edit in surplus), self._noun(surplus))} too many: "
-            )
-            parts[-1] += ", ".join(map(self._place, surplus))
-        return "; ".join(parts)
-
-    def _noun(self, edits: list[ByteEdit]) -> str:
-        return "byte" if any((edit.found + edit.expected).strip(b"\0") for edit in edits) else "zero byte"
+        changed = [edit.found + edit.expected for edit in edits]
+        noun = "byte" if any(part.strip(b"\0") for part in changed) else "zero byte"
+        what = "too many" if edits[0].found else "lost"
+        places = ", ".join(map(self._place, edits))
+        return f"{counted(sum(map(len, changed)), noun)} {what}: {places}"
 
     def _place(self, edit: ByteEdit) -> str:
         at = edit.offset + sum(

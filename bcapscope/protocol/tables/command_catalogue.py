@@ -50,11 +50,6 @@ class CommandSpec:
     controllers: str
     source: str
 
-    @property
-    def may_move(self) -> bool:
-        """Whether it sets the robot, a hand or a program in motion, or may do so."""
-        return self.effect is CallEffect.MOVES
-
 
 def find_command(function_id: int, name: str) -> CommandSpec | None:
     """Return a command by its ..._Execute function and its name in any case; None if unknown."""

@@ -11,9 +11,7 @@ The handle is left out: the request goes to the object of its class that is sele
 
 from __future__ import annotations
 
-import os
 import re
-import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -27,6 +25,7 @@ from bcapscope.protocol.codec.variant import VT, Variant
 from bcapscope.protocol.codec.variant_notation import parse_variant_as
 from bcapscope.protocol.tables.function_table import FUNCTIONS, Function, Param, function_by_name
 from bcapscope.render.notation_text import typed_text
+from bcapscope.tui.atomic_file import write_atomically
 from bcapscope.tui.controller_access.history_record import error_text
 from bcapscope.tui.words import say, told
 
@@ -155,22 +154,11 @@ def save_request(
         content = msgspec.yaml.encode(_RequestFile(function.name, [text or "" for text in texts], note))
     except UnicodeEncodeError:  # a lone surrogate
         raise SavedRequestError(say("desk.saved.half")) from None
+    path = folder / f"{stem}{_SUFFIX}"
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        return _write_atomically(folder / f"{stem}{_SUFFIX}", content)
+        write_atomically(path, content)
     except OSError as error:
         raise SavedRequestError(f"{folder}: {error_text(error)}") from None
-
-
-def _write_atomically(path: Path, content: bytes) -> Path:
-    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-    try:
-        with os.fdopen(handle, "wb") as file:
-            file.write(content)
-        os.replace(temporary, path)
-    except BaseException:
-        Path(temporary).unlink(missing_ok=True)
-        raise
     return path
 
 

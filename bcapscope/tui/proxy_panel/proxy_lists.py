@@ -30,11 +30,9 @@ class ItemList(Lines, Generic[T]):
         self.items: list[T] = []
 
     def key_of(self, item: T) -> object:
-        """Return the identity of an item."""
         raise NotImplementedError
 
     def item_line(self, item: T) -> str:
-        """Return the line of an item."""
         raise NotImplementedError
 
     def show(self, items: list[T]) -> None:

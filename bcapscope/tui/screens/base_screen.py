@@ -40,8 +40,8 @@ class BaseScreen(Screen[None], PlainContainer):
 
     def compose(self) -> ComposeResult:
         """Put the content between the two bars, with the styles for this size from the start."""
-        classes = self._get_breakpoint_classes(self.app.size.width, self.HORIZONTAL_BREAKPOINTS or [])
-        self.set_class(True, *classes, update=False)
+        classes = [name for width, name in self.HORIZONTAL_BREAKPOINTS or () if width <= self.app.size.width]
+        self.set_class(True, *classes[-1:], update=False)
         yield TopBar()
         yield from self.content()
         yield KeyBar()
@@ -55,7 +55,6 @@ class BaseScreen(Screen[None], PlainContainer):
         event.refresh_styles = False
 
     def content(self) -> ComposeResult:
-        """Yield the widgets of the screen."""
         raise NotImplementedError
 
     def commands(self) -> Iterator[tuple[str, str, str]]:

@@ -21,7 +21,6 @@ _MAX_FRAMES_IN_FILTER = 64
 
 
 def call_frames(settled: PairingResult | None) -> frozenset[int]:
-    """Return the numbers of all frames of a call."""
     if not isinstance(settled, Call):
         return frozenset()
     return frozenset(event.observation.number for event in settled.frames)

@@ -38,14 +38,11 @@ class HelpScreen(ModalScreen[None]):
         with VerticalScroll(id="help") as page:
             page.border_title = Text(say("shell.help.title", name=self._title)).markup
             page.border_subtitle = say("shell.close.hint")
-            yield Static(self._page(), id="help-text")
+            yield Static(Group(*self._parts()), id="help-text")
 
     def on_mount(self) -> None:
         """Focus the page, so that keys scroll it."""
         self.query_one("#help").focus()
-
-    def _page(self) -> RenderableType:
-        return Group(*self._parts())
 
     def _parts(self) -> Iterator[RenderableType]:
         inks = app_of(self).text_styles

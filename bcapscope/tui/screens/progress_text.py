@@ -47,6 +47,5 @@ def count_text(number: int, brief: bool) -> str:
 
 
 def _progress_bar(percent: int) -> str:
-    """Return a progress bar for reading."""
     full = _BAR * percent // 100
     return f"{'━' * full}{'╌' * (_BAR - full)}"

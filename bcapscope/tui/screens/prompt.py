@@ -37,7 +37,6 @@ class Prompt(ModalScreen[str | None]):
             )
 
     def on_input_submitted(self, event: Input.Submitted) -> None:
-        """Return the text."""
         self.dismiss(event.value)
 
     def action_cancel(self) -> None:

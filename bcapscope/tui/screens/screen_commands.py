@@ -84,7 +84,6 @@ class ScreenCommandProvider(Provider):
         return filter(_is_available, all_commands(self.screen, cast(BcapApp, self.app)))
 
     async def discover(self) -> Hits:
-        """Yield all commands."""
         for command in self._available_commands():
             yield DiscoveryHit(
                 _command_label(command), self._command_runner(command), command.name, command.tip or None

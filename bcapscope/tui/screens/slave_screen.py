@@ -64,7 +64,11 @@ _MAX_ROUNDS = 1_000_000_000
 
 
 class SlaveScreen(BaseScreen):
-    """Plays a trajectory. The player is a separate process, so drawing delays no set point."""
+    """Plays a trajectory. The player is a separate process, so drawing delays no set point.
+
+    Attributes:
+        playback: The present or last run; None before the first.
+    """
 
     NAME = "tester.slave"
     ABOUT = "tester.slave.about"
@@ -101,13 +105,8 @@ class SlaveScreen(BaseScreen):
         )
         self._initial_path = path
         self._prepared: PreparedTrajectory | None = None
-        self._playback: PlaybackRun | None = None
+        self.playback: PlaybackRun | None = None
         self._question_dialog: ChoiceDialog | None = None
-
-    @property
-    def playback(self) -> PlaybackRun | None:
-        """The present or last run; None before the first."""
-        return self._playback
 
     def content(self) -> ComposeResult:
         """Put the settings above the report and the running view."""
@@ -269,7 +268,7 @@ class SlaveScreen(BaseScreen):
         )
         target = replace(status.target, name=f"{status.target.name}-player" if status.target.name else "")
         plan = ready.make_plan(target, robot, desk.arming.is_required, record)
-        self._playback = run = PlaybackRun(plan, ready.trajectory)
+        self.playback = run = PlaybackRun(plan, ready.trajectory)
         self._set_playing(True)
         desk.pause_polling(True)
         try:

@@ -47,12 +47,10 @@ class TesterNavigation(BaseScreen):
                 return
 
     def action_next_tab(self) -> None:
-        """Show the next tab."""
         here = self.query_one(FormTabs).current_tab
         self.action_tab(TABS[(TABS.index(here) + 1) % len(TABS)])
 
     def action_next_view(self) -> None:
-        """Show the next view."""
         here = self.query_one(PacketPane).current_view
         self.action_view(VIEWS[(VIEWS.index(here) + 1) % len(VIEWS)])
 

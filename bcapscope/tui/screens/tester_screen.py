@@ -387,7 +387,6 @@ class TesterScreen(TesterNavigation):
         return super().check_action(action, parameters)
 
     def action_connect(self) -> None:
-        """Connect."""
         self.query_one(ConnectionPanel).request_connect()
 
     def action_disconnect(self) -> None:

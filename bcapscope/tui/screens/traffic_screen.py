@@ -101,7 +101,6 @@ class TrafficScreen(TrafficViews):
     # filter and time
 
     def action_filter(self) -> None:
-        """Focus the filter."""
         self.set_focus(self.query_one("#filter"))
 
     def action_back(self) -> None:
@@ -339,5 +338,4 @@ class TrafficScreen(TrafficViews):
             self.replace_feed(feed, Path(path).name)
 
     def action_stop(self) -> None:
-        """Stop capturing."""
         self.feed.stop_reading()

@@ -217,12 +217,10 @@ class TrafficViews(ViewsScreen):
 
     @property
     def frames(self) -> FrameList:
-        """The list of frames."""
         return self.query_one(FrameList)
 
     @property
     def calls(self) -> CallList:
-        """The list of calls."""
         return self.query_one(CallList)
 
     def update_line_format(self) -> None:

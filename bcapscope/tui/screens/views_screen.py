@@ -38,12 +38,10 @@ class ViewsScreen(BaseScreen):
         self.view = next(iter(self.VIEWS))
 
     def make_view_bar(self) -> ViewBar:
-        """Return the bar with the names of the views."""
         return ViewBar(tuple(self.VIEWS.items()), id="views")
 
     @property
     def shown_list(self) -> Lines:
-        """The visible list."""
         found = self.query_one(f"#{self.view}")
         assert isinstance(found, Lines)
         return found

@@ -69,7 +69,6 @@ class CallRunner:
         await self._run_reported(result_display, lambda: self._session.call(function, record.arguments))
 
     async def make_saved_call(self, result_display: ResultDisplay, saved: SavedRequest) -> None:
-        """Send a saved request."""
         await self.make_call(result_display, saved.function, saved.values)
 
     async def send_raw(self, result_display: ResultDisplay, raw: bytes) -> None:

@@ -53,7 +53,6 @@ class ChoiceRow(Widget, can_focus=True):
         self.post_message(self.Chosen(self, value))
 
     def render(self) -> RenderResult:
-        """Render the row."""
         text = Text(no_wrap=True, end="")
         for value, name in self._options:
             kind = "choice--chosen" if value == self.chosen else "choice--other"

@@ -51,7 +51,6 @@ class CommandForm(Vertical):
         yield ResultView()
 
     def fill_command(self, name: str, parameter: Variant, text: str) -> None:
-        """Show a command with its parameter."""
         with self.prevent(Input.Changed):
             self.query_one(".command", Input).value = name
         self.query_one(TypedValue).fill_value(parameter.vt, text)

@@ -100,12 +100,10 @@ class ConnectionPanel(Vertical):
         self._update_texts()
 
     def show_step(self, step_update: ConnectStepUpdate) -> None:
-        """Show a step."""
         self._steps[step_update.step] = step_update
         self._update_texts()
 
     def show_problem(self, reason: str) -> None:
-        """Show what broke the connection."""
         self._is_address_pending = False
         self._problem = reason
         self._update_texts()

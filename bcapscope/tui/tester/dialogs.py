@@ -86,8 +86,6 @@ class ChoiceDialog(ModalScreen[str | None]):
 
 
 class NameDialog(ModalScreen[str | None]):
-    """Asks for a name."""
-
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("escape", "dismiss(None)", "shell.close", key_display="esc"),
     ]

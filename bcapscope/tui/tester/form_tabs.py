@@ -46,7 +46,6 @@ class FormTabs(Vertical):
             yield RawForm(id="raw")
 
     def set_open_objects(self, open_objects: Sequence[ObjectHandle]) -> None:
-        """Update the open objects."""
         for panel in self.query(VariablePanel):
             panel.set_open_objects(open_objects)
         self.query_one(TaskPanel).set_open_objects(open_objects)
@@ -58,11 +57,9 @@ class FormTabs(Vertical):
 
     @property
     def current_tab(self) -> str:
-        """The visible tab."""
         return self.query_one("#tabs", ChoiceRow).chosen
 
     def show_tab(self, tab: str) -> None:
-        """Show a tab."""
         self.query_one("#tabs", ChoiceRow).chosen = tab
         self.query_one("#panels", ContentSwitcher).current = tab
 

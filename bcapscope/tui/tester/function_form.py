@@ -130,7 +130,6 @@ class FunctionPanel(Vertical):
         yield FunctionForm(self._initial_function)
 
     async def show_function(self, function: Function) -> FunctionForm:
-        """Show the form of another function."""
         button = self.query_one("#choose-function", Button)
         button.label = self._button_label(function)
         button.refresh(layout=True)  # its width follows its label

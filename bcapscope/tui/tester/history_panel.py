@@ -80,21 +80,17 @@ class HistoryLines(Lines):
         return self._records[self.cursor] if self._records else None
 
     def line(self, index: int) -> str:
-        """Return the line of a call."""
         return history_line(self._records[index], INK)
 
     def show_records(self, records: list[HistoryRecord]) -> None:
-        """Show these calls."""
         self._records = records
         self.reset_lines(len(records) - 1)
 
     def add_record(self, record: HistoryRecord) -> None:
-        """Add a call."""
         self._records.append(record)
         self.lines_added()
 
     def action_filter(self) -> None:
-        """Focus the filter."""
         self.post_message(self.FilterWanted())
 
     def action_want(self, what: str) -> None:
@@ -104,8 +100,6 @@ class HistoryLines(Lines):
 
 
 class HistoryPanel(Vertical):
-    """The history with its filter."""
-
     class RecordSelected(Message):
         """The cursor is on a call; the screen shows its packets."""
 

@@ -50,7 +50,6 @@ class ListPicker(ModalScreen[str | None]):
         raise NotImplementedError
 
     def action_down(self) -> None:
-        """Focus the list."""
         self.query_one(OptionList).focus()
 
     @on(Input.Changed)
@@ -102,8 +101,6 @@ class CommandPicker(ListPicker):
 
 
 class FunctionPicker(ListPicker):
-    """All 137 functions."""
-
     def __init__(self) -> None:
         super().__init__(say("tester.functions"))
 

@@ -17,8 +17,6 @@ from bcapscope.tui.words import say
 
 
 class OpenObjectRow(Horizontal):
-    """A row that opens objects of one class."""
-
     class ReleaseWanted(OpenWanted):
         """The user wants to release the object with this name."""
 
@@ -62,7 +60,6 @@ class OpenObjectRow(Horizontal):
 
     @property
     def object_name(self) -> str:
-        """The name in the field."""
         return self.query_one(".name", Input).value.strip()
 
     def _make_message(self, kind: type[OpenWanted]) -> OpenWanted:

@@ -53,7 +53,6 @@ class PacketBox(Vertical):
         return self._packets[self._index][0] if self._packets else None
 
     def clear_packets(self) -> None:
-        """Remove all packets."""
         self._packets = []
         self._index = 0
         self._show_packet()

@@ -78,11 +78,9 @@ class PacketPane(Vertical):
 
     @property
     def current_view(self) -> str:
-        """The visible view."""
         return self.query_one("#view", ChoiceRow).chosen
 
     def show_view(self, view: str) -> None:
-        """Show a view."""
         self.query_one("#view", ChoiceRow).chosen = view
         self._switch_view(view)
 

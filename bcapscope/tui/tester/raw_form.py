@@ -27,11 +27,9 @@ _EXAMPLE = "01 10 00 00 00 01 00 00 00 02 00 00 00 00 00 04"
 class BytesField(Input):
     """A field for bytes, which users often copy from several lines."""
 
-    def _on_paste(self, event: Paste) -> None:
-        """Join the pasted lines."""
-        event.prevent_default()
-        event.stop()
-        super()._on_paste(Paste(" ".join(event.text.split())))
+    def on_paste(self, event: Paste) -> None:
+        """Join the pasted lines; Textual's own handler then pastes the first line."""
+        event.text = " ".join(event.text.split())
 
 
 class RawForm(Vertical):
@@ -48,7 +46,6 @@ class RawForm(Vertical):
         yield ResultView()
 
     def fill_bytes(self, raw: bytes) -> None:
-        """Show bytes."""
         self.query_one(Input).value = raw.hex(" ").upper()
 
     @property

@@ -127,7 +127,6 @@ class RecoveryDialog(ModalScreen[None]):
         return await self._session.run_in_loop(run_recovery_step(self._session, which, first, mode))
 
     def _focus_next_step(self, which: RecoveryStep) -> None:
-        """Focus the next step."""
         steps = list(RecoveryStep)
         at = steps.index(which) + 1
         if at < len(steps):

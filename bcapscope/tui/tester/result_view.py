@@ -24,6 +24,7 @@ class ResultView(InkedText, can_focus=True):
 
     Attributes:
         shows_all_digits: Whether all digits are shown.
+        record: The shown call; None if there is none, or something else is shown.
     """
 
     BINDINGS: ClassVar[list[BindingType]] = [
@@ -32,7 +33,7 @@ class ResultView(InkedText, can_focus=True):
 
     def __init__(self, *, id: str | None = None) -> None:
         super().__init__(id=id, classes="-empty")
-        self._record: HistoryRecord | None = None
+        self.record: HistoryRecord | None = None
         self.shows_all_digits = False
         self._line = ""
 
@@ -41,36 +42,31 @@ class ResultView(InkedText, can_focus=True):
         """The shown text, with ink marks."""
         return self._line
 
-    @property
-    def record(self) -> HistoryRecord | None:
-        """The shown call; None if there is none, or something else is shown."""
-        return self._record
-
     def show_pending(self) -> None:
         """Show that the call is under way."""
-        self._record = None
+        self.record = None
         self._show_line(f"{INK.dim}{say('tester.waiting')}{INK.reset}")
 
     def show_record(self, record: HistoryRecord) -> None:
         """Show how a call ended."""
-        self._record = record
+        self.record = record
         self._show_line(_record_text(record, self.shows_all_digits))
         self._scroll_into_view()
 
     def show_error(self, reason: str) -> None:
         """Show why nothing was sent, or which error occurred."""
-        self._record = None
+        self.record = None
         self._show_line(f"{INK.bad}{printable(reason)}{INK.reset}")
         self._scroll_into_view()
 
     def show_hint(self, text: str) -> None:
         """Show what input is expected."""
-        self._record = None
+        self.record = None
         self._show_line(f"{INK.dim}{printable(text)}{INK.reset}" if text else "")
 
     def show_problem(self, text: str) -> None:
         """Show what is wrong with the input."""
-        self._record = None
+        self.record = None
         self._show_line(f"{INK.problem}{printable(text)}{INK.reset}")
 
     def action_digits(self) -> None:
@@ -80,8 +76,8 @@ class ResultView(InkedText, can_focus=True):
     def show_digits(self, full: bool) -> None:
         """Show all digits or five decimals."""
         self.shows_all_digits = full
-        if self._record is not None:
-            self.show_record(self._record)
+        if self.record is not None:
+            self.show_record(self.record)
 
     def _scroll_into_view(self) -> None:
         """Scroll the forms to this view, in case the screen is too low for all of them."""
@@ -92,7 +88,7 @@ class ResultView(InkedText, can_focus=True):
             return
         self._line = line
         self.set_class(not line, "-empty")
-        head = f"{INK.name}{say('tester.result')}{INK.reset}  " if self._record is not None else ""
+        head = f"{INK.name}{say('tester.result')}{INK.reset}  " if self.record is not None else ""
         self.show_text(head + line)
 
 

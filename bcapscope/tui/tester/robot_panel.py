@@ -20,8 +20,6 @@ _MOVE, _EXECUTE, _CHANGE = 72, 64, 66
 
 
 class RobotPanel(VerticalScroll, can_focus=False):
-    """The forms for a robot."""
-
     def compose(self) -> ComposeResult:
         """Put the parts in the order of b-CAP Tester."""
         added = ResultView(id="added")

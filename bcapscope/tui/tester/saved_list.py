@@ -59,7 +59,6 @@ class SavedList(Lines):
         return len(self._requests) + 1
 
     def line(self, index: int) -> str:
-        """Return the line of a request."""
         if index == len(self._requests):
             return f"{INK.dim}{say('tester.saved.folder', path=printable(str(self.folder)))}{INK.reset}"
         name, found = self._requests[index]

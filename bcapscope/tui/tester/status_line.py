@@ -22,7 +22,6 @@ _HALT_STYLES = {HaltState.READY: "good", HaltState.HALTED: "bad", HaltState.OPEN
 def status_pieces(
     status: SessionStatus, arming: ArmingState, now: int, halt: HaltUpdate, reply_monitor: ReplyMonitor
 ) -> list[StatusPiece]:
-    """Return the pieces of the line."""
     if status.target is None:
         return [(f" {say('tester.status.none')} ", "dim")]
     age = reply_monitor.silence(now)

@@ -51,7 +51,6 @@ class TaskPanel(VerticalScroll, can_focus=False):
             yield CommandForm(_EXECUTE)
 
     def set_open_objects(self, open_objects: Sequence[ObjectHandle]) -> None:
-        """Update the open objects."""
         self._open_tasks = tuple(one for one in open_objects if one.kind is ObjectClass.TASK)
 
     @property

@@ -13,7 +13,6 @@ class TickBox(Checkbox):
         self._update_mark()
 
     def watch_value(self) -> None:
-        """Show the new value."""
         self._update_mark()
         super().watch_value()
 

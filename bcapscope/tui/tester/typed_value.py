@@ -59,13 +59,11 @@ class TypedValue(Horizontal):
 
     @property
     def vt(self) -> int:
-        """The selected type."""
         value = self.query_one(Select).value
         return value if isinstance(value, int) else self._initial_type
 
     @property
     def typed(self) -> tuple[int, str]:
-        """The type and the text."""
         return self.vt, self.query_one(Input).value
 
     @property
@@ -76,16 +74,13 @@ class TypedValue(Horizontal):
 
     @property
     def checked_text(self) -> CheckedText:
-        """The parsed text."""
         return check_text(self.vt, self.query_one(Input).value)
 
     def select_type(self, vt: int) -> None:
-        """Select a type."""
         if vt in self._types:
             self.query_one(Select).value = int(vt)
 
     def fill_value(self, vt: int, text: str) -> None:
-        """Show a value."""
         self.select_type(vt)
         self.query_one(Input).value = text
 

@@ -52,7 +52,6 @@ class VariablePanel(Vertical):
         yield result
 
     def set_open_objects(self, open_objects: Sequence[ObjectHandle]) -> None:
-        """Update the open objects."""
         self._open_variables = tuple(
             one
             for one in open_objects

@@ -29,8 +29,6 @@ WIDE, NARROW = ColumnWidths(28, 12, 30), ColumnWidths(14, 11, 15)
 
 
 class WatchList(Lines):
-    """The watched variables."""
-
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("delete", "remove", "tester.unwatch", id="watch.remove"),
         Binding("0", "reset", "tester.watch.reset", id="watch.reset", tooltip="tester.watch.reset.tip"),

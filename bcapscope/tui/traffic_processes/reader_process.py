@@ -239,7 +239,6 @@ class _LiveCapture:
         self._writer = PcapngWriter(path.open("xb", buffering=0))
 
     def start(self, ended: threading.Event) -> None:
-        """Start the thread."""
         threading.Thread(target=self._run, args=(ended,), daemon=True, name="capture").start()
 
     def _run(self, ended: threading.Event) -> None:

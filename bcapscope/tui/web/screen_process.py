@@ -115,7 +115,6 @@ class ScreenProcess(AppService):
         return process
 
     async def wait_until_ended(self) -> None:
-        """Wait until the process has ended."""
         if self._process is not None:
             await self._process.wait()
 

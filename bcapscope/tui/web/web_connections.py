@@ -22,7 +22,6 @@ class WebConnections:
         self._unproved: dict[RequestHandler, asyncio.TimerHandle] = {}
 
     def __call__(self) -> RequestHandler:
-        """Return the protocol of a new connection."""
         if len(self._unproved) >= MAX_UNPROVED:
             self._abort(next(iter(self._unproved)))
         handler = self._server()

@@ -107,7 +107,6 @@ class CallList(Lines):
         return position + sum(extra for each, extra in self._unfolded if each < position)
 
     def call_row(self, position: int) -> StoredCall:
-        """Return the call at a position."""
         assert self._calls is not None
         return self._calls.read_call(self.rows.number(position) - 1)
 
@@ -135,7 +134,6 @@ class CallList(Lines):
         return True
 
     def line(self, index: int) -> str:
-        """Return the line of a call or of one of its frames."""
         position, part = self._locate_line(index)
         row = self.call_row(position)
         call = row.settled
@@ -186,7 +184,6 @@ class CallList(Lines):
             self.action_turn()
 
     def header(self) -> str:
-        """Return the column header."""
         client = f"{left_aligned(say('traffic.head.client'), 21)}   " if self._with_client else "   "
         call, time = right_aligned(say("traffic.head.call"), 6), right_aligned(say("traffic.head.time"), 12)
         return f" {call} {time} {client} {say('traffic.head.what')}"

@@ -61,7 +61,6 @@ class CheckedInput(Vertical):
 
     @property
     def field(self) -> Input:
-        """The input field."""
         return self.query_one(f"#{self._field}", Input)
 
     def set_text(self, text: str) -> None:

@@ -64,7 +64,6 @@ class FieldTree(Lines):
         self._full = False
 
     def show_sections(self, sections: tuple[FrameSection, ...]) -> None:
-        """Show the fields of the sections."""
         self._sections = sections
         self._full = False
         self._rebuild()
@@ -172,7 +171,6 @@ class FieldTree(Lines):
             self.move_cursor_to(self._visible.index(parents[-1]))
 
     def action_unfold(self) -> None:
-        """Unfold the branch."""
         if self._visible and self._visible[self.cursor] in self._folded:
             self._set_folded(self._visible[self.cursor], False)
 

@@ -59,7 +59,6 @@ class FindingPage(Lines):
         return len(self._lines)
 
     def line(self, index: int) -> str:
-        """Return a line."""
         return self._lines[index][0]
 
     def on_resize(self, event: Resize) -> None:

@@ -125,7 +125,6 @@ class FrameList(Lines):
         return self.rows.number(self.cursor) if self.cursor < self.count else None
 
     def read_frame(self, number: int) -> AnnotatedFrame:
-        """Return a frame."""
         assert self._journal is not None
         return self._journal.read_frame(number)
 
@@ -166,7 +165,6 @@ class FrameList(Lines):
             self.redraw_lines(*(index for index in changed if index is not None))
 
     def header(self) -> str:
-        """Return the column header."""
         time = {TimeFormat.UTC: 30, TimeFormat.EPOCH: 20}.get(self._clock, 12)
         client = f"{left_aligned(say('traffic.head.client'), 21)}   " if self._with_client else "  "
         words: Mapping[str, str] = {

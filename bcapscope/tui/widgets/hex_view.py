@@ -82,7 +82,6 @@ class HexView(Lines):
         return bool(caption) - (-len(body) // self._per_line)
 
     def line(self, index: int) -> str:
-        """Return a line."""
         for number, (caption, body, _) in enumerate(self._sections):
             height = self._section_height(number)
             if index < height:

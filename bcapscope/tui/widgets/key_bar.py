@@ -51,7 +51,6 @@ class KeyBar(Widget):
             yield name, f" {key} {text} "
 
     def render(self) -> RenderResult:
-        """Render the bar."""
         bar = Text(no_wrap=True, end="", overflow="ellipsis")
         key_style = self.get_component_rich_style("keybar--key")
         text_style = self.get_component_rich_style("keybar--text")
@@ -62,7 +61,6 @@ class KeyBar(Widget):
         return bar
 
     def on_click(self, event: Click) -> None:
-        """Simulate the clicked key."""
         at = 0
         for name, text in self._visible_keys():
             width = Text(text).cell_len

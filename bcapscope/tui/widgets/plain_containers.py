@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from textual.containers import Vertical
-from textual.geometry import Region, Size
+from textual.geometry import Region
 from textual.strip import Strip
-from textual.widget import Widget
 from textual.widgets import ContentSwitcher
 
+from bcapscope.tui.textual_internals import UnscrolledWidget
 
-class PlainContainer(Widget):
+
+class PlainContainer(UnscrolledWidget):
     """A container without border, padding and scroll bars; only its children are visible.
 
     Textual draws each line of a container even if children cover it. That took a third of the time of a
@@ -22,12 +23,6 @@ class PlainContainer(Widget):
         for each in self.get_line_filters():
             blank = blank.apply_filter(each, self.background_colors[1])
         return [blank] * crop.height
-
-    def _size_updated(
-        self, size: Size, virtual_size: Size, container_size: Size, layout: bool = True
-    ) -> bool:
-        """Apply a size from the layout. Nothing scrolls, so no further layout is necessary."""
-        return super()._size_updated(size, virtual_size, container_size, layout=False)
 
 
 class PlainVertical(Vertical, PlainContainer):

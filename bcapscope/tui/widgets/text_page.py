@@ -15,7 +15,6 @@ class TextPage(Lines):
         self._lines = list(lines)
 
     def show_lines(self, lines: Sequence[str]) -> None:
-        """Replace the lines."""
         if self._lines != lines:
             self._lines = list(lines)
             self.reset_lines(self.cursor)
@@ -26,5 +25,4 @@ class TextPage(Lines):
         return len(self._lines)
 
     def line(self, index: int) -> str:
-        """Return a line."""
         return self._lines[index]

@@ -78,7 +78,6 @@ class ViewBar(Widget):
         return Strip(bar).adjust_cell_length(width, self._style(""))
 
     def on_click(self, event: Click) -> None:
-        """Post the clicked view."""
         at = 0
         for view, key, label in self._view_labels():
             width = cell_len(key + label)

@@ -61,7 +61,6 @@ def test_types_and_effects(owner: int, name: str, parameter: str, result: str, e
     assert parameter in found.parameter_types
     assert result in found.result_types
     assert found.effect is effect
-    assert found.may_move is (effect is CallEffect.MOVES)
 
 
 @pytest.mark.parametrize(

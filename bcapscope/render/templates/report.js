@@ -1,8 +1,3 @@
-"""The script of a report: draws the pictures, keeps the chosen theme, answers keys, fits paper."""
-
-from __future__ import annotations
-
-SCRIPT = """\
 "use strict";
 (function () {
   const paperWidth = 680;
@@ -88,4 +83,3 @@ SCRIPT = """\
 
   drawNext(0);
 })();
-"""

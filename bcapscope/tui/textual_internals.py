@@ -1,0 +1,89 @@
+"""Every use of a private name of Textual; review this module when Textual is upgraded.
+
+Textual has no public way to do these things. `tui.web.screen_process` does the same for textual-serve.
+"""
+
+from __future__ import annotations
+
+import os
+from contextlib import suppress
+from functools import partial
+from typing import IO, Any
+
+from textual.driver import Driver
+from textual.drivers.web_driver import WebDriver
+from textual.geometry import Size
+from textual.widget import Widget
+
+
+class UnscrolledWidget(Widget):
+    """A widget that never scrolls, so that a new size needs no second layout."""
+
+    def _size_updated(
+        self, size: Size, virtual_size: Size, container_size: Size, layout: bool = True
+    ) -> bool:
+        return super()._size_updated(size, virtual_size, container_size, layout=False)
+
+
+def survive_lost_server(driver: WebDriver) -> None:
+    """Let a browser driver discard its output once the server has gone, instead of raising."""
+    driver._write = partial(_write_all, driver.fileno)
+
+
+def _write_all(fileno: int, data: bytes) -> int:
+    """Write all of `data`, even across signals; write nothing once the server has gone."""
+    size = len(data)
+    with suppress(OSError):
+        while data:
+            data = data[os.write(fileno, data) :]
+    return size
+
+
+def survive_lost_terminal(driver: Driver) -> None:
+    """Let a terminal driver discard its output once the terminal has gone, instead of raising."""
+    file: IO[str] | None = getattr(driver, "_file", None)
+    if file is not None:
+        driver._file = _HangupSafeFile(file)  # type: ignore[attr-defined]  # only terminal drivers have it
+
+
+class _HangupSafeFile:
+    """An output file that discards data once the terminal is gone.
+
+    Otherwise the writing thread would fail, and the program could not end: its shutdown waits for that
+    thread.
+    """
+
+    def __init__(self, file: IO[str]) -> None:
+        self._file = file
+
+    def write(self, text: str) -> None:
+        with suppress(OSError):
+            self._file.write(text)
+
+    def flush(self) -> None:
+        with suppress(OSError):
+            self._file.flush()
+
+    def fileno(self) -> int:
+        return self._file.fileno()
+
+
+def make_resumable_driver(driver: type[Driver]) -> type[Driver]:
+    """Return a driver that takes the terminal over again after a stop, if the terminal still exists.
+
+    A terminal that hangs up sends SIGCONT after SIGHUP, and another process can stop the program. Textual
+    would then use two threads each for reading and writing, and end only one of them.
+    """
+
+    class ResumableDriver(driver):  # type: ignore[valid-type, misc]  # which driver it is, the platform decides
+        _must_signal_resume: bool
+
+        def _sigcont_application(self, *arguments: Any) -> None:
+            if not os.isatty(self.fileno):
+                return
+            if self._auto_restart and not self._must_signal_resume:
+                self.suspend_application_mode()
+                self._must_signal_resume = True  # redraws everything
+            super()._sigcont_application(*arguments)
+
+    return ResumableDriver
