@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 
 from bcapscope.analysis.finding import Consequence, Finding, Repetition, Severity
@@ -161,18 +161,28 @@ class FindingCollector:
             for each in self._by_call.get(number, ())
             if each.rule.severity is not Severity.NOTE or each.rule.id in likely
         ]
-        causes = [each for each in named if self._can_cause(each, occurrence)]
-        if not causes:
-            found = list(self._possible_causes(occurrence)) + ([] if known is None else [known])
-            causes = [each for each in found if self._can_cause(each, occurrence)]
-        if causes:
-            cause = max(causes, key=lambda each: (each.began, -_cause_rank(each.rule.id, likely)))
+        cause = self._best_cause(named, occurrence)
+        if cause is None:
+            found = [*self._possible_causes(occurrence), *(() if known is None else (known,))]
+            cause = self._best_cause(found, occurrence)
+        if cause is not None:
             self._causes[occurrence] = cause
             self._group_of(cause).keep_cause(cause)
 
-    def _can_cause(self, cause: Occurrence, effect: Occurrence) -> bool:
-        """Return whether `cause` may be the cause of `effect`, and is not one of its consequences."""
-        return cause is not effect and cause.began <= effect.completed and not self._leads_to(cause, effect)
+    def _best_cause(self, candidates: Sequence[Occurrence], effect: Occurrence) -> Occurrence | None:
+        """Return the latest candidate that may be the cause, and the likeliest of several at once.
+
+        A candidate is no cause if it began after the effect, or follows from it.
+        """
+        best, best_key = None, (0, 0)
+        # Candidates come roughly in order of time. Backwards, only the first few need all checks.
+        for each in reversed(candidates):
+            if each is effect or each.began > effect.completed or (best and each.began < best.began):
+                continue
+            key = each.began, -_cause_rank(each.rule.id, effect.rule.possible_causes)
+            if (best is None or key >= best_key) and not self._leads_to(each, effect):
+                best, best_key = each, key
+        return best
 
     def _leads_to(self, start: Occurrence, goal: Occurrence) -> bool:
         each: Occurrence | None = start

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 from bcapscope.analysis.client_state import ClientRegistry, ClientState, folded_command
@@ -84,45 +85,50 @@ class MotionChecker(RuleChecker):
                 _SpeedChange(call.conversation, call.reply.time, frame_numbers(call), call_name_place(call))
             )
 
-    def on_slave_session(self, session: SlaveSession) -> None:
+    def session_occurrences(self, session: SlaveSession) -> Iterator[Occurrence]:
         first, last = session.first_set_point, session.last_set_point
         if first is not None and last is not None:
             place = CallPlace("slvMove", None, 0)
             frames = (first.frame, last.frame)
-            self._add_motion(_Motion(session.conversation, first.time, last.time, frames, place))
+            motion = _Motion(session.conversation, first.time, last.time, frames, place)
+            for change in self._changes:
+                yield from _occurrences(motion, change)
 
     def _add_motion(self, motion: _Motion) -> None:
         self._motions.append(motion)
         for change in self._changes:
-            self._check(motion, change)
+            self._report(motion, change)
 
     def _add_change(self, change: _SpeedChange) -> None:
         self._changes.append(change)
         for motion in self._motions:
-            self._check(motion, change)
+            self._report(motion, change)
 
-    def _check(self, motion: _Motion, change: _SpeedChange) -> None:
-        is_same_controller = motion.conversation.server.host == change.conversation.server.host
-        if not is_same_controller or not motion.began < change.time < motion.ended:
-            return
-        self.report_occurrence(
-            Occurrence(
-                SPEED_CHANGED_IN_MOTION,
-                change.time,
-                change.time,
-                change.conversation,
-                tuple(sorted({*motion.frames, *change.frames})),
-                Message(
-                    "finding.speed-changed-in-motion",
-                    at=Moment(change.time),
-                    client=client_place(change.conversation),
-                    call=change.call,
-                    motion=motion.call,
-                    mover=client_place(motion.conversation),
-                ),
-                Message("clause.speed-changed-in-motion", call=change.call),
-                call=change.call.number,
-            )
+    def _report(self, motion: _Motion, change: _SpeedChange) -> None:
+        for occurrence in _occurrences(motion, change):
+            self.report_occurrence(occurrence)
+
+
+def _occurrences(motion: _Motion, change: _SpeedChange) -> Iterator[Occurrence]:
+    """Yield an occurrence if the speed of this controller changed during the motion."""
+    is_same_controller = motion.conversation.server.host == change.conversation.server.host
+    if is_same_controller and motion.began < change.time < motion.ended:
+        yield Occurrence(
+            SPEED_CHANGED_IN_MOTION,
+            change.time,
+            change.time,
+            change.conversation,
+            tuple(sorted({*motion.frames, *change.frames})),
+            Message(
+                "finding.speed-changed-in-motion",
+                at=Moment(change.time),
+                client=client_place(change.conversation),
+                call=change.call,
+                motion=motion.call,
+                mover=client_place(motion.conversation),
+            ),
+            Message("clause.speed-changed-in-motion", call=change.call),
+            call=change.call.number,
         )
 
 
