@@ -330,10 +330,10 @@ def _direction_by_content(part: bytes) -> Direction | None:
     shown = direction_evidence(parse_single_frame(part))
     if shown is not None:
         return shown[0]
-    mended = find_repair(part)
-    if mended is not None:
-        part = mended.raw
-    size = len(part) + (mended.missing_at_end if mended else 0)
+    repaired = find_repair(part)
+    if repaired is not None:
+        part = repaired.raw
+    size = len(part) + (repaired.missing_at_end if repaired else 0)
     as_request, as_reply = (
         plausible_prefix_length(part, size, True),
         plausible_prefix_length(part, size, False),
@@ -371,16 +371,16 @@ def _direction_by_ports(segment: bytes) -> Direction | None:
 
 def _note_serial_mismatches(packets: Iterable[HexPacket]) -> Iterator[HexPacket]:
     """Add a note to each reply whose serial matches no earlier request."""
-    asked: set[int] = set()
+    request_serials: set[int] = set()
     last = 0
     for packet in packets:
         noted = packet
         if _begins_as_frame(packet.data) and len(packet.data) >= HEADER_SIZE:
             serial = int.from_bytes(packet.data[_SERIAL], "little")
             if packet.direction is Direction.REQUEST:
-                asked.add(serial)
+                request_serials.add(serial)
                 last = serial
-            elif packet.direction is Direction.RESPONSE and asked and serial not in asked:
+            elif packet.direction is Direction.RESPONSE and request_serials and serial not in request_serials:
                 note = f"serial {serial}, the request above has {last}: they do not belong together"
                 noted = packet._replace(notes=(*packet.notes, note))
         yield noted

@@ -92,13 +92,15 @@ class _Sentence:
         first = edits[0].offset
         if first == 1:
             claimed = int.from_bytes(edits[0].found, "little")
-            told = f"it says {claimed}, there are {len(self._raw)} bytes"
-            return Problem(1, "guess", f"probably only the length field is wrong: {told}")
-        told = " and ".join(
+            text = f"it says {claimed}, there are {len(self._raw)} bytes"
+            return Problem(1, "guess", f"probably only the length field is wrong: {text}")
+        misread = " and ".join(
             f"{edit.found.hex().upper()} for {edit.expected.hex().upper()} at offset {edit.offset}"
             for edit in edits
         )
-        return Problem(first, "guess", f"probably misread: {told}, in {self._where(first)}; {self._then()}")
+        return Problem(
+            first, "guess", f"probably misread: {misread}, in {self._where(first)}; {self._then()}"
+        )
 
     def _damage(self, edits: tuple[ByteEdit, ...]) -> str:
         changed = [edit.found + edit.expected for edit in edits]
