@@ -297,8 +297,8 @@ class _ReplayRunner:
         self, target: ControllerTarget, log: ArmedCallLogger | None, longest_pause: int
     ) -> None:
         async with _session(target, log) as (session, channel):
-            reach = ObjectOpener(session, target.service, target.connect, {})
-            play = ScriptPlayer(self._script, reach, channel, longest_pause, self._anywhere)
+            opener = ObjectOpener(session, target)
+            play = ScriptPlayer(self._script, opener, channel, longest_pause, self._anywhere)
             await play.play(self._on_played)
 
     def _needs_arming(self) -> bool:
@@ -321,7 +321,7 @@ class _ReplayRunner:
 
 async def _is_simulator(target: ControllerTarget) -> bool:
     async with _session(target) as (session, _):
-        return await ObjectOpener(session, target.service, target.connect, {}).is_simulator()
+        return await ObjectOpener(session, target).is_simulator()
 
 
 def _confirm_robot(host: str) -> bool:

@@ -52,8 +52,8 @@ async def read_log_records(
     """
     records: list[Value] = []
     try:
-        reach = ObjectOpener(session, target.service, target.connect, {ObjectClass.ROBOT: robot_name})
-        robot = Robot(session, await reach.handle_for(ObjectClass.ROBOT))
+        opener = ObjectOpener(session, target, {ObjectClass.ROBOT: robot_name})
+        robot = Robot(session, await opener.handle_for(ObjectClass.ROBOT))
         count = await robot.execute("GetLogCount")
         for index in range(count if isinstance(count, int) else 0):
             check_abort()

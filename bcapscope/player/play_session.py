@@ -111,8 +111,7 @@ class PlaySession:
         others = RetryPolicy(round(target.timeout * 1_000_000), target.retries)
         self._session = Session(self._caller, DEFAULT_RETRY_POLICIES._replace(others=others))
         names = {ObjectClass.ROBOT: plan.robot, ObjectClass.TASK: plan.task}
-        reach = ObjectOpener(self._session, target.service, target.connect, names)
-        self._robot = RobotAdapter(reach, self._pause)
+        self._robot = RobotAdapter(ObjectOpener(self._session, target, names), self._pause)
         self._cleanup = CleanupStack(self._robot, pipe, channel)
         self._pacer: Pacer | None = None
         self._retries_expected = False

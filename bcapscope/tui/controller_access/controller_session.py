@@ -18,17 +18,17 @@ from typing import Any, TypeVar
 from bcapscope.client.action_log import ActionLog, LoggedConnection
 from bcapscope.client.caller import Caller
 from bcapscope.client.controller_target import ControllerTarget
+from bcapscope.client.handle_table import ObjectHandle, first_number
 from bcapscope.client.object_opener import ObjectOpener
 from bcapscope.client.session import Session, command_of, open_target_session
-from bcapscope.errors import BcapError
+from bcapscope.errors import BcapError, CallTimeout, ControllerError
 from bcapscope.protocol.codec.frame import Frame, Malformed, parse_datagram
 from bcapscope.protocol.codec.variant import VT, Variant, integer_value
-from bcapscope.protocol.guard import needs_arming, request_effect
+from bcapscope.protocol.guard import request_effect
 from bcapscope.protocol.retry.requester import RequesterEvent, RetryPolicy
 from bcapscope.protocol.tables.call_effect import CallEffect
 from bcapscope.protocol.tables.function_table import FUNCTIONS, ID, Function, ObjectClass, function_by_name
 from bcapscope.protocol.tables.hresult import E_NOT_IN_SLAVE_MODE, describe_hresult
-from bcapscope.traffic.handle_table import HandleTable, ObjectHandle
 from bcapscope.traffic.observation import Direction, Observation
 from bcapscope.tui.controller_access.arming_state import ArmingState
 from bcapscope.tui.controller_access.halt_connection import HaltConnection, HaltState, HaltUpdate
@@ -101,10 +101,9 @@ class ControllerSession:
         self.reply_monitor = ReplyMonitor(self.now())
         self.client_session: Session | None = None
         self.polling_paused = False
-        self._reach: ObjectOpener | None = None
+        self._opener: ObjectOpener | None = None
         self._halt_connection: HaltConnection | None = None
         self._stack = AsyncExitStack()
-        self._handle_table = HandleTable()
         self._recorder = HistoryRecorder(self._on_record, self._subject_of)
         self._loop = asyncio.new_event_loop()
         self._thread = threading.Thread(target=self._loop.run_forever, name="desk", daemon=True)
@@ -153,7 +152,8 @@ class ControllerSession:
         await self.disconnect()
         session = open_target_session(target, observer=self._on_packet, listener=self._on_event)
         self.client_session = await self._stack.enter_async_context(session)
-        self._reach = ObjectOpener(self.client_session, target.service, target.connect, {})
+        self.client_session.check_armed = self._check_armed
+        self._opener = ObjectOpener(self.client_session, target)
         self.arming = ArmingState()
         self.reply_monitor = ReplyMonitor(self.now())
         self.update_status(target=target)
@@ -186,8 +186,7 @@ class ControllerSession:
                 await asyncio.to_thread(line.close)
         finally:
             self._recorder.abandon_call(time.time_ns())
-            self.client_session = self._reach = None
-            self._handle_table = HandleTable()
+            self.client_session = self._opener = None
             self.arming.disarm()
             if self.status.is_connected:
                 self.status = SessionStatus()
@@ -206,15 +205,15 @@ class ControllerSession:
     # Calls.
 
     @property
-    def reach(self) -> ObjectOpener:
-        """The opener of objects, which also makes calls.
+    def opener(self) -> ObjectOpener:
+        """The opener of objects, with the session in use.
 
         Raises:
             NotConnectedError: There is no connection.
         """
-        if self._reach is None:
+        if self._opener is None:
             raise NotConnectedError(say("tester.not_connected"))
-        return self._reach
+        return self._opener
 
     async def call(
         self, function: Function, arguments: Sequence[Variant], initiator: Initiator = Initiator.USER
@@ -227,12 +226,8 @@ class ControllerSession:
             LocalProtocolError: The call cannot be encoded. Nothing was sent.
             ConnectionError: The link is lost.
         """
-        reach = self.reach
-        if self._needs_arming(function.id, arguments):
-            self._check_armed()
-        INITIATOR.set(initiator)
-        await self._await_exchange(reach.perform_call(function, arguments))
-        return self.last_record
+        session = self.opener.session
+        return await self.record_calls(session.perform_call(function.id, arguments), initiator)
 
     async def invoke(
         self, name: str, *values: Variant, initiator: Initiator = Initiator.USER
@@ -249,13 +244,13 @@ class ControllerSession:
             NotArmedError: They may energise or move the robot, or are not an intact frame.
             NotConnectedError, ConnectionError: As for `call`.
         """
-        session = self.reach.session
+        session = self.opener.session
         caller = session.caller
         assert isinstance(caller, Caller)
-        if any(self._raw_needs_arming(item) for item in parse_datagram(raw)):
+        if any(_raw_needs_arming(session, item) for item in parse_datagram(raw)):
             self._check_armed()
-        INITIATOR.set(Initiator.USER)
-        await self._await_exchange(caller.send_raw(raw, session.retry_policies.others.timeout / 1e9))
+        timeout = session.retry_policies.others.timeout / 1e9
+        await self.run_calls(caller.send_raw(raw, timeout), Initiator.USER)
         self._recorder.complete_raw_call(time.time_ns())
         return self.last_record
 
@@ -266,10 +261,10 @@ class ControllerSession:
         Raises:
             NotConnectedError: No controller object is open.
         """
-        found = self._handle_table.open_handles(ObjectClass.CONTROLLER)
-        if not found:
+        found = self.opener.session.handles.latest(ObjectClass.CONTROLLER)
+        if found is None:
             raise NotConnectedError(say("tester.not_connected"))
-        return found[-1]
+        return found
 
     @property
     def last_record(self) -> HistoryRecord:
@@ -282,11 +277,10 @@ class ControllerSession:
         return self._subject_of(record.function_id, record.arguments)
 
     def _subject_of(self, function_id: int, arguments: Sequence[Variant]) -> ObjectHandle | None:
-        function, first = FUNCTIONS.get(function_id), arguments[:1]
-        handle = first[0].value if first else None
-        if function is None or not isinstance(handle, int):
+        function, session = FUNCTIONS.get(function_id), self.client_session
+        if function is None or session is None:
             return None
-        return self._handle_table.find(function.owner, handle)
+        return session.handles.find(function.owner, first_number(arguments))
 
     def last_failure_text(self) -> str:
         """Return why the last call failed."""
@@ -303,36 +297,39 @@ class ControllerSession:
         """Open an object. Return None if it was refused or not answered; `last_record` has the reason."""
         values = (handle_argument(parent), Variant(VT.BSTR, name), Variant(VT.BSTR, option))
         record = await self.invoke(f"{parent.kind}_Get{kind}", *values, initiator=initiator)
-        return (
-            self._handle_table.find(kind, _handle_in_reply(record))
-            if record.outcome is RecordOutcome.ANSWERED
-            else None
-        )
+        if record.outcome is not RecordOutcome.ANSWERED or record.reply is None:
+            return None
+        return self.opener.session.handles.find(kind, first_number(record.reply.variants))
 
     def select_robot(self, robot: ObjectHandle | None) -> None:
         """Select the robot that receives robot commands."""
         self.update_status(robot=robot)
-
-    def _needs_arming(self, function_id: int, arguments: Sequence[Variant]) -> bool:
-        written = self._subject_of(function_id, arguments)
-        is_variable = written is not None and written.kind is ObjectClass.VARIABLE
-        return needs_arming(function_id, arguments, written.label if written and is_variable else "")
-
-    def _raw_needs_arming(self, item: Frame | Malformed) -> bool:
-        """Return whether raw bytes need arming; bytes that are not an intact frame do."""
-        if not isinstance(item, Frame) or item.problems:
-            return True
-        return self._needs_arming(item.code, item.variants)
 
     def _check_armed(self) -> None:
         if not self.arming.allows_armed_calls(self.now()):
             raise NotArmedError(say("tester.not_armed"))
         self.arming.extend(self.now())
 
-    async def _await_exchange(self, exchange: Coroutine[Any, Any, object]) -> None:
-        """Await a call. Record it if it is cancelled; report the connection as lost if the link fails."""
+    async def record_calls(
+        self, steps: Coroutine[Any, Any, object], initiator: Initiator = Initiator.USER
+    ) -> HistoryRecord:
+        """Run steps that make calls, up to the first that fails; return the record of the last call.
+
+        Raises:
+            NotArmedError, LocalProtocolError, ConnectionError: As for `call`.
+        """
+        with suppress(ControllerError, CallTimeout):
+            await self.run_calls(steps, initiator)
+        return self.last_record
+
+    async def run_calls(self, steps: Coroutine[Any, Any, R], initiator: Initiator) -> R:
+        """Run steps that make calls; return their result.
+
+        A cancelled call gets a record. If the link fails, the connection is closed and reported as lost.
+        """
+        INITIATOR.set(initiator)
         try:
-            await exchange
+            return await steps
         except asyncio.CancelledError:
             self._recorder.abandon_call(time.time_ns())
             raise
@@ -410,11 +407,12 @@ class ControllerSession:
     def _on_record(self, record: HistoryRecord) -> None:
         """Update the state from a call that has ended, and report its record."""
         changes: dict[str, object] = {}
-        function = FUNCTIONS.get(record.function_id)
-        if record.outcome is RecordOutcome.ANSWERED and record.reply is not None and function is not None:
-            self._handle_table.record_call(function, record.arguments, record.reply)
-            changes["open_objects"] = self._handle_table.open_handles()
-            if self.status.robot not in self._handle_table.open_handles():
+        session = self.client_session
+        if record.outcome is RecordOutcome.ANSWERED and record.reply is not None and session is not None:
+            # The session itself records later, once its task resumes, and raw calls not at all.
+            session.record_call(record.function_id, record.arguments, record.reply)
+            changes["open_objects"] = open_objects = session.handles.open_handles()
+            if self.status.robot not in open_objects:
                 changes["robot"] = None
             command = command_of(record.function_id, record.arguments)
             if command in ("takearm", "givearm"):
@@ -450,7 +448,8 @@ def handle_argument(opened: ObjectHandle) -> Variant:
     return Variant(VT.I4, opened.handle)
 
 
-def _handle_in_reply(record: HistoryRecord) -> int | None:
-    arguments = record.reply.arguments if record.reply is not None else ()
-    value = arguments[0].variant.value if arguments else None
-    return value if isinstance(value, int) else None
+def _raw_needs_arming(session: Session, item: Frame | Malformed) -> bool:
+    """Return whether raw bytes need arming; bytes that are not an intact frame do."""
+    return (
+        not isinstance(item, Frame) or bool(item.problems) or session.needs_arming(item.code, item.variants)
+    )

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from bcapscope.client.controller_target import ControllerTarget
+from bcapscope.client.handle_table import ObjectHandle
 from bcapscope.render.call_code import hex_text, python_program, shell_command
-from bcapscope.traffic.handle_table import ObjectHandle
 from bcapscope.tui.controller_access.history_record import HistoryRecord
 
 

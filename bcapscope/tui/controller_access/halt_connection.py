@@ -174,10 +174,8 @@ class HaltConnection:
     async def _serve_session(self, session: Session) -> None:
         """Open the robot, then wait for HALT."""
         self._report(HaltUpdate(HaltState.OPENING))
-        reach = ObjectOpener(
-            session, self._target.service, self._target.connect, {ObjectClass.ROBOT: self._robot}
-        )
-        handle = await reach.handle_for(ObjectClass.ROBOT)
+        opener = ObjectOpener(session, self._target, {ObjectClass.ROBOT: self._robot})
+        handle = await opener.handle_for(ObjectClass.ROBOT)
         await self._send_heartbeat(session, handle)
         while not self._closing:
             await self._wait_for_press(self._heartbeat)

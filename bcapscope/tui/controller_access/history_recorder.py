@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from contextvars import ContextVar
 
+from bcapscope.client.handle_table import ObjectHandle
 from bcapscope.errors import Attempt
 from bcapscope.protocol.codec.frame import Frame
 from bcapscope.protocol.codec.variant import Variant
@@ -20,7 +21,6 @@ from bcapscope.protocol.retry.requester import (
     RequesterEvent,
 )
 from bcapscope.protocol.tables.hresult import is_failure
-from bcapscope.traffic.handle_table import ObjectHandle
 from bcapscope.traffic.observation import Direction, Observation
 from bcapscope.tui.controller_access.history_record import HistoryRecord, Initiator, RecordOutcome
 

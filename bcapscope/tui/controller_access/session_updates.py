@@ -10,7 +10,7 @@ from enum import StrEnum
 from typing import TypeAlias
 
 from bcapscope.client.controller_target import ControllerTarget
-from bcapscope.traffic.handle_table import ObjectHandle
+from bcapscope.client.handle_table import ObjectHandle
 from bcapscope.tui.controller_access.halt_connection import HaltUpdate
 from bcapscope.tui.controller_access.history_record import HistoryRecord
 

@@ -6,11 +6,11 @@ import asyncio
 from collections.abc import Awaitable, Callable, Coroutine
 from typing import Any
 
+from bcapscope.client.handle_table import ObjectHandle
 from bcapscope.errors import BcapError
 from bcapscope.protocol.codec.variant import VT, Variant
 from bcapscope.protocol.tables.function_table import FUNCTIONS, Function, ObjectClass
 from bcapscope.render.escape import printable
-from bcapscope.traffic.handle_table import ObjectHandle
 from bcapscope.tui.controller_access.controller_session import (
     ControllerSession,
     NotArmedError,

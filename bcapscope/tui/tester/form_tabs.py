@@ -9,10 +9,10 @@ from textual.app import ComposeResult
 from textual.containers import Vertical
 from textual.widgets import Button, ContentSwitcher
 
+from bcapscope.client.handle_table import ObjectHandle
 from bcapscope.protocol.codec.variant import Variant
 from bcapscope.protocol.tables.function_table import FUNCTIONS, Function, ObjectClass, function_by_name
 from bcapscope.render.notation_text import untyped_text
-from bcapscope.traffic.handle_table import ObjectHandle
 from bcapscope.tui.controller_access.history_record import HistoryRecord
 from bcapscope.tui.controller_access.saved_requests import takes_handle
 from bcapscope.tui.tester.choice_row import ChoiceRow

@@ -18,7 +18,11 @@ from bcapscope.protocol.tables.hresult import hresult_name
 from bcapscope.render.escape import printable
 from bcapscope.render.result_advice import result_advice
 from bcapscope.tui.controller_access.controller_session import ControllerSession, NotArmedError
-from bcapscope.tui.controller_access.error_recovery import RecoveryStep, read_errors, run_recovery_step
+from bcapscope.tui.controller_access.error_recovery import (
+    RecoveryStep,
+    read_current_errors,
+    run_recovery_step,
+)
 from bcapscope.tui.controller_access.history_record import (
     HistoryRecord,
     RecordOutcome,
@@ -82,7 +86,7 @@ class RecoveryDialog(ModalScreen[None]):
 
     async def _read_errors(self) -> None:
         try:
-            errors = await self._session.run_in_loop(read_errors(self._session))
+            errors = await self._session.run_in_loop(read_current_errors(self._session))
         except (BcapError, OSError) as error:
             self._show_step(RecoveryStep.READ, False, error_text(error))
             return
