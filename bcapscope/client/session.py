@@ -21,7 +21,7 @@ from bcapscope.protocol.codec.frame import Frame
 from bcapscope.protocol.codec.variant import VT, Variant, integer_value
 from bcapscope.protocol.guard import needs_arming
 from bcapscope.protocol.retry.requester import CallAnswered, CallRefused, RequesterOutcome, RetryPolicy
-from bcapscope.protocol.retry.reserved_convention import ReservedConvention
+from bcapscope.protocol.retry.reserved_convention import ReservedConvention, client_conventions
 from bcapscope.protocol.tables.command_catalogue import call_name, command_name
 from bcapscope.protocol.tables.function_table import FUNCTIONS, ObjectClass, function_by_name
 from bcapscope.protocol.tables.hresult import describe_hresult, hresult_name
@@ -109,7 +109,7 @@ class Session:
         if self.check_armed is not None and self.needs_arming(function_id, arguments):
             self.check_armed()
         pace = self.retry_policy_for(function_id, arguments)
-        mode = _slave_mode(function_id, arguments)
+        mode = requested_slave_mode(function_id, arguments)
         robot = _first_handle(arguments)
         before = self._slave_modes.get(robot, 0)
         # The controller may still execute a call that is cancelled while it waits. So note its effect first.
@@ -215,7 +215,7 @@ class Session:
         if function is None:
             return
         self.handles.record_call(function, arguments, reply)
-        mode = _slave_mode(function_id, arguments)
+        mode = requested_slave_mode(function_id, arguments)
         if mode is not None:
             self._slave_modes[_first_handle(arguments)] = mode
 
@@ -225,7 +225,7 @@ def command_of(function_id: int, arguments: Sequence[Variant]) -> str:
     return command_name(function_id, arguments).casefold() if function_id == _ROBOT_EXECUTE else ""
 
 
-def _slave_mode(function_id: int, arguments: Sequence[Variant]) -> int | None:
+def requested_slave_mode(function_id: int, arguments: Sequence[Variant]) -> int | None:
     """Return the slave mode that a call requests; None if it requests none."""
     if command_of(function_id, arguments) != "slvchangemode" or len(arguments) < 3:
         return None
@@ -260,9 +260,7 @@ async def open_session(
     """
     caller = Caller(observer, listener)
     link = await open_link(caller)
-    caller.attach(
-        link, convention or (ReservedConvention.SEED if link.datagrams else ReservedConvention.TCP0)
-    )
+    caller.attach(link, convention or client_conventions(link.datagrams)[0])
     session = Session(caller, retry_policies)
     try:
         yield session

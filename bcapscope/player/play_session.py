@@ -16,7 +16,6 @@ import numpy as np
 
 from bcapscope.client.controller_target import os_error_text
 from bcapscope.client.object_opener import ObjectOpener
-from bcapscope.client.retry_policies import DEFAULT_RETRY_POLICIES
 from bcapscope.client.robot_halt import halt_robot
 from bcapscope.client.session import Session
 from bcapscope.errors import BcapError, CallTimeout, ControllerError
@@ -51,8 +50,6 @@ from bcapscope.player.set_point_sequence import SetPointSequence
 from bcapscope.player.smooth_curve import FIG_COLUMN, matches_posture
 from bcapscope.player.trajectory import Trajectory, TrajectorySource
 from bcapscope.protocol.codec.variant import VT, Variant
-from bcapscope.protocol.retry.requester import RetryPolicy
-from bcapscope.protocol.retry.reserved_convention import ReservedConvention
 from bcapscope.protocol.slave_mode.modes import Generation, PoseType, SlaveMode, slave_mode_by_number
 from bcapscope.protocol.tables.function_table import ObjectClass
 
@@ -104,12 +101,12 @@ class PlaySession:
         self._pipe = pipe
         self._recorder = recorder
         target = plan.target
-        usual = ReservedConvention.SEED if channel.datagrams else ReservedConvention.TCP0
         serial = plan.aftermath.serial if plan.aftermath else 1
-        self._caller = BlockingCaller(channel, target.convention or usual, recorder.on_frame, serial)
+        self._caller = BlockingCaller(
+            channel, target.convention_for(channel.datagrams), recorder.on_frame, serial
+        )
         self._caller.check_abort = self._check_order_if_playing
-        others = RetryPolicy(round(target.timeout * 1_000_000), target.retries)
-        self._session = Session(self._caller, DEFAULT_RETRY_POLICIES._replace(others=others))
+        self._session = Session(self._caller, target.retry_policies)
         names = {ObjectClass.ROBOT: plan.robot, ObjectClass.TASK: plan.task}
         self._robot = RobotAdapter(ObjectOpener(self._session, target, names), self._pause)
         self._cleanup = CleanupStack(self._robot, pipe, channel)

@@ -20,15 +20,14 @@ from bcapscope.client.caller import Caller
 from bcapscope.client.controller_target import ControllerTarget
 from bcapscope.client.handle_table import ObjectHandle, first_number
 from bcapscope.client.object_opener import ObjectOpener
-from bcapscope.client.session import Session, command_of, open_target_session
+from bcapscope.client.session import Session, open_target_session
 from bcapscope.errors import BcapError, CallTimeout, ControllerError
 from bcapscope.protocol.codec.frame import Frame, Malformed, parse_datagram
-from bcapscope.protocol.codec.variant import VT, Variant, integer_value
+from bcapscope.protocol.codec.variant import VT, Variant
 from bcapscope.protocol.guard import request_effect
 from bcapscope.protocol.retry.requester import RequesterEvent, RetryPolicy
 from bcapscope.protocol.tables.call_effect import CallEffect
 from bcapscope.protocol.tables.function_table import FUNCTIONS, ID, Function, ObjectClass, function_by_name
-from bcapscope.protocol.tables.hresult import E_NOT_IN_SLAVE_MODE, describe_hresult
 from bcapscope.traffic.observation import Direction, Observation
 from bcapscope.tui.controller_access.arming_state import ArmingState
 from bcapscope.tui.controller_access.halt_connection import HaltConnection, HaltState, HaltUpdate
@@ -37,7 +36,6 @@ from bcapscope.tui.controller_access.history_record import (
     Initiator,
     RecordOutcome,
     error_text,
-    failure_text,
 )
 from bcapscope.tui.controller_access.history_recorder import INITIATOR, HistoryRecorder
 from bcapscope.tui.controller_access.reply_monitor import ReplyMonitor
@@ -56,8 +54,6 @@ CLOSE_TIMEOUT = 8.0
 
 CLEANUP_PACE = RetryPolicy(300_000_000, 2)
 """Attempts of the calls that release objects. Few, so that closing is fast if the controller is gone."""
-
-_LEVEL_THAT_ENDS_SLAVE_MODE = 3
 
 
 class NotConnectedError(BcapError):
@@ -282,10 +278,6 @@ class ControllerSession:
             return None
         return session.handles.find(function.owner, first_number(arguments))
 
-    def last_failure_text(self) -> str:
-        """Return why the last call failed."""
-        return failure_text(self.last_record)
-
     async def open_object(
         self,
         parent: ObjectHandle,
@@ -300,10 +292,6 @@ class ControllerSession:
         if record.outcome is not RecordOutcome.ANSWERED or record.reply is None:
             return None
         return self.opener.session.handles.find(kind, first_number(record.reply.variants))
-
-    def select_robot(self, robot: ObjectHandle | None) -> None:
-        """Select the robot that receives robot commands."""
-        self.update_status(robot=robot)
 
     def _check_armed(self) -> None:
         if not self.arming.allows_armed_calls(self.now()):
@@ -405,42 +393,19 @@ class ControllerSession:
         self.report(SessionProblem(f"{path}: {error_text(error)}"))
 
     def _on_record(self, record: HistoryRecord) -> None:
-        """Update the state from a call that has ended, and report its record."""
-        changes: dict[str, object] = {}
+        """Update the status from a call that has ended, and report its record."""
         session = self.client_session
-        if record.outcome is RecordOutcome.ANSWERED and record.reply is not None and session is not None:
-            # The session itself records later, once its task resumes, and raw calls not at all.
-            session.record_call(record.function_id, record.arguments, record.reply)
-            changes["open_objects"] = open_objects = session.handles.open_handles()
-            if self.status.robot not in open_objects:
-                changes["robot"] = None
-            command = command_of(record.function_id, record.arguments)
-            if command in ("takearm", "givearm"):
-                changes["holds_arm"] = command == "takearm"
-        if record.reply is not None:
-            changes["round_trip"] = record.took
-        mode = _slave_mode_after(record)
-        if mode is not None and mode != self.status.slave_mode:
-            changes["slave_mode"] = mode
-            self.pause_polling(mode != 0)
-        if self.status.is_connected and changes:
-            self.update_status(**changes)
+        if session is not None and self.status.is_connected:
+            if record.outcome is RecordOutcome.ANSWERED and record.reply is not None:
+                # The session itself records later, once its task resumes, and raw calls not at all.
+                session.record_call(record.function_id, record.arguments, record.reply)
+            before = self.status
+            self.status = before.after_call(record, session.handles.open_handles())
+            if self.status.slave_mode != before.slave_mode:
+                self.pause_polling(self.status.slave_mode != 0)
+            if self.status != before:
+                self.report(self.status)
         self.report(record)
-
-
-def _slave_mode_after(record: HistoryRecord) -> int | None:
-    """Return the slave mode after a call; None if the call does not show it."""
-    command = command_of(record.function_id, record.arguments)
-    if record.outcome is RecordOutcome.ANSWERED:
-        if command == "slvchangemode" and len(record.arguments) > 2:
-            return integer_value(record.arguments[2]) or 0
-        return None
-    if record.outcome is RecordOutcome.REFUSED and record.reply is not None:
-        code = record.reply.code
-        level = describe_hresult(code).level or 0
-        # Each error of that level ends slave mode (DENSO Wave 2009: any result but S_OK does on RC7).
-        return 0 if code == E_NOT_IN_SLAVE_MODE or level >= _LEVEL_THAT_ENDS_SLAVE_MODE else None
-    return None
 
 
 def handle_argument(opened: ObjectHandle) -> Variant:

@@ -15,7 +15,7 @@ from bcapscope.protocol.tables.function_table import ObjectClass
 from bcapscope.render.field_meaning import value_text
 from bcapscope.tui.controller_access.controller_session import ControllerSession
 from bcapscope.tui.controller_access.halt_connection import DEFAULT_ROBOT
-from bcapscope.tui.controller_access.history_record import HistoryRecord, Initiator, error_text
+from bcapscope.tui.controller_access.history_record import HistoryRecord, Initiator, error_text, failure_text
 from bcapscope.tui.controller_access.history_recorder import INITIATOR
 from bcapscope.tui.controller_access.session_updates import ConnectStep, ConnectStepUpdate, ControllerIdentity
 from bcapscope.tui.words import say, told
@@ -60,7 +60,7 @@ async def connect(
     try:
         await _run_step(session, ConnectStep.IDENTITY, lambda: identify_controller(session))
         if robot:
-            await _run_step(session, ConnectStep.ROBOT, lambda: _open_robot(session, robot, option))
+            await _run_step(session, ConnectStep.ROBOT, lambda: _open_first_robot(session, robot, option))
     except ConnectStepError:
         return False
     return True
@@ -72,18 +72,9 @@ async def add_robot(session: ControllerSession, robot: str, option: str) -> Hist
     Raises:
         BcapError, OSError: As for `ControllerSession.call`.
     """
-    INITIATOR.set(Initiator.USER)
-    opened = await session.open_object(session.controller, ObjectClass.ROBOT, robot, option)
-    record = session.last_record
-    if opened is not None:
-        session.select_robot(opened)
-        session.report(
-            ConnectStepUpdate(
-                ConnectStep.ROBOT,
-                True,
-                ", ".join(filter(None, (robot, await read_robot_type(session, opened)))),
-            )
-        )
+    record, text = await _open_robot(session, robot, option)
+    if text is not None:
+        session.report(ConnectStepUpdate(ConnectStep.ROBOT, True, text))
         session.open_halt_connection(robot)
     return record
 
@@ -110,7 +101,7 @@ async def _run_step(
     try:
         text = await action()
     except CallTimeout as error:
-        session.report(ConnectStepUpdate(step, False, session.last_failure_text()))
+        session.report(ConnectStepUpdate(step, False, failure_text(session.last_record)))
         raise ConnectStepError from error
     except (BcapError, OSError) as error:
         session.report(ConnectStepUpdate(step, False, error_text(error)))
@@ -137,14 +128,21 @@ async def _connect_controller(
     return provider or "Controller_Connect"
 
 
-async def _open_robot(session: ControllerSession, name: str, option: str) -> str:
-    controller = session.controller
-    robot = await session.open_object(controller, ObjectClass.ROBOT, name, option)
+async def _open_first_robot(session: ControllerSession, name: str, option: str) -> str:
+    record, text = await _open_robot(session, name, option)
+    if text is None:
+        raise ConnectStepError(failure_text(record))
+    return text
+
+
+async def _open_robot(session: ControllerSession, name: str, option: str) -> tuple[HistoryRecord, str | None]:
+    """Open and select a robot; return the record of the opening call, and name and type if it succeeded."""
+    robot = await session.open_object(session.controller, ObjectClass.ROBOT, name, option)
+    record = session.last_record
     if robot is None:
-        raise ConnectStepError(session.last_failure_text())
-    session.select_robot(robot)
-    found = await read_robot_type(session, robot)
-    return ", ".join(filter(None, (name, found)))
+        return record, None
+    session.update_status(robot=robot)
+    return record, ", ".join(filter(None, (name, await read_robot_type(session, robot))))
 
 
 async def identify_controller(session: ControllerSession) -> str:

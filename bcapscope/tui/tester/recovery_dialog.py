@@ -24,12 +24,12 @@ from bcapscope.tui.controller_access.error_recovery import (
     run_recovery_step,
 )
 from bcapscope.tui.controller_access.history_record import (
-    HistoryRecord,
     RecordOutcome,
     error_text,
     failure_text,
 )
 from bcapscope.tui.ink import INK
+from bcapscope.tui.tester.call_runner import run_armed
 from bcapscope.tui.tester.caption import Caption
 from bcapscope.tui.widgets.inked_text import InkedText
 from bcapscope.tui.words import say, told
@@ -111,7 +111,11 @@ class RecoveryDialog(ModalScreen[None]):
             return
         self._show_step(step_wanted, None, say("tester.waiting"))
         try:
-            record = await self._run_armed(step_wanted, first, mode)
+            record = await run_armed(
+                self._session,
+                self._ask_to_arm,
+                lambda: run_recovery_step(self._session, step_wanted, first, mode),
+            )
         except NotArmedError:
             self._show_step(step_wanted, False, say("tester.not_armed"))
         except (BcapError, OSError) as error:
@@ -121,14 +125,6 @@ class RecoveryDialog(ModalScreen[None]):
             self._show_step(step_wanted, done, "" if done else failure_text(record))
             if done:
                 self._focus_next_step(step_wanted)
-
-    async def _run_armed(self, which: RecoveryStep, first: str, mode: int) -> HistoryRecord:
-        try:
-            return await self._session.run_in_loop(run_recovery_step(self._session, which, first, mode))
-        except NotArmedError:
-            if not await self._ask_to_arm():
-                raise
-        return await self._session.run_in_loop(run_recovery_step(self._session, which, first, mode))
 
     def _focus_next_step(self, which: RecoveryStep) -> None:
         """Focus the next step."""
