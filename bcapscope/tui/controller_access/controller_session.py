@@ -21,9 +21,10 @@ from bcapscope.client.controller_target import ControllerTarget
 from bcapscope.client.handle_table import ObjectHandle, first_number
 from bcapscope.client.object_opener import ObjectOpener
 from bcapscope.client.session import Session, open_target_session
+from bcapscope.client.variant_values import arguments_of
 from bcapscope.errors import BcapError, CallTimeout, ControllerError
 from bcapscope.protocol.codec.frame import Frame, Malformed, parse_datagram
-from bcapscope.protocol.codec.variant import VT, Variant
+from bcapscope.protocol.codec.variant import Variant
 from bcapscope.protocol.guard import request_effect
 from bcapscope.protocol.retry.requester import RequesterEvent, RetryPolicy
 from bcapscope.protocol.tables.call_effect import CallEffect
@@ -52,7 +53,7 @@ R = TypeVar("R")
 CLOSE_TIMEOUT = 8.0
 """Seconds that `close` waits until everything is released."""
 
-CLEANUP_PACE = RetryPolicy(300_000_000, 2)
+CLEANUP_RETRY_POLICY = RetryPolicy(300_000_000, 2)
 """Attempts of the calls that release objects. Few, so that closing is fast if the controller is gone."""
 
 
@@ -102,7 +103,7 @@ class ControllerSession:
         self._stack = AsyncExitStack()
         self._recorder = HistoryRecorder(self._on_record, self._subject_of)
         self._loop = asyncio.new_event_loop()
-        self._thread = threading.Thread(target=self._loop.run_forever, name="desk", daemon=True)
+        self._thread = threading.Thread(target=self._loop.run_forever, name="controller session", daemon=True)
         self._thread.start()
 
     async def run_in_loop(self, step: Coroutine[Any, Any, R]) -> R:
@@ -168,18 +169,17 @@ class ControllerSession:
 
     async def disconnect(self) -> None:
         """Leave slave mode, release everything, newest first, and close the connection."""
-        line, self._halt_connection = self._halt_connection, None
+        halt_connection, self._halt_connection = self._halt_connection, None
         stack, self._stack = self._stack, AsyncExitStack()
         INITIATOR.set(Initiator.SCREEN)
         if self.client_session is not None:
-            self.client_session.retry_policies = self.client_session.retry_policies._replace(
-                others=CLEANUP_PACE
-            )
+            usual = self.client_session.retry_policies
+            self.client_session.retry_policies = usual._replace(others=CLEANUP_RETRY_POLICY)
         try:
             with suppress(BcapError, OSError):
                 await stack.aclose()
-            if line is not None:
-                await asyncio.to_thread(line.close)
+            if halt_connection is not None:
+                await asyncio.to_thread(halt_connection.close)
         finally:
             self._recorder.abandon_call(time.time_ns())
             self.client_session = self._opener = None
@@ -226,12 +226,12 @@ class ControllerSession:
         return await self.record_calls(session.perform_call(function.id, arguments), initiator)
 
     async def invoke(
-        self, name: str, *values: Variant, initiator: Initiator = Initiator.USER
+        self, name: str, *values: object, initiator: Initiator = Initiator.USER
     ) -> HistoryRecord:
-        """Like `call`, with the name of the function."""
+        """Like `call`, with the name of the function and Python values, as `variant_of` converts them."""
         function = function_by_name(name)
         assert function is not None, name
-        return await self.call(function, values, initiator)
+        return await self.call(function, arguments_of(function, values), initiator)
 
     async def send_raw(self, raw: bytes) -> HistoryRecord:
         """Send bytes unchanged and wait for the reply; return the record.
@@ -287,8 +287,9 @@ class ControllerSession:
         initiator: Initiator = Initiator.USER,
     ) -> ObjectHandle | None:
         """Open an object. Return None if it was refused or not answered; `last_record` has the reason."""
-        values = (handle_argument(parent), Variant(VT.BSTR, name), Variant(VT.BSTR, option))
-        record = await self.invoke(f"{parent.kind}_Get{kind}", *values, initiator=initiator)
+        record = await self.invoke(
+            f"{parent.kind}_Get{kind}", parent.handle, name, option, initiator=initiator
+        )
         if record.outcome is not RecordOutcome.ANSWERED or record.reply is None:
             return None
         return self.opener.session.handles.find(kind, first_number(record.reply.variants))
@@ -322,8 +323,8 @@ class ControllerSession:
             self._recorder.abandon_call(time.time_ns())
             raise
         except OSError as error:
-            self._recorder.abandon_call(time.time_ns())
             if not isinstance(error, BcapError):
+                self._recorder.abandon_call(time.time_ns())
                 await self.handle_lost_connection(error_text(error))
             raise
 
@@ -332,12 +333,12 @@ class ControllerSession:
     def halt(self) -> bool:
         """Stop the robot; return at once whether there is a connection. Any thread may call this."""
         self.arming.disarm()
-        line = self._halt_connection
-        if line is not None:
-            line.press()
+        halt_connection = self._halt_connection
+        if halt_connection is not None:
+            halt_connection.press()
         with suppress(RuntimeError):  # the loop of this session has ended
             self._loop.call_soon_threadsafe(self._start_halt_call)
-        return line is not None or self.client_session is not None
+        return halt_connection is not None or self.client_session is not None
 
     def _start_halt_call(self) -> None:
         if self.client_session is not None and self.status.robot is not None:
@@ -346,13 +347,13 @@ class ControllerSession:
     async def _halt_on_session(self, robot: ObjectHandle) -> None:
         """Send HALT also on the main connection once it is free, then leave slave mode."""
         with suppress(BcapError, OSError):
-            record = await self.invoke("Robot_Halt", handle_argument(robot), Variant(VT.BSTR, ""))
+            record = await self.invoke("Robot_Halt", robot.handle, "")
             if self._halt_connection is None:
                 done = record.outcome is RecordOutcome.ANSWERED
                 state = HaltState.HALTED if done else HaltState.FAILED
                 self.report(HaltUpdate(state, record.outcome.value, record.took))
             if self.status.slave_mode:
-                values = (handle_argument(robot), Variant(VT.BSTR, "slvChangeMode"), Variant(VT.I4, 0))
+                values = (robot.handle, "slvChangeMode", 0)
                 await self.invoke("Robot_Execute", *values, initiator=Initiator.SCREEN)
 
     # Results.
@@ -406,11 +407,6 @@ class ControllerSession:
             if self.status != before:
                 self.report(self.status)
         self.report(record)
-
-
-def handle_argument(opened: ObjectHandle) -> Variant:
-    """Return the handle of an object as the first argument of a call."""
-    return Variant(VT.I4, opened.handle)
 
 
 def _raw_needs_arming(session: Session, item: Frame | Malformed) -> bool:

@@ -123,9 +123,9 @@ class HaltConnection:
 
     def report_only_halts(self) -> None:
         """Report only results of HALT from now on. The replacement connection reports its own state."""
-        tell = self._report
-        told = (HaltState.HALTED, HaltState.FAILED)
-        self._report = lambda news: tell(news) if news.state in told else None
+        report = self._report
+        halt_results = (HaltState.HALTED, HaltState.FAILED)
+        self._report = lambda update: report(update) if update.state in halt_results else None
 
     def close(self) -> None:
         """Close the connection; wait at most `CLOSE_TIMEOUT` seconds."""

@@ -14,11 +14,10 @@ from bcapscope.render.escape import printable
 from bcapscope.tui.controller_access.controller_session import (
     ControllerSession,
     NotArmedError,
-    handle_argument,
 )
 from bcapscope.tui.controller_access.guided_connect import add_robot, start_robslave
 from bcapscope.tui.controller_access.history_record import HistoryRecord, error_text
-from bcapscope.tui.controller_access.saved_requests import SavedRequest, takes_handle
+from bcapscope.tui.controller_access.saved_requests import SavedRequest
 from bcapscope.tui.tester.wanted_messages import CallWanted, OpenWanted, ResultDisplay
 from bcapscope.tui.words import say
 
@@ -53,9 +52,9 @@ class CallRunner:
         """Make a call with arguments that do not include the handle."""
 
         async def step() -> HistoryRecord:
-            if not takes_handle(function):
+            if not function.takes_handle:
                 return await self._session.call(function, values)
-            handle = handle_argument(subject or self._object_of(function.owner))
+            handle = Variant(VT.I4, (subject or self._object_of(function.owner)).handle)
             return await self._session.call(function, (handle, *values))
 
         await self._run_reported(result_display, step)
@@ -86,8 +85,8 @@ class CallRunner:
             if wanted.kind is ObjectClass.ROBOT:
                 return await add_robot(session, wanted.name, wanted.option)
             parent = self._object_of(wanted.parent)
-            values = (handle_argument(parent), Variant(VT.BSTR, wanted.name), Variant(VT.BSTR, wanted.option))
-            return await session.invoke(f"{wanted.parent}_Get{wanted.kind}", *values)
+            name = f"{wanted.parent}_Get{wanted.kind}"
+            return await session.invoke(name, parent.handle, wanted.name, wanted.option)
 
         return await self._run_reported(wanted.result_display, step)
 

@@ -29,7 +29,6 @@ from bcapscope.tui.controller_access.controller_session import (
     ControllerSession,
     NotArmedError,
     NotConnectedError,
-    handle_argument,
 )
 from bcapscope.tui.controller_access.guided_connect import add_robot, connect
 from bcapscope.tui.controller_access.halt_connection import HaltState, HaltUpdate
@@ -104,7 +103,7 @@ def join(
 
 def robot_call(made: ControllerSession, command: str, parameter: Variant = EMPTY) -> HistoryRecord:
     assert made.status.robot is not None
-    values = (handle_argument(made.status.robot), Variant(VT.BSTR, command), parameter)
+    values = (made.status.robot.handle, Variant(VT.BSTR, command), parameter)
     return asyncio.run(made.run_in_loop(made.invoke("Robot_Execute", *values)))
 
 
@@ -112,9 +111,7 @@ def start_robslave(made: ControllerSession) -> None:
     async def start() -> None:
         task = await made.open_object(made.controller, ObjectClass.TASK, "RobSlave", "")
         assert task is not None
-        record = await made.invoke(
-            "Task_Start", handle_argument(task), Variant(VT.I4, 1), Variant(VT.BSTR, "")
-        )
+        record = await made.invoke("Task_Start", task.handle, 1, "")
         assert record.outcome is RecordOutcome.ANSWERED
 
     asyncio.run(made.run_in_loop(start()))
@@ -165,12 +162,10 @@ def test_halt_ends_a_motion_while_its_call_is_under_way(tmp_path: Path, simulato
         assert robot is not None
 
         async def move() -> HistoryRecord:
-            speed = (handle_argument(robot), Variant(VT.BSTR, "ExtSpeed"), Variant(VT.R4, 1.0))
+            speed = (robot.handle, Variant(VT.BSTR, "ExtSpeed"), Variant(VT.R4, 1.0))
             await made.invoke("Robot_Execute", *speed)
             pose = Variant(VT.BSTR, "J(-90,0,90,0,0,0)")
-            moving = made.invoke(
-                "Robot_Move", handle_argument(robot), Variant(VT.I4, 1), pose, Variant(VT.BSTR, "")
-            )
+            moving = made.invoke("Robot_Move", robot.handle, Variant(VT.I4, 1), pose, "")
             task = asyncio.ensure_future(moving)
             await heard.wait_for_request("Robot_Move")
             threading.Thread(target=made.halt).start()
@@ -330,7 +325,7 @@ def test_a_call_can_be_cancelled(tmp_path: Path) -> None:
 
         async def cancel() -> None:
             assert made.status.robot is not None
-            values = (handle_argument(made.status.robot), Variant(VT.BSTR, "slvGetMode"), EMPTY)
+            values = (made.status.robot.handle, Variant(VT.BSTR, "slvGetMode"), EMPTY)
             task = asyncio.ensure_future(made.run_in_loop(made.invoke("Robot_Execute", *values)))
             await heard.wait_for_request("Robot_Execute")
             task.cancel()
