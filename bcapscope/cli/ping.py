@@ -128,10 +128,9 @@ async def _read_facts(opener: ObjectOpener, found: _PingResult) -> None:
     """Read the variables that identify the controller, if it has them."""
     for name, owner, variable in _VARIABLES:
         try:
-            handle = await opener.handle_for(owner.owner)
+            value = await read_variable_once(await opener.open_remote(owner), variable)
         except ControllerError:
             continue
-        value = await read_variable_once(owner(opener.session, handle), variable)
         if value is not None and value.value is not None:  # EMPTY: the variable has no value
             found.facts[name] = value.value
 

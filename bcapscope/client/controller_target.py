@@ -9,6 +9,12 @@ from bcapscope.client.retry_policies import DEFAULT_PORT, DEFAULT_RETRY_POLICIES
 from bcapscope.protocol.retry.requester import RetryPolicy
 from bcapscope.protocol.retry.reserved_convention import ReservedConvention, client_conventions
 
+DEFAULT_ROBOT = "Arm"
+"""Name of the robot that most controllers have."""
+
+ROBSLAVE = "RobSlave"
+"""The program that an RC7 needs for slave mode (DENSO Wave 2009, How to use the Slave mode)."""
+
 _MS = 1_000_000
 
 

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import TypeVar
 
-from bcapscope.client.controller_target import ControllerTarget
+from bcapscope.client.controller_target import DEFAULT_ROBOT, ROBSLAVE, ControllerTarget
 from bcapscope.client.handle_table import ObjectHandle
-from bcapscope.client.remote_object import handle_of, required_variant
+from bcapscope.client.remote_object import RemoteObject, handle_of, required_variant
 from bcapscope.client.remote_objects import Controller, read_variable_once
 from bcapscope.client.session import Session
 from bcapscope.errors import ControllerError
@@ -17,7 +18,12 @@ from bcapscope.protocol.tables.hresult import E_INVALIDARG
 from bcapscope.protocol.tables.simulator_marker import SIMULATOR_TEXT, SIMULATOR_VARIABLE
 from bcapscope.protocol.tables.variables import find_variable
 
-DEFAULT_OBJECT_NAMES: Mapping[ObjectClass, str] = {ObjectClass.ROBOT: "Arm", ObjectClass.TASK: "RobSlave"}
+R = TypeVar("R", bound=RemoteObject)
+
+DEFAULT_OBJECT_NAMES: Mapping[ObjectClass, str] = {
+    ObjectClass.ROBOT: DEFAULT_ROBOT,
+    ObjectClass.TASK: ROBSLAVE,
+}
 """Names of objects that most controllers have."""
 
 PROVIDER_ADVICE = (
@@ -72,6 +78,10 @@ class ObjectOpener:
             return handle_of(await self.session.invoke("Controller_GetMessage", controller))
         return await self._open_named(object_class)
 
+    async def open_remote(self, kind: type[R]) -> R:
+        """Return the latest object of a class; open one if there is none. Raises as `handle_for`."""
+        return kind(self.session, await self.handle_for(kind.owner))
+
     async def start_service(self) -> None:
         """Start the service, if it is not started yet."""
         if not self.session.handles.is_service_started:
@@ -119,8 +129,7 @@ class ObjectOpener:
 
     async def is_simulator(self) -> bool:
         """Ask whether the controller is bcapscope's simulator; no real controller gives the same answer."""
-        controller = Controller(self.session, await self.handle_for(ObjectClass.CONTROLLER))
-        value = await read_variable_once(controller, SIMULATOR_VARIABLE)
+        value = await read_variable_once(await self.open_remote(Controller), SIMULATOR_VARIABLE)
         return value is not None and value.value == SIMULATOR_TEXT
 
     async def _open_controller(self) -> int:

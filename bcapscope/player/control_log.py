@@ -52,7 +52,7 @@ async def read_log_records(
     records: list[Value] = []
     try:
         opener = ObjectOpener(session, target, {ObjectClass.ROBOT: robot_name})
-        robot = Robot(session, await opener.handle_for(ObjectClass.ROBOT))
+        robot = await opener.open_remote(Robot)
         count = await robot.execute("GetLogCount")
         for index in range(count if isinstance(count, int) else 0):
             check_abort()

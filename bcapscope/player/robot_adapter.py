@@ -88,7 +88,7 @@ class RobotAdapter:
         Raises:
             BcapError: As for `Session.call`.
         """
-        self.robot = Robot(self._opener.session, await self._opener.handle_for(ObjectClass.ROBOT))
+        self.robot = await self._opener.open_remote(Robot)
 
     async def identify(self) -> None:
         """Connect and identify the controller and robot; nothing is changed.
@@ -131,7 +131,7 @@ class RobotAdapter:
             BcapError: As for `Session.call`.
         """
         if task is CleanupTask.ROBSLAVE:
-            await (await self._open_task()).stop(1)
+            await (await self._opener.open_remote(Task)).stop(1)
         elif task is CleanupTask.ARM:
             await self.robot.execute("GiveArm")
         elif task is CleanupTask.MOTOR:
@@ -145,17 +145,14 @@ class RobotAdapter:
         """Return whether the program runs that RC7 needs for slave mode; True for later controllers."""
         if self.generation is not Generation.RC7:
             return True
-        await self._open_task()
+        await self._opener.open_remote(Task)
         state = await self._read_optional(ObjectClass.TASK, "@STATUS")
         return state is not None and state.value == _RUNNING
 
     async def start_robslave(self) -> None:
         """Start the program."""
-        await (await self._open_task()).start(ONE_CYCLE)
+        await (await self._opener.open_remote(Task)).start(ONE_CYCLE)
         self._pause(_ROBSLAVE_START_DELAY)
-
-    async def _open_task(self) -> Task:
-        return Task(self._opener.session, await self._opener.handle_for(ObjectClass.TASK))
 
     async def take_arm(self) -> None:
         """Take the arm and keep its tool and work."""
@@ -253,14 +250,11 @@ class RobotAdapter:
 
     async def read_errors(self) -> tuple[tuple[int, str], ...]:
         """Return the active errors as code and text, newest first; nothing is cleared."""
-        return await read_errors(await self._controller())
+        return await read_errors(await self._opener.open_remote(Controller))
 
     async def clear_errors(self) -> None:
         """Clear the active errors."""
-        await clear_errors(await self._controller())
-
-    async def _controller(self) -> Controller:
-        return Controller(self._opener.session, await self._opener.handle_for(ObjectClass.CONTROLLER))
+        await clear_errors(await self._opener.open_remote(Controller))
 
     async def _read_pose_value(self, kind: PoseType) -> Variant:
         """Read a pose from its variable, or by its command if the variable is missing or EMPTY."""

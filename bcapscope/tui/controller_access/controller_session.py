@@ -20,6 +20,7 @@ from bcapscope.client.caller import Caller
 from bcapscope.client.controller_target import ControllerTarget
 from bcapscope.client.handle_table import ObjectHandle, first_number
 from bcapscope.client.object_opener import ObjectOpener
+from bcapscope.client.remote_objects import Robot
 from bcapscope.client.session import Session, open_target_session
 from bcapscope.client.variant_values import arguments_of
 from bcapscope.errors import BcapError, CallTimeout, ControllerError
@@ -262,15 +263,21 @@ class ControllerSession:
             raise NotConnectedError(say("tester.not_connected"))
         return found
 
+    def selected_robot(self) -> Robot:
+        """Return the robot that receives robot commands.
+
+        Raises:
+            NotConnectedError: None is open.
+        """
+        if self.status.robot is None:
+            raise NotConnectedError(say("desk.robot.missing"))
+        return Robot(self.opener.session, self.status.robot.handle)
+
     @property
     def last_record(self) -> HistoryRecord:
         """The record of the call that ended last; there must have been one."""
         assert self._recorder.last_record is not None
         return self._recorder.last_record
-
-    def subject_of(self, record: HistoryRecord) -> ObjectHandle | None:
-        """Return the object that a call was made on; None if it is no longer open."""
-        return self._subject_of(record.function_id, record.arguments)
 
     def _subject_of(self, function_id: int, arguments: Sequence[Variant]) -> ObjectHandle | None:
         function, session = FUNCTIONS.get(function_id), self.client_session
@@ -279,17 +286,10 @@ class ControllerSession:
         return session.handles.find(function.owner, first_number(arguments))
 
     async def open_object(
-        self,
-        parent: ObjectHandle,
-        kind: ObjectClass,
-        name: str,
-        option: str,
-        initiator: Initiator = Initiator.USER,
+        self, parent: ObjectHandle, kind: ObjectClass, name: str, option: str
     ) -> ObjectHandle | None:
         """Open an object. Return None if it was refused or not answered; `last_record` has the reason."""
-        record = await self.invoke(
-            f"{parent.kind}_Get{kind}", parent.handle, name, option, initiator=initiator
-        )
+        record = await self.invoke(f"{parent.kind}_Get{kind}", parent.handle, name, option)
         if record.outcome is not RecordOutcome.ANSWERED or record.reply is None:
             return None
         return self.opener.session.handles.find(kind, first_number(record.reply.variants))

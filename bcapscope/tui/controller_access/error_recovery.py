@@ -9,15 +9,14 @@ from __future__ import annotations
 from enum import StrEnum
 
 from bcapscope.client.controller_errors import clear_errors, read_errors
-from bcapscope.client.remote_objects import PTP, Controller, Robot
+from bcapscope.client.remote_objects import PTP, Controller
 from bcapscope.client.session import command_of
 from bcapscope.protocol.codec.variant import integer_value
 from bcapscope.protocol.slave_mode.modes import pose_type_of_mode
 from bcapscope.protocol.slave_mode.poses import pose_numbers
-from bcapscope.tui.controller_access.controller_session import ControllerSession, NotConnectedError
+from bcapscope.tui.controller_access.controller_session import ControllerSession
 from bcapscope.tui.controller_access.guided_connect import start_robslave
 from bcapscope.tui.controller_access.history_record import HistoryRecord, Initiator, RecordOutcome
-from bcapscope.tui.words import say
 
 
 class RecoveryStep(StrEnum):
@@ -94,7 +93,7 @@ async def run_recovery_step(
         return await session.record_calls(clear_errors(_controller(session)))
     if recovery_step is RecoveryStep.ROBSLAVE:
         return await start_robslave(session)
-    robot = _robot(session)
+    robot = session.selected_robot()
     if recovery_step is RecoveryStep.FIRST_POSITION:
         return await session.record_calls(robot.move(PTP, first_position))
     if recovery_step is RecoveryStep.MOTOR:
@@ -104,9 +103,3 @@ async def run_recovery_step(
 
 def _controller(session: ControllerSession) -> Controller:
     return Controller(session.opener.session, session.controller.handle)
-
-
-def _robot(session: ControllerSession) -> Robot:
-    if session.status.robot is None:
-        raise NotConnectedError(say("desk.robot.missing"))
-    return Robot(session.opener.session, session.status.robot.handle)

@@ -6,7 +6,7 @@ import asyncio
 from collections.abc import Awaitable, Callable, Sequence
 from dataclasses import replace
 
-from bcapscope.client.controller_target import ControllerTarget
+from bcapscope.client.controller_target import DEFAULT_ROBOT, ROBSLAVE, ControllerTarget
 from bcapscope.client.handle_table import ObjectHandle
 from bcapscope.client.remote_objects import ONE_CYCLE, Controller, Robot, Task, read_variable_once
 from bcapscope.errors import BcapError, CallTimeout, RemoteProtocolError
@@ -14,14 +14,10 @@ from bcapscope.protocol.codec.variant import EMPTY
 from bcapscope.protocol.tables.function_table import ObjectClass
 from bcapscope.render.field_meaning import value_text
 from bcapscope.tui.controller_access.controller_session import ControllerSession
-from bcapscope.tui.controller_access.halt_connection import DEFAULT_ROBOT
 from bcapscope.tui.controller_access.history_record import HistoryRecord, Initiator, error_text, failure_text
 from bcapscope.tui.controller_access.history_recorder import INITIATOR
 from bcapscope.tui.controller_access.session_updates import ConnectStep, ConnectStepUpdate, ControllerIdentity
 from bcapscope.tui.words import say, told
-
-ROBSLAVE = "RobSlave"
-"""The program that an RC7 needs for slave mode (DENSO Wave 2009, How to use the Slave mode)."""
 
 
 class ConnectStepError(BcapError):
@@ -58,7 +54,7 @@ async def connect(
         raise
     session.open_halt_connection(robot or DEFAULT_ROBOT)
     try:
-        await _run_step(session, ConnectStep.IDENTITY, lambda: identify_controller(session))
+        await _run_step(session, ConnectStep.IDENTITY, lambda: _identify_controller(session))
         if robot:
             await _run_step(session, ConnectStep.ROBOT, lambda: _open_first_robot(session, robot, option))
     except ConnectStepError:
@@ -142,10 +138,10 @@ async def _open_robot(session: ControllerSession, name: str, option: str) -> tup
     if robot is None:
         return record, None
     session.update_status(robot=robot)
-    return record, ", ".join(filter(None, (name, await read_robot_type(session, robot))))
+    return record, ", ".join(filter(None, (name, await _read_robot_type(session, robot))))
 
 
-async def identify_controller(session: ControllerSession) -> str:
+async def _identify_controller(session: ControllerSession) -> str:
     """Read what the controller is: the built-in simulator, or a controller with name and version."""
     opener, controller = session.opener, session.controller
     simulator = await opener.is_simulator()
@@ -156,7 +152,7 @@ async def identify_controller(session: ControllerSession) -> str:
     return f"{kind}, {say('desk.version', version=version)}" if version else kind
 
 
-async def read_robot_type(session: ControllerSession, robot: ObjectHandle) -> str:
+async def _read_robot_type(session: ControllerSession, robot: ObjectHandle) -> str:
     """Read the robot's type; the user should check it before the first motion (DENSO Wave 2009)."""
     remote_robot = Robot(session.opener.session, robot.handle)
     name = await _read_fact(session, remote_robot, "@TYPE_NAME")

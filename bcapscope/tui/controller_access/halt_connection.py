@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 
 from bcapscope.client.caller import Observer
-from bcapscope.client.controller_target import ControllerTarget
+from bcapscope.client.controller_target import DEFAULT_ROBOT, ControllerTarget
 from bcapscope.client.object_opener import ObjectOpener
 from bcapscope.client.robot_halt import halt_robot
 from bcapscope.client.session import Session, open_target_session
@@ -38,9 +38,6 @@ _STALE_CONNECTION_CODES = (E_HANDLE, E_NOT_CONNECTED)
 
 CLOSE_TIMEOUT = 3.0
 """Seconds that `close` waits for the connection to release its objects."""
-
-DEFAULT_ROBOT = "Arm"
-"""Robot to open if no name was given; most controllers have it."""
 
 
 class HaltState(StrEnum):

@@ -42,18 +42,16 @@ class HistoryRecorder:
         self,
         on_record: Callable[[HistoryRecord], None],
         subject_of: Callable[[int, Sequence[Variant]], ObjectHandle | None],
-        first_number: int = 1,
     ) -> None:
         """Pass each record to `on_record` as soon as its call has ended.
 
         Args:
             on_record: Called with each record.
             subject_of: Returns the object of a call from its function id and arguments.
-            first_number: Number of the first record.
         """
         self._on_record = on_record
         self._subject_of = subject_of
-        self.next_number = first_number
+        self._next_number = 1
         self.last_record: HistoryRecord | None = None
         self._call: _CallInProgress | None = None
 
@@ -132,7 +130,7 @@ class HistoryRecorder:
         arguments = tuple(each.variant for each in given)
         self._call = None
         self.last_record = HistoryRecord(
-            number=self.next_number,
+            number=self._next_number,
             initiator=call.initiator,
             began=call.began,
             function_id=code,
@@ -146,7 +144,7 @@ class HistoryRecorder:
             late_replies=call.late_replies,
             subject=self._subject_of(code, arguments),
         )
-        self.next_number += 1
+        self._next_number += 1
         self._on_record(self.last_record)
 
 

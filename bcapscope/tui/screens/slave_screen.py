@@ -19,7 +19,7 @@ from textual.widgets import Button, ContentSwitcher, Input, Select
 
 from bcapscope.client.action_log import LoggedConnection
 from bcapscope.client.armed_call_logger import ArmedCallLogger
-from bcapscope.client.remote_objects import Robot
+from bcapscope.client.controller_target import DEFAULT_ROBOT
 from bcapscope.errors import BcapError
 from bcapscope.player.armed_message_logger import ArmedMessageLogger
 from bcapscope.player.player_messages import PlayProgress, QuestionTopic, SlaveModePacing
@@ -262,7 +262,7 @@ class SlaveScreen(BaseScreen):
             return
         if not await self._release_controller(status):
             return
-        robot = status.robot.label if status.robot else "Arm"
+        robot = status.robot.label if status.robot else DEFAULT_ROBOT
         record = (
             self._recordings
             / f"slave-{time.strftime('%Y%m%d-%H%M%S')}-{time.monotonic_ns() % 1000:03}.pcapng"
@@ -291,8 +291,8 @@ class SlaveScreen(BaseScreen):
             if status.slave_mode:
                 await session.run_in_loop(run_recovery_step(session, RecoveryStep.MODE, "", 0))
             if status.holds_arm and status.robot is not None:
-                robot = Robot(session.opener.session, status.robot.handle)
-                await session.run_in_loop(session.record_calls(robot.execute("GiveArm"), Initiator.SCREEN))
+                step = session.selected_robot().execute("GiveArm")
+                await session.run_in_loop(session.record_calls(step, Initiator.SCREEN))
         except (BcapError, OSError) as error:
             self._show_state(f"{INK.bad}{printable(error_text(error))}")
             return False

@@ -371,7 +371,7 @@ class TesterScreen(TesterNavigation):
             self.session.status.target
             or read_option_field("", self._options.host or "127.0.0.1", 5007, False)[0]
         )
-        text = copy_text(record, what, target, self.session.subject_of(record))
+        text = copy_text(record, what, target)
         if text is None:
             app_of(self).show_message(say("tester.copy.none"), "warning")
             return
