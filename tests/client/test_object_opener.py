@@ -9,11 +9,12 @@ import pytest
 from bcapscope.client import open_session, over_link
 from bcapscope.client.controller_target import ControllerTarget
 from bcapscope.client.object_opener import ObjectOpener
-from bcapscope.errors import ControllerError
+from bcapscope.client.remote_objects import Robot, read_variable_once
+from bcapscope.errors import ControllerError, RemoteProtocolError
 from bcapscope.protocol.codec.variant import VT, Variant
 from bcapscope.protocol.retry.requester import CallRefused
 from bcapscope.protocol.tables.function_table import ObjectClass
-from bcapscope.protocol.tables.hresult import E_INVALIDARG, S_OK
+from bcapscope.protocol.tables.hresult import E_HANDLE, E_INVALIDARG, S_OK
 from bcapscope.protocol.tables.simulator_marker import SIMULATOR_TEXT, SIMULATOR_VARIABLE
 from bcapscope.transport.loop_clock import run_in_virtual_time
 from bcapscope.transport.memory_link import memory_link_pair
@@ -101,6 +102,62 @@ def test_a_refusal_opens_nothing() -> None:
         await opener.session.perform_call(1, (Variant(VT.BSTR, ""),))
 
     assert len(_play(act, Service_Start=(E_INVALIDARG, ()))) == 2
+
+
+def test_each_provider_is_tried_until_one_is_known() -> None:
+    async def act(opener: ObjectOpener) -> None:
+        with pytest.raises(ControllerError):
+            await opener.connect_controller(("a", "b"))
+
+    executed = _play(act, Controller_Connect=(E_INVALIDARG, ()))
+    assert [call[2] for call in executed] == ["a", "b"]
+
+
+def test_a_provider_that_is_known_ends_the_search() -> None:
+    async def act(opener: ObjectOpener) -> None:
+        assert await opener.connect_controller(("a", "b")) == "a"
+
+    assert [call[2] for call in _play(act)] == ["a"]
+
+
+def test_another_refusal_ends_the_search() -> None:
+    async def act(opener: ObjectOpener) -> None:
+        with pytest.raises(ControllerError):
+            await opener.connect_controller(("a", "b"))
+
+    assert [call[2] for call in _play(act, Controller_Connect=(E_HANDLE, ()))] == ["a"]
+
+
+def test_a_variable_stays_open_for_the_next_reading() -> None:
+    async def act(opener: ObjectOpener) -> None:
+        for _ in range(2):
+            value = await opener.read_variable(ObjectClass.ROBOT, "@SPEED")
+            assert value.value == 5
+        await opener.read_variable(ObjectClass.CONTROLLER, "@SPEED")
+
+    executed = _play(act, Variable_GetValue=(S_OK, (Variant(VT.I4, 5),)))
+    assert [call[:3] for call in executed if "GetVariable" in str(call[0])] == [
+        ("Robot_GetVariable", 102, "@SPEED"),
+        ("Controller_GetVariable", 101, "@SPEED"),
+    ]
+
+
+def test_a_variable_without_a_value_cannot_be_read() -> None:
+    async def act(opener: ObjectOpener) -> None:
+        with pytest.raises(RemoteProtocolError, match="@SPEED has no value"):
+            await opener.read_variable(ObjectClass.ROBOT, "@SPEED")
+
+    _play(act, Variable_GetValue=(S_OK, ()))
+
+
+def test_a_variable_that_is_read_once_is_released_though_reading_is_refused() -> None:
+    async def act(opener: ObjectOpener) -> None:
+        robot = await opener.open_remote(Robot)
+        assert await read_variable_once(robot, "@SPEED") is None
+
+    refused = E_INVALIDARG, ()
+    executed = _play(act, Variable_GetValue=refused, Variable_Release=refused)
+    assert executed[-1] == ("Variable_Release", 103)
 
 
 _SIMULATOR = Variant(VT.BSTR, SIMULATOR_TEXT)

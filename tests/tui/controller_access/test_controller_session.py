@@ -14,10 +14,10 @@ import orjson
 import pytest
 
 from bcapscope.client.controller_target import ControllerTarget
-from bcapscope.errors import LocalProtocolError
-from bcapscope.protocol.codec.frame import Frame
+from bcapscope.errors import CallTimeout, LocalProtocolError
+from bcapscope.protocol.codec.frame import Frame, encode_frame
 from bcapscope.protocol.codec.variant import ARRAY, EMPTY, VT, Variant
-from bcapscope.protocol.tables.function_table import ObjectClass, function_name
+from bcapscope.protocol.tables.function_table import ID, ObjectClass, function_name
 from bcapscope.protocol.tables.hresult import S_OK
 from bcapscope.traffic.observation import Direction, Observation
 from bcapscope.tui.controller_access.builtin_simulator import (
@@ -30,6 +30,7 @@ from bcapscope.tui.controller_access.controller_session import (
     NotArmedError,
     NotConnectedError,
 )
+from bcapscope.tui.controller_access.error_recovery import read_current_errors
 from bcapscope.tui.controller_access.guided_connect import add_robot, connect
 from bcapscope.tui.controller_access.halt_connection import HaltState, HaltUpdate
 from bcapscope.tui.controller_access.history_record import HistoryRecord, Initiator, RecordOutcome
@@ -367,6 +368,28 @@ def test_raw_bytes_go_out_as_they_are(tmp_path: Path, simulator: BuiltInSimulato
         assert (odd.sent_packets[0].item.raw, odd.received_packets) == (b"\x01\x02\x03", ())
         assert odd.outcome is RecordOutcome.UNANSWERED
         assert robot_call(made, "slvGetMode").outcome is RecordOutcome.ANSWERED
+
+
+def test_what_raw_bytes_open_is_listed_and_released(tmp_path: Path) -> None:
+    with udp_server() as server:
+        with desk(tmp_path) as (made, _):
+            assert join(made, server.port, robot="")
+            name = Variant(VT.BSTR, "Pro1"), Variant(VT.BSTR, "")
+            values = (Variant(VT.I4, made.controller.handle), *name)
+            raw = encode_frame(0x1234, 0, ID["Controller_GetTask"], values)
+            record = asyncio.run(made.run_in_loop(made.send_raw(raw)))
+            assert record.outcome is RecordOutcome.ANSWERED
+            task = made.status.open_objects[-1]
+            assert (task.kind, task.label) == (ObjectClass.TASK, "Pro1")
+        calls = [call for peer in server.peers.values() for call in peer.executed]
+        assert ("Task_Release", task.handle) in calls
+
+
+def test_a_controller_that_does_not_answer_is_not_reported_as_free_of_errors(tmp_path: Path) -> None:
+    with answering(Controller_Execute=None) as server, desk(tmp_path) as (made, _):
+        assert join(made, server.port, timeout=50.0)
+        with pytest.raises(CallTimeout):
+            asyncio.run(made.run_in_loop(read_current_errors(made)))
 
 
 def test_too_much_for_udp_is_told_and_not_sent(tmp_path: Path, simulator: BuiltInSimulator) -> None:
