@@ -264,7 +264,8 @@ class RobotAdapter:
             if found is not None and found != EMPTY:
                 return found
             self._read_by_command.add(kind)
-        reply = await self._opener.session.invoke("Robot_Execute", self.robot.handle, command, None)
+        robot = await self._opener.open_remote(Robot)
+        reply = await self._opener.session.invoke("Robot_Execute", robot.handle, command, None)
         return required_variant(reply, command)
 
     async def _read_optional(self, object_class: ObjectClass, name: str) -> Variant | None:
