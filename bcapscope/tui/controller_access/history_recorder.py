@@ -86,17 +86,11 @@ class HistoryRecorder:
                 call, RecordOutcome.UNANSWERED, None, event.attempts, max(0, now - call.began)
             )
 
-    def abandon_call(self, now: int) -> HistoryRecord | None:
-        """End the call under way without a reply; return its record, or None if there is no such call.
-
-        Args:
-            now: ns since 1970-01-01 UTC.
-        """
-        call = self._call
-        if call is None:
-            return None
-        self._complete_call(call, RecordOutcome.ABANDONED, None, (), max(0, now - call.began))
-        return self.last_record
+    def abandon_call(self, now: int) -> None:
+        """End the call under way, if any, without a reply; `now` is ns since 1970-01-01 UTC."""
+        if self._call is not None:
+            took = max(0, now - self._call.began)
+            self._complete_call(self._call, RecordOutcome.ABANDONED, None, (), took)
 
     def complete_raw_call(self, now: int) -> None:
         """End a call that was sent as raw bytes. The last frame received, if any, is its reply.

@@ -247,8 +247,9 @@ class TesterScreen(TesterNavigation):
         self._show_status()
 
     def _show_status(self) -> None:
-        desk = self.session
-        line = status_pieces(desk.status, desk.arming, desk.now(), self._halt_update, desk.reply_monitor)
+        session = self.session
+        now, monitor = session.now(), session.reply_monitor
+        line = status_pieces(session.status, session.arming, now, self._halt_update, monitor)
         app_of(self).status = tuple(line)
 
     # Requests of the widgets.
