@@ -146,6 +146,7 @@ class PlaySession:
 
     async def _connect_and_play(self) -> None:
         plan, robot = self._plan, self._robot
+        self._session.check_armed = _refuse_unconfirmed_call
         self._report_state(PlayState.CONNECTING)
         await robot.identify()
         kind, mode = plan.kind, _slave_mode_for(plan, robot.generation)
@@ -158,6 +159,7 @@ class PlaySession:
         if plan.look_only or trajectory is None:
             return
         self._confirm_start()
+        self._session.check_armed = None
         while True:
             try:
                 return await self._play_once(mode, trajectory)
@@ -404,6 +406,10 @@ class PlaySession:
             left=not self._cleanup.is_controller_gone,
             retries_expected=self._retries_expected,
         )
+
+
+def _refuse_unconfirmed_call() -> None:
+    raise PlayAbortedError(PlayOutcome.UNARMED, "the start is not confirmed yet")
 
 
 def _slave_mode_for(plan: PlayPlan, generation: Generation) -> SlaveMode:
