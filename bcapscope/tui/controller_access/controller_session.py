@@ -54,7 +54,7 @@ R = TypeVar("R")
 CLOSE_TIMEOUT = 8.0
 """Seconds that `close` waits until everything is released."""
 
-CLEANUP_RETRY_POLICY = RetryPolicy(300_000_000, 2)
+_CLEANUP_RETRY_POLICY = RetryPolicy(300_000_000, 2)
 """Attempts of the calls that release objects. Few, so that closing is fast if the controller is gone."""
 
 
@@ -175,7 +175,7 @@ class ControllerSession:
         INITIATOR.set(Initiator.SCREEN)
         if self.client_session is not None:
             usual = self.client_session.retry_policies
-            self.client_session.retry_policies = usual._replace(others=CLEANUP_RETRY_POLICY)
+            self.client_session.retry_policies = usual._replace(others=_CLEANUP_RETRY_POLICY)
         try:
             with suppress(BcapError, OSError):
                 await stack.aclose()
@@ -188,11 +188,6 @@ class ControllerSession:
             if self.status.is_connected:
                 self.status = SessionStatus()
                 self.report(self.status)
-
-    async def handle_lost_connection(self, reason: str) -> None:
-        """Record that the connection is lost, and report it."""
-        await self.disconnect()
-        self.report(ConnectionLost(reason))
 
     def update_status(self, **changes: Any) -> None:
         """Change the status and report it."""
@@ -325,7 +320,8 @@ class ControllerSession:
         except OSError as error:
             if not isinstance(error, BcapError):
                 self._recorder.abandon_call(time.time_ns())
-                await self.handle_lost_connection(error_text(error))
+                await self.disconnect()
+                self.report(ConnectionLost(error_text(error)))
             raise
 
     # HALT.
