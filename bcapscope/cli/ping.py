@@ -18,8 +18,8 @@ from bcapscope.cli.common.data_output import echo
 from bcapscope.cli.common.exit_codes import ExitCode
 from bcapscope.cli.common.target_options import ControllerTarget, exit_on_failure, target_options
 from bcapscope.client.controller_target import os_error_text
-from bcapscope.client.object_opener import ObjectOpener
-from bcapscope.client.remote_objects import Controller, Robot, read_variable_once
+from bcapscope.client.object_opener import ObjectOpener, read_variable_once
+from bcapscope.client.remote_objects import Controller, Robot
 from bcapscope.client.session import Session, open_target_session
 from bcapscope.errors import ControllerError
 from bcapscope.live.end_signals import run_interruptible

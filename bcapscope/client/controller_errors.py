@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from bcapscope.client.remote_objects import Controller, read_variable_once
+from bcapscope.client.object_opener import read_variable_once
+from bcapscope.client.remote_objects import Controller
 from bcapscope.errors import ControllerError
 from bcapscope.protocol.codec.variant import Value
 from bcapscope.protocol.tables.hresult import describe_hresult

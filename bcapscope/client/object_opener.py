@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from typing import TypeVar
 
 from bcapscope.client.controller_target import DEFAULT_ROBOT, ROBSLAVE, ControllerTarget
 from bcapscope.client.handle_table import ObjectHandle
-from bcapscope.client.remote_object import RemoteObject, handle_of, required_variant
-from bcapscope.client.remote_objects import Controller, read_variable_once
+from bcapscope.client.remote_object import RemoteObject, first_variant, handle_of, required_variant
+from bcapscope.client.remote_objects import Controller, Robot
 from bcapscope.client.session import Session
 from bcapscope.errors import ControllerError
-from bcapscope.protocol.codec.variant import Variant
+from bcapscope.protocol.codec.variant import EMPTY, Variant
 from bcapscope.protocol.tables.function_table import ObjectClass
 from bcapscope.protocol.tables.hresult import E_INVALIDARG
 from bcapscope.protocol.tables.simulator_marker import SIMULATOR_TEXT, SIMULATOR_VARIABLE
@@ -157,3 +158,23 @@ class ObjectOpener:
         return handle_of(
             await self.session.invoke(f"{parent}_Get{object_class}", await self.handle_for(parent), name, "")
         )
+
+
+async def read_variable_once(owner: Controller | Robot, name: str) -> Variant | None:
+    """Open, read and release a variable.
+
+    Returns:
+        Its value, EMPTY if the reply holds none; None if the controller refuses.
+    """
+    try:
+        variable = await owner.get_variable(name)
+    except ControllerError:
+        return None
+    try:
+        reply = await owner.session.invoke("Variable_GetValue", variable.handle)
+        value = first_variant(reply) or EMPTY
+    except ControllerError:
+        value = None
+    with suppress(ControllerError):
+        await variable.release()
+    return value

@@ -8,12 +8,10 @@ RemoteProtocolError if the value in the reply has a wrong type.
 
 from __future__ import annotations
 
-from contextlib import suppress
 from datetime import datetime
 
-from bcapscope.client.remote_object import RemoteObject, expect_value, first_variant
-from bcapscope.errors import ControllerError
-from bcapscope.protocol.codec.variant import EMPTY, VT, Value, Variant
+from bcapscope.client.remote_object import RemoteObject, expect_value
+from bcapscope.protocol.codec.variant import VT, Value, Variant
 from bcapscope.protocol.tables.function_table import ObjectClass
 
 PTP = 1
@@ -386,23 +384,3 @@ class Message(RemoteObject):
     async def get_value(self) -> Value:
         """Return the value that the message carries."""
         return await self._invoke_value("GetValue")
-
-
-async def read_variable_once(owner: Controller | Robot, name: str) -> Variant | None:
-    """Open, read and release a variable.
-
-    Returns:
-        Its value, EMPTY if the reply holds none; None if the controller refuses.
-    """
-    try:
-        variable = await owner.get_variable(name)
-    except ControllerError:
-        return None
-    try:
-        reply = await owner.session.invoke("Variable_GetValue", variable.handle)
-        value = first_variant(reply) or EMPTY
-    except ControllerError:
-        value = None
-    with suppress(ControllerError):
-        await variable.release()
-    return value

@@ -32,18 +32,18 @@ def main() -> None:
     """Play the plan that comes first on standard input."""
     messages = os.dup(1)
     os.dup2(2, 1)  # anything that prints must not write between the messages
-    pipe = PlayerPipe(0, messages)
-    plan = pipe.read_plan()
-    pipe.install_signal_handlers()
+    desk = PlayerPipe(0, messages)
+    plan = desk.read_plan()
+    desk.install_signal_handlers()
     with ExitStack() as stack:
         try:
             record, log = (stack.enter_context(open_new_file(path)) for path in (plan.record, plan.log))
         except OSError as error:
-            pipe.send(PlayEnded(PlayOutcome.UNWRITABLE, f"{error.filename}: {os_error_text(error)}"))
-            pipe.wait_until_sent()
+            desk.send(PlayEnded(PlayOutcome.UNWRITABLE, f"{error.filename}: {os_error_text(error)}"))
+            desk.wait_until_sent()
             return
-        pipe.send(play(plan, pipe, record, log))
-    pipe.wait_until_sent()
+        desk.send(play(plan, desk, record, log))
+    desk.wait_until_sent()
 
 
 def play(plan: PlayPlan, pipe: PlayerPipe, record: BinaryIO | None, log: BinaryIO | None) -> PlayEnded:
@@ -67,12 +67,12 @@ def play(plan: PlayPlan, pipe: PlayerPipe, record: BinaryIO | None, log: BinaryI
             return PlayEnded(
                 PlayOutcome.UNANSWERED, reason, left=plan.aftermath is None, realtime=grade.realtime
             )
-        recorder = FrameRecorder(pipe.send, record)
-        session = PlaySession(plan, channel, pipe, recorder)
-        ended = structs.replace(run_blocking(session.run()), realtime=grade.realtime)
+        journal = FrameRecorder(pipe.send, record)
+        visit = PlaySession(plan, channel, pipe, journal)
+        ended = structs.replace(run_blocking(visit.run()), realtime=grade.realtime)
     # Nothing is urgent from here on, so the files are written without real-time priority.
     read = partial(read_control_log, target, plan.robot, abort_on_order(pipe))
-    return write_files(ended, recorder, channel, log if session.has_log else None, read)
+    return write_files(ended, journal, channel, log if visit.has_log else None, read)
 
 
 def write_files(
@@ -94,24 +94,24 @@ def write_files(
             write_control_log(log, records)
             ended = structs.replace(ended, logged=len(records))
     except (OSError, BcapError) as error:
-        problem = os_error_text(error) if isinstance(error, OSError) else str(error)
-        reasons.append(f"the log could not be written: {problem}")
+        reason = os_error_text(error) if isinstance(error, OSError) else str(error)
+        reasons.append(f"the log could not be written: {reason}")
     if not reasons:
         return ended
-    reason = "; ".join((*reasons, *filter(None, (ended.reason,))))
-    return structs.replace(ended, outcome=PlayOutcome.UNWRITABLE, reason=reason)
+    told = "; ".join((*reasons, *filter(None, (ended.reason,))))
+    return structs.replace(ended, outcome=PlayOutcome.UNWRITABLE, reason=told)
 
 
 def abort_on_order(pipe: PlayerPipe) -> Callable[[], None]:
     """Return a function that raises BcapError when an order has come since this call."""
     before = pipe.order_count
 
-    def check() -> None:
+    def look() -> None:
         pipe.poll_order()
         if pipe.order_count > before:
             raise BcapError("nobody waited for it")
 
-    return check
+    return look
 
 
 if __name__ == "__main__":

@@ -8,8 +8,8 @@ import pytest
 
 from bcapscope.client import open_session, over_link
 from bcapscope.client.controller_target import ControllerTarget
-from bcapscope.client.object_opener import ObjectOpener
-from bcapscope.client.remote_objects import Robot, read_variable_once
+from bcapscope.client.object_opener import ObjectOpener, read_variable_once
+from bcapscope.client.remote_objects import Robot
 from bcapscope.errors import ControllerError, RemoteProtocolError
 from bcapscope.protocol.codec.variant import VT, Variant
 from bcapscope.protocol.retry.requester import CallRefused

@@ -8,7 +8,8 @@ from dataclasses import replace
 
 from bcapscope.client.controller_target import DEFAULT_ROBOT, ROBSLAVE, ControllerTarget
 from bcapscope.client.handle_table import ObjectHandle
-from bcapscope.client.remote_objects import ONE_CYCLE, Controller, Robot, Task, read_variable_once
+from bcapscope.client.object_opener import read_variable_once
+from bcapscope.client.remote_objects import ONE_CYCLE, Controller, Robot, Task
 from bcapscope.errors import BcapError, CallTimeout, RemoteProtocolError
 from bcapscope.protocol.codec.variant import EMPTY
 from bcapscope.protocol.tables.function_table import ObjectClass
