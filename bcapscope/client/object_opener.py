@@ -41,6 +41,8 @@ C/include/bcap_common.h)."""
 class ObjectOpener:
     """Opens missing objects before a call, and uses those that earlier calls of the session opened.
 
+    Every method raises what `Session.call` raises.
+
     Attributes:
         session: Session that makes the calls.
     """
@@ -67,7 +69,6 @@ class ObjectOpener:
 
         Raises:
             ValueError: Opening needs a name, and none is known.
-            BcapError: A call failed, as for `Session.call`.
         """
         found = self.session.handles.latest(object_class)
         if found is not None:
@@ -80,7 +81,7 @@ class ObjectOpener:
         return await self._open_named(object_class)
 
     async def open_remote(self, kind: type[R]) -> R:
-        """Return the latest object of a class; open one if there is none. Raises as `handle_for`."""
+        """Return the latest object of a class; open one if there is none."""
         return kind(self.session, await self.handle_for(kind.owner))
 
     async def start_service(self) -> None:
@@ -89,11 +90,7 @@ class ObjectOpener:
             await self.session.invoke("Service_Start", self._target.service)
 
     async def connect_controller(self, providers: Sequence[str]) -> str:
-        """Connect with the first of `providers` that the controller knows; return its name.
-
-        Raises:
-            BcapError: A call failed, as for `Session.call`.
-        """
+        """Connect with the first of `providers` that the controller knows; return its name."""
         for provider in providers[:-1]:
             try:
                 await self._connect_with(provider)
@@ -106,11 +103,7 @@ class ObjectOpener:
         return providers[-1]
 
     async def open_child(self, parent: ObjectHandle, kind: ObjectClass, name: str) -> int:
-        """Return the handle of the open object of this name; open it through `parent` if necessary.
-
-        Raises:
-            BcapError: As for `Session.call`.
-        """
+        """Return the handle of the open object of this name; open it through `parent` if necessary."""
         found = self.session.handles.find_named(kind, name, parent)
         if found is not None:
             return found.handle
@@ -121,7 +114,6 @@ class ObjectOpener:
 
         Raises:
             RemoteProtocolError: The reply holds no value.
-            BcapError: As for `Session.call`.
         """
         parent = self.session.handles.find(owner, await self.handle_for(owner))
         assert parent is not None  # the session records what it opens

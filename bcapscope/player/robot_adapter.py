@@ -52,7 +52,7 @@ _FACTS = (
 
 
 class RobotAdapter:
-    """A controller with its robot.
+    """A controller with its robot. Every method raises what `Session.call` raises.
 
     Attributes:
         robot: The arm.
@@ -83,19 +83,11 @@ class RobotAdapter:
         return self.generation is not Generation.RC7
 
     async def connect(self) -> None:
-        """Connect and open the robot; no other calls are made.
-
-        Raises:
-            BcapError: As for `Session.call`.
-        """
+        """Connect and open the robot; no other calls are made."""
         self.robot = await self._opener.open_remote(Robot)
 
     async def identify(self) -> None:
-        """Connect and identify the controller and robot; nothing is changed.
-
-        Raises:
-            BcapError: As for `Session.call`.
-        """
+        """Connect and identify the controller and robot; nothing is changed."""
         self.is_simulator = await self._opener.is_simulator()
         await self.connect()
         for name, owner, variable in _FACTS:
@@ -110,7 +102,6 @@ class RobotAdapter:
 
         Raises:
             RemoteProtocolError: The reply holds no pose.
-            BcapError: As for `Session.call`.
         """
         row = pose_numbers(await self._read_pose_value(kind))
         if row is None or len(row) < 6 or not all(map(isfinite, row)):
@@ -125,11 +116,7 @@ class RobotAdapter:
             return 0
 
     async def clean_up(self, task: CleanupTask) -> None:
-        """Undo one task.
-
-        Raises:
-            BcapError: As for `Session.call`.
-        """
+        """Undo one task."""
         if task is CleanupTask.ROBSLAVE:
             await (await self._opener.open_remote(Task)).stop(1)
         elif task is CleanupTask.ARM:
@@ -199,7 +186,6 @@ class RobotAdapter:
         Raises:
             ControllerError: The robot stands still elsewhere, and the controller shows an error.
             RemoteProtocolError: The robot stands still elsewhere, and the controller shows no error.
-            BcapError: As for `Session.call`.
         """
         pose = f"@E {kind}({', '.join(map(_decimal, goal))})"
         while True:
