@@ -20,7 +20,7 @@ from bcapscope.analysis.slave.slave_session import SlaveSession
 from bcapscope.analysis.statistics.call_statistics import StatisticsBuilder
 from bcapscope.capture.capture_file import open_capture
 from bcapscope.capture.packet_decoder import PacketDecoder
-from bcapscope.traffic.call import Call, PairingResult
+from bcapscope.traffic.call import Call, CallState, PairingResult
 from bcapscope.traffic.tracker import Tracker
 from tests.analysis.exchanges import MOVE, READ, STOP, made
 
@@ -105,7 +105,7 @@ def test_a_single_refusal_is_notable() -> None:
 
 def test_what_was_not_followed_is_told_and_not_notable() -> None:
     call = made(0, None, given_up=False)
-    call.evicted = True
+    call.state = CallState.EVICTED
     comparison = compare(side([made(0, 1.0)]), side([call]))
     assert ("not_followed_share", 1.0) in [(each.figure, each.bad) for each in comparison.differences]
     assert notable(comparison) == {}

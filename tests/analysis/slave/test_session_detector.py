@@ -13,7 +13,7 @@ from bcapscope.analysis.slave.session_detector import MAX_SESSIONS, SlaveSession
 from bcapscope.analysis.slave.slave_session import ExitReason, SlaveSession
 from bcapscope.protocol.codec.variant import VT, Variant
 from bcapscope.protocol.slave_mode.modes import Generation, ModeKind, PoseType
-from bcapscope.traffic.call import Call
+from bcapscope.traffic.call import Call, CallState
 from bcapscope.traffic.observation import Transport
 from tests.analysis.driving import (
     BUFFER_FULL,
@@ -354,7 +354,7 @@ def test_a_set_point_that_is_let_go_is_not_unanswered() -> None:
     driver.move(168, takes=None)
     driver.move(176, takes=None)
     *calls, let_go, _ = (call for call in plan.track() if isinstance(call, Call))
-    let_go.evicted = True
+    let_go.state = CallState.EVICTED
     watcher = SlaveSessionDetector()
     for call in (*calls, let_go):
         assert not watcher.add_call(call)
