@@ -17,10 +17,12 @@ from bcapscope.analysis.slave.slave_session import SlaveSession
 from bcapscope.analysis.speech import Speech
 from bcapscope.protocol.codec.frame import Malformed
 from bcapscope.protocol.tables.hresult import is_failure
-from bcapscope.traffic.call import Call, FrameObservation, PairingResult
+from bcapscope.traffic.call import Call, FrameObservation, StrayReply
 from bcapscope.traffic.call_kind import CallKind
-from bcapscope.traffic.handle_tracker import HandleTracker
+from bcapscope.traffic.handle_tracker import TrackedObject
 from bcapscope.traffic.observation import Conversation, Flow, Observation
+from bcapscope.traffic.pipeline import PipelineSubscriber
+from bcapscope.traffic.slave_mode_tracker import SlaveModeChange
 
 MAX_CALL_KINDS = 4096
 """Kinds of call for which the interested checkers are cached; a full cache is cleared."""
@@ -31,12 +33,10 @@ MAX_FLOWS = 65536
 _CallHandler: TypeAlias = Callable[[Call, ClientState], None]
 
 
-class Diagnosis:
-    """Finds what went wrong in the traffic, in bounded memory.
+class Diagnosis(PipelineSubscriber):
+    """Finds what went wrong in the traffic, in bounded memory."""
 
-    Pass every observation to `on_observation`, and every result that a tracker makes of it to
-    `on_pairing_result`.
-    """
+    needs_targets = True
 
     def __init__(
         self,
@@ -57,127 +57,116 @@ class Diagnosis:
         )
         report = self._collector.add_occurrence if self._selection is None else self._selection.add_occurrence
         self._clients = ClientRegistry(self._drop_client)
-        self._handles = HandleTracker(max_ended=0)
         self._session_detector = SlaveSessionDetector()
-        watchers = [watcher(report, self._clients) for watcher in CHECKERS]
-        self._call_checkers = checkers_overriding(watchers, "on_call")
+        checkers = [checker(report, self._clients) for checker in CHECKERS]
+        self._call_checkers = checkers_overriding(checkers, "on_call")
         self._suspect_frame_handlers = [
-            each.on_suspect_frame for each in checkers_overriding(watchers, "on_suspect_frame")
+            each.on_suspect_frame for each in checkers_overriding(checkers, "on_suspect_frame")
         ]
         self._stray_reply_handlers = [
-            each.on_stray_reply for each in checkers_overriding(watchers, "on_stray_reply")
+            each.on_stray_reply for each in checkers_overriding(checkers, "on_stray_reply")
         ]
         self._slave_session_handlers: list[Callable[[SlaveSession], object]] = [
-            each.on_slave_session for each in checkers_overriding(watchers, "on_slave_session")
+            each.on_slave_session for each in checkers_overriding(checkers, "on_slave_session")
         ]
         self._selected_sessions: SelectedSlaveSessions | None = None
         if on_slave_session is not None and is_selected is None:
             self._slave_session_handlers.append(on_slave_session)
         elif on_slave_session is not None:
-            self._selected_sessions, self._on_selected_session = (
-                SelectedSlaveSessions(is_selected),
-                on_slave_session,
-            )
+            self._selected_sessions = SelectedSlaveSessions(is_selected, on_slave_session)
         self._client_ended_handlers = [
-            each.on_client_ended for each in checkers_overriding(watchers, "on_client_ended")
+            each.on_client_ended for each in checkers_overriding(checkers, "on_client_ended")
         ]
-        self._new_flow_handlers = [each.on_new_flow for each in checkers_overriding(watchers, "on_new_flow")]
+        self._new_flow_handlers = [each.on_new_flow for each in checkers_overriding(checkers, "on_new_flow")]
+        self._set_point_handlers = [each.on_call for each in checkers if each.needs_every_set_point]
         self._closed_handlers = [
-            each.on_conversation_closed for each in checkers_overriding(watchers, "on_conversation_closed")
+            each.on_conversation_closed for each in checkers_overriding(checkers, "on_conversation_closed")
         ]
         self._dropped_calls = self._not_followed = self._ended_at = 0
         self._handlers_by_kind: dict[tuple[CallKind, CallHealth], tuple[_CallHandler, ...]] = {}
         self._flows: set[Flow] = set()
         self._first: Observation | None = None
         self._last: Observation | None = None
-        # The next set point is expected to belong to this client's slave-mode session.
-        self._expected_client: ClientState
-        self._expected_conversation: Conversation | None = None
-        self._expected_kind: CallKind | None = None
 
-    def on_observation(self, observation: Observation) -> None:
-        """Check the next frame, or bytes that are no frame, before the tracker's results for it."""
+    def on_frame(self, observation: Observation) -> None:
+        """Check the next frame, or bytes that are no frame."""
         item = observation.item
         if self._selection is not None:
-            self._selection.on_observation(observation)
+            self._selection.on_frame(observation)
         if observation.flow not in self._flows:
             self._on_new_flow(observation)
         self._last = observation
         if item.__class__ is Malformed or len(item.raw) >= CHECKED_FROM_BYTES:
-            for look in self._suspect_frame_handlers:
-                look(observation)
+            for on_suspect_frame in self._suspect_frame_handlers:
+                on_suspect_frame(observation)
 
-    def on_pairing_result(self, settled: PairingResult) -> None:
-        """Check a completed call, or a reply that belongs to no call."""
+    def on_call(self, call: Call, target: TrackedObject | None) -> None:
+        """Check a completed call."""
         if self._selection is not None:
-            self._selection.on_pairing_result(settled)
-        if isinstance(settled, Call):
-            if self._selected_sessions is not None:
-                self._pass_on_selected(self._selected_sessions.add_call(settled))
-            if settled.kind is self._expected_kind and settled.conversation is self._expected_conversation:
-                reply, frame = settled.reply, settled.request.item
-                if (
-                    reply is not None
-                    and not reply.item.code
-                    and not settled.other_frames
-                    and frame.reserved in (0, frame.serial)
-                ):
-                    self._expected_client.on_set_point(settled)
-                    stays = self._session_detector.add_call(settled)
-                    if stays:
-                        self._on_slave_sessions(stays)
-                    return
-            self._on_call(settled)
-        else:
-            self._check_frame(settled.observation)
-            for judge in self._stray_reply_handlers:
-                judge(settled)
-
-    def _on_call(self, call: Call) -> None:
+            self._selection.on_call(call)
+        if self._selected_sessions is not None:
+            self._selected_sessions.on_call(call, target)
         client = self._clients.client_of(call)
-        client.target_object = self._handles.on_call(call)
+        client.target_object = target
         for seen in call_observations(call):
             self._check_frame(seen)
         self._not_followed += call.evicted
-        kind = _health_of(call)
-        seers = self._handlers_by_kind.get((call.kind, kind))
-        if seers is None:
-            seers = self._handlers_for((call.kind, kind))
-        for see in seers:
-            see(call, client)
+        key = call.kind, _health_of(call)
+        handlers = self._handlers_by_kind.get(key)
+        if handlers is None:
+            handlers = self._handlers_for(key)
+        for on_call in handlers:
+            on_call(call, client)
         self._on_slave_sessions(self._session_detector.add_call(call))
         client.on_call(call)
-        # There may be millions of set points. All checkers see the first one of a slave-mode session; after
-        # that they see only those that went wrong.
-        is_point = bool(client.recent_set_points) and client.recent_set_points[-1] is call
-        self._expected_kind = call.kind if is_point else None
-        self._expected_client, self._expected_conversation = client, call.conversation
+
+    def on_set_points(self, calls: Sequence[Call], target: TrackedObject | None) -> None:
+        """Check set points that are alike: only checkers that need every set point see each one."""
+        client = self._clients.client_of(calls[0])
+        client.target_object = target
+        if self._selection is not None:
+            for call in calls:
+                self._selection.on_call(call)
+        if self._selected_sessions is not None:
+            self._selected_sessions.on_set_points(calls, target)
+        for call in calls:
+            for on_call in self._set_point_handlers:
+                on_call(call, client)
+            client.on_set_point(call)
+        sessions = self._session_detector.add_set_points(calls)
+        if sessions:
+            self._on_slave_sessions(sessions)
+
+    def on_stray_reply(self, stray: StrayReply) -> None:
+        """Check a reply that belongs to no call."""
+        if self._selection is not None:
+            self._selection.on_stray_reply(stray)
+        self._check_frame(stray.observation)
+        for on_stray_reply in self._stray_reply_handlers:
+            on_stray_reply(stray)
+
+    def on_slave_mode(self, change: SlaveModeChange) -> None:
+        """Update the state of a client whose slave mode changed."""
+        self._clients.client_of(change.call).on_slave_mode(change)
 
     def _check_frame(self, observation: FrameObservation) -> None:
         """Show a frame with problems to the checkers; `on_observation` has already shown large ones."""
         if observation.item.problems and len(observation.item.raw) < CHECKED_FROM_BYTES:
-            for look in self._suspect_frame_handlers:
-                look(observation)
+            for on_suspect_frame in self._suspect_frame_handlers:
+                on_suspect_frame(observation)
 
     def _on_slave_sessions(self, sessions: Sequence[SlaveSession]) -> None:
-        for stay in sessions:
-            for tell in self._slave_session_handlers:
-                tell(stay)
-
-    def _pass_on_selected(self, sessions: Sequence[SlaveSession]) -> None:
-        for stay in sessions:
-            self._on_selected_session(stay)
+        for session in sessions:
+            for on_slave_session in self._slave_session_handlers:
+                on_slave_session(session)
 
     def on_conversation_closed(self, conversation: Conversation) -> None:
         """Release what is kept for a closed conversation. All its calls must have been passed before."""
         self._flows = {flow for flow in self._flows if flow.conversation is not conversation}
-        if conversation is self._expected_conversation:
-            self._expected_conversation = self._expected_kind = None
-        self._handles.close_conversation(conversation)
         self._on_slave_sessions(self._session_detector.close_conversation(conversation))
         self._clients.on_conversation_closed(conversation)
-        for forget in self._closed_handlers:
-            forget(conversation)
+        for on_closed in self._closed_handlers:
+            on_closed(conversation)
 
     def finish(self, ended_at: int = 0, clients_present: bool = False) -> tuple[Finding, ...]:
         """Return all findings, root cause first. Pass nothing more to this diagnosis afterwards.
@@ -191,7 +180,7 @@ class Diagnosis:
             self._selection.release_all()
         self._on_slave_sessions(self._session_detector.finish(self._end_time))
         if self._selected_sessions is not None:
-            self._pass_on_selected(self._selected_sessions.finish(self._end_time))
+            self._selected_sessions.finish(self._end_time)
         for client in self._clients:
             client.known_present = clients_present
             self._end_client(client)
@@ -228,24 +217,24 @@ class Diagnosis:
         if len(self._flows) >= MAX_FLOWS:
             self._flows.clear()
         self._flows.add(observation.flow)
-        for look in self._new_flow_handlers:
-            look(observation)
+        for on_new_flow in self._new_flow_handlers:
+            on_new_flow(observation)
 
     def _handlers_for(self, key: tuple[CallKind, CallHealth]) -> tuple[_CallHandler, ...]:
         if len(self._handlers_by_kind) >= MAX_CALL_KINDS:
             self._handlers_by_kind.clear()
-        seers = self._handlers_by_kind[key] = tuple(
+        handlers = self._handlers_by_kind[key] = tuple(
             each.on_call for each in self._call_checkers if each.wants_call(*key)
         )
-        return seers
+        return handlers
 
     def _drop_client(self, client: ClientState) -> None:
         self._dropped_calls += client.call_count
         self._end_client(client)
 
     def _end_client(self, client: ClientState) -> None:
-        for tell in self._client_ended_handlers:
-            tell(client, self._end_time)
+        for on_client_ended in self._client_ended_handlers:
+            on_client_ended(client, self._end_time)
 
 
 def _health_of(call: Call) -> CallHealth:

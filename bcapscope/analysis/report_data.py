@@ -24,9 +24,11 @@ from bcapscope.analysis.timeline_events import (
 from bcapscope.protocol.codec.arguments import Problem
 from bcapscope.protocol.codec.frame import Frame, Malformed
 from bcapscope.protocol.tables.hresult import is_failure
-from bcapscope.traffic.call import Call, FrameObservation, PairingResult, StrayReply
+from bcapscope.traffic.call import Call, FrameObservation, StrayReply
 from bcapscope.traffic.call_verdict import CallVerdict
+from bcapscope.traffic.handle_tracker import TrackedObject
 from bcapscope.traffic.observation import Conversation, Flow, Observation
+from bcapscope.traffic.pipeline import PipelineSubscriber
 
 MAX_TIMELINES = 256
 """Clients that have a timeline of their own."""
@@ -131,10 +133,11 @@ class ReportData:
 _Badness: TypeAlias = "tuple[int, int, int]"
 
 
-class ReportDataBuilder:
-    """Gathers report data from observations and from what a tracker makes of them.
+class ReportDataBuilder(PipelineSubscriber):
+    """Gathers the data of a report.
 
-    Pass each observation before the tracker's results for it.
+    Attributes:
+        diagnosis: Diagnosis of the report; it subscribes to the same pipeline, before the builder.
     """
 
     def __init__(self, is_selected: Callable[[Call], bool] | None = None) -> None:
@@ -145,7 +148,7 @@ class ReportDataBuilder:
                 reported in any case.
         """
         self._is_selected = is_selected
-        self._diagnosis = Diagnosis(is_selected, self._keep_session)
+        self.diagnosis = Diagnosis(is_selected, self._keep_session)
         self._statistics = StatisticsBuilder()
         self._start: int | None = None
         self._end = 0
@@ -158,9 +161,8 @@ class ReportDataBuilder:
         self._retried_calls = self._stray_replies = self._damaged_count = 0
         self._damaged: list[DamagedFrame] = []
 
-    def on_observation(self, observation: Observation) -> None:
+    def on_frame(self, observation: Observation) -> None:
         """Add the next frame, or the next bytes that are no frame."""
-        self._diagnosis.on_observation(observation)
         time = observation.time
         if self._start is None or time < self._start:
             self._start = time
@@ -168,17 +170,23 @@ class ReportDataBuilder:
         if observation.item.__class__ is Malformed:
             self._add_damaged(observation)
 
-    def on_pairing_result(self, settled: PairingResult) -> None:
-        """Add a completed call, or a reply that belongs to no call."""
-        self._diagnosis.on_pairing_result(settled)
-        if isinstance(settled, StrayReply):
-            self._stray_replies += 1
-            self._check_frame(settled.observation)
-            return
-        for seen in call_observations(settled):
+    def on_call(self, call: Call, target: TrackedObject | None) -> None:
+        """Add a completed call."""
+        for seen in call_observations(call):
             self._check_frame(seen)
-        if self._is_selected is None or self._is_selected(settled):
-            self._on_call(settled)
+        if self._is_selected is None or self._is_selected(call):
+            self._add_selected(call)
+
+    def on_set_points(self, calls: Sequence[Call], target: TrackedObject | None) -> None:
+        """Add set points that are alike, and so without problems."""
+        for call in calls:
+            if self._is_selected is None or self._is_selected(call):
+                self._add_selected(call)
+
+    def on_stray_reply(self, stray: StrayReply) -> None:
+        """Add a reply that belongs to no call."""
+        self._stray_replies += 1
+        self._check_frame(stray.observation)
 
     def finish(self, ended_at: int = 0) -> ReportData | None:
         """Return the data of the report; None without any observation.
@@ -188,16 +196,16 @@ class ReportDataBuilder:
         """
         if self._start is None:
             return None
-        findings = self._diagnosis.finish(ended_at)
-        lanes = sorted(self._timelines.values(), key=lambda lane: -lane.call_count)
+        findings = self.diagnosis.finish(ended_at)
+        timelines = sorted(self._timelines.values(), key=lambda timeline: -timeline.call_count)
         chains = sorted((chain for _, chain in self._retry_chains), key=lambda chain: chain.request.time)
         return ReportData(
             start=self._start,
             end=self._end,
             findings=findings,
-            totals=self._diagnosis.totals,
+            totals=self.diagnosis.totals,
             statistics=self._statistics.statistics(),
-            timelines=tuple(lane.timeline() for lane in lanes),
+            timelines=tuple(timeline.timeline() for timeline in timelines),
             timelines_left_off=len(self._timelines_left_off),
             slave_sessions=tuple(sorted(self._slave_sessions, key=lambda stay: stay.number)),
             slave_sessions_left_off=self._sessions_left_off,
@@ -209,13 +217,13 @@ class ReportDataBuilder:
             damaged_count=self._damaged_count,
         )
 
-    def _on_call(self, call: Call) -> None:
+    def _add_selected(self, call: Call) -> None:
         self._statistics.add_call(call)
-        lane = self._timeline_of(call.conversation)
+        timeline = self._timeline_of(call.conversation)
         reply = call.reply
         plain = reply is not None and call.is_plain and not reply.item.code
-        if lane is not None:
-            lane.add_call(call, plain)
+        if timeline is not None:
+            timeline.add_call(call, plain)
         if not plain:
             self._on_troubled_call(call)
 
@@ -226,12 +234,12 @@ class ReportDataBuilder:
             self._sessions_left_off += 1
 
     def _timeline_of(self, conversation: Conversation) -> _TimelineBuilder | None:
-        lane = self._timelines.get(conversation)
-        if lane is None and len(self._timelines) < MAX_TIMELINES:
-            lane = self._timelines[conversation] = _TimelineBuilder(conversation)
-        elif lane is None and len(self._timelines_left_off) < MAX_COUNTED:
+        timeline = self._timelines.get(conversation)
+        if timeline is None and len(self._timelines) < MAX_TIMELINES:
+            timeline = self._timelines[conversation] = _TimelineBuilder(conversation)
+        elif timeline is None and len(self._timelines_left_off) < MAX_COUNTED:
             self._timelines_left_off.add(conversation)
-        return lane
+        return timeline
 
     def _on_troubled_call(self, call: Call) -> None:
         verdict = call.verdict
@@ -254,10 +262,10 @@ class ReportDataBuilder:
     def _add_damaged(self, observation: Observation | FrameObservation) -> None:
         item = observation.item
         missing = 0 if isinstance(item, Frame) else item.missing
-        lane = self._timeline_of(observation.flow.conversation)
-        if lane is not None:
+        timeline = self._timeline_of(observation.flow.conversation)
+        if timeline is not None:
             kind = TimelineEventKind.MISSING if missing else TimelineEventKind.DAMAGED
-            lane.add_event(kind, TimelineEvent(observation.time, observation.time, 1, observation.number))
+            timeline.add_event(kind, TimelineEvent(observation.time, observation.time, 1, observation.number))
         self._damaged_count += 1
         if len(self._damaged) < MAX_DAMAGED:
             about = observation.flow, len(item.raw), item.raw[:MAX_DAMAGED_BYTES], item.problems, missing

@@ -20,6 +20,7 @@ from bcapscope.live.standard_streams import print_stderr
 from bcapscope.traffic.filter.compiler import Filter
 from bcapscope.traffic.filter.field_table import RecordKind
 from bcapscope.traffic.filter.getters import CALL_GETTERS
+from bcapscope.traffic.pipeline import Pipeline
 
 _INSTALL = "plotly is not installed. Install it with: pip install 'bcapscope[report]'"
 
@@ -57,12 +58,12 @@ def command(
     if not to_stdout:
         check_output_path(output, force)
     reading = CaptureReader(paths, ports)
-    account = _read_report_data(reading, wanted)
+    data = _read_report_data(reading, wanted)
     reading.print_summary()
-    if account is None:
+    if data is None:
         print_stderr("no b-CAP found, so no report was written")
         sys.exit(reading.exit_code or ExitCode.NO_DATA)
-    page = report_page(account, _capture_names(paths), __version__, _remarks(reading, wanted)).encode("utf-8")
+    page = report_page(data, _capture_names(paths), __version__, _remarks(reading, wanted)).encode("utf-8")
     if to_stdout:
         reading.output.write_lines([page.removesuffix(b"\n")], reading.show_progress)
     else:
@@ -73,9 +74,9 @@ def command(
 
 
 def _read_report_data(reader: CaptureReader, wanted: Filter | None) -> ReportData | None:
-    accountant = ReportDataBuilder(None if wanted is None else wanted.bind(CALL_GETTERS))
-    read_to_end(reader, accountant.on_observation, accountant.on_pairing_result)
-    return accountant.finish(reader.ended_at)
+    builder = ReportDataBuilder(None if wanted is None else wanted.bind(CALL_GETTERS))
+    read_to_end(reader, Pipeline(builder.diagnosis, builder))
+    return builder.finish(reader.ended_at)
 
 
 def _capture_names(paths: Sequence[str]) -> list[str]:

@@ -23,8 +23,7 @@ from bcapscope.player.trajectory import (
     TrajectoryError,
     TrajectorySource,
 )
-from bcapscope.traffic.call import Call
-from bcapscope.traffic.tracker import Tracker
+from bcapscope.traffic.pipeline import Pipeline
 
 SOURCE_FORMAT = "set points in a capture"
 
@@ -57,25 +56,27 @@ def read_capture(
         CaptureError: The capture cannot be read, and nothing was found before the fault.
     """
     stays: dict[int, _SlaveSessionPoints] = {}
-    follower, tracker = TrajectoryExtractor(), Tracker()
+    extractor = TrajectoryExtractor()
+    pipeline = Pipeline(extractor)
     broken: CaptureError | None = None
     try:
         for observation in PacketDecoder(ports).decode(packets):
-            for item in tracker.observe(observation):
-                if isinstance(item, Call):
-                    _add_set_points(stays, follower.add_call(item))
+            pipeline.add(observation)
+            if extractor.ready:
+                _add_set_points(stays, extractor.ready)
+                extractor.ready.clear()
     except CaptureError as error:
         broken = error
-    for item in tracker.close():
-        if isinstance(item, Call):
-            _add_set_points(stays, follower.add_call(item))
-    _add_set_points(stays, follower.finish())
+    pipeline.finish()
+    extractor.finish()
+    _add_set_points(stays, extractor.ready)
     if not stays:
         if broken is not None:
             raise broken
-        told = f"{follower.set_points} set points, none of which can be played" if follower.set_points else ""
-        raise TrajectoryError(told or "there are no set points (slvMove) in this capture")
-    notes = [f"left out: {count} {reason}" for reason, count in follower.left_out.items()]
+        if extractor.set_points:
+            raise TrajectoryError(f"{extractor.set_points} set points, none of which can be played")
+        raise TrajectoryError("there are no set points (slvMove) in this capture")
+    notes = [f"left out: {count} {reason}" for reason, count in extractor.left_out.items()]
     if broken is not None:
         notes.append(f"the capture breaks off: {broken}")
     source = replace(source, notes=(*source.notes, *notes))

@@ -15,14 +15,13 @@ from bcapscope.analysis.capture_comparison import (
 )
 from bcapscope.analysis.diagnosis import Diagnosis
 from bcapscope.analysis.finding import Finding, Severity
-from bcapscope.analysis.slave.session_detector import SlaveSessionDetector
 from bcapscope.analysis.slave.slave_session import SlaveSession
 from bcapscope.analysis.statistics.call_statistics import StatisticsBuilder
 from bcapscope.capture.capture_file import open_capture
 from bcapscope.capture.packet_decoder import PacketDecoder
-from bcapscope.traffic.call import Call, CallState, PairingResult
-from bcapscope.traffic.tracker import Tracker
+from bcapscope.traffic.call import Call, CallState
 from tests.analysis.exchanges import MOVE, READ, STOP, made
+from tests.traffic.playbook import run_pipeline
 
 SAMPLES = Path(__file__).parents[2] / "captures"
 
@@ -37,23 +36,11 @@ def side(calls: list[Call], *findings: Finding) -> ComparedCapture:
 def read(name: str) -> ComparedCapture:
     """Take account of a sample."""
     stays: list[SlaveSession] = []
-    diagnosis, summary, tracker, watcher = Diagnosis(), StatisticsBuilder(), Tracker(), SlaveSessionDetector()
-
-    def take(settled: PairingResult) -> None:
-        diagnosis.on_pairing_result(settled)
-        if isinstance(settled, Call):
-            summary.add_call(settled)
-            stays.extend(watcher.add_call(settled))
-
+    diagnosis, summary = Diagnosis(on_slave_session=stays.append), StatisticsBuilder()
     with open_capture(str(SAMPLES / name)) as capture:
-        for seen in PacketDecoder().decode(capture):
-            diagnosis.on_observation(seen)
-            for settled in tracker.observe(seen):
-                take(settled)
-    for settled in tracker.close():
-        take(settled)
-    stays.extend(watcher.finish())
-    return ComparedCapture(name, summary.statistics(), tuple(stays), diagnosis.finish())
+        run_pipeline(PacketDecoder().decode(capture), diagnosis, summary)
+    findings = diagnosis.finish()
+    return ComparedCapture(name, summary.statistics(), tuple(stays), findings)
 
 
 def run(count: int, latency: float = 1.0, pace: float = 8.0, retries: int = 0) -> list[Call]:

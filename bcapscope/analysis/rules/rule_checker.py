@@ -100,9 +100,16 @@ class RuleChecker:
     """Checks one rule, or a few that need the same data, in one pass and in bounded memory.
 
     A subclass overrides the methods for the events that it needs.
+
+    Attributes:
+        rules: Rules that it checks.
+        needs_every_set_point: Whether `on_call` gets every accepted set point (slvMove) as well. There may be
+            millions. Without this, `on_call` gets the first of each run of set points that are alike (see
+            `AlikeSetPoints`), and those that differ or went wrong.
     """
 
     rules: ClassVar[tuple[DiagnosisRule, ...]]
+    needs_every_set_point: ClassVar[bool] = False
 
     def __init__(self, report_occurrence: OccurrenceSink, clients: ClientRegistry) -> None:
         self.report_occurrence = report_occurrence
@@ -153,7 +160,10 @@ class RuleChecker:
         )
 
     def wants_call(self, call_kind: CallKind, health: CallHealth) -> bool:
-        """Return whether `on_call` needs calls of this kind and health. The result is cached."""
+        """Return whether `on_call` needs calls of this kind and health. The result is cached.
+
+        Set points that are alike are not asked about; see `needs_every_set_point`.
+        """
         return health is not CallHealth.SMOOTH
 
     def on_call(self, call: Call, client: ClientState) -> None:

@@ -22,8 +22,10 @@ from bcapscope.analysis.slave.slave_session import AcceptedFormat, KnownMode, Sl
 from bcapscope.protocol.slave_mode.poses import Axis
 from bcapscope.protocol.tables.hresult import is_failure
 from bcapscope.traffic.call import Call
-from bcapscope.traffic.call_kind import CallKind
+from bcapscope.traffic.handle_tracker import TrackedObject
 from bcapscope.traffic.observation import Conversation
+from bcapscope.traffic.pipeline import PipelineSubscriber
+from bcapscope.traffic.slave_mode_tracker import is_set_point
 
 MAX_NOT_SELECTED = 64 * 2048
 """Set points not selected that are remembered until they are processed: as many as can wait at a time."""
@@ -95,8 +97,12 @@ TrajectoryPiece: TypeAlias = "tuple[CapturedTrajectory, Sequence[TrajectoryStep]
 """Successive steps of one trajectory."""
 
 
-class TrajectoryExtractor:
-    """Extracts trajectory steps from completed calls; it keeps no steps."""
+class TrajectoryExtractor(PipelineSubscriber):
+    """Extracts trajectory steps from completed calls.
+
+    Attributes:
+        ready: Steps that are ready; the reader removes them.
+    """
 
     def __init__(
         self,
@@ -104,8 +110,6 @@ class TrajectoryExtractor:
         is_selected_client: Callable[[Conversation], bool] | None = None,
     ) -> None:
         """Create an extractor.
-
-        Pass all calls to it, selected or not: any call may begin or end a slave-mode session.
 
         Args:
             is_selected: Returns whether a set point is of interest; the others are left out.
@@ -116,25 +120,26 @@ class TrajectoryExtractor:
         self._is_selected_client = is_selected_client
         self._detector = SlaveSessionDetector(on_set_points=self._on_set_points)
         self._by_session: dict[int, CapturedTrajectory] = {}
-        self._ready: list[TrajectoryPiece] = []
+        self.ready: list[TrajectoryPiece] = []
         self._set_point_count = self._step_count = 0
         self._left_out: Counter[LeftOutReason] = Counter()
-        self._question: CallKind | None = None
         self._not_selected: dict[int, None] = {}  # calls not yet received as set points, in order
 
-    def add_call(self, call: Call) -> Sequence[TrajectoryPiece]:
-        """Add a completed call; return the steps that are ready."""
-        question = call.kind
-        if question is self._question or _is_set_point(question):
-            self._question = question
+    def on_call(self, call: Call, target: TrackedObject | None) -> None:
+        """Add a completed call. Any call may begin or end a slave-mode session."""
+        if is_set_point(call.kind):
             self._count_set_point(call)
         self._forget_sessions(self._detector.add_call(call))
-        return self._pop_ready() if self._ready else ()
 
-    def finish(self) -> Sequence[TrajectoryPiece]:
-        """Return the remaining steps after the traffic has ended."""
+    def on_set_points(self, calls: Sequence[Call], target: TrackedObject | None) -> None:
+        """Add set points that are alike."""
+        for call in calls:
+            self._count_set_point(call)
+        self._forget_sessions(self._detector.add_set_points(calls))
+
+    def finish(self) -> None:
+        """Add the remaining steps to `ready`, after the traffic has ended."""
         self._forget_sessions(self._detector.finish())
-        return self._pop_ready()
 
     @property
     def set_points(self) -> int:
@@ -161,12 +166,8 @@ class TrajectoryExtractor:
                 del self._not_selected[next(iter(self._not_selected))]
 
     def _forget_sessions(self, sessions: Sequence[SlaveSession]) -> None:
-        for stay in sessions:
-            self._by_session.pop(stay.number, None)
-
-    def _pop_ready(self) -> Sequence[TrajectoryPiece]:
-        found, self._ready = self._ready, []
-        return found
+        for session in sessions:
+            self._by_session.pop(session.number, None)
 
     def _on_set_points(self, points: SetPointChunk) -> None:
         if self._is_selected_client is not None and not self._is_selected_client(points.conversation):
@@ -178,7 +179,7 @@ class TrajectoryExtractor:
         if known is None:
             known = self._by_session[points.session_number] = _begin(points, rows[0])
         self._step_count += len(rows)
-        self._ready.append((known, tuple(_trajectory_steps(points, rows))))
+        self.ready.append((known, tuple(_trajectory_steps(points, rows))))
 
     def _is_step(self, points: SetPointChunk, row: int) -> bool:
         call = points.table.calls[row]
@@ -190,10 +191,6 @@ class TrajectoryExtractor:
             self._left_out[LeftOutReason.UNREADABLE] += 1
             return False
         return True
-
-
-def _is_set_point(question: CallKind) -> bool:
-    return question.command is not None and question.command.casefold() == "slvmove"
 
 
 def _rows_not_refused(points: SetPointChunk) -> Iterator[int]:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Sequence
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple
 
-from bcapscope.analysis.slave.controller_state import ControllerState, call_fact, requested_mode
+from bcapscope.analysis.slave.controller_state import ControllerState, call_fact
 from bcapscope.analysis.slave.generation_clues import clue_of_call, clue_of_set_point, stronger_clue
 from bcapscope.analysis.slave.notable_set_points import MAX_LISTED
 from bcapscope.analysis.slave.session_builder import (
@@ -14,25 +14,24 @@ from bcapscope.analysis.slave.session_builder import (
     SessionKey,
     SlaveSessionBuilder,
     SlaveSetup,
-    execute_parameter,
 )
-from bcapscope.analysis.slave.set_point_batch import HANDLE_VALUE_BYTES, LARGE_FRAME, ROW_SIZE, SetPointBatch
+from bcapscope.analysis.slave.set_point_batch import LARGE_FRAME, ROW_SIZE
 from bcapscope.analysis.slave.set_point_chunk import SetPointHandler
 from bcapscope.analysis.slave.slave_session import ExitReason, SessionExit, SlaveSession
 from bcapscope.protocol.codec.variant import integer_value
 from bcapscope.protocol.tables.function_table import ID
-from bcapscope.protocol.tables.hresult import (
-    E_NOT_IN_SLAVE_MODE,
-    E_SLAVE_OVERFLOW,
-    ends_slave_mode,
-    is_failure,
-)
+from bcapscope.protocol.tables.hresult import ends_slave_mode, is_failure
 from bcapscope.traffic.call import Call
-from bcapscope.traffic.call_kind import CallKind
+from bcapscope.traffic.handle_tracker import TrackedObject
 from bcapscope.traffic.observation import Conversation, Endpoint
-
-SLAVE_MODE_OFF_CODES = frozenset((E_NOT_IN_SLAVE_MODE, 0x83501033, 0x8120184E))
-"""Result codes of a set point, or of another command that needs slave mode, while slave mode is off."""
+from bcapscope.traffic.pipeline import PipelineSubscriber
+from bcapscope.traffic.slave_mode_tracker import (
+    SlaveModeEffect,
+    execute_parameter,
+    is_set_point,
+    requested_mode,
+    slave_mode_effect,
+)
 
 HOLD_BACK_NS = 6_000_000_000
 """Delay before a slave-mode session that ended is returned.
@@ -63,14 +62,9 @@ MAX_HELD_BACK = 256
 
 MAX_CONTROLLERS = 64
 
-_ROBOT_EXECUTE, _ROBOT_RELEASE = ID["Robot_Execute"], ID["Robot_Release"]
-_SESSION_ENDS = frozenset(ID[name] for name in ("Service_Start", "Service_Stop", "Controller_Disconnect"))
+_ROBOT_EXECUTE = ID["Robot_Execute"]
 _FULL = BATCH_SIZE * ROW_SIZE
 _HANDLE = slice(15, 29)
-
-
-_Expected: TypeAlias = "tuple[CallKind | None, Conversation | None, SetPointBatch]"
-_NOTHING_EXPECTED: _Expected = (None, None, SetPointBatch())
 
 
 class _EndedSession(NamedTuple):
@@ -105,32 +99,33 @@ class SlaveSessionDetector:
         self._held_back: deque[_EndedSession] = deque()
         self._session_count = 0
         self._latest_time = 0
-        # Slave-mode session of the last set point, and a cheap test for the next set point of it.
-        self._expected_session: SlaveSessionBuilder | None = None
-        self._expected = _NOTHING_EXPECTED
 
     def add_call(self, call: Call) -> Sequence[SlaveSession]:
         """Add a completed call; return the slave-mode sessions that are finished."""
-        question, conversation, batch = self._expected
-        reply = call.reply
-        if (
-            call.kind is question
-            and call.conversation is conversation
-            and reply is not None
-            and not call.other_frames
-            and batch.add_plain(call, reply)
-        ):
-            return () if len(batch.row_data) < _FULL else self._process_call(call, kept=True)
-        return self._process_call(call)
-
-    def _process_call(self, call: Call, kept: bool = False) -> Sequence[SlaveSession]:
-        """Process any call. If `kept` is true, the batch of the expected session already contains it."""
-        if kept and self._expected_session is not None:
-            self._process_batch(self._expected_session)
-        elif is_set_point(call):
-            self._on_set_point(call)
+        effect = slave_mode_effect(call)
+        if is_set_point(call.kind):
+            self._on_set_point(call, effect)
         else:
-            self._on_other_call(call)
+            self._on_other_call(call, effect)
+        return self._on_time(call)
+
+    def add_set_points(self, calls: Sequence[Call]) -> Sequence[SlaveSession]:
+        """Add set points that are alike, as `PipelineSubscriber.on_set_points` gets them."""
+        first = calls[0]
+        builder = self._active.get((first.conversation, first.request.item.raw[_HANDLE]))
+        if builder is None or builder in self._ended_by_error:
+            return [session for call in calls for session in self.add_call(call)]
+        batch = builder.batch
+        finished: Sequence[SlaveSession] = ()
+        for call in calls:
+            batch.add(call)
+            if len(batch.row_data) >= _FULL:
+                self._process_batch(builder)
+                finished = (*finished, *self._on_time(call))
+        return finished
+
+    def _on_time(self, call: Call) -> Sequence[SlaveSession]:
+        """Return the slave-mode sessions that are no longer held back after a call."""
         self._latest_time = max(self._latest_time, call.last_activity)
         return self._release_ended(self._latest_time - HOLD_BACK_NS) if self._held_back else ()
 
@@ -171,13 +166,13 @@ class SlaveSessionDetector:
 
     # set points
 
-    def _on_set_point(self, call: Call) -> None:
+    def _on_set_point(self, call: Call, effect: SlaveModeEffect | None) -> None:
         key = call.conversation, call.request.item.body[_HANDLE]
         code, course = call.hresult, self._active.get(key)
-        if code in SLAVE_MODE_OFF_CODES:
+        if effect is SlaveModeEffect.FOUND_OFF:
             self._on_found_off(key, course, call)
             return
-        failed = code is not None and is_failure(code) and code != E_SLAVE_OVERFLOW
+        failed = effect is SlaveModeEffect.SET_POINT_FAILED
         if course is None:
             if self._is_outside_session(key, call, failed):
                 return
@@ -192,7 +187,6 @@ class SlaveSessionDetector:
             self._ended_by_error[course] = SessionExit(
                 ExitReason.ERROR, _call_end(call), _call_frames(call), code, call_fact(call)
             )
-        self._expect_next(None if failed else course, call)
         if len(course.batch) >= BATCH_SIZE or len(call.request.item.raw) > LARGE_FRAME:
             self._process_batch(course)
 
@@ -242,38 +236,24 @@ class SlaveSessionDetector:
         if builder is not None:
             builder.after_end += 1
 
-    def _expect_next(self, builder: SlaveSessionBuilder | None, call: Call) -> None:
-        """Expect the next set point to belong to `builder`.
-
-        Expect nothing after a compressed set point: its handle is in another place.
-        """
-        raw = call.request.item.raw
-        if builder is not None and call.request.item.body is raw:
-            self._expected_session = builder
-            builder.batch.handle = raw[HANDLE_VALUE_BYTES]
-            self._expected = call.kind, call.conversation, builder.batch
-        else:
-            self._expected_session, self._expected = None, _NOTHING_EXPECTED
-
     # other calls
 
-    def _on_other_call(self, call: Call) -> None:
+    def _on_other_call(self, call: Call, effect: SlaveModeEffect | None) -> None:
         controller = self._controller(call)
         controller.clue = stronger_clue(controller.clue, clue_of_call(call))
         controller.remember_call(call)
         function_id, command = call.kind
-        refused = call.reply is not None and is_failure(call.reply.item.code)
-        if function_id in _SESSION_ENDS and not refused:
+        if effect is SlaveModeEffect.SESSION_BOUNDARY:
             self._on_disconnect(call, None)
-        elif function_id == _ROBOT_RELEASE and not refused:
+        elif effect is SlaveModeEffect.ROBOT_RELEASED:
             self._on_disconnect(call, call.request.item.body[_HANDLE])
-        elif function_id == _ROBOT_EXECUTE and command is not None and not refused:
+        elif effect is SlaveModeEffect.MODE_CHANGED:
+            self._on_change_mode(call, controller)
+        elif function_id == _ROBOT_EXECUTE and command is not None and not is_failure(call.hresult or 0):
             self._on_robot_call(call, command.casefold(), controller)
 
     def _on_robot_call(self, call: Call, command: str, controller: ControllerState) -> None:
-        if command == "slvchangemode":
-            self._on_change_mode(call, controller)
-        elif call.reply is not None and command in ("slvsendformat", "slvrecvformat"):
+        if call.reply is not None and command in ("slvsendformat", "slvrecvformat"):
             for course in self._active.values():
                 if course.slave_setup is None and course.conversation.server == call.conversation.server:
                     self._process_batch(course)
@@ -347,8 +327,6 @@ class SlaveSessionDetector:
         self._recently_ended[builder.key] = builder
         if len(self._recently_ended) > MAX_SESSIONS:
             del self._recently_ended[next(iter(self._recently_ended))]
-        if self._expected_session is builder:
-            self._expected_session, self._expected = None, _NOTHING_EXPECTED
         setting = self._slave_setup(builder)
         builder.process_batch(setting)
         self._held_back.append(_EndedSession(builder, exit_, setting))
@@ -385,46 +363,50 @@ class SlaveSessionDetector:
         return controller
 
 
-class SelectedSlaveSessions:
+class SelectedSlaveSessions(PipelineSubscriber):
     """Finds the slave-mode sessions of selected set points.
 
     All other calls still count for the start and end of these sessions.
     """
 
-    def __init__(self, is_selected: Callable[[Call], bool] | None, window: int | None = None) -> None:
+    def __init__(
+        self,
+        is_selected: Callable[[Call], bool] | None,
+        on_slave_session: Callable[[SlaveSession], object],
+        window: int | None = None,
+    ) -> None:
         """Create a detector.
 
         Args:
             is_selected: Returns whether a set point is selected; None for all set points, and for slave-mode
                 sessions without set points.
+            on_slave_session: Receives each slave-mode session that is finished.
             window: Length of a time slice, as in `SlaveSessionDetector`.
         """
         self._is_selected = is_selected
+        self._on_slave_session = on_slave_session
         self._detector = SlaveSessionDetector(window)
 
-    def add_call(self, call: Call) -> Sequence[SlaveSession]:
-        """Add a completed call; return the slave-mode sessions that are finished."""
-        chosen = self._is_selected
-        if chosen is None:
-            return self._detector.add_call(call)
-        if is_set_point(call) and not chosen(call):
-            return ()
-        return _with_set_points(self._detector.add_call(call))
+    def on_call(self, call: Call, target: TrackedObject | None) -> None:
+        """Add a completed call."""
+        if self._is_selected is None or not is_set_point(call.kind) or self._is_selected(call):
+            self._report(self._detector.add_call(call))
 
-    def finish(self, ended_at: int = 0) -> Sequence[SlaveSession]:
-        """Return the remaining slave-mode sessions; `ended_at` as in `SlaveSessionDetector.finish`."""
-        stays = self._detector.finish(ended_at)
-        return stays if self._is_selected is None else _with_set_points(stays)
+    def on_set_points(self, calls: Sequence[Call], target: TrackedObject | None) -> None:
+        """Add set points that are alike."""
+        if self._is_selected is not None:
+            calls = list(filter(self._is_selected, calls))
+        if calls:
+            self._report(self._detector.add_set_points(calls))
 
+    def finish(self, ended_at: int = 0) -> None:
+        """Report the remaining slave-mode sessions; `ended_at` as in `SlaveSessionDetector.finish`."""
+        self._report(self._detector.finish(ended_at))
 
-def _with_set_points(stays: Sequence[SlaveSession]) -> Sequence[SlaveSession]:
-    return [stay for stay in stays if stay.first_set_point is not None]
-
-
-def is_set_point(call: Call) -> bool:
-    """Return whether a call is slvMove."""
-    function_id, command = call.kind
-    return function_id == _ROBOT_EXECUTE and command is not None and command.casefold() == "slvmove"
+    def _report(self, sessions: Sequence[SlaveSession]) -> None:
+        for session in sessions:
+            if self._is_selected is None or session.first_set_point is not None:
+                self._on_slave_session(session)
 
 
 def _call_end(call: Call) -> int:

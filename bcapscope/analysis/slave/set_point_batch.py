@@ -23,9 +23,6 @@ The difference of two times up to this fits into 64 bits. Later times, which onl
 set to this value.
 """
 
-HANDLE_VALUE_BYTES = slice(25, 29)
-"""Position of the first argument's value in a request that is not compressed."""
-
 
 class FrameBytes:
     """Frames of one direction, stored one after another.
@@ -93,17 +90,16 @@ class SetPointBatch:
     """Set points in the order in which they were sent.
 
     Attributes:
-        handle: Value of the robot's handle as it appears in the requests; the owner of the batch sets it.
         row_data: One row per set point, as 64-bit integers.
         requests: Bytes of the first requests.
         results: Bytes of the accepted replies.
-        irregular: Index and call of the set points that `add_plain` did not accept.
+        irregular: Index and call of the set points that were retried, were not answered with S_OK, or differ
+            in size.
     """
 
-    __slots__ = ("handle", "irregular", "requests", "results", "row_data")
+    __slots__ = ("irregular", "requests", "results", "row_data")
 
     def __init__(self) -> None:
-        self.handle = b""
         self.row_data = bytearray()
         self.requests, self.results = FrameBytes(), FrameBytes()
         self.irregular: list[tuple[int, Call]] = []
@@ -115,12 +111,14 @@ class SetPointBatch:
         start = (index if index >= 0 else len(self) + index) * _ROW.size
         return SetPointRow(*_ROW.unpack_from(self.row_data, start))
 
-    def add_plain(self, call: Call, reply: FrameObservation) -> bool:
-        """Add a set point that was sent once and answered with S_OK, if it looks like the others.
+    def add(self, call: Call) -> None:
+        """Add a set point."""
+        reply = call.reply
+        if reply is None or call.other_frames or not self._add_plain(call, reply):
+            self._add_irregular(call)
 
-        Returns:
-            False, without any change, if its handle or size differs, or if it was not answered with S_OK.
-        """
+    def _add_plain(self, call: Call, reply: FrameObservation) -> bool:
+        """Add a set point that was sent once; return False if its size differs or its result is not S_OK."""
         frame: int
         time: int
         reply_frame: int
@@ -134,7 +132,6 @@ class SetPointBatch:
         requests, results = self.requests, self.results
         if (
             result.code
-            or raw[HANDLE_VALUE_BYTES] != self.handle
             or len(raw) != requests.size
             or len(answer) != results.size
             or (reserved and reserved != item.serial and not call.first_attempt_seen)
@@ -148,8 +145,7 @@ class SetPointBatch:
         results.data += answer
         return True
 
-    def add(self, call: Call) -> None:
-        """Add any set point."""
+    def _add_irregular(self, call: Call) -> None:
         place, request, reply = len(self), call.request, call.reply
         self.irregular.append((place, call))
         self.requests.add(place, request.item.raw)

@@ -87,6 +87,46 @@ class FrameTemplate:
         return tuple(variants)
 
 
+class FrameMask:
+    """Recognises the frames that differ from a sound frame only in serial, reserved and numbers.
+
+    Such a frame is sound as well, and has the same code. This is the cheapest check: it decodes nothing.
+    """
+
+    __slots__ = ("_fixed", "_mask", "_size")
+
+    def __init__(self, raw: bytes, spans: Sequence[NumberSpan]) -> None:
+        """Learn from a sound frame.
+
+        Args:
+            raw: The bytes of the frame.
+            spans: Positions of the numbers that may differ.
+        """
+        self._size = len(raw)
+        self._mask = int.from_bytes(fixed_bytes(len(raw), spans), "little")
+        self._fixed = int.from_bytes(raw, "little") & self._mask
+
+    def matches(self, raw: bytes) -> bool:
+        """Return whether a frame differs only in serial, reserved and numbers."""
+        return len(raw) == self._size and int.from_bytes(raw, "little") & self._mask == self._fixed
+
+
+def fixed_bytes(length: int, spans: Sequence[NumberSpan]) -> bytes:
+    """Return a mask of a frame's bytes: 0 for serial, reserved and the numbers in `spans`, otherwise 255."""
+    fixed = bytearray(b"\xff" * length)
+    fixed[5:9] = bytes(4)
+    for start, code, count in spans:
+        width = struct.calcsize(f"<{count}{code}")
+        fixed[start : start + width] = bytes(width)
+    return bytes(fixed)
+
+
+def varying_spans(spans: Sequence[NumberSpan], arguments: Sequence[Argument]) -> tuple[NumberSpan, ...]:
+    """Return the positions of the numbers that vary among frames of one form: all but those of a handle."""
+    first = arguments[0].stop if len(arguments) > 1 else 0
+    return tuple(span for span in spans if span.repeat and span.start >= first)
+
+
 class _Shape:
     """Positions of the numbers in frames of one length; all other bytes are the key of a template."""
 
@@ -176,8 +216,7 @@ def learn_template(raw: bytes, spans: Sequence[NumberSpan], arguments: tuple[Arg
         arguments: Its decoded arguments.
     """
     if len(raw) <= LARGEST_TEMPLATE_FRAME:
-        first = arguments[0].stop if len(arguments) > 1 else 0
-        _STORE.add(raw, tuple(span for span in spans if span.start >= first), arguments)
+        _STORE.add(raw, varying_spans(spans, arguments), arguments)
 
 
 def number_counts(arguments: Sequence[Argument]) -> tuple[int, ...]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import pytest
 from hypothesis import given, settings
@@ -14,7 +14,9 @@ from bcapscope.analysis.slave.slave_session import ExitReason, SlaveSession
 from bcapscope.protocol.codec.variant import VT, Variant
 from bcapscope.protocol.slave_mode.modes import Generation, ModeKind, PoseType
 from bcapscope.traffic.call import Call, CallState
+from bcapscope.traffic.handle_tracker import TrackedObject
 from bcapscope.traffic.observation import Transport
+from bcapscope.traffic.pipeline import PipelineSubscriber
 from tests.analysis.driving import (
     BUFFER_FULL,
     ENTER,
@@ -39,6 +41,7 @@ from tests.traffic.playbook import (
     SERVICE_START,
     SERVICE_STOP,
     START,
+    run_pipeline,
     text,
 )
 
@@ -558,3 +561,33 @@ def test_stays_of_a_client_that_is_gone_are_given_out_at_once() -> None:
     assert watcher.close_conversation(calls[0].conversation) == ()
     (rest,) = watcher.finish()
     assert rest.conversation is not stay.conversation
+
+
+@given(steps)
+def test_runs_of_set_points_give_the_same_sessions_as_single_ones(played: list[Step]) -> None:
+    class Singles(PipelineSubscriber):
+        def __init__(self) -> None:
+            self.detector = SlaveSessionDetector()
+            self.sessions: list[SlaveSession] = []
+
+        def on_call(self, call: Call, target: TrackedObject | None) -> None:
+            self.sessions += self.detector.add_call(call)
+
+    class Runs(Singles):
+        def on_set_points(self, calls: Sequence[Call], target: TrackedObject | None) -> None:
+            self.sessions += self.detector.add_set_points(calls)
+
+    plan = Plan()
+    drivers = [plan.driver(50001), plan.driver(50002, handle=2)]
+    now = 0.0
+    for step in played:
+        for _ in range(4):
+            now += step.after
+            drivers[step.who % 2].execute(
+                now, step.command, step.parameter, code=step.code, result=step.result, takes=step.takes
+            )
+    plan.track()
+    each_call, in_runs = Singles(), Runs()
+    run_pipeline(plan.script.seen, each_call, in_runs)
+    found = [[*each.sessions, *each.detector.finish()] for each in (each_call, in_runs)]
+    assert sorted(map(repr, found[0])) == sorted(map(repr, found[1]))
