@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple, TypeAlias, TypeVar
 
 from bcapscope.analysis.slave.generation_clues import NO_CLUE, clue_of_call, stronger_clue
@@ -200,15 +200,15 @@ class ClientState:
             else None
         )
 
-    def on_set_point(self, call: Call) -> None:
-        """Update the state with a set point that was answered with S_OK."""
-        reply = call.reply
-        if reply is not None and reply.time - call.request.time > SLOW_CALL_NS:
-            self.slow_call = call
-        self.call_count += 1
-        self.answered_count += 1
-        self.last_call = call
-        self._remember_set_point(call)
+    def on_set_points(self, calls: Sequence[Call]) -> None:
+        """Update the state with set points that are alike, and so answered with S_OK and not large."""
+        for call in calls:
+            if call.last_activity - call.request.time > SLOW_CALL_NS:
+                self.slow_call = call
+        self.call_count += len(calls)
+        self.answered_count += len(calls)
+        self.last_call = calls[-1]
+        self.recent_set_points.extend(calls)
 
     def _remember_set_point(self, call: Call) -> None:
         if call.memory_bytes <= _LARGEST_POINT:

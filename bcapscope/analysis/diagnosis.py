@@ -129,10 +129,10 @@ class Diagnosis(PipelineSubscriber):
                 self._selection.on_call(call)
         if self._selected_sessions is not None:
             self._selected_sessions.on_set_points(calls, target)
-        for call in calls:
-            for on_call in self._set_point_handlers:
+        for on_call in self._set_point_handlers:
+            for call in calls:
                 on_call(call, client)
-            client.on_set_point(call)
+        client.on_set_points(calls)
         sessions = self._session_detector.add_set_points(calls)
         if sessions:
             self._on_slave_sessions(sessions)

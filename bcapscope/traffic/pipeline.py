@@ -74,6 +74,9 @@ class Pipeline:
     """Turns observations into events for its subscribers, in bounded memory.
 
     Observations come in capture order. The only clock is their time; see `Tracker`.
+
+    Attributes:
+        add: Adds the next observation.
     """
 
     def __init__(
@@ -95,6 +98,7 @@ class Pipeline:
         self._observe = self._tracker.observe
         self._runs: dict[Conversation, AlikeSetPoints] = {}
         self._frame_handlers = [each.on_frame for each in _overriding(subscribers, "on_frame")]
+        self.add: Callable[[Observation], None] = self._add_and_show if self._frame_handlers else self._add
         self._call_handlers = [each.on_call for each in _overriding(subscribers, "on_call")]
         run_subscribers = _overriding(subscribers, "on_set_points")
         self._run_handlers = [each.on_set_points for each in run_subscribers]
@@ -114,14 +118,6 @@ class Pipeline:
     def has_open_calls(self) -> bool:
         """Whether `expire` may complete calls."""
         return bool(self._tracker.open_calls)
-
-    def add(self, observation: Observation) -> None:
-        """Add the next observation."""
-        for on_frame in self._frame_handlers:
-            on_frame(observation)
-        settled = self._observe(observation)
-        if settled:
-            self._emit(settled)
 
     def expire(self, now: int) -> None:
         """Complete the calls to which, at time `now` in ns, no further frame can belong."""
@@ -147,6 +143,18 @@ class Pipeline:
         if ended_at:
             self.expire(ended_at)
         self._emit(self._tracker.close())
+
+    def _add(self, observation: Observation) -> None:
+        settled = self._observe(observation)
+        if settled:
+            self._emit(settled)
+
+    def _add_and_show(self, observation: Observation) -> None:
+        for on_frame in self._frame_handlers:
+            on_frame(observation)
+        settled = self._observe(observation)
+        if settled:
+            self._emit(settled)
 
     def _emit(self, settled: Sequence[PairingResult]) -> None:
         if not self._run_handlers:

@@ -103,9 +103,9 @@ class RuleChecker:
 
     Attributes:
         rules: Rules that it checks.
-        needs_every_set_point: Whether `on_call` gets every accepted set point (slvMove) as well. There may be
-            millions. Without this, `on_call` gets the first of each run of set points that are alike (see
-            `AlikeSetPoints`), and those that differ or went wrong.
+        needs_every_set_point: Whether `on_call` gets every accepted set point (slvMove), maybe millions.
+            Otherwise it gets the first of each run of set points that are alike (see `AlikeSetPoints`), and
+            all that differ or went wrong. `client` is the state before the first set point of the run.
     """
 
     rules: ClassVar[tuple[DiagnosisRule, ...]]

@@ -15,7 +15,7 @@ from bcapscope.analysis.slave.session_builder import (
     SlaveSessionBuilder,
     SlaveSetup,
 )
-from bcapscope.analysis.slave.set_point_batch import LARGE_FRAME, ROW_SIZE
+from bcapscope.analysis.slave.set_point_batch import LARGE_FRAME
 from bcapscope.analysis.slave.set_point_chunk import SetPointHandler
 from bcapscope.analysis.slave.slave_session import ExitReason, SessionExit, SlaveSession
 from bcapscope.protocol.codec.variant import integer_value
@@ -63,7 +63,6 @@ MAX_HELD_BACK = 256
 MAX_CONTROLLERS = 64
 
 _ROBOT_EXECUTE = ID["Robot_Execute"]
-_FULL = BATCH_SIZE * ROW_SIZE
 _HANDLE = slice(15, 29)
 
 
@@ -117,11 +116,13 @@ class SlaveSessionDetector:
             return [session for call in calls for session in self.add_call(call)]
         batch = builder.batch
         finished: Sequence[SlaveSession] = ()
-        for call in calls:
-            batch.add(call)
-            if len(batch.row_data) >= _FULL:
+        while calls:
+            room = BATCH_SIZE - len(batch)
+            batch.add_run(calls[:room])
+            if len(batch) >= BATCH_SIZE:
                 self._process_batch(builder)
-                finished = (*finished, *self._on_time(call))
+                finished = (*finished, *self._on_time(calls[min(room, len(calls)) - 1]))
+            calls = calls[room:]
         return finished
 
     def _on_time(self, call: Call) -> Sequence[SlaveSession]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from struct import Struct
 from typing import NamedTuple
 
@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bcapscope.protocol.codec.frame import Frame
-from bcapscope.traffic.call import Call, FrameObservation
+from bcapscope.traffic.call import Call
 
 LARGE_FRAME = 2048
 """Size in bytes. A set point has a tenth of this; larger frames are kept separately."""
@@ -83,7 +83,6 @@ class SetPointRow(NamedTuple):
 
 _ROW = Struct("=5q")
 _pack = _ROW.pack
-ROW_SIZE = _ROW.size
 
 
 class SetPointBatch:
@@ -113,37 +112,35 @@ class SetPointBatch:
 
     def add(self, call: Call) -> None:
         """Add a set point."""
-        reply = call.reply
-        if reply is None or call.other_frames or not self._add_plain(call, reply):
+        if call.is_plain and call.hresult == 0:
+            self.add_run((call,))
+        else:
             self._add_irregular(call)
 
-    def _add_plain(self, call: Call, reply: FrameObservation) -> bool:
-        """Add a set point that was sent once; return False if its size differs or its result is not S_OK."""
-        frame: int
-        time: int
-        reply_frame: int
-        replied: int
-        item: Frame
-        result: Frame
-        # Faster than reading the attributes one by one.
-        frame, time, _, _, item, _ = call.request  # type: ignore[misc]  # a tuple behind its protocol
-        reply_frame, replied, _, _, result, _ = reply  # type: ignore[misc]  # the same
-        raw, answer, reserved = item.raw, result.raw, item.reserved
-        requests, results = self.requests, self.results
-        if (
-            result.code
-            or len(raw) != requests.size
-            or len(answer) != results.size
-            or (reserved and reserved != item.serial and not call.first_attempt_seen)
-        ):
-            return False
-        try:
-            self.row_data += _pack(call.number, frame, time, reply_frame, replied)
-        except struct.error:  # a time beyond 64 bits
-            return False
-        requests.data += raw
-        results.data += answer
-        return True
+    def add_run(self, calls: Sequence[Call]) -> None:
+        """Add set points that are alike: sent once, answered with S_OK, and not large."""
+        requests, results, row_data = self.requests, self.results, self.row_data
+        for call in calls:
+            frame: int
+            time: int
+            reply_frame: int
+            replied: int
+            item: Frame
+            result: Frame
+            # Faster than reading the attributes one by one.
+            frame, time, _, _, item, _ = call.request  # type: ignore[misc]  # a tuple behind its protocol
+            reply_frame, replied, _, _, result, _ = call.reply  # type: ignore[misc]  # the same
+            raw, answer = item.raw, result.raw
+            if len(raw) != requests.size or len(answer) != results.size:
+                self._add_irregular(call)
+                continue
+            try:
+                row_data += _pack(call.number, frame, time, reply_frame, replied)
+            except struct.error:  # a time beyond 64 bits
+                self._add_irregular(call)
+                continue
+            requests.data += raw
+            results.data += answer
 
     def _add_irregular(self, call: Call) -> None:
         place, request, reply = len(self), call.request, call.reply

@@ -220,17 +220,18 @@ class StatisticsBuilder(PipelineSubscriber):
 
     def on_call(self, call: Call, target: TrackedObject | None) -> None:
         """Count a completed call if it is selected."""
-        if self._is_selected is None or self._is_selected(call):
-            self.add_call(call)
-
-    def add_call(self, call: Call) -> None:
-        """Count a call."""
+        if self._is_selected is not None and not self._is_selected(call):
+            return
         if call.kind is not self._question or call.conversation is not self._conversation:
             self._select_tally(call)
         self._tally.add_call(call)
         if self._start is None or call.request.time < self._start:
             self._start = call.request.time
         self._end = max(self._end, call.last_activity)
+
+    def add_call(self, call: Call) -> None:
+        """Count a call if it is selected."""
+        self.on_call(call, None)
 
     def statistics(self, start: int | None = None, end: int | None = None) -> Statistics | None:
         """Return the figures so far; None without calls.

@@ -91,9 +91,14 @@ class FrameMask:
     """Recognises the frames that differ from a sound frame only in serial, reserved and numbers.
 
     Such a frame is sound as well, and has the same code. This is the cheapest check: it decodes nothing.
+
+    Attributes:
+        size: Size of the frames in bytes.
+        mask: Bits that do not differ, as a little-endian number.
+        fixed: Values of these bits.
     """
 
-    __slots__ = ("_fixed", "_mask", "_size")
+    __slots__ = ("fixed", "mask", "size")
 
     def __init__(self, raw: bytes, spans: Sequence[NumberSpan]) -> None:
         """Learn from a sound frame.
@@ -102,13 +107,13 @@ class FrameMask:
             raw: The bytes of the frame.
             spans: Positions of the numbers that may differ.
         """
-        self._size = len(raw)
-        self._mask = int.from_bytes(fixed_bytes(len(raw), spans), "little")
-        self._fixed = int.from_bytes(raw, "little") & self._mask
+        self.size = len(raw)
+        self.mask = int.from_bytes(fixed_bytes(len(raw), spans), "little")
+        self.fixed = int.from_bytes(raw, "little") & self.mask
 
     def matches(self, raw: bytes) -> bool:
         """Return whether a frame differs only in serial, reserved and numbers."""
-        return len(raw) == self._size and int.from_bytes(raw, "little") & self._mask == self._fixed
+        return len(raw) == self.size and int.from_bytes(raw, "little") & self.mask == self.fixed
 
 
 def fixed_bytes(length: int, spans: Sequence[NumberSpan]) -> bytes:
