@@ -55,7 +55,7 @@ def read_capture(
         TrajectoryError: There are no set points, or none of the wanted type.
         CaptureError: The capture cannot be read, and nothing was found before the fault.
     """
-    stays: dict[int, _SlaveSessionPoints] = {}
+    sessions: dict[int, _SlaveSessionPoints] = {}
     extractor = TrajectoryExtractor()
     pipeline = Pipeline(extractor)
     broken: CaptureError | None = None
@@ -63,14 +63,14 @@ def read_capture(
         for observation in PacketDecoder(ports).decode(packets):
             pipeline.add(observation)
             if extractor.ready:
-                _add_set_points(stays, extractor.ready)
+                _add_set_points(sessions, extractor.ready)
                 extractor.ready.clear()
     except CaptureError as error:
         broken = error
     pipeline.finish()
     extractor.finish()
-    _add_set_points(stays, extractor.ready)
-    if not stays:
+    _add_set_points(sessions, extractor.ready)
+    if not sessions:
         if broken is not None:
             raise broken
         if extractor.set_points:
@@ -80,7 +80,9 @@ def read_capture(
     if broken is not None:
         notes.append(f"the capture breaks off: {broken}")
     source = replace(source, notes=(*source.notes, *notes))
-    made = tuple(_make_trajectory(stay, source, len(stays) > 1) for _, stay in sorted(stays.items()))
+    made = tuple(
+        _make_trajectory(session, source, len(sessions) > 1) for _, session in sorted(sessions.items())
+    )
     fitting = tuple(each for each in made if options.kind in (None, each.kind))
     if not fitting:
         raise TrajectoryError(f"the set points are of type {made[0].kind}, not {options.kind}")
@@ -91,14 +93,14 @@ def _add_set_points(
     slave_sessions: dict[int, _SlaveSessionPoints], pieces: Iterable[seen.TrajectoryPiece]
 ) -> None:
     for known, steps in pieces:
-        stay = slave_sessions.setdefault(known.session_number, _SlaveSessionPoints(known))
-        width = len(stay.trajectory.axes)
+        session = slave_sessions.setdefault(known.session_number, _SlaveSessionPoints(known))
+        width = len(session.trajectory.axes)
         for step in steps:
             if len(step.commanded) == width:
-                stay.numbers.extend(step.commanded)
+                session.numbers.extend(step.commanded)
             else:
-                stay.odd_count += 1
-        if len(stay.numbers) > MAX_POINTS * width:
+                session.odd_count += 1
+        if len(session.numbers) > MAX_POINTS * width:
             raise TrajectoryError(f"more than {MAX_POINTS} set points")
 
 
