@@ -120,15 +120,14 @@ class Diagnosis(PipelineSubscriber):
         self._on_slave_sessions(self._session_detector.add_call(call))
         client.on_call(call)
 
-    def on_set_points(self, calls: Sequence[Call], target: TrackedObject | None) -> None:
+    def on_set_points(self, calls: Sequence[Call]) -> None:
         """Check set points that are alike: only checkers that need every set point see each one."""
         client = self._clients.client_of(calls[0])
-        client.target_object = target
         if self._selection is not None:
             for call in calls:
                 self._selection.on_call(call)
         if self._selected_sessions is not None:
-            self._selected_sessions.on_set_points(calls, target)
+            self._selected_sessions.on_set_points(calls)
         for on_call in self._set_point_handlers:
             for call in calls:
                 on_call(call, client)

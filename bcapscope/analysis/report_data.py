@@ -177,7 +177,7 @@ class ReportDataBuilder(PipelineSubscriber):
         if self._is_selected is None or self._is_selected(call):
             self._add_selected(call)
 
-    def on_set_points(self, calls: Sequence[Call], target: TrackedObject | None) -> None:
+    def on_set_points(self, calls: Sequence[Call]) -> None:
         """Add set points that are alike, and so without problems."""
         for call in calls:
             if self._is_selected is None or self._is_selected(call):

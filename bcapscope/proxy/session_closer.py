@@ -80,9 +80,9 @@ class SessionCloser(PipelineSubscriber):
             else:
                 state.arm_handles.pop(handle, None)
 
-    def on_set_points(self, calls: Sequence[Call], target: TrackedObject | None) -> None:
+    def on_set_points(self, calls: Sequence[Call]) -> None:
         """Follow the serials of set points."""
-        self.on_call(calls[-1], target)
+        self.on_call(calls[-1], None)
 
     def on_conversation_closed(self, conversation: Conversation) -> None:
         """Note what a client that is gone left open, and forget the client."""

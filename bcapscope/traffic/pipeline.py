@@ -36,7 +36,7 @@ class PipelineSubscriber:
     def on_call(self, call: Call, target: TrackedObject | None) -> None:
         """Receive a completed call, and the object of its handle; None if the object is unknown."""
 
-    def on_set_points(self, calls: Sequence[Call], target: TrackedObject | None) -> None:
+    def on_set_points(self, calls: Sequence[Call]) -> None:
         """Receive successive set points of one client that are alike, as `AlikeSetPoints` defines it.
 
         A subscriber that does not override this method receives each of them through `on_call`.
@@ -181,13 +181,14 @@ class Pipeline:
     def _emit_run(self, calls: Sequence[Call]) -> None:
         if not calls:
             return
-        # All have the same handle, and no call between them opens or releases an object.
-        target = None if self._handles is None else self._handles.on_call(calls[0])
         for on_set_points in self._run_handlers:
-            on_set_points(calls, target)
-        for on_call in self._single_handlers:
-            for call in calls:
-                on_call(call, target)
+            on_set_points(calls)
+        if self._single_handlers:
+            # All have the same handle, and no call between them opens or releases an object.
+            target = None if self._handles is None else self._handles.on_call(calls[0])
+            for on_call in self._single_handlers:
+                for call in calls:
+                    on_call(call, target)
 
     def _emit_single(self, item: PairingResult) -> None:
         if isinstance(item, StrayReply):

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 
 import pytest
 
 from bcapscope.protocol.codec.arguments import Problem
 from bcapscope.protocol.codec.frame import Frame, encode_frame
 from bcapscope.protocol.codec.variant import VT, Variant
-from bcapscope.traffic.alike_set_points import MAX_LEARNED, AlikeSetPoints
+from bcapscope.traffic.alike_set_points import MAX_KNOWN, MAX_LEARNED, AlikeSetPoints
 from bcapscope.traffic.call import Call
 from bcapscope.traffic.observation import Direction
 from tests.traffic.playbook import (
@@ -106,19 +107,22 @@ def damaged(client: Client, direction: Direction) -> None:
         call(lambda client: client.ask(0, 7, 0, MOVE)),
         call(retried),
         call(only_a_retry),
-        *(call(lambda client, way=way: cut(client, way)) for way in Direction),
-        *(call(lambda client, way=way: damaged(client, way)) for way in Direction),
+        *(call(partial(cut, direction=each)) for each in Direction),
+        *(call(partial(damaged, direction=each)) for each in Direction),
     ],
 )
 def test_what_differs_otherwise_is_not_alike(other: Call) -> None:
     assert not begun().continues(other)
 
 
-def test_another_form_is_learnt_and_the_first_one_kept() -> None:
-    alike = begun()
-    alike.on_other_call(point(slv_move(1.0, 2.0, 3.0)))
-    assert alike.continues(point(slv_move(4.0, 5.0, 6.0)))
+def test_a_run_has_one_form() -> None:
+    alike, other = begun(), point((EXECUTE, (i4(2), text("slvMove"), r8s(1.0, 2.0))))
+    alike.on_other_call(other)
+    assert alike.continues(other)
+    assert not alike.continues(point())
+    alike.on_other_call(point())
     assert alike.continues(point())
+    assert not alike.continues(other)
 
 
 @pytest.mark.parametrize("end", [point(execute("CurJnt")), point(code=0x83500121)])
@@ -144,10 +148,12 @@ def test_nothing_is_learnt_from_damaged_frames(direction: Direction) -> None:
     assert not alike.continues(odd)
 
 
-def test_the_number_of_forms_is_bounded() -> None:
+def test_the_number_of_learnt_forms_is_bounded() -> None:
     alike = AlikeSetPoints()
     forms = [point(slv_move(*map(float, range(count)))) for count in range(1, MAX_LEARNED + 3)]
+    continued = []
     for each in forms:
         alike.on_other_call(each)
-    assert alike.continues(forms[MAX_LEARNED - 1])
-    assert not any(map(alike.continues, (*forms[: MAX_LEARNED - 4], *forms[MAX_LEARNED:])))
+        continued.append(alike.continues(each))
+    assert continued == [True] * MAX_LEARNED + [False] * 2
+    assert len(alike._known) == MAX_KNOWN

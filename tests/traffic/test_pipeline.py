@@ -51,10 +51,10 @@ class Runs(Singles):
         self.runs: list[list[int]] = []
         self.changes: list[SlaveModeChange] = []
 
-    def on_set_points(self, calls: Sequence[Call], target: TrackedObject | None) -> None:
+    def on_set_points(self, calls: Sequence[Call]) -> None:
         self.runs.append([call.number for call in calls])
         for call in calls:
-            self.on_call(call, target)
+            self.on_call(call, None)
 
     def on_slave_mode(self, change: SlaveModeChange) -> None:
         self.events.append(("mode", change.call.number))
@@ -104,6 +104,17 @@ def test_a_subscriber_that_takes_no_runs_gets_each_call_in_the_same_order() -> N
     assert singles.events == without_modes == alone.events
 
 
+def test_a_run_holds_set_points_of_one_robot() -> None:
+    script = Script()
+    client = script.client()
+    for n in range(12):
+        client.ask(8 * n, n + 1, 0, (64, (i4(1 + n % 2), text("slvMove"), POSE)))
+        client.reply(8 * n + 1, n + 1, 0, 0, POSE)
+    runs = Runs()
+    run_pipeline(script.seen, runs)
+    assert runs.runs == []
+
+
 def test_changes_of_slave_mode_follow_their_calls() -> None:
     runs = Runs()
     run_pipeline(driven().script.seen, runs)
@@ -125,10 +136,11 @@ def test_targets_are_the_objects_of_the_handles() -> None:
     for n in range(4):
         client.ask(10 + 8 * n, 3 + n, 0, MOVE)
         client.reply(11 + 8 * n, 3 + n, 0, 0, POSE)
-    runs = Runs()
-    run_pipeline(script.seen, runs)
-    assert runs.targets == {2: "ctrl", 3: "Arm", 4: "Arm", 5: "Arm", 6: "Arm"}
+    singles, runs = Singles(), Runs()
+    run_pipeline(script.seen, singles, runs)
+    assert runs.targets == {2: "ctrl", 3: "Arm"}
     assert runs.runs == [[4, 5, 6]]
+    assert singles.targets == {**runs.targets, 4: "Arm", 5: "Arm", 6: "Arm"}
 
 
 def test_nothing_is_followed_that_nobody_needs(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -131,7 +131,7 @@ class TrajectoryExtractor(PipelineSubscriber):
             self._count_set_point(call)
         self._forget_sessions(self._detector.add_call(call))
 
-    def on_set_points(self, calls: Sequence[Call], target: TrackedObject | None) -> None:
+    def on_set_points(self, calls: Sequence[Call]) -> None:
         """Add set points that are alike."""
         for call in calls:
             self._count_set_point(call)

@@ -393,7 +393,7 @@ class SelectedSlaveSessions(PipelineSubscriber):
         if self._is_selected is None or not is_set_point(call.kind) or self._is_selected(call):
             self._report(self._detector.add_call(call))
 
-    def on_set_points(self, calls: Sequence[Call], target: TrackedObject | None) -> None:
+    def on_set_points(self, calls: Sequence[Call]) -> None:
         """Add set points that are alike."""
         if self._is_selected is not None:
             calls = list(filter(self._is_selected, calls))

@@ -87,18 +87,21 @@ class FrameTemplate:
         return tuple(variants)
 
 
-class FrameMask:
+_FixedParts: TypeAlias = Callable[[bytes], "tuple[bytes, ...]"]
+
+
+class FrameForm:
     """Recognises the frames that differ from a sound frame only in serial, reserved and numbers.
 
     Such a frame is sound as well, and has the same code. This is the cheapest check: it decodes nothing.
 
     Attributes:
         size: Size of the frames in bytes.
-        mask: Bits that do not differ, as a little-endian number.
-        fixed: Values of these bits.
+        fixed_parts: Returns the bytes of a frame of this size that do not differ.
+        expected_parts: These bytes.
     """
 
-    __slots__ = ("fixed", "mask", "size")
+    __slots__ = ("expected_parts", "fixed_parts", "size")
 
     def __init__(self, raw: bytes, spans: Sequence[NumberSpan]) -> None:
         """Learn from a sound frame.
@@ -108,12 +111,23 @@ class FrameMask:
             spans: Positions of the numbers that may differ.
         """
         self.size = len(raw)
-        self.mask = int.from_bytes(fixed_bytes(len(raw), spans), "little")
-        self.fixed = int.from_bytes(raw, "little") & self.mask
+        self.fixed_parts = _fixed_parts(len(raw), spans)
+        self.expected_parts = self.fixed_parts(raw)
 
     def matches(self, raw: bytes) -> bool:
         """Return whether a frame differs only in serial, reserved and numbers."""
-        return len(raw) == self.size and int.from_bytes(raw, "little") & self.mask == self.fixed
+        return len(raw) == self.size and self.fixed_parts(raw) == self.expected_parts
+
+
+def _fixed_parts(length: int, spans: Sequence[NumberSpan]) -> _FixedParts:
+    """Return a function that takes the bytes of a frame apart, without serial, reserved and numbers."""
+    parts, pos = ["<5s4x"], 9
+    for start, code, count in spans:
+        width = struct.calcsize(f"<{count}{code}")
+        parts.append(f"{start - pos}s{width}x")
+        pos = start + width
+    parts.append(f"{length - pos}s")
+    return struct.Struct("".join(parts)).unpack
 
 
 def fixed_bytes(length: int, spans: Sequence[NumberSpan]) -> bytes:
@@ -138,17 +152,12 @@ class _Shape:
     __slots__ = ("finder", "key", "spans", "templates", "unpack_numbers")
 
     def __init__(self, length: int, spans: tuple[NumberSpan, ...]) -> None:
-        fixed, numbers = ["<5s4x"], [f"<{_header_end(spans, length)}x"]
-        pos = 9
+        numbers = [f"<{_header_end(spans, length)}x"]
         for start, code, count in spans:
-            width = struct.calcsize(f"<{count}{code}")
-            fixed.append(f"{start - pos}s{width}x")
-            numbers.append(f"{count}{code}")
-            pos = start + width
-            numbers.append(f"{_next_start(spans, start, length) - pos}x")
-        fixed.append(f"{length - pos}s")
+            stop = start + struct.calcsize(f"<{count}{code}")
+            numbers.append(f"{count}{code}{_next_start(spans, start, length) - stop}x")
         self.spans = spans
-        self.key: Callable[[bytes], tuple[bytes, ...]] = struct.Struct("".join(fixed)).unpack
+        self.key = _fixed_parts(length, spans)
         self.unpack_numbers: Callable[[bytes], FrameNumbers] = struct.Struct("".join(numbers)).unpack
         self.templates: dict[tuple[bytes, ...], FrameTemplate] = {}
         self.finder = (self.key, self.templates.get, self.unpack_numbers)

@@ -574,7 +574,7 @@ def test_runs_of_set_points_give_the_same_sessions_as_single_ones(played: list[S
             self.sessions += self.detector.add_call(call)
 
     class Runs(Singles):
-        def on_set_points(self, calls: Sequence[Call], target: TrackedObject | None) -> None:
+        def on_set_points(self, calls: Sequence[Call]) -> None:
             self.sessions += self.detector.add_set_points(calls)
 
     plan = Plan()
