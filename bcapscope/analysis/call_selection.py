@@ -8,7 +8,7 @@ from itertools import chain
 
 from bcapscope.analysis.rules.rule_checker import Occurrence, OccurrenceSink, call_observations
 from bcapscope.protocol.codec.frame import Frame
-from bcapscope.traffic.call import Call, PairingResult
+from bcapscope.traffic.call import Call, StrayReply
 from bcapscope.traffic.observation import Observation
 
 
@@ -37,22 +37,26 @@ class CallSelection:
         self._unsettled_frame: int | None = None
         self._held_occurrences: dict[int, list[Occurrence]] = {}
 
-    def on_observation(self, observation: Observation) -> None:
+    def on_frame(self, observation: Observation) -> None:
         """Hold all occurrences reported from now on, until the call of this frame is complete."""
         self._unsettled_frame = observation.number if isinstance(observation.item, Frame) else None
 
-    def on_pairing_result(self, settled: PairingResult) -> None:
-        """Register a completed call or a stray reply, before the rules see it."""
+    def on_call(self, call: Call) -> None:
+        """Register a completed call, before the rules see it."""
         self._unsettled_frame = None
-        whole = call_observations(settled) if isinstance(settled, Call) else (settled.observation,)
-        frames = [seen.number for seen in whole]
-        if isinstance(settled, Call) and self._is_selected(settled):
+        frames = [seen.number for seen in call_observations(call)]
+        if self._is_selected(call):
             self.selected_calls += 1
             for frame in frames:
                 self._select_frame(frame)
         if self._held_occurrences:
             for frame in frames:
                 self._release_frame(frame)
+
+    def on_stray_reply(self, stray: StrayReply) -> None:
+        """Register a stray reply, before the rules see it."""
+        self._unsettled_frame = None
+        self._release_frame(stray.observation.number)
 
     def add_occurrence(self, occurrence: Occurrence) -> None:
         """Add an occurrence that a rule reports."""

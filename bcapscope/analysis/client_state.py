@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple, TypeAlias, TypeVar
 
 from bcapscope.analysis.slave.generation_clues import NO_CLUE, clue_of_call, stronger_clue
 from bcapscope.analysis.slave.slave_session import SlaveSession
-from bcapscope.protocol.codec.variant import Value, Variant, integer_value
+from bcapscope.protocol.codec.variant import Value, Variant
 from bcapscope.protocol.slave_mode.modes import Generation, SlaveMode, slave_mode_by_number
 from bcapscope.protocol.tables.function_table import FUNCTIONS, ID, ObjectClass
 from bcapscope.protocol.tables.hresult import ends_slave_mode, is_failure
@@ -16,6 +16,7 @@ from bcapscope.traffic.call import Call
 from bcapscope.traffic.call_kind import MAX_CONVERSATIONS, CallKind
 from bcapscope.traffic.handle_tracker import TrackedObject
 from bcapscope.traffic.observation import ConnectionEnd, Conversation, Direction
+from bcapscope.traffic.slave_mode_tracker import SlaveModeChange, SlaveModeEffect
 
 MAX_HANDLES = 1024
 """Handles that are remembered for each client.
@@ -199,15 +200,15 @@ class ClientState:
             else None
         )
 
-    def on_set_point(self, call: Call) -> None:
-        """Update the state with a set point that was answered with S_OK."""
-        reply = call.reply
-        if reply is not None and reply.time - call.request.time > SLOW_CALL_NS:
-            self.slow_call = call
-        self.call_count += 1
-        self.answered_count += 1
-        self.last_call = call
-        self._remember_set_point(call)
+    def on_set_points(self, calls: Sequence[Call]) -> None:
+        """Update the state with set points that are alike, and so answered with S_OK and not large."""
+        for call in calls:
+            if call.last_activity - call.request.time > SLOW_CALL_NS:
+                self.slow_call = call
+        self.call_count += len(calls)
+        self.answered_count += len(calls)
+        self.last_call = calls[-1]
+        self.recent_set_points.extend(calls)
 
     def _remember_set_point(self, call: Call) -> None:
         if call.memory_bytes <= _LARGEST_POINT:
@@ -235,6 +236,20 @@ class ClientState:
             self._remember_set_point(call)
         else:
             self._on_success(call)
+
+    def on_slave_mode(self, change: SlaveModeChange) -> None:
+        """Update the slave mode after the call that changed it."""
+        call = change.call
+        if change.effect is SlaveModeEffect.MODE_CHANGED:
+            self.recent_set_points.clear()
+            if change.mode:
+                self.mode_entered_by = call
+                self.generation_clue = stronger_clue(self.generation_clue, clue_of_call(call))
+            elif self.mode_value:
+                self.mode_ended_by = call
+        elif change.effect is not SlaveModeEffect.SESSION_BOUNDARY:
+            self.mode_ended_by = call
+        self.mode_value = change.mode
 
     def _on_success(self, call: Call) -> None:
         function_id, command = call.kind
@@ -264,8 +279,6 @@ class ClientState:
             return
         if self.uncleared_error is None:
             self.uncleared_error, self.error_was_read = call, False
-        if self.mode_value != 0:
-            self.mode_value, self.mode_ended_by = 0, call
         self.recent_set_points.clear()
 
     def _on_service_start(self, call: Call) -> None:
@@ -278,7 +291,6 @@ class ClientState:
 
     def _reset_session(self) -> None:
         self.service_start = self.connect_call = self.session_end = self.take_arm_call = None
-        self.mode_value = 0
 
     def _on_connect(self, call: Call) -> None:
         self.connect_call, self.session_end = call, None
@@ -296,17 +308,6 @@ class ClientState:
 
     def _on_motion(self, call: Call) -> None:
         self.last_motion = call
-
-    def _on_change_mode(self, call: Call) -> None:
-        parameter = argument(call, 2)
-        value = None if parameter is None else integer_value(parameter)
-        if value:
-            self.mode_entered_by = call
-            self.generation_clue = stronger_clue(self.generation_clue, clue_of_call(call))
-        elif self.mode_value:
-            self.mode_ended_by = call
-        self.mode_value = value
-        self.recent_set_points.clear()
 
     def _on_motor(self, call: Call) -> None:
         state = first_number(argument(call, 2))
@@ -350,7 +351,6 @@ _BY_FUNCTION: dict[int, _StateUpdate] = {
 _BY_COMMAND: dict[str, _StateUpdate] = {
     **dict.fromkeys(_READS_ERROR, ClientState._on_read_error),
     **dict.fromkeys(_MOTIONS, ClientState._on_motion),
-    "slvchangemode": ClientState._on_change_mode,
     "motor": ClientState._on_motor,
     "takearm": ClientState._on_take_arm,
     "givearm": ClientState._on_give_arm,

@@ -23,10 +23,12 @@ from bcapscope.analysis.slave.session_detector import SlaveSessionDetector
 from bcapscope.analysis.slave.slave_session import ExitReason, SlaveSession
 from bcapscope.protocol.codec.frame import Malformed
 from bcapscope.protocol.tables.hresult import is_failure
-from bcapscope.traffic.call import Call, FrameObservation, PairingResult
+from bcapscope.traffic.call import Call, FrameObservation, StrayReply
 from bcapscope.traffic.call_kind import CallKind
-from bcapscope.traffic.handle_tracker import HandleTracker
+from bcapscope.traffic.handle_tracker import TrackedObject
 from bcapscope.traffic.observation import Conversation, Flow, Observation
+from bcapscope.traffic.pipeline import PipelineSubscriber
+from bcapscope.traffic.slave_mode_tracker import SlaveModeChange
 
 MAX_CALL_KINDS = 4096
 """Kinds of call for which the interested checkers are cached; a full cache is cleared."""
@@ -37,13 +39,14 @@ MAX_FLOWS = 65536
 _CallHandler: TypeAlias = Callable[[Call, ClientState], None]
 
 
-class Diagnosis:
+class Diagnosis(PipelineSubscriber):
     """Finds what went wrong in the traffic, in bounded memory.
 
-    Pass every observation to `on_observation`, and every result that a tracker makes of it to
-    `on_pairing_result`. `findings`, `totals` and `remaining_sessions` can be called at any time: each answers
-    as if the traffic ended then, and changes nothing.
+    `findings`, `totals` and `remaining_sessions` can be called at any time: each answers as if the traffic
+    ended then, and changes nothing.
     """
+
+    needs_targets = True
 
     def __init__(
         self,
@@ -66,7 +69,6 @@ class Diagnosis:
             self._collector.add_occurrence if self._selection is None else self._selection.add_occurrence
         )
         self._clients = ClientRegistry(self._drop_client)
-        self._handles = HandleTracker(max_ended=0)
         self._session_detector = SlaveSessionDetector()
         checkers = self._checkers = [checker(self._report_occurrence, self._clients) for checker in CHECKERS]
         self._call_checkers = checkers_overriding(checkers, "on_call")
@@ -77,12 +79,13 @@ class Diagnosis:
             each.on_stray_reply for each in checkers_overriding(checkers, "on_stray_reply")
         ]
         self._session_checkers = checkers_overriding(checkers, "session_occurrences")
-        self._on_slave_session = on_slave_session
-        self._selected_sessions = (
-            None if is_selected is None or on_slave_session is None else SelectedSlaveSessions(is_selected)
-        )
+        self._selected_sessions: SelectedSlaveSessions | None = None
+        if is_selected is not None and on_slave_session is not None:
+            self._selected_sessions = SelectedSlaveSessions(is_selected, on_slave_session)
+        self._on_slave_session = on_slave_session if is_selected is None else None
         self._end_checkers = checkers_overriding(checkers, "end_occurrences")
         self._new_flow_handlers = [each.on_new_flow for each in checkers_overriding(checkers, "on_new_flow")]
+        self._set_point_handlers = [each.on_call for each in checkers if each.needs_every_set_point]
         self._closed_handlers = [
             each.on_conversation_closed for each in checkers_overriding(checkers, "on_conversation_closed")
         ]
@@ -91,16 +94,12 @@ class Diagnosis:
         self._flows: set[Flow] = set()
         self._first: Observation | None = None
         self._last: Observation | None = None
-        # The next set point is expected to belong to this client's slave-mode session.
-        self._expected_client: ClientState
-        self._expected_conversation: Conversation | None = None
-        self._expected_kind: CallKind | None = None
 
-    def on_observation(self, observation: Observation) -> None:
-        """Check the next frame, or bytes that are no frame, before the tracker's results for it."""
+    def on_frame(self, observation: Observation) -> None:
+        """Check the next frame, or bytes that are no frame."""
         item = observation.item
         if self._selection is not None:
-            self._selection.on_observation(observation)
+            self._selection.on_frame(observation)
         if observation.flow not in self._flows:
             self._on_new_flow(observation)
         self._last = observation
@@ -108,54 +107,56 @@ class Diagnosis:
             for check in self._suspect_frame_handlers:
                 check(observation)
 
-    def on_pairing_result(self, settled: PairingResult) -> None:
-        """Check a completed call, or a reply that belongs to no call."""
+    def on_call(self, call: Call, target: TrackedObject | None) -> None:
+        """Check a completed call."""
         if self._selection is not None:
-            self._selection.on_pairing_result(settled)
-        if isinstance(settled, Call):
-            if self._selected_sessions is not None:
-                self._pass_on(self._selected_sessions.add_call(settled))
-            if settled.kind is self._expected_kind and settled.conversation is self._expected_conversation:
-                reply, frame = settled.reply, settled.request.item
-                if (
-                    reply is not None
-                    and not reply.item.code
-                    and not settled.other_frames
-                    and frame.reserved in (0, frame.serial)
-                ):
-                    self._expected_client.on_set_point(settled)
-                    sessions = self._session_detector.add_call(settled)
-                    if sessions:
-                        self._on_slave_sessions(sessions)
-                    return
-            self._on_call(settled)
-        else:
-            self._check_frame(settled.observation)
-            for check in self._stray_reply_handlers:
-                check(settled)
-
-    def _on_call(self, call: Call) -> None:
+            self._selection.on_call(call)
+        if self._selected_sessions is not None:
+            self._selected_sessions.on_call(call, target)
         client = self._clients.client_of(call)
-        client.target_object = self._handles.on_call(call)
+        client.target_object = target
         for seen in call_observations(call):
             self._check_frame(seen)
         self._not_followed += call.evicted
-        health = _health_of(call)
-        handlers = self._handlers_by_kind.get((call.kind, health))
+        key = call.kind, _health_of(call)
+        handlers = self._handlers_by_kind.get(key)
         if handlers is None:
-            handlers = self._handlers_for((call.kind, health))
+            handlers = self._handlers_for(key)
         for check in handlers:
             check(call, client)
         self._on_slave_sessions(self._session_detector.add_call(call))
         client.on_call(call)
-        # There may be millions of set points. All checkers see the first one of a slave-mode session; after
-        # that they see only those that went wrong.
-        is_point = bool(client.recent_set_points) and client.recent_set_points[-1] is call
-        self._expected_kind = call.kind if is_point else None
-        self._expected_client, self._expected_conversation = client, call.conversation
+
+    def on_set_points(self, calls: Sequence[Call]) -> None:
+        """Check set points that are alike: only checkers that need every set point see each one."""
+        client = self._clients.client_of(calls[0])
+        if self._selection is not None:
+            for call in calls:
+                self._selection.on_call(call)
+        if self._selected_sessions is not None:
+            self._selected_sessions.on_set_points(calls)
+        for check in self._set_point_handlers:
+            for call in calls:
+                check(call, client)
+        client.on_set_points(calls)
+        sessions = self._session_detector.add_set_points(calls)
+        if sessions:
+            self._on_slave_sessions(sessions)
+
+    def on_stray_reply(self, stray: StrayReply) -> None:
+        """Check a reply that belongs to no call."""
+        if self._selection is not None:
+            self._selection.on_stray_reply(stray)
+        self._check_frame(stray.observation)
+        for check in self._stray_reply_handlers:
+            check(stray)
+
+    def on_slave_mode(self, change: SlaveModeChange) -> None:
+        """Update the state of a client whose slave mode changed."""
+        self._clients.client_of(change.call).on_slave_mode(change)
 
     def _check_frame(self, observation: FrameObservation) -> None:
-        """Show a frame with problems to the checkers; `on_observation` has already shown large ones."""
+        """Show a frame with problems to the checkers; `on_frame` has already shown large ones."""
         if observation.item.problems and len(observation.item.raw) < CHECKED_FROM_BYTES:
             for check in self._suspect_frame_handlers:
                 check(observation)
@@ -167,12 +168,7 @@ class Diagnosis:
             client = self._clients.find(session.conversation)
             if client is not None and session.exit.reason is ExitReason.SILENT:
                 client.silent_session = session
-        if self._selected_sessions is None:
-            self._pass_on(sessions)
-
-    def _pass_on(self, sessions: Sequence[SlaveSession]) -> None:
-        if self._on_slave_session is not None:
-            for session in sessions:
+            if self._on_slave_session is not None:
                 self._on_slave_session(session)
 
     def _session_occurrences(self, session: SlaveSession) -> Iterator[Occurrence]:
@@ -182,9 +178,6 @@ class Diagnosis:
     def on_conversation_closed(self, conversation: Conversation) -> None:
         """Release what is kept for a closed conversation. All its calls must have been passed before."""
         self._flows = {flow for flow in self._flows if flow.conversation is not conversation}
-        if conversation is self._expected_conversation:
-            self._expected_conversation = self._expected_kind = None
-        self._handles.close_conversation(conversation)
         self._on_slave_sessions(self._session_detector.close_conversation(conversation))
         self._clients.on_conversation_closed(conversation)
         for close in self._closed_handlers:

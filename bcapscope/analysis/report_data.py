@@ -24,9 +24,11 @@ from bcapscope.analysis.timeline_events import (
 from bcapscope.protocol.codec.arguments import Problem
 from bcapscope.protocol.codec.frame import Frame, Malformed
 from bcapscope.protocol.tables.hresult import is_failure
-from bcapscope.traffic.call import Call, FrameObservation, PairingResult, StrayReply
+from bcapscope.traffic.call import Call, FrameObservation, StrayReply
 from bcapscope.traffic.call_verdict import CallVerdict
+from bcapscope.traffic.handle_tracker import TrackedObject
 from bcapscope.traffic.observation import Conversation, Flow, Observation
+from bcapscope.traffic.pipeline import PipelineSubscriber
 
 MAX_TIMELINES = 256
 """Clients that have a timeline of their own."""
@@ -131,10 +133,11 @@ class ReportData:
 _Badness: TypeAlias = "tuple[int, int, int]"
 
 
-class ReportDataBuilder:
-    """Gathers report data from observations and from what a tracker makes of them.
+class ReportDataBuilder(PipelineSubscriber):
+    """Gathers the data of a report.
 
-    Pass each observation before the tracker's results for it.
+    Attributes:
+        diagnosis: Diagnosis of the report; it subscribes to the same pipeline, before the builder.
     """
 
     def __init__(self, is_selected: Callable[[Call], bool] | None = None) -> None:
@@ -145,7 +148,7 @@ class ReportDataBuilder:
                 reported in any case.
         """
         self._is_selected = is_selected
-        self._diagnosis = Diagnosis(is_selected, self._keep_session)
+        self.diagnosis = Diagnosis(is_selected, self._keep_session)
         self._statistics = StatisticsBuilder()
         self._start: int | None = None
         self._end = 0
@@ -158,9 +161,8 @@ class ReportDataBuilder:
         self._retried_calls = self._stray_replies = self._damaged_count = 0
         self._damaged: list[DamagedFrame] = []
 
-    def on_observation(self, observation: Observation) -> None:
+    def on_frame(self, observation: Observation) -> None:
         """Add the next frame, or the next bytes that are no frame."""
-        self._diagnosis.on_observation(observation)
         time = observation.time
         if self._start is None or time < self._start:
             self._start = time
@@ -168,17 +170,23 @@ class ReportDataBuilder:
         if observation.item.__class__ is Malformed:
             self._add_damaged(observation)
 
-    def on_pairing_result(self, settled: PairingResult) -> None:
-        """Add a completed call, or a reply that belongs to no call."""
-        self._diagnosis.on_pairing_result(settled)
-        if isinstance(settled, StrayReply):
-            self._stray_replies += 1
-            self._check_frame(settled.observation)
-            return
-        for seen in call_observations(settled):
+    def on_call(self, call: Call, target: TrackedObject | None) -> None:
+        """Add a completed call."""
+        for seen in call_observations(call):
             self._check_frame(seen)
-        if self._is_selected is None or self._is_selected(settled):
-            self._on_call(settled)
+        if self._is_selected is None or self._is_selected(call):
+            self._add_selected(call)
+
+    def on_set_points(self, calls: Sequence[Call]) -> None:
+        """Add set points that are alike, and so without problems."""
+        for call in calls:
+            if self._is_selected is None or self._is_selected(call):
+                self._add_selected(call)
+
+    def on_stray_reply(self, stray: StrayReply) -> None:
+        """Add a reply that belongs to no call."""
+        self._stray_replies += 1
+        self._check_frame(stray.observation)
 
     def report_data(self, ended_at: int = 0) -> ReportData | None:
         """Return the data of the report so far; None without any observation.
@@ -188,14 +196,14 @@ class ReportDataBuilder:
         """
         if self._start is None:
             return None
-        sessions = [*self._slave_sessions, *self._diagnosis.remaining_sessions(ended_at)]
+        sessions = [*self._slave_sessions, *self.diagnosis.remaining_sessions(ended_at)]
         timelines = sorted(self._timelines.values(), key=lambda timeline: -timeline.call_count)
         chains = sorted((chain for _, chain in self._retry_chains), key=lambda chain: chain.request.time)
         return ReportData(
             start=self._start,
             end=self._end,
-            findings=self._diagnosis.findings(ended_at),
-            totals=self._diagnosis.totals(ended_at),
+            findings=self.diagnosis.findings(ended_at),
+            totals=self.diagnosis.totals(ended_at),
             statistics=self._statistics.statistics(),
             timelines=tuple(timeline.timeline() for timeline in timelines),
             timelines_left_off=len(self._timelines_left_off),
@@ -209,7 +217,7 @@ class ReportDataBuilder:
             damaged_count=self._damaged_count,
         )
 
-    def _on_call(self, call: Call) -> None:
+    def _add_selected(self, call: Call) -> None:
         self._statistics.add_call(call)
         timeline = self._timeline_of(call.conversation)
         reply = call.reply

@@ -12,7 +12,15 @@ import msgspec
 from bcapscope.capture.append_log import AppendLogReader, AppendLogWriter, CachedFileReader
 from bcapscope.capture.observation_store import ObservationStore, decode_text, encode_text
 from bcapscope.protocol.tables.function_table import ObjectClass
-from bcapscope.traffic.call import Call, CallFrame, FrameObservation, FrameRole, PairingResult, StrayReply
+from bcapscope.traffic.call import (
+    Call,
+    CallFrame,
+    CallState,
+    FrameObservation,
+    FrameRole,
+    PairingResult,
+    StrayReply,
+)
 from bcapscope.traffic.call_kind import CallKind
 from bcapscope.traffic.handle_tracker import TrackedObject
 from bcapscope.traffic.reserved_field import ReplyReserved, ReservedConvention, ReservedFieldUsage
@@ -189,7 +197,8 @@ class CallStore:
             CallFrame(_ROLES[role], self._read_frame(number, seen)) for role, number in others
         ]
         made.last_activity, made.abandoned_at = activity, gone_on
-        made.no_reply_expected, made.evicted, made.skipped_handles = silent, let_go, skipped
+        made.no_reply_expected, made.skipped_handles = silent, skipped
+        made.state = CallState.EVICTED if let_go else CallState.SETTLED
         return StoredCall(made, None if thing is None else _object_from_record(thing))
 
     def index_of_frame(self, frame: int) -> int | None:

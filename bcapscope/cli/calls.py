@@ -9,18 +9,19 @@ from itertools import chain, starmap
 import click
 
 from bcapscope.cli.common import options
-from bcapscope.cli.common.call_reading import read_calls
+from bcapscope.cli.common.call_reading import read_items
 from bcapscope.cli.common.capture_reader import CaptureReader
 from bcapscope.live.standard_streams import choose_palette, print_stderr
 from bcapscope.protocol.text_format import counted
 from bcapscope.render.call_record import CallRecordRenderer
 from bcapscope.render.call_text import CallRenderer, session_text
 from bcapscope.render.timestamp import TimeFormat
-from bcapscope.traffic.call import Call, PairingResult
+from bcapscope.traffic.call import Call, PairingResult, StrayReply
 from bcapscope.traffic.filter.compiler import Filter
 from bcapscope.traffic.filter.field_table import RecordKind
 from bcapscope.traffic.filter.getters import CALL_GETTERS
 from bcapscope.traffic.handle_tracker import HandleTracker, TrackedObject
+from bcapscope.traffic.pipeline import Pipeline, PipelineSubscriber
 
 _MAX_SESSIONS_LISTED = 8
 
@@ -56,7 +57,7 @@ def command(
     if tree and as_json:
         raise click.UsageError("--tree and --json exclude each other")
     reading = CaptureReader(paths, ports, interface)
-    calls = _FilteredCalls(read_calls(reading), wanted)
+    calls = _ShownCalls(reading, wanted)
     if as_json:
         lines: Iterable[str] | Iterable[bytes] = starmap(CallRecordRenderer().record, calls.calls())
     else:
@@ -71,29 +72,32 @@ def command(
     sys.exit(reading.exit_code)
 
 
-class _FilteredCalls:
+class _ShownCalls(PipelineSubscriber):
     """The calls that the filter selects, with the objects that their handles stand for, and a summary."""
 
-    def __init__(self, settled: Iterable[PairingResult], wanted: Filter | None) -> None:
-        self._settled = settled
+    needs_targets = True
+
+    def __init__(self, reader: CaptureReader, wanted: Filter | None) -> None:
+        self._reader = reader
         self._test = None if wanted is None else wanted.bind(CALL_GETTERS)
         self._handles = HandleTracker()
+        self._items: list[tuple[PairingResult, TrackedObject | None]] = []
         self._stray_count = 0
         self._first_stray = 0
 
+    def on_call(self, call: Call, target: TrackedObject | None) -> None:
+        if self._test is None or self._test(call):
+            self._items.append((call, target))
+
+    def on_stray_reply(self, stray: StrayReply) -> None:
+        self._stray_count += 1
+        self._first_stray = self._first_stray or stray.observation.number
+        if self._test is None:
+            self._items.append((stray, None))
+
     def all_items(self) -> Iterator[tuple[PairingResult, TrackedObject | None]]:
         """Yield the selected calls; without a filter, also stray replies."""
-        wanted = self._test
-        for item in self._settled:
-            if isinstance(item, Call):
-                subject = self._handles.on_call(item)
-                if wanted is None or wanted(item):
-                    yield item, subject
-            else:
-                self._stray_count += 1
-                self._first_stray = self._first_stray or item.observation.number
-                if wanted is None:
-                    yield item, None
+        return read_items(self._reader, Pipeline(self, handles=self._handles), self._items)
 
     def calls(self) -> Iterator[tuple[Call, TrackedObject | None]]:
         """Yield the selected calls without stray replies, which JSON output leaves out."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from bisect import insort
 
 import click
 
@@ -17,10 +18,10 @@ from bcapscope.cli.common.exit_codes import ExitCode
 from bcapscope.live.standard_streams import choose_palette, print_stderr
 from bcapscope.render.comparison_text import comparison_lines, comparison_record
 from bcapscope.render.escape import printable
-from bcapscope.traffic.call import Call, PairingResult
 from bcapscope.traffic.filter.compiler import Filter
 from bcapscope.traffic.filter.field_table import RecordKind
 from bcapscope.traffic.filter.getters import CALL_GETTERS
+from bcapscope.traffic.pipeline import Pipeline
 
 _path = click.Path(allow_dash=True)
 
@@ -67,16 +68,14 @@ def _read_side(path: str, reader: CaptureReader, wanted: Filter | None) -> Compa
     """Read a capture to its end, in one pass."""
     sessions: list[SlaveSession] = []
     chosen = None if wanted is None else wanted.bind(CALL_GETTERS)
-    diagnosis, statistics = Diagnosis(chosen, sessions.append), StatisticsBuilder()
 
-    def on_settled(settled: PairingResult) -> None:
-        diagnosis.on_pairing_result(settled)
-        if isinstance(settled, Call) and (chosen is None or chosen(settled)):
-            statistics.add_call(settled)
+    def keep_if_early(session: SlaveSession) -> None:
+        insort(sessions, session, key=lambda each: each.number)
         del sessions[MAX_SESSIONS:]
 
-    read_to_end(reader, diagnosis.on_observation, on_settled)
-    sessions += diagnosis.remaining_sessions(reader.ended_at)
-    first = sorted(sessions, key=lambda session: session.number)[:MAX_SESSIONS]
+    diagnosis, figures = Diagnosis(chosen, keep_if_early), StatisticsBuilder(chosen)
+    read_to_end(reader, Pipeline(diagnosis, figures))
+    for session in diagnosis.remaining_sessions(reader.ended_at):
+        keep_if_early(session)
     findings, totals = diagnosis.findings(reader.ended_at), diagnosis.totals(reader.ended_at)
-    return ComparedCapture(path, statistics.statistics(), tuple(first), findings, totals)
+    return ComparedCapture(path, figures.statistics(), tuple(sessions), findings, totals)

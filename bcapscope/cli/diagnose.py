@@ -18,6 +18,7 @@ from bcapscope.render.findings import FindingsRenderer, finding_record
 from bcapscope.traffic.filter.compiler import Filter
 from bcapscope.traffic.filter.field_table import RecordKind
 from bcapscope.traffic.filter.getters import CALL_GETTERS
+from bcapscope.traffic.pipeline import Pipeline
 
 _PIPE_WIDTH = 100
 
@@ -67,5 +68,5 @@ def _diagnose(reader: CaptureReader, wanted: Filter | None) -> Diagnosis:
     """Read to the end and apply all rules."""
     chosen = None if wanted is None else wanted.bind(CALL_GETTERS)
     diagnosis = Diagnosis(chosen)
-    read_to_end(reader, diagnosis.on_observation, diagnosis.on_pairing_result)
+    read_to_end(reader, Pipeline(diagnosis))
     return diagnosis

@@ -17,7 +17,7 @@ from bcapscope.analysis.slave.captured_trajectory import (
     TrajectoryStep,
 )
 from bcapscope.cli.common import options
-from bcapscope.cli.common.call_reading import read_calls
+from bcapscope.cli.common.call_reading import read_items
 from bcapscope.cli.common.capture_reader import CaptureReader
 from bcapscope.cli.common.exit_codes import ExitCode
 from bcapscope.cli.common.output_files import AtomicFile, check_output_path, force_option
@@ -26,11 +26,11 @@ from bcapscope.live.standard_streams import print_stderr
 from bcapscope.protocol.text_format import counted
 from bcapscope.render.escape import printable
 from bcapscope.render.trajectory_file import CsvTrajectoryWriter, JsonTrajectoryWriter
-from bcapscope.traffic.call import Call
 from bcapscope.traffic.filter.compiler import Filter
 from bcapscope.traffic.filter.field_table import RecordKind
 from bcapscope.traffic.filter.getters import CALL_GETTERS
 from bcapscope.traffic.observation import Conversation
+from bcapscope.traffic.pipeline import Pipeline
 
 TrajectoryWriter: TypeAlias = CsvTrajectoryWriter | JsonTrajectoryWriter
 
@@ -101,10 +101,9 @@ def _is_by_client(client: str) -> Callable[[Conversation], bool]:
 
 
 def _read_pieces(reader: CaptureReader, trajectories: TrajectoryExtractor) -> Iterator[TrajectoryPiece]:
-    for item in read_calls(reader):
-        if isinstance(item, Call):
-            yield from trajectories.add_call(item)
-    yield from trajectories.finish()
+    yield from read_items(reader, Pipeline(trajectories), trajectories.ready)
+    trajectories.finish()
+    yield from trajectories.ready
 
 
 def _print_left_out(trajectories: TrajectoryExtractor, client: str | None, some: bool) -> None:

@@ -20,6 +20,7 @@ from bcapscope.live.standard_streams import print_stderr
 from bcapscope.traffic.filter.compiler import Filter
 from bcapscope.traffic.filter.field_table import RecordKind
 from bcapscope.traffic.filter.getters import CALL_GETTERS
+from bcapscope.traffic.pipeline import Pipeline
 
 _NEEDED = ("jinja2", "plotly")
 
@@ -78,7 +79,7 @@ def command(
 
 def _read_report_data(reader: CaptureReader, wanted: Filter | None) -> ReportData | None:
     builder = ReportDataBuilder(None if wanted is None else wanted.bind(CALL_GETTERS))
-    read_to_end(reader, builder.on_observation, builder.on_pairing_result)
+    read_to_end(reader, Pipeline(builder.diagnosis, builder))
     return builder.report_data(reader.ended_at)
 
 

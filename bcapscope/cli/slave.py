@@ -9,14 +9,14 @@ import click
 
 from bcapscope.analysis.slave.selected_sessions import SelectedSlaveSessions
 from bcapscope.analysis.slave.slave_session import SlaveSession
-from bcapscope.cli.common.call_reading import read_calls
+from bcapscope.cli.common.call_reading import read_items
 from bcapscope.cli.common.exit_codes import ExitCode
 from bcapscope.cli.common.figure_command import FigureArguments, figure_command
 from bcapscope.live.standard_streams import print_stderr
 from bcapscope.render.slave_session_record import slave_session_record
 from bcapscope.render.slave_session_text import slave_session_lines
-from bcapscope.traffic.call import Call
 from bcapscope.traffic.filter.getters import CALL_GETTERS
+from bcapscope.traffic.pipeline import Pipeline
 
 
 @click.command(short_help="Show slave-mode sessions: cycle times, retries, buffer, clock and motion.")
@@ -49,16 +49,11 @@ def command(arguments: FigureArguments) -> None:
 
 
 def _read_slave_sessions(arguments: FigureArguments) -> Iterator[SlaveSession]:
-    detector = SelectedSlaveSessions(
-        None if arguments.call_filter is None else arguments.call_filter.bind(CALL_GETTERS), arguments.window
-    )
-    add_call = detector.add_call
-    for item in read_calls(arguments.reader):
-        if isinstance(item, Call):
-            ended = add_call(item)
-            if ended:
-                yield from ended
-    yield from detector.remaining_sessions(arguments.reader.ended_at)
+    is_selected = None if arguments.call_filter is None else arguments.call_filter.bind(CALL_GETTERS)
+    sessions: list[SlaveSession] = []
+    selected = SelectedSlaveSessions(is_selected, sessions.append, arguments.window)
+    yield from read_items(arguments.reader, Pipeline(selected), sessions)
+    yield from selected.remaining_sessions(arguments.reader.ended_at)
 
 
 def _warn_if_none(

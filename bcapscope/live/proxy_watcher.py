@@ -34,11 +34,12 @@ from bcapscope.proxy.silence_monitor import SilenceMonitor
 from bcapscope.render.escape import printable
 from bcapscope.render.finding_text import finding_sentence, words_for
 from bcapscope.render.findings import FindingsRenderer
-from bcapscope.traffic.call import Call, PairingResult
+from bcapscope.traffic.call import Call, StrayReply
 from bcapscope.traffic.conversation_pairing import RETRY_WITHIN_NS
-from bcapscope.traffic.handle_tracker import HandleTracker
-from bcapscope.traffic.observation import Conversation, Transport
-from bcapscope.traffic.tracker import Tracker
+from bcapscope.traffic.handle_tracker import HandleTracker, TrackedObject
+from bcapscope.traffic.observation import Conversation, Observation, Transport
+from bcapscope.traffic.pipeline import Pipeline, PipelineSubscriber
+from bcapscope.traffic.slave_mode_tracker import SlaveModeTracker
 
 POLL_INTERVAL = 0.025
 """Seconds between polls of the ring."""
@@ -146,6 +147,38 @@ class RecorderTask:
         self._recorder.flush()
 
 
+class _TrafficDisplay(PipelineSubscriber):
+    """Renders the traffic as the options say, and counts the calls.
+
+    Attributes:
+        lines: Lines that wait to be displayed.
+        call_count: Number of completed calls.
+        retry_count: Number of their retries.
+    """
+
+    needs_targets = True
+
+    def __init__(self, view: ProxyView) -> None:
+        self.lines: list[str | bytes] = []
+        self.call_count = self.retry_count = 0
+        self._view = view
+
+    def add_frame(self, observation: Observation, note: str) -> None:
+        """Render a frame; `note` says what a rule did to it."""
+        self.lines += self._view.frame_lines(observation, note)
+
+    def on_call(self, call: Call, target: TrackedObject | None) -> None:
+        self.call_count += 1
+        self.retry_count += call.retries
+        self.lines += self._view.call_lines(call, target)
+
+    def on_stray_reply(self, stray: StrayReply) -> None:
+        self.lines += self._view.call_lines(stray, None)
+
+    def on_conversation_closed(self, conversation: Conversation) -> None:
+        self._view.drop_conversation(conversation)
+
+
 class ProxyWatcher:
     """Reads what the relay wrote, and decodes, displays and diagnoses it as the options say.
 
@@ -167,17 +200,23 @@ class ProxyWatcher:
         self._yield_cpu = yield_function(reader)
         self._written_before = self._decoded_until = 0
         self._colors = choose_palette(options.color)
-        self._view = ProxyView(options.view, self._colors)
         self._record_decoder = RecordDecoder()
-        self._tracker = Tracker()
+        self._display = _TrafficDisplay(ProxyView(options.view, self._colors))
         self._diagnosis = Diagnosis()
-        self._handles = HandleTracker(max_ended=0)
-        self._session_closer = SessionCloser(self._handles)
+        self._slave_mode = SlaveModeTracker()
+        handles = HandleTracker(max_ended=0)
+        self._session_closer = SessionCloser(handles, self._slave_mode)
+        self._pipeline = Pipeline(
+            self._session_closer,
+            self._diagnosis,
+            self._display,
+            handles=handles,
+            slave_mode=self._slave_mode,
+        )
         self._silence_monitor = SilenceMonitor()
         self._delays = DelayStatistics()
         self._advice = ""
         self._has_sent_closing = False
-        self._call_count = self._retry_count = 0
         self._next_status_at = self._status_shown_at = 0
         self._counts_before: tuple[int, ...] = ()
 
@@ -243,16 +282,12 @@ class ProxyWatcher:
         return False
 
     def _decode_records(self, records: list[RingRecord]) -> None:
-        lines: list[str | bytes] = []
         for count, (seen, note) in enumerate(self._record_decoder.decode(records)):
-            lines += self._view.frame_lines(seen, note)
-            self._diagnosis.on_observation(seen)
-            settled = self._tracker.observe(seen)
-            if settled:
-                lines += self._settled_lines(settled)
+            self._display.add_frame(seen, note)
+            self._pipeline.add(seen)
             if count % _FRAMES_PER_YIELD == 0:
                 self._yield_cpu()
-        self._terminal.write_lines(lines)
+        self._write_lines()
         self._decoded_until = records[-1].sent_at or records[-1].received_at
         self._delays.add_records(records)
         self._show_relay_messages(records)
@@ -266,37 +301,27 @@ class ProxyWatcher:
 
     def _close_conversation(self, conversation: Conversation, why: str) -> None:
         """Complete the calls of a client that is gone, report the state that it left, and forget it."""
-        self._terminal.write_lines(self._settled_lines(self._tracker.close_conversation(conversation)))
-        left = self._session_closer.remove_client(conversation)
-        self._handles.close_conversation(conversation)
-        self._diagnosis.on_conversation_closed(conversation)
-        self._view.drop_conversation(conversation)
+        self._pipeline.close_conversation(conversation)
+        self._write_lines()
+        left = self._session_closer.pop_left_open(conversation)
         # Once the closing requests are sent, the relay reports the UDP sessions itself.
         if left and not (self._has_sent_closing and conversation.transport is Transport.UDP):
             self._terminal.write_message(f"{conversation.client} is gone ({why}) while {left}")
 
-    def _settled_lines(self, settled: Iterable[PairingResult]) -> list[str | bytes]:
-        lines: list[str | bytes] = []
-        for item in settled:
-            subject = None
-            if isinstance(item, Call):
-                self._call_count += 1
-                self._retry_count += item.retries
-                subject = self._handles.on_call(item)
-                self._session_closer.on_call(item)
-            self._diagnosis.on_pairing_result(item)
-            lines += self._view.call_lines(item, subject)
-        return lines
+    def _write_lines(self) -> None:
+        self._terminal.write_lines(self._display.lines)
+        self._display.lines = []
 
     def _do_periodic_work(self) -> None:
         """Do the work that is due even without traffic: expire calls, print findings, update the status."""
         now = time.time_ns()
         color = self._colors
         if not self._reader.bytes_waiting:
-            self._terminal.write_lines(self._settled_lines(self._tracker.expire(now - _DECODING_DELAY_NS)))
+            self._pipeline.expire(now - _DECODING_DELAY_NS)
+            self._write_lines()
             heard = self._record_decoder.last_heard
             sending = (
-                (each, heard[each]) for each in self._session_closer.clients_in_slave_mode() if each in heard
+                (each, heard[each]) for each in self._slave_mode.clients_in_slave_mode() if each in heard
             )
             for sentence in self._silence_monitor.check(sending, now - _DECODING_DELAY_NS):
                 self._terminal.write_message(
@@ -324,7 +349,7 @@ class ProxyWatcher:
     def _show_status(self, now: int) -> None:
         counts = tuple(self._reader.counts)
         seconds = (now - self._status_shown_at) / 1e9
-        parts = [counted(self._call_count, "call"), f"{self._retry_count} retries"]
+        parts = [counted(self._display.call_count, "call"), f"{self._display.retry_count} retries"]
         parts += [
             rates_text(counts, self._counts_before, seconds),
             self._delays.status_text(),
@@ -336,9 +361,8 @@ class ProxyWatcher:
     def _closing_requests(self) -> bytes:
         """Return the requests that close the open sessions, as a JSON list of `ClosingRequests`."""
         # Treat answered calls as complete, although a late retry could still arrive.
-        self._terminal.write_lines(
-            self._settled_lines(self._tracker.expire(time.time_ns() + RETRY_WITHIN_NS))
-        )
+        self._pipeline.expire(time.time_ns() + RETRY_WITHIN_NS)
+        self._write_lines()
         self._has_sent_closing = True
         numbers = self._record_decoder.client_numbers
         return msgspec.json.encode(
@@ -363,10 +387,12 @@ class ProxyWatcher:
         while self._recorder_task is not None and self._recorder_task.reader.bytes_waiting:
             self._recorder_task.record_available()
         self._skip_undecoded()
-        self._terminal.write_lines(self._settled_lines(self._tracker.close()))
+        self._pipeline.finish()
+        self._write_lines()
         findings = self._diagnosis.findings()
         write, counts = self._terminal.write_message, tuple(self._reader.counts)
-        calls = f"{counted(self._call_count, 'call')}, {counted(self._retry_count, 'retry', 'retries')}"
+        retries = counted(self._display.retry_count, "retry", "retries")
+        calls = f"{counted(self._display.call_count, 'call')}, {retries}"
         write(f"{calls}; {totals_text(counts)}")
         for line in (*loss_lines(counts), *self._delays.summary_lines()):
             write(line)

@@ -23,8 +23,7 @@ from bcapscope.player.trajectory import (
     TrajectoryError,
     TrajectorySource,
 )
-from bcapscope.traffic.call import Call
-from bcapscope.traffic.tracker import Tracker
+from bcapscope.traffic.pipeline import Pipeline
 
 SOURCE_FORMAT = "set points in a capture"
 
@@ -56,30 +55,34 @@ def read_capture(
         TrajectoryError: There are no set points, or none of the wanted type.
         CaptureError: The capture cannot be read, and nothing was found before the fault.
     """
-    stays: dict[int, _SlaveSessionPoints] = {}
-    follower, tracker = TrajectoryExtractor(), Tracker()
+    sessions: dict[int, _SlaveSessionPoints] = {}
+    extractor = TrajectoryExtractor()
+    pipeline = Pipeline(extractor)
     broken: CaptureError | None = None
     try:
         for observation in PacketDecoder(ports).decode(packets):
-            for item in tracker.observe(observation):
-                if isinstance(item, Call):
-                    _add_set_points(stays, follower.add_call(item))
+            pipeline.add(observation)
+            if extractor.ready:
+                _add_set_points(sessions, extractor.ready)
+                extractor.ready.clear()
     except CaptureError as error:
         broken = error
-    for item in tracker.close():
-        if isinstance(item, Call):
-            _add_set_points(stays, follower.add_call(item))
-    _add_set_points(stays, follower.finish())
-    if not stays:
+    pipeline.finish()
+    extractor.finish()
+    _add_set_points(sessions, extractor.ready)
+    if not sessions:
         if broken is not None:
             raise broken
-        told = f"{follower.set_points} set points, none of which can be played" if follower.set_points else ""
-        raise TrajectoryError(told or "there are no set points (slvMove) in this capture")
-    notes = [f"left out: {count} {reason}" for reason, count in follower.left_out.items()]
+        if extractor.set_points:
+            raise TrajectoryError(f"{extractor.set_points} set points, none of which can be played")
+        raise TrajectoryError("there are no set points (slvMove) in this capture")
+    notes = [f"left out: {count} {reason}" for reason, count in extractor.left_out.items()]
     if broken is not None:
         notes.append(f"the capture breaks off: {broken}")
     source = replace(source, notes=(*source.notes, *notes))
-    made = tuple(_make_trajectory(stay, source, len(stays) > 1) for _, stay in sorted(stays.items()))
+    made = tuple(
+        _make_trajectory(session, source, len(sessions) > 1) for _, session in sorted(sessions.items())
+    )
     fitting = tuple(each for each in made if options.kind in (None, each.kind))
     if not fitting:
         raise TrajectoryError(f"the set points are of type {made[0].kind}, not {options.kind}")
@@ -90,14 +93,14 @@ def _add_set_points(
     slave_sessions: dict[int, _SlaveSessionPoints], pieces: Iterable[seen.TrajectoryPiece]
 ) -> None:
     for known, steps in pieces:
-        stay = slave_sessions.setdefault(known.session_number, _SlaveSessionPoints(known))
-        width = len(stay.trajectory.axes)
+        session = slave_sessions.setdefault(known.session_number, _SlaveSessionPoints(known))
+        width = len(session.trajectory.axes)
         for step in steps:
             if len(step.commanded) == width:
-                stay.numbers.extend(step.commanded)
+                session.numbers.extend(step.commanded)
             else:
-                stay.odd_count += 1
-        if len(stay.numbers) > MAX_POINTS * width:
+                session.odd_count += 1
+        if len(session.numbers) > MAX_POINTS * width:
             raise TrajectoryError(f"more than {MAX_POINTS} set points")
 
 

@@ -32,8 +32,9 @@ from bcapscope.protocol.tables.function_table import function_name
 from bcapscope.proxy.script_protocol import ScriptError
 from bcapscope.traffic.call import Call
 from bcapscope.traffic.call_kind import CallKind
+from bcapscope.traffic.handle_tracker import TrackedObject
 from bcapscope.traffic.observation import Conversation, Direction, Endpoint, Transport
-from bcapscope.traffic.tracker import Tracker
+from bcapscope.traffic.pipeline import Pipeline, PipelineSubscriber
 
 HOOKS = ("request", "reply", "settled", "connected", "gone", "done")
 
@@ -75,7 +76,7 @@ class PassingMessage:
         self.dropped = False
         self._answers: list[int] = []
         self.call_kind: CallKind | None = next(
-            (annotated.call_kind for annotated in message.annotated_frames if annotated.call_kind), None
+            (each.call_kind for each in message.annotated_frames if each.call_kind), None
         )
         self._frames = message.frames
 
@@ -118,7 +119,7 @@ class PassingMessage:
         self.dropped = True
 
 
-class AddonRunner:
+class AddonRunner(PipelineSubscriber):
     """Calls the hooks of all add-ons. An error in one is reported once and affects nothing else.
 
     Attributes:
@@ -140,7 +141,7 @@ class AddonRunner:
             name: [(addon, getattr(addon, name)) for addon in addons if callable(getattr(addon, name, None))]
             for name in HOOKS
         }
-        self._tracker = Tracker() if self._hooks["settled"] else None
+        self._pipeline = Pipeline(self) if self._hooks["settled"] else None
 
     @property
     def hooks(self) -> frozenset[str]:
@@ -159,9 +160,9 @@ class AddonRunner:
             if self._is_new(self, name, "data"):
                 self.notify(f"{name}: data is to be bytes; the message goes on as it came (reported once)")
             passing.data = message.data
-        if self._tracker is not None:
+        if self._pipeline is not None:
             for annotated in message.annotated_frames:
-                self._run_settled_hooks(self._tracker.observe(annotated.observation))
+                self._pipeline.add(annotated.observation)
         return passing
 
     def client_connected(self, client: AddonClient) -> None:
@@ -170,30 +171,29 @@ class AddonRunner:
 
     def client_gone(self, client: AddonClient, conversation: Conversation) -> None:
         """Complete the open calls of a client that is gone, report its end, and forget it."""
-        if self._tracker is not None:
-            self._run_settled_hooks(self._tracker.close_conversation(conversation))
+        if self._pipeline is not None:
+            self._pipeline.close_conversation(conversation)
         self._call_all("gone", client)
 
     def expire_calls(self, since_1970: int) -> None:
         """Report calls that have completed by time alone."""
-        if self._tracker is not None:
-            self._run_settled_hooks(self._tracker.expire(since_1970))
+        if self._pipeline is not None:
+            self._pipeline.expire(since_1970)
 
     @property
     def has_open_calls(self) -> bool:
         """Whether to call `expire_calls` from time to time."""
-        return self._tracker is not None and bool(self._tracker.open_calls)
+        return self._pipeline is not None and self._pipeline.has_open_calls
 
     def proxy_ended(self) -> None:
         """Complete the open calls, and report the end of the proxy."""
-        if self._tracker is not None:
-            self._run_settled_hooks(self._tracker.close())
+        if self._pipeline is not None:
+            self._pipeline.finish()
         self._call_all("done")
 
-    def _run_settled_hooks(self, settled: Sequence[object]) -> None:
-        for each in settled:
-            if isinstance(each, Call):
-                self._call_all("settled", each)
+    def on_call(self, call: Call, target: TrackedObject | None) -> None:
+        """Report a completed call."""
+        self._call_all("settled", call)
 
     def _call_all(self, name: str, *arguments: object) -> None:
         for addon, hook in self._hooks[name]:

@@ -7,22 +7,29 @@ moves the robot.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import NamedTuple
 
 from bcapscope.protocol.codec.frame import encode_frame
 from bcapscope.protocol.codec.variant import EMPTY, VT, Variant
 from bcapscope.protocol.retry.reserved_convention import ReservedConvention
 from bcapscope.protocol.tables.function_table import FUNCTIONS, ObjectClass
-from bcapscope.protocol.tables.hresult import is_failure, is_success
+from bcapscope.protocol.tables.hresult import is_failure
 from bcapscope.traffic.call import Call
-from bcapscope.traffic.handle_tracker import HandleTracker, ServiceSession, SessionEnding, handle_of
+from bcapscope.traffic.handle_tracker import (
+    HandleTracker,
+    ServiceSession,
+    SessionEnding,
+    TrackedObject,
+    handle_of,
+)
 from bcapscope.traffic.observation import Conversation, Transport
+from bcapscope.traffic.pipeline import PipelineSubscriber
+from bcapscope.traffic.slave_mode_tracker import SlaveModeTracker
 
 _ROBOT_EXECUTE = next(each.id for each in FUNCTIONS.values() if each.name == "Robot_Execute")
 _RELEASES = {each.releases: each.id for each in FUNCTIONS.values() if each.releases is not None}
-_STATES = _SLAVE, _TAKE, _GIVE = "slvchangemode", "takearm", "givearm"
-_POINT = "slvmove"
+_TAKE, _GIVE = "takearm", "givearm"
 
 
 class CloseSequence(NamedTuple):
@@ -41,30 +48,22 @@ class CloseSequence(NamedTuple):
 
 class _State:
     def __init__(self) -> None:
-        self.slave_mode_handles: dict[int, None] = {}
         self.arm_handles: dict[int, None] = {}
-        self.set_point_refused = False  # result of the latest set point; slave mode may have ended
         self.serial = 0
         self.convention = ReservedConvention.UNKNOWN
 
-    def describe(self) -> str:
-        parts = []
-        if self.slave_mode_handles:
-            parts.append("slave mode is on")
-        if self.arm_handles:
-            parts.append("the arm is held")
-        return " and ".join(parts)
 
+class SessionCloser(PipelineSubscriber):
+    """Follows the serials and the arm of each client."""
 
-class SessionCloser:
-    """Follows complete calls, in the order of their start."""
-
-    def __init__(self, handles: HandleTracker) -> None:
-        """Use a handle tracker. Its owner shows it each call."""
+    def __init__(self, handles: HandleTracker, slave_mode: SlaveModeTracker) -> None:
+        """Use the trackers of the pipeline to which this object subscribes."""
         self._handles = handles
+        self._slave_mode = slave_mode
         self._states: dict[Conversation, _State] = {}
+        self._left_open: dict[Conversation, str] = {}
 
-    def on_call(self, call: Call) -> None:
+    def on_call(self, call: Call, target: TrackedObject | None) -> None:
         """Follow the next call."""
         state = self._states.get(call.conversation)
         if state is None:
@@ -72,67 +71,63 @@ class SessionCloser:
         state.serial = call.last_attempt.item.serial
         state.convention = call.convention
         command = (call.kind.command or "").casefold()
-        if command == _POINT:
-            state.set_point_refused = call.hresult is not None and is_failure(call.hresult)
-        elif command in _STATES:
-            self._update_state(state, call, command)
+        if command in (_TAKE, _GIVE):
+            handle = handle_of(call.request.item)
+            if handle is None or call.hresult is None or is_failure(call.hresult):
+                return
+            if command == _TAKE:
+                state.arm_handles[handle] = None
+            else:
+                state.arm_handles.pop(handle, None)
 
-    def clients_in_slave_mode(self) -> Iterator[Conversation]:
-        """Yield the clients that are in slave mode, as far as seen, and whose set points are accepted."""
-        for client, state in self._states.items():
-            if state.slave_mode_handles and not state.set_point_refused:
-                yield client
+    def on_set_points(self, calls: Sequence[Call]) -> None:
+        """Follow the serials of set points."""
+        self.on_call(calls[-1], None)
 
-    def remove_client(self, client: Conversation) -> str:
-        """Forget a client that is gone. Return what it left open besides handles, as text."""
-        state = self._states.pop(client, None)
-        return state.describe() if state is not None else ""
+    def on_conversation_closed(self, conversation: Conversation) -> None:
+        """Note what a client that is gone left open, and forget the client."""
+        self._left_open[conversation] = self._open_state(conversation)
+        self._states.pop(conversation, None)
+
+    def pop_left_open(self, client: Conversation) -> str:
+        """Return what a client that is gone left open besides handles, as text; "" if asked again."""
+        return self._left_open.pop(client, "")
 
     def close_sequences(self) -> tuple[CloseSequence, ...]:
         """Return how to close the open UDP sessions. TCP sessions end with their connections."""
         return tuple(
-            CloseSequence(session.conversation, state.describe(), tuple(_closing_requests(session, state)))
+            CloseSequence(
+                session.conversation,
+                self._open_state(session.conversation),
+                tuple(_closing_requests(session, state, self._slave_mode.find(session.conversation).robots)),
+            )
             for session in self._handles.sessions()
             if session.ending is SessionEnding.OPEN
             and session.conversation.transport is Transport.UDP
             and (state := self._states.get(session.conversation)) is not None
         )
 
-    def _update_state(self, state: _State, call: Call, command: str) -> None:
-        handle = handle_of(call.request.item)
-        if handle is None or call.hresult is None or not is_success(call.hresult):
-            return
-        if command == _SLAVE:
-            state.set_point_refused = False
-            _switch(state.slave_mode_handles, handle, _mode(call.request.item.arguments) != 0)
-        else:
-            _switch(state.arm_handles, handle, command == _TAKE)
+    def _open_state(self, client: Conversation) -> str:
+        state = self._states.get(client)
+        parts = []
+        if self._slave_mode.find(client).robots:
+            parts.append("slave mode is on")
+        if state is not None and state.arm_handles:
+            parts.append("the arm is held")
+        return " and ".join(parts)
 
 
-def _mode(arguments: Sequence[tuple[Variant, int, int]]) -> object:
-    """Return the parameter of a command: the third argument, a number or an array of one."""
-    value = arguments[2][0].value if len(arguments) > 2 else None
-    return value[0] if isinstance(value, tuple) and value else value
-
-
-def _switch(known: dict[int, None], handle: int, on: bool) -> None:
-    if on:
-        known[handle] = None
-    else:
-        known.pop(handle, None)
-
-
-def _closing_requests(session: ServiceSession, state: _State) -> Iterator[bytes]:
+def _closing_requests(session: ServiceSession, state: _State, robots: Iterable[int]) -> Iterator[bytes]:
     """Yield the frames that close a session, with the next serials and the client's reserved convention."""
     calls: list[tuple[int, tuple[Variant, ...]]] = []
     for known, command, parameter in (
-        (state.slave_mode_handles, "slvChangeMode", Variant(VT.I4, 0)),
+        (robots, "slvChangeMode", Variant(VT.I4, 0)),
         (state.arm_handles, "GiveArm", EMPTY),
     ):
         for handle in known:
             calls.append((_ROBOT_EXECUTE, (Variant(VT.I4, handle), Variant(VT.BSTR, command), parameter)))
-    for thing in reversed(session.unreleased):
-        calls.append((_RELEASES[thing.kind], (Variant(VT.I4, thing.handle),)))
+    for unreleased in reversed(session.unreleased):
+        calls.append((_RELEASES[unreleased.kind], (Variant(VT.I4, unreleased.handle),)))
     calls.append((_RELEASES[ObjectClass.SERVICE], ()))
     serial = state.serial
     for function_id, arguments in calls:

@@ -51,6 +51,28 @@ class FrameRole(StrEnum):
     serial, so the network or the capture made the copy."""
 
 
+class CallState(StrEnum):
+    """State of a call. `pairing_states` lists what leads from one to the next."""
+
+    WAITING = "waiting"
+    """The client waits for the reply."""
+    EXECUTING = "executing"
+    """The client waits, and the controller has sent S_EXECUTING."""
+    ANSWERED = "answered"
+    """The controller has answered the latest attempt."""
+    ABANDONED = "abandoned"
+    """The client has moved on to another call without a reply."""
+    UNANSWERED = "unanswered"
+    """Complete: the client waited until no reply was possible any more, or until the traffic ended."""
+    SETTLED = "settled"
+    """Complete: no further frame can belong to the call."""
+    EVICTED = "evicted"
+    """Returned for lack of room while a reply was still possible."""
+
+
+_WAITING = CallState.WAITING
+
+
 class CallFrame(NamedTuple):
     """A frame of a call and its role."""
 
@@ -72,7 +94,7 @@ class Call:
         abandoned_at: Time at which the client moved on to another call without a reply; 0 if it did not.
         last_activity: Time of the latest frame of the call.
         no_reply_expected: Whether no reply can follow any more, although the client was not seen to move on.
-        evicted: Whether the tracker ran out of room and returned the call while a reply was still possible.
+        state: State of the call; a complete call is unanswered, settled or evicted.
         skipped_handles: Number of handles skipped before the accepted one, if smaller than the number of
             attempts; otherwise 0.
         reserved_usage: How the conversation used the reserved field, as far as known when the call settled.
@@ -82,7 +104,6 @@ class Call:
     __slots__ = (
         "abandoned_at",
         "conversation",
-        "evicted",
         "kind",
         "last_activity",
         "last_attempt",
@@ -94,6 +115,7 @@ class Call:
         "request",
         "reserved_usage",
         "skipped_handles",
+        "state",
     )
 
     def __init__(
@@ -113,12 +135,13 @@ class Call:
         self.reply: FrameObservation | None = None
         self.other_frames: list[CallFrame] | tuple[()] = ()  # nearly all calls share the empty one
         self.abandoned_at = 0
-        self.no_reply_expected = self.evicted = False
+        self.no_reply_expected = False
+        self.state = _WAITING
         self.skipped_handles = self.memory_bytes = 0
 
     def __repr__(self) -> str:
         events = ", ".join(f"{event.role} {event.observation.number}" for event in self.frames)
-        return f"Exchange({self.number}, {self.kind.function_id}, {self.kind.command!r}: {events})"
+        return f"Call({self.number}, {self.kind.function_id}, {self.kind.command!r}: {events})"
 
     def add_frame(self, role: FrameRole, observation: FrameObservation) -> None:
         """Append a frame to `other_frames`."""
@@ -126,6 +149,11 @@ class Call:
             self.other_frames.append(CallFrame(role, observation))
         else:
             self.other_frames = [CallFrame(role, observation)]
+
+    @property
+    def evicted(self) -> bool:
+        """Whether the tracker ran out of room and returned the call while a reply was still possible."""
+        return self.state is CallState.EVICTED
 
     @property
     def is_plain(self) -> bool:

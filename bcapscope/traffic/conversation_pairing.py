@@ -1,4 +1,7 @@
-"""Pairing in one conversation: its open calls, and the call that each frame belongs to."""
+"""Pairing in one conversation: its open calls, and the call that each frame belongs to.
+
+`pairing_states` has the table of what a frame does to its call.
+"""
 
 from __future__ import annotations
 
@@ -10,11 +13,13 @@ from bcapscope.protocol.codec.frame import Frame
 from bcapscope.protocol.codec.variant import VT
 from bcapscope.protocol.tables.function_table import FUNCTIONS, ResultKind
 from bcapscope.protocol.tables.hresult import E_BUSY, S_EXECUTING, is_failure
-from bcapscope.traffic.call import Call, CallFrame, FrameObservation, FrameRole, StrayReply
+from bcapscope.traffic.call import Call, CallFrame, CallState, FrameObservation, FrameRole, StrayReply
 from bcapscope.traffic.call_kind import call_kind_of
 from bcapscope.traffic.frame_index import FrameIndex
 from bcapscope.traffic.observation import Conversation, Transport
+from bcapscope.traffic.pairing_states import TRANSITIONS, CallEvent
 from bcapscope.traffic.reserved_field import ReplyReserved, ReservedFieldUsage
+from bcapscope.traffic.serial_table import SerialTable
 
 SERVICE_START = 1
 
@@ -43,9 +48,6 @@ EXECUTION_NS = 180_000_000_000
 """How long a call may stay silent with no later call answered: the server's InvokeTimeout, after which it
 never answers (orin_bcap C/src/bCAPServer/bcap_server.c)."""
 
-MAX_REUSED = 16
-"""Limit of unanswered TCP requests remembered per serial, and of serials with such requests."""
-
 MAX_EXTRA_FRAMES = 65536
 """Limit of retries, notices and further replies of a conversation's open calls, about 30 MB. The older C
 client retries without end (start-jsk/denso b-Cap.c); at one retry every 20 ms it reaches the limit in 20
@@ -55,12 +57,12 @@ call."""
 _FRAME_COST = 512  # bytes of overhead per frame
 _LARGE_CALL = 64 * 1024  # bytes; a larger settled call is not kept in memory as the newest call
 
-MAX_SETTLED_SERIALS = 1024
-"""Serials of settled calls: at least this many are remembered, at most twice as many."""
-
 _OPENERS = frozenset(
     (SERVICE_START, *(f.id for f in FUNCTIONS.values() if f.result is ResultKind.HANDLE)),
 )
+_WAITING, _ANSWERED, _SETTLED = CallState.WAITING, CallState.ANSWERED, CallState.SETTLED
+_EXPIRY, _EVICTION = CallEvent.EXPIRY, CallEvent.EVICTION
+_AWAITING_REPLY = frozenset(state for state, event in TRANSITIONS if event is CallEvent.NEXT_CALL)
 
 
 class ConversationPairing:
@@ -85,11 +87,11 @@ class ConversationPairing:
         "_latest_evicted",
         "_latest_overfull",
         "_newest_call",
-        "_older_settled_serials",
+        "_release_serial",
         "_reserved_usage",
         "_reused_serials",
+        "_serials",
         "_session_call",
-        "_settled_serials",
         "memory_bytes",
         "open_calls",
     )
@@ -113,7 +115,8 @@ class ConversationPairing:
         self._is_tcp = conversation.transport is Transport.TCP
         self._reserved_usage = ReservedFieldUsage()
         self._first_reserved = -1  # reserved field of the latest first attempt; on UDP 0 or 1 for zero or not
-        self._by_serial: dict[int, Call] = {}
+        self._serials = SerialTable()
+        self._by_serial = self._serials.open_calls
         self._newest_call: Call | None = None
         self._frame_indexes: dict[Call, FrameIndex] = {}  # made on the first lookup in an open call
         self._extra_frames = 0  # frames that open calls have besides request and reply
@@ -124,9 +127,8 @@ class ConversationPairing:
             deque()
         )  # number and time of calls answered before older ones
         self._last_handle = 0  # the last handle returned in this session
-        self._reused_serials: dict[int, list[Call | int]] = {}
-        self._settled_serials: dict[int, int] = {}
-        self._older_settled_serials: dict[int, int] = {}
+        self._reused_serials = self._serials.reused
+        self._release_serial = self._serials.release
 
     def add_request(self, observation: FrameObservation, frame: Frame, number: int) -> bool:
         """Add a request. Return whether it starts a new call, which then has the number `number`."""
@@ -153,57 +155,58 @@ class ConversationPairing:
     def add_reply(self, observation: FrameObservation, frame: Frame) -> StrayReply | None:
         """Add a reply or notice; return it as a stray if it belongs to no open call."""
         serial = frame.serial
-        exchange = self._by_serial.get(serial)
+        call = self._by_serial.get(serial)
         if self._reused_serials and serial in self._reused_serials:
-            return self._add_reply_to_oldest(observation, frame)
-        if exchange is None:
-            call = self._settled_serials.get(serial) or self._older_settled_serials.get(serial)
-            return self._stray_reply(observation, call)
+            oldest = self._serials.oldest_reused(serial, is_answered=frame.code != S_EXECUTING)
+            if isinstance(oldest, int):
+                return self._stray_reply(observation, oldest)
+            self._apply(oldest, self._reply_event(oldest, frame), observation)
+            return None
+        if call is None:
+            return self._stray_reply(observation, self._serials.settled_call(serial))
         if (
             frame.reserved or self._first_reserved
         ) and self._reserved_usage.reply_reserved is ReplyReserved.UNKNOWN:
-            self._learn_from_reply(exchange, frame)
+            self._learn_from_reply(call, frame)
         if (
-            exchange.other_frames
-            or exchange.reply is not None
-            or exchange.abandoned_at
+            call.other_frames
+            or call.state is not _WAITING
             or frame.code == S_EXECUTING
-            or exchange.last_attempt.item.serial != serial
+            or call.last_attempt.item.serial != serial
         ):
-            self._add_odd_reply(exchange, observation, frame)
-        else:
-            self._accept_reply(exchange, observation, frame)
+            self._apply(call, self._reply_event(call, frame), observation)
+        else:  # nearly all replies; the same as the table's transition, and twice as fast
+            call.state = _ANSWERED
+            self._accept_reply(call, observation, frame)
         return None
 
     def pop_settled(self, now: int) -> Iterator[Call]:
         """Yield the calls to which, at time `now`, no further frame can belong."""
         waiting = self.open_calls
         if waiting and waiting[0].number <= self._latest_overfull:
-            yield from self.evict_oldest(
-                sum(exchange.number <= self._latest_overfull for exchange in waiting)
-            )
+            yield from self.evict_oldest(sum(call.number <= self._latest_overfull for call in waiting))
         while waiting:
-            exchange = waiting[0]
-            if self._settles_at(exchange) > now:
+            call = waiting[0]
+            if self._settles_at(call) > now:
                 break
-            exchange.no_reply_expected = not exchange.abandoned_at
-            yield self._finish_call(waiting.popleft())
+            call.no_reply_expected = not call.abandoned_at
+            yield self._finish_call(waiting.popleft(), _EXPIRY)
 
     def evict_oldest(self, count: int) -> Iterator[Call]:
         """Yield the `count` oldest calls, even if further frames may belong to them."""
         for _ in range(min(count, len(self.open_calls))):
-            exchange = self.open_calls.popleft()
-            exchange.evicted = exchange.reply is None and not self._is_past_late_window(exchange)
-            self._latest_evicted = max(self._latest_evicted, exchange.number)
-            yield self._finish_call(exchange)
+            call = self.open_calls.popleft()
+            event = _EXPIRY if self._is_past_late_window(call) else _EVICTION
+            self._latest_evicted = max(self._latest_evicted, call.number)
+            yield self._finish_call(call, event)
 
     def close(self) -> Iterator[Call]:
         """Yield all open calls, because the traffic has ended."""
         self._mark_unanswerable()
         while self.open_calls:
-            exchange = self.open_calls.popleft()
-            exchange.evicted = exchange.reply is None and exchange.number <= self._latest_overfull
-            yield self._finish_call(exchange)
+            call = self.open_calls.popleft()
+            is_overfull = call.number <= self._latest_overfull
+            yield self._finish_call(call, _EVICTION if is_overfull else _EXPIRY)
 
     def _mark_unanswerable(self) -> None:
         """Mark the open calls that could no longer be answered when the traffic ended.
@@ -212,30 +215,53 @@ class ConversationPairing:
         """
         closing = self._conversation.connection_end
         over = closing is not None and closing.ends_replies
-        end = max((exchange.last_activity for exchange in self.open_calls), default=0)
+        end = max((call.last_activity for call in self.open_calls), default=0)
         overtaken = end + 1 if self._is_tcp else end - COPIES_WITHIN_NS
         answered = overtaken  # earliest reply to a later call, or `overtaken`
-        for exchange in reversed(self.open_calls):
-            exchange.no_reply_expected = over or answered < overtaken
-            if exchange.reply is not None and exchange.reply.item.code != E_BUSY:
-                answered = min(answered, exchange.reply.time)
+        for call in reversed(self.open_calls):
+            call.no_reply_expected = over or answered < overtaken
+            if call.reply is not None and call.reply.item.code != E_BUSY:
+                answered = min(answered, call.reply.time)
+
+    def _apply(self, call: Call, event: CallEvent, observation: FrameObservation) -> None:
+        """Do what the table says about a frame of a call."""
+        state, role, reply_becomes = TRANSITIONS[call.state, event]
+        call.state = state
+        if role is FrameRole.REPLY:
+            self._accept_reply(call, observation, observation.item)
+            return
+        if role is FrameRole.REQUEST:
+            self._replace_request(call, observation)
+            return
+        if reply_becomes is not None and call.reply is not None:
+            self._keep_frame(call, reply_becomes, call.reply)
+            call.reply = None
+        if role is not None:
+            self._keep_frame(call, role, observation)
+        call.last_activity = observation.time
+        if self._extra_frames > MAX_EXTRA_FRAMES:
+            self._latest_overfull = self._latest_evicted = max(
+                self._latest_overfull, self._latest_evicted, call.number
+            )
+            self._serials.release_all(call)
 
     # requests
 
     def _start_call(self, observation: FrameObservation, frame: Frame, number: int) -> None:
         newest = self._newest_call
-        if newest is not None and newest.reply is None and not newest.abandoned_at:
+        if newest is not None and newest.state is not _ANSWERED and newest.state in _AWAITING_REPLY:
             since = max((newest.last_attempt.time, *(notice.time for notice in newest.notices)))
             if observation.time - since >= SHORTEST_TIMEOUT_NS:
                 newest.abandoned_at = observation.time
-        exchange = Call(number, self._conversation, call_kind_of(frame), observation, self._reserved_usage)
+                newest.state = TRANSITIONS[newest.state, CallEvent.NEXT_CALL].state
+        call = Call(number, self._conversation, call_kind_of(frame), observation, self._reserved_usage)
         if frame.code == SERVICE_START:
             self._session_call = number
         if self._is_tcp:
-            self._queue_reused_serial(frame.serial)
-        self._by_serial[frame.serial] = self._newest_call = exchange
-        self.open_calls.append(exchange)
-        self._count_memory(exchange, len(frame.raw))
+            self._serials.queue_reused(frame.serial)
+        self._by_serial[frame.serial] = self._newest_call = call
+        self.open_calls.append(call)
+        self._count_memory(call, len(frame.raw))
 
     def _add_to_prior(self, prior: Call, observation: FrameObservation, frame: Frame) -> bool:
         """Add a copy of a frame of `prior`, or its first attempt if a retry overtook that. Return whether it
@@ -247,7 +273,7 @@ class ConversationPairing:
         )
         sent = None if starts_anew else self._frame_index_of(prior).sent_at.get(frame.raw)
         if sent is not None and observation.time - sent <= COPIES_WITHIN_NS:
-            self._add_frame(prior, FrameRole.DUPLICATE, observation)
+            self._apply(prior, CallEvent.COPY, observation)
             return True
         first = prior.request.item
         if (
@@ -258,11 +284,7 @@ class ConversationPairing:
         ):
             return False
         self._learn_from_first(frame.serial, frame.reserved)
-        prior.other_frames = [CallFrame(FrameRole.RETRY, prior.request), *prior.other_frames]
-        prior.request = observation
-        self._extra_frames += 1
-        self._count_memory(prior, len(frame.raw) + _FRAME_COST)
-        self._frame_index_of(prior).add_frame(FrameRole.REQUEST, observation)
+        self._apply(prior, CallEvent.FIRST_ATTEMPT, observation)
         return True
 
     def _add_retry_of_serial_zero(self, observation: FrameObservation, frame: Frame) -> bool:
@@ -271,14 +293,14 @@ class ConversationPairing:
         Old clients may use serial 0 (start-jsk/denso b-Cap.c). The frame counts as a retry if it repeats the
         newest call and that call is still unanswered.
         """
-        exchange = self._by_serial[0]
+        call = self._by_serial[0]
         if (
-            exchange is not self._newest_call
-            or exchange.reply is not None
-            or exchange.request.item.raw[9:] != frame.raw[9:]
+            call is not self._newest_call
+            or call.reply is not None
+            or call.request.item.raw[9:] != frame.raw[9:]
         ):
             return False
-        self._add_retry(exchange, observation, frame)
+        self._add_retry(call, observation, frame)
         return True
 
     def _add_retry(self, call: Call, observation: FrameObservation, frame: Frame) -> None:
@@ -288,27 +310,20 @@ class ConversationPairing:
             origin, last.serial, frame.reserved, self._first_reserved == 0
         )
         self._by_serial[frame.serial] = call
-        overtaken = (frame.serial - last.serial) & 0xFFFF >= 0x8000
-        if call.reply is not None and call is self._newest_call and not overtaken:
-            self._keep_frame(call, FrameRole.LOST, call.reply)
-            call.reply = None
-        if not overtaken:
+        if (frame.serial - last.serial) & 0xFFFF >= 0x8000:
+            event = CallEvent.OVERTAKEN_RETRY
+        else:
+            event = CallEvent.RETRY if call is self._newest_call else CallEvent.LATER_RETRY
             call.last_attempt = observation
-        self._add_frame(call, FrameRole.RETRY, observation)
+        self._apply(call, event, observation)
 
-    def _queue_reused_serial(self, serial: int) -> None:
-        """Queue the earlier request with this serial, since TCP keeps the order and its reply comes first.
-
-        The Python client reuses its serial after a timeout (orin_bcap Python bcapclient.py).
-        """
-        prior = self._by_serial.get(serial)
-        if prior is None or prior.reply is not None or prior.late_replies:
-            return
-        queue = self._reused_serials.setdefault(serial, [])
-        queue.append(prior)
-        del queue[:-MAX_REUSED]
-        if len(self._reused_serials) > MAX_REUSED:
-            del self._reused_serials[next(iter(self._reused_serials))]
+    def _replace_request(self, call: Call, observation: FrameObservation) -> None:
+        """Make the first attempt the request of the call, in place of the retry that overtook it."""
+        call.other_frames = [CallFrame(FrameRole.RETRY, call.request), *call.other_frames]
+        call.request = observation
+        self._extra_frames += 1
+        self._count_memory(call, len(observation.item.raw) + _FRAME_COST)
+        self._frame_index_of(call).add_frame(FrameRole.REQUEST, observation)
 
     def _learn_from_first(self, serial: int, reserved: int) -> None:
         if not self._is_tcp:
@@ -319,15 +334,6 @@ class ConversationPairing:
         self._reserved_usage = self._reserved_usage.after_first_on_tcp(serial, reserved)
         if not reserved == serial == 1:
             self._first_reserved = reserved
-
-    def _add_frame(self, call: Call, role: FrameRole, observation: FrameObservation) -> None:
-        self._keep_frame(call, role, observation)
-        call.last_activity = observation.time
-        if self._extra_frames > MAX_EXTRA_FRAMES:
-            self._latest_overfull = self._latest_evicted = max(
-                self._latest_overfull, self._latest_evicted, call.number
-            )
-            self._release_serials(call)
 
     def _keep_frame(self, call: Call, role: FrameRole, observation: FrameObservation) -> None:
         call.add_frame(role, observation)
@@ -342,17 +348,17 @@ class ConversationPairing:
         self._budget.held += size
 
     def _frame_index_of(self, call: Call) -> FrameIndex:
-        heard = self._frame_indexes.get(call)
-        if heard is None:
-            heard = self._frame_indexes[call] = FrameIndex(call)
-        return heard
+        index = self._frame_indexes.get(call)
+        if index is None:
+            index = self._frame_indexes[call] = FrameIndex(call)
+        return index
 
     # replies
 
     def _learn_from_reply(self, call: Call, reply: Frame) -> None:
-        asked = self._frame_index_of(call).reserved_by_serial.get(reply.serial)
-        if asked is not None:
-            self._reserved_usage = self._reserved_usage.after_reply(asked, reply.reserved)
+        reserved = self._frame_index_of(call).reserved_by_serial.get(reply.serial)
+        if reserved is not None:
+            self._reserved_usage = self._reserved_usage.after_reply(reserved, reply.reserved)
 
     def _accept_reply(self, call: Call, observation: FrameObservation, frame: Frame) -> None:
         call.reply = observation
@@ -365,28 +371,13 @@ class ConversationPairing:
             if self.open_calls[0] is not call:
                 self._answered_early.append((call.number, observation.time))
 
-    def _add_odd_reply(self, call: Call, observation: FrameObservation, frame: Frame) -> None:
+    def _reply_event(self, call: Call, frame: Frame) -> CallEvent:
         if frame.code == S_EXECUTING:
-            self._add_frame(call, FrameRole.NOTICE, observation)
-        elif frame.raw in self._frame_index_of(call).reply_bytes:
-            self._add_frame(call, FrameRole.DUPLICATE, observation)
-        elif call.reply is None and not call.abandoned_at and frame.serial == call.last_attempt.item.serial:
-            self._accept_reply(call, observation, frame)
-        else:
-            self._add_frame(call, FrameRole.LATE, observation)
-
-    def _add_reply_to_oldest(self, observation: FrameObservation, frame: Frame) -> StrayReply | None:
-        """Assign a reply to the oldest of several requests with its serial."""
-        queue = self._reused_serials[frame.serial]
-        oldest = queue[0]
-        if frame.code != S_EXECUTING:
-            del queue[0]
-            if not queue:
-                del self._reused_serials[frame.serial]
-        if isinstance(oldest, int):
-            return self._stray_reply(observation, oldest)
-        self._add_odd_reply(oldest, observation, frame)
-        return None
+            return CallEvent.NOTICE
+        if frame.raw in self._frame_index_of(call).reply_bytes:
+            return CallEvent.COPY
+        is_latest = frame.serial == call.last_attempt.item.serial
+        return CallEvent.REPLY if is_latest else CallEvent.EARLIER_REPLY
 
     def _stray_reply(self, observation: FrameObservation, call_number: int | None) -> StrayReply:
         return StrayReply(
@@ -415,7 +406,8 @@ class ConversationPairing:
         newest = self._newest_call
         return newest is not None and 0 < call.abandoned_at <= newest.request.time - LATE_WITHIN_NS
 
-    def _finish_call(self, call: Call) -> Call:
+    def _finish_call(self, call: Call, event: CallEvent) -> Call:
+        call.state = _SETTLED if call.state is _ANSWERED else TRANSITIONS[call.state, event].state
         overtaking = self._answered_early
         while overtaking and overtaking[0][0] <= call.number:
             overtaking.popleft()
@@ -432,26 +424,10 @@ class ConversationPairing:
         serial = frame.serial
         if call.other_frames or (frame.reserved and frame.reserved != serial):
             self._extra_frames -= len(call.other_frames)
-            self._release_serials(call)
+            self._serials.release_all(call)
         else:
             self._release_serial(serial, call)
         return call
-
-    def _release_serials(self, call: Call) -> None:
-        reserved = call.request.item.reserved
-        for serial in {*call.serials, *((reserved,) if reserved else ())}:
-            self._release_serial(serial, call)
-
-    def _release_serial(self, serial: int, call: Call) -> None:
-        if self._by_serial.get(serial) is call:
-            del self._by_serial[serial]
-        past = self._settled_serials
-        past[serial] = call.number
-        if len(past) >= MAX_SETTLED_SERIALS:
-            self._older_settled_serials, self._settled_serials = past, {}
-        if serial in self._reused_serials:
-            queue = self._reused_serials[serial]
-            queue[:] = [call.number if waiting is call else waiting for waiting in queue]
 
     def _count_skipped_handles(self, call: Call) -> None:
         """Count handles that the controller gave to unanswered attempts of one call."""

@@ -57,8 +57,8 @@ class Tracker:
     @property
     def open_calls(self) -> list[Call]:
         """Calls that have not settled, in starting order."""
-        waiting = (exchange for lane in self._pairings.values() for exchange in lane.open_calls)
-        return sorted(waiting, key=lambda exchange: exchange.number)
+        waiting = (call for pairing in self._pairings.values() for call in pairing.open_calls)
+        return sorted(waiting, key=attrgetter("number"))
 
     def observe(self, observation: Observation) -> Sequence[PairingResult]:
         """Add the next observation; return the calls that settled, and the observation if it is a stray.
@@ -91,21 +91,21 @@ class Tracker:
 
     def close_conversation(self, conversation: Conversation) -> Sequence[PairingResult]:
         """Return the open calls of a conversation that has ended, and forget it."""
-        lane = self._pairings.pop(conversation, None)
+        pairing = self._pairings.pop(conversation, None)
         if conversation is self._current_conversation:
             self._current_conversation = None
-        if lane is not None:
-            self._collect(lane.close())
+        if pairing is not None:
+            self._collect(pairing.close())
         return self._pop_results()
 
     def close(self) -> Sequence[PairingResult]:
         """Return all open calls in starting order, because the traffic has ended."""
-        rest = [exchange for lane in self._pairings.values() for exchange in lane.close()]
+        rest = [call for pairing in self._pairings.values() for call in pairing.close()]
         self._calls_settled += len(rest)
-        return sorted(rest, key=lambda exchange: exchange.number)
+        return sorted(rest, key=attrgetter("number"))
 
     def _select_pairing(self, conversation: Conversation) -> None:
-        lane = self._pairings.pop(conversation, None) or ConversationPairing(
+        pairing = self._pairings.pop(conversation, None) or ConversationPairing(
             conversation, self._latest_evicted, self._budget
         )
         while len(self._pairings) >= MAX_CONVERSATIONS:
@@ -113,17 +113,17 @@ class Tracker:
             if silent.open_calls:
                 self._latest_evicted = self._calls_started
                 self._collect(silent.evict_oldest(len(silent.open_calls)))
-        self._pairings[conversation] = lane
-        self._current_conversation, self._pairing = conversation, lane
+        self._pairings[conversation] = pairing
+        self._current_conversation, self._pairing = conversation, pairing
 
     def _settle_expired(self, now: int) -> None:
-        for lane in self._pairings.values():
-            if lane.open_calls:
-                self._collect(lane.pop_settled(now))
+        for pairing in self._pairings.values():
+            if pairing.open_calls:
+                self._collect(pairing.pop_settled(now))
         self._swept_at, self._next_sweep_at = now, now + SWEEP_NS
 
     def _evict_from_longest(self) -> None:
-        self._evict_half(max(self._pairings.values(), key=lambda lane: len(lane.open_calls)))
+        self._evict_half(max(self._pairings.values(), key=lambda pairing: len(pairing.open_calls)))
 
     def _evict_half(self, pairing: ConversationPairing) -> None:
         self._collect(pairing.evict_oldest((len(pairing.open_calls) + 1) // 2))

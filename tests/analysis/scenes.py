@@ -16,11 +16,11 @@ from bcapscope.capture.capture_file import CaptureFile
 from bcapscope.capture.packet_decoder import PacketDecoder
 from bcapscope.protocol.codec.variant import EMPTY, Variant
 from bcapscope.traffic.observation import Observation
-from bcapscope.traffic.tracker import Tracker
 from tests.samples.calls import MS, SERVER, START, Datagrams, i4, i4s, r8s, reply, request, text
 from tests.samples.files import Packet, pcap
 from tests.samples.tcp import Connection
 from tests.samples.wire import Host
+from tests.traffic.playbook import run_pipeline
 
 CONTROLLER, ROBOT = i4(1), i4(2)
 HOME = (0.0, 10.0, 80.0, 0.0, 90.0, 0.0, 0.0, 0.0)
@@ -186,13 +186,8 @@ def diagnose_bytes(capture: bytes, ports: frozenset[int] = frozenset({5007})) ->
 
 def diagnose(observations: list[Observation]) -> Diagnosed:
     """Diagnose observations."""
-    diagnosis, tracker = Diagnosis(), Tracker()
-    for seen in observations:
-        diagnosis.on_observation(seen)
-        for settled in tracker.observe(seen):
-            diagnosis.on_pairing_result(settled)
-    for settled in tracker.close():
-        diagnosis.on_pairing_result(settled)
+    diagnosis = Diagnosis()
+    run_pipeline(observations, diagnosis)
     return Diagnosed(diagnosis.findings(), diagnosis.totals())
 
 

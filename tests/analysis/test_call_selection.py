@@ -21,6 +21,7 @@ from tests.analysis.plays import SCENES
 from tests.analysis.plays.scene import Scene
 from tests.analysis.scenes import HOME, ROBOT, Play, Story
 from tests.samples.calls import r8s, text
+from tests.traffic.playbook import run_pipeline
 
 
 def by(expression: str) -> Callable[[Call], bool]:
@@ -36,13 +37,8 @@ def observed(play: Play) -> list[Observation]:
 def diagnosed(
     seen: list[Observation], chosen: Callable[[Call], bool] | None
 ) -> tuple[tuple[Finding, ...], Diagnosis]:
-    diagnosis, tracker = Diagnosis(chosen), Tracker()
-    for each in seen:
-        diagnosis.on_observation(each)
-        for settled in tracker.observe(each):
-            diagnosis.on_pairing_result(settled)
-    for settled in tracker.close():
-        diagnosis.on_pairing_result(settled)
+    diagnosis = Diagnosis(chosen)
+    run_pipeline(seen, diagnosis)
     return diagnosis.findings(), diagnosis
 
 

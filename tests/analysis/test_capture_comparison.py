@@ -15,15 +15,14 @@ from bcapscope.analysis.capture_comparison import (
 )
 from bcapscope.analysis.diagnosis import Diagnosis
 from bcapscope.analysis.finding import Finding, Severity
-from bcapscope.analysis.slave.session_detector import SlaveSessionDetector
 from bcapscope.analysis.slave.slave_session import SlaveSession
 from bcapscope.analysis.statistics.call_statistics import StatisticsBuilder
 from bcapscope.capture.capture_file import open_capture
 from bcapscope.capture.packet_decoder import PacketDecoder
-from bcapscope.traffic.call import Call, PairingResult
-from bcapscope.traffic.tracker import Tracker
+from bcapscope.traffic.call import Call, CallState
 from tests.analysis.exchanges import MOVE, READ, STOP, made
 from tests.samples.findings import make_finding
+from tests.traffic.playbook import run_pipeline
 
 SAMPLES = Path(__file__).parents[2] / "captures"
 
@@ -38,22 +37,10 @@ def side(calls: list[Call], *findings: Finding) -> ComparedCapture:
 def read(name: str) -> ComparedCapture:
     """Take account of a sample."""
     stays: list[SlaveSession] = []
-    diagnosis, summary, tracker, watcher = Diagnosis(), StatisticsBuilder(), Tracker(), SlaveSessionDetector()
-
-    def take(settled: PairingResult) -> None:
-        diagnosis.on_pairing_result(settled)
-        if isinstance(settled, Call):
-            summary.add_call(settled)
-            stays.extend(watcher.add_call(settled))
-
+    diagnosis, summary = Diagnosis(on_slave_session=stays.append), StatisticsBuilder()
     with open_capture(str(SAMPLES / name)) as capture:
-        for seen in PacketDecoder().decode(capture):
-            diagnosis.on_observation(seen)
-            for settled in tracker.observe(seen):
-                take(settled)
-    for settled in tracker.close():
-        take(settled)
-    stays.extend(watcher.remaining_sessions())
+        run_pipeline(PacketDecoder().decode(capture), diagnosis, summary)
+    stays += diagnosis.remaining_sessions()
     return ComparedCapture(name, summary.statistics(), tuple(stays), diagnosis.findings())
 
 
@@ -106,7 +93,7 @@ def test_a_single_refusal_is_notable() -> None:
 
 def test_what_was_not_followed_is_told_and_not_notable() -> None:
     call = made(0, None, given_up=False)
-    call.evicted = True
+    call.state = CallState.EVICTED
     comparison = compare(side([made(0, 1.0)]), side([call]))
     assert ("not_followed_share", 1.0) in [(each.figure, each.bad) for each in comparison.differences]
     assert notable(comparison) == {}

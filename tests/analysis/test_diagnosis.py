@@ -14,7 +14,8 @@ from bcapscope.protocol.codec.frame import Frame, Malformed, Problem, encode_fra
 from bcapscope.protocol.codec.variant import EMPTY
 from bcapscope.traffic import tracker
 from bcapscope.traffic.observation import Conversation, Direction, Endpoint, Flow, Observation, Transport
-from bcapscope.traffic.tracker import Tracker
+from bcapscope.traffic.pipeline import Pipeline
+from tests.analysis.driving import ENTER, Plan
 from tests.analysis.plays import SCENES
 from tests.analysis.scenes import HOME, ROBOT, Diagnosed, Story, diagnose, diagnose_bytes, good, stage
 from tests.samples import trouble
@@ -199,7 +200,8 @@ def test_memory_is_bounded_by_what_is_open_and_not_by_what_was_seen() -> None:
     """What a diagnosis holds after many calls that were all refused is what it holds after some."""
 
     def held(calls: int) -> int:
-        diagnosis, tracker = Diagnosis(), Tracker()
+        diagnosis = Diagnosis()
+        pipeline = Pipeline(diagnosis)
         ask, answer = _FLOWS[0], _FLOWS[1]
         flows = {flow.direction: flow for flow in (ask, answer)}
         for number in range(1, calls + 1):
@@ -211,9 +213,7 @@ def test_memory_is_bounded_by_what_is_open_and_not_by_what_was_seen() -> None:
             )
             for place, (direction, raw) in enumerate(frames):
                 seen = Observation(2 * number + place, time, time, flows[direction], Frame(raw), 0)
-                diagnosis.on_observation(seen)
-                for settled in tracker.observe(seen):
-                    diagnosis.on_pairing_result(settled)
+                pipeline.add(seen)
         book = diagnosis._collector
         return sum(1 for case in book._groups.values() for _ in case) + len(book._by_call)
 
@@ -228,7 +228,7 @@ def test_a_proxy_has_seen_each_stream_from_its_beginning(known_by: str, rule: st
     flow = Flow(Conversation(*ends, Transport.TCP, known_by), Direction.REQUEST)
     diagnosis = Diagnosis()
     item = Malformed(b"GET / HTTP/1.0\r\n\r\n", (Problem(0, "outside", "bytes outside of any frame"),))
-    diagnosis.on_observation(Observation(1, 0, 0, flow, item, 0))
+    diagnosis.on_frame(Observation(1, 0, 0, flow, item, 0))
     assert [finding.rule for finding in diagnosis.findings()] == [rule]
 
 
@@ -254,3 +254,20 @@ def test_a_recording_with_loss_shows_it() -> None:
     rules = {finding.rule for finding in found.findings}
     assert {"retried", "executed-twice", "slow-retry"} <= rules
     assert "client-stopped" not in rules
+
+
+@pytest.mark.parametrize(
+    ("direction", "rule"), [(Direction.REQUEST, "malformed-request"), (Direction.RESPONSE, "malformed-reply")]
+)
+def test_a_damaged_frame_among_accepted_set_points_is_found(direction: Direction, rule: str) -> None:
+    plan = Plan()
+    driver = plan.driver()
+    driver.change(0, ENTER)
+    driver.moves(8.0 * n + 8 for n in range(20))
+    driver.change(200, 0)
+    plan.track()
+    seen = list(plan.script.seen)
+    place = next(n for n, each in enumerate(seen) if n > 20 and each.flow.direction is direction)
+    seen[place] = seen[place]._replace(item=Frame(seen[place].item.raw[:-1] + b"\x05"))
+    (found,) = diagnose(seen).of(rule)
+    assert found.frames == (seen[place].number,)

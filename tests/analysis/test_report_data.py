@@ -15,21 +15,15 @@ from bcapscope.protocol.codec.frame import Frame, Malformed
 from bcapscope.protocol.tables.hresult import E_FAIL, E_NOT_IN_SLAVE_MODE
 from bcapscope.traffic.call_verdict import CallVerdict
 from bcapscope.traffic.observation import Direction
-from bcapscope.traffic.tracker import Tracker
-from tests.traffic.playbook import MOVE, MS, START, START_SERVICE, Script, execute, slv_move
+from tests.traffic.playbook import MOVE, MS, START, START_SERVICE, Script, execute, run_pipeline, slv_move
 
 
 def tell(script: Script) -> ReportData:
-    accountant, tracker = ReportDataBuilder(), Tracker()
-    for seen in script.seen:
-        accountant.on_observation(seen)
-        for settled in tracker.observe(seen):
-            accountant.on_pairing_result(settled)
-    for settled in tracker.close():
-        accountant.on_pairing_result(settled)
-    account = accountant.report_data()
-    assert account is not None
-    return account
+    builder = ReportDataBuilder()
+    run_pipeline(script.seen, builder.diagnosis, builder)
+    data = builder.report_data()
+    assert data is not None
+    return data
 
 
 def test_nothing_seen_is_no_account() -> None:

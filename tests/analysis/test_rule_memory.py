@@ -12,6 +12,7 @@ from bcapscope.analysis.rules.rule_checker import Occurrence
 from bcapscope.analysis.slave.slave_session import ExitReason
 from bcapscope.traffic.call import Call
 from bcapscope.traffic.handle_tracker import HandleTracker
+from bcapscope.traffic.pipeline import Pipeline
 from tests.analysis.driving import ENTER, Plan, i4
 from tests.traffic.playbook import GET_VARIABLE, text
 
@@ -84,14 +85,12 @@ def test_of_clients_that_are_gone_the_latest_few_are_remembered() -> None:
 
 def test_a_diagnosis_lets_go_of_a_client_that_is_gone_and_tells_what_it_left_on() -> None:
     diagnosis = Diagnosis()
-    *calls, last = left_on(60_000).track()
-    for call in calls:
-        diagnosis.on_pairing_result(call)
-    assert isinstance(last, Call)
-    for call in calls:
-        assert isinstance(call, Call)
-        diagnosis.on_conversation_closed(call.conversation)
-    diagnosis.on_pairing_result(last)
-    diagnosis.on_conversation_closed(last.conversation)
-    found = diagnosis.findings(last.request.time)
+    pipeline = Pipeline(diagnosis)
+    script = left_on(60_000)
+    script.track()
+    for seen in script.script.seen:
+        pipeline.add(seen)
+    for conversation in dict.fromkeys(seen.flow.conversation for seen in script.script.seen):
+        pipeline.close_conversation(conversation)
+    found = diagnosis.findings(script.script.seen[-1].time)
     assert "quit-in-slave-mode" in [finding.rule for finding in found]

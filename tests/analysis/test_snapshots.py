@@ -19,10 +19,11 @@ from bcapscope.traffic.filter.compiler import compile_filter
 from bcapscope.traffic.filter.field_table import RecordKind
 from bcapscope.traffic.filter.getters import CALL_GETTERS
 from bcapscope.traffic.observation import Observation
-from bcapscope.traffic.tracker import Tracker
+from bcapscope.traffic.pipeline import Pipeline, PipelineSubscriber
 from tests.analysis.plays import SCENES
 from tests.analysis.plays.scene import Scene
 from tests.analysis.scenes import Story
+from tests.traffic.playbook import run_pipeline
 
 CAPTURES = sorted(Path(__file__).parents[2].joinpath("captures").glob("*.pcap*"))
 SILENCE_NS = 15_000_000_000
@@ -43,18 +44,15 @@ class Listener:
     def __init__(self, is_selected: Callable[[Call], bool] | None) -> None:
         self.sessions: list[SlaveSession] = []
         self.diagnosis = Diagnosis(is_selected, self.sessions.append)
-        self.tracker = Tracker()
+        self.pipeline = Pipeline(self.diagnosis)
         self.now = 0
 
     def observe(self, observation: Observation) -> None:
         self.now = observation.time
-        self.diagnosis.on_observation(observation)
-        for settled in self.tracker.observe(observation):
-            self.diagnosis.on_pairing_result(settled)
+        self.pipeline.add(observation)
 
     def close(self) -> None:
-        for settled in self.tracker.close():
-            self.diagnosis.on_pairing_result(settled)
+        self.pipeline.finish()
 
     def answers(self) -> tuple[str, ...]:
         """Return all answers of the diagnosis as text, since NaN does not equal itself."""
@@ -106,14 +104,14 @@ def test_occurrences_that_wait_for_their_call_are_not_lost_when_asked_about() ->
     (scene,) = (scene for scene in SCENES if scene.rule == "near-datagram-limit")
     story = Story()
     scene.fires(story)
-    asked = Listener(lambda call: True)
-    for observation in observed(story.capture()):
-        asked.diagnosis.on_observation(observation)
-        asked.diagnosis.findings()
-        for settled in asked.tracker.observe(observation):
-            asked.diagnosis.on_pairing_result(settled)
-    asked.close()
-    assert "near-datagram-limit" in [finding.rule for finding in asked.diagnosis.findings()]
+    diagnosis = Diagnosis(lambda call: True)
+
+    class Asker(PipelineSubscriber):
+        def on_frame(self, observation: Observation) -> None:
+            diagnosis.findings()
+
+    run_pipeline(observed(story.capture()), diagnosis, Asker())
+    assert "near-datagram-limit" in [finding.rule for finding in diagnosis.findings()]
 
 
 def test_announcements_do_not_depend_on_what_was_asked() -> None:

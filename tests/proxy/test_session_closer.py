@@ -9,10 +9,10 @@ from bcapscope.protocol.codec.variant import EMPTY, VT, Variant
 from bcapscope.protocol.retry.reserved_convention import ReservedConvention
 from bcapscope.protocol.tables.function_table import function_by_name
 from bcapscope.proxy.session_closer import SessionCloser
-from bcapscope.traffic.call import Call
 from bcapscope.traffic.handle_tracker import HandleTracker
 from bcapscope.traffic.observation import Conversation, Direction, Endpoint, Flow, Observation, Transport
-from bcapscope.traffic.tracker import Tracker
+from bcapscope.traffic.pipeline import Pipeline
+from bcapscope.traffic.slave_mode_tracker import SlaveModeTracker
 
 
 class Session:
@@ -20,9 +20,9 @@ class Session:
 
     def __init__(self, transport: Transport = Transport.UDP, own: bool = False) -> None:
         self.conversation = Conversation(Endpoint("a", 1), Endpoint("b", 2), transport, "")
-        self.handles = HandleTracker()
-        self.farewells = SessionCloser(self.handles)
-        self._tracker = Tracker()
+        handles, self.slave_mode = HandleTracker(), SlaveModeTracker()
+        self.closer = SessionCloser(handles, self.slave_mode)
+        self.pipeline = Pipeline(self.closer, handles=handles, slave_mode=self.slave_mode)
         self._serial = self._time = self._number = 0
         self._own = own
 
@@ -39,16 +39,7 @@ class Session:
         self._time += 1_000_000
         self._number += 1
         flow = Flow(self.conversation, direction)
-        self._follow(
-            self._tracker.observe(Observation(self._number, self._time, self._time, flow, Frame(raw), 0))
-        )
-
-    def _follow(self, settled: object) -> None:
-        assert isinstance(settled, list | tuple)
-        for item in settled:
-            assert isinstance(item, Call)
-            self.handles.on_call(item)
-            self.farewells.on_call(item)
+        self.pipeline.add(Observation(self._number, self._time, self._time, flow, Frame(raw), 0))
 
     def begin(self) -> None:
         """Get a robot with handle 5."""
@@ -63,14 +54,14 @@ class Session:
     def settle(self) -> None:
         """Let all calls settle."""
         self._time += 10**10
-        self._follow(self._tracker.expire(self._time))
+        self.pipeline.expire(self._time)
 
     def ends(self) -> list[tuple[str, int, int, tuple[object, ...]]]:
         """Return of each frame that would be sent: function id as text, serial, reserved, arguments."""
         self.settle()
         found: list[tuple[str, int, int, tuple[object, ...]]] = []
-        for farewell in self.farewells.close_sequences():
-            for raw in farewell.requests:
+        for sequence in self.closer.close_sequences():
+            for raw in sequence.requests:
                 frame = Frame(raw)
                 assert frame.problems == ()
                 values = tuple(argument.variant.value for argument in frame.arguments)
@@ -91,14 +82,14 @@ def test_everything_is_given_back_newest_first() -> None:
         ("4", 10, 0, (3,)),
         ("2", 11, 0, ()),
     ]
-    assert session.farewells.close_sequences()[0].open_state == "slave mode is on and the arm is held"
+    assert session.closer.close_sequences()[0].open_state == "slave mode is on and the arm is held"
 
 
 def test_the_clients_convention_is_kept() -> None:
     session = Session(own=True)
     session.begin()
     assert [(serial, reserved) for _, serial, reserved, _ in session.ends()] == [(4, 4), (5, 5), (6, 6)]
-    assert session.farewells._states[session.conversation].convention is ReservedConvention.OWN
+    assert session.closer._states[session.conversation].convention is ReservedConvention.OWN
 
 
 def test_what_was_given_back_is_not_given_back_again() -> None:
@@ -118,7 +109,7 @@ def test_what_was_refused_is_not_open() -> None:
     session.execute("TakeArm", code=0x80004005)
     session.execute("slvChangeMode", Variant(VT.I4, 0x102), code=0x80004005)
     assert [name for name, *_ in session.ends()] == ["84", "4", "2"]
-    assert session.farewells.close_sequences()[0].open_state == ""
+    assert session.closer.close_sequences()[0].open_state == ""
 
 
 @pytest.mark.parametrize("transport", list(Transport)[:2])
@@ -135,8 +126,9 @@ def test_who_is_gone_is_forgotten() -> None:
     session.begin()
     session.execute("TakeArm")
     session.ends()
-    assert session.farewells.remove_client(session.conversation) == "the arm is held"
-    assert session.farewells.remove_client(session.conversation) == ""
+    session.pipeline.close_conversation(session.conversation)
+    assert session.closer.pop_left_open(session.conversation) == "the arm is held"
+    assert session.closer.pop_left_open(session.conversation) == ""
     assert session.ends() == []
 
 
@@ -146,13 +138,13 @@ def test_who_is_in_slave_mode_and_whose_set_points_are_accepted() -> None:
     session.execute("slvChangeMode", Variant(VT.I4, 0x102))
     session.execute("slvMove")
     session.settle()
-    assert list(session.farewells.clients_in_slave_mode()) == [session.conversation]
+    assert list(session.slave_mode.clients_in_slave_mode()) == [session.conversation]
     session.execute("slvMove", code=0x84201482)
     session.settle()
-    assert list(session.farewells.clients_in_slave_mode()) == []
+    assert list(session.slave_mode.clients_in_slave_mode()) == []
     session.execute("slvChangeMode", Variant(VT.I4, 0x102))
     session.settle()
-    assert list(session.farewells.clients_in_slave_mode()) == [session.conversation]
+    assert list(session.slave_mode.clients_in_slave_mode()) == [session.conversation]
     session.execute("slvChangeMode", Variant(VT.I4, 0))
     session.settle()
-    assert list(session.farewells.clients_in_slave_mode()) == []
+    assert list(session.slave_mode.clients_in_slave_mode()) == []

@@ -12,7 +12,7 @@ from bcapscope.analysis.report_data import ReportData, ReportDataBuilder
 from bcapscope.capture.capture_file import open_capture
 from bcapscope.capture.packet_decoder import PacketDecoder
 from bcapscope.render.report_page import report_page
-from bcapscope.traffic.tracker import Tracker
+from tests.traffic.playbook import run_pipeline
 
 CAPTURES = Path(__file__).parent.parent.parent / "captures"
 
@@ -70,17 +70,12 @@ class Page(HTMLParser):
 
 def account_of(path: Path) -> ReportData:
     """Read a capture."""
-    accountant, tracker = ReportDataBuilder(), Tracker()
+    builder = ReportDataBuilder()
     with open_capture(str(path)) as file:
-        for seen in PacketDecoder(frozenset({5007})).decode(file):
-            accountant.on_observation(seen)
-            for settled in tracker.observe(seen):
-                accountant.on_pairing_result(settled)
-    for settled in tracker.close():
-        accountant.on_pairing_result(settled)
-    account = accountant.report_data()
-    assert account is not None
-    return account
+        run_pipeline(PacketDecoder(frozenset({5007})).decode(file), builder.diagnosis, builder)
+    data = builder.report_data()
+    assert data is not None
+    return data
 
 
 @cache

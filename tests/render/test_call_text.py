@@ -14,7 +14,7 @@ from bcapscope.protocol.tables.function_table import ObjectClass
 from bcapscope.render.call_text import CallRenderer, call_frames_text, milliseconds, session_text
 from bcapscope.render.color_palette import ANSI
 from bcapscope.render.timestamp import TimeFormat
-from bcapscope.traffic.call import StrayReply
+from bcapscope.traffic.call import CallState, StrayReply
 from bcapscope.traffic.handle_tracker import HandleTracker, ServiceSession, SessionEnding, TrackedObject
 from bcapscope.traffic.observation import Transport
 from tests.render.calls import script, settled
@@ -115,7 +115,7 @@ def test_what_was_not_followed_is_not_said_to_be_unanswered_or_late() -> None:
     client.ask(0, 1, 0, MOVE)
     client.reply(1, 9)
     call, stray = calls_of(play.track())[0], strays_of(play.track())[0]
-    call.evicted = True
+    call.state = CallState.EVICTED
     assert CallRenderer().line(call).endswith("Robot_Execute slvMove  not followed  frame 1")
     for found in (stray, replace(stray, call_number=1)):
         line = CallRenderer().line(replace(found, may_answer_evicted=True))

@@ -18,7 +18,7 @@ from bcapscope.analysis.statistics.call_statistics import (
 )
 from bcapscope.render.color_palette import ANSI
 from bcapscope.render.statistics_text import MAX_ROWS, call_kind_text, statistics_lines, statistics_record
-from bcapscope.traffic.call import Call
+from bcapscope.traffic.call import Call, CallState
 from bcapscope.traffic.call_kind import CallKind
 from tests.analysis.exchanges import EXECUTE, MOVE, READ, START, STOP, client, made
 from tests.render.scenes import HOSTILE
@@ -66,7 +66,7 @@ def test_nothing_from_the_wire_is_raw() -> None:
 def test_calls_that_were_not_followed_are_counted_apart() -> None:
     call = made(0, None, given_up=False)
     assert "not followed" not in "".join(statistics_lines(summed([call])))
-    call.evicted = True
+    call.state = CallState.EVICTED
     statistics = summed([call])
     assert list(statistics_lines(statistics))[-1] == "not followed to the end, as too many were open: 1 call"
     total = json.loads(statistics_record(statistics))["total"]

@@ -8,6 +8,7 @@ from bcapscope.protocol.codec.frame import Frame, Malformed, encode_frame
 from bcapscope.protocol.codec.variant import VT, Variant
 from bcapscope.traffic.call import Call, PairingResult, StrayReply
 from bcapscope.traffic.observation import Conversation, Direction, Endpoint, Flow, Observation, Transport
+from bcapscope.traffic.pipeline import Pipeline, PipelineSubscriber
 from bcapscope.traffic.tracker import Tracker
 
 MS = 1_000_000
@@ -89,6 +90,14 @@ class Client:
         observation = Observation(number, time, time, self.flows[direction], item, number)
         self.script.seen.append(observation)
         return observation
+
+
+def run_pipeline(observations: Iterable[Observation], *subscribers: PipelineSubscriber) -> None:
+    """Run observations through a pipeline to the end."""
+    pipeline = Pipeline(*subscribers)
+    for observation in observations:
+        pipeline.add(observation)
+    pipeline.finish()
 
 
 def calls_of(settled: Iterable[PairingResult]) -> list[Call]:

@@ -51,7 +51,7 @@ def test_calls_without_trouble() -> None:
     assert (second.outcome, second.verdict) == (Outcome.REFUSED, CallVerdict.REFUSED)
     assert second.hresult == 0x83500121
     assert first.late_replies == first.lost_replies == first.notices == first.duplicates == ()
-    assert repr(first) == "Exchange(1, 1, None: request 1, reply 2)"
+    assert repr(first) == "Call(1, 1, None: request 1, reply 2)"
 
 
 def test_execute_questions_are_told() -> None:

@@ -6,8 +6,8 @@ import pytest
 
 from bcapscope.traffic import conversation_pairing
 from bcapscope.traffic.call import Call
-from bcapscope.traffic.conversation_pairing import MAX_REUSED
 from bcapscope.traffic.observation import Transport
+from bcapscope.traffic.serial_table import MAX_REUSED
 from tests.traffic.playbook import (
     BUSY,
     MOVE,

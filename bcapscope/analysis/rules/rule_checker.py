@@ -128,9 +128,16 @@ class RuleChecker:
 
     A subclass overrides the methods for the events that it needs. Methods that return occurrences change
     nothing: they are also called for a snapshot, after which the traffic goes on.
+
+    Attributes:
+        rules: Rules that it checks.
+        needs_every_set_point: Whether `on_call` gets every accepted set point (slvMove), maybe millions.
+            Otherwise it gets the first of each run of set points that are alike (see `AlikeSetPoints`), and
+            all that differ or went wrong. `client` is the state before the first set point of the run.
     """
 
     rules: ClassVar[tuple[DiagnosisRule, ...]]
+    needs_every_set_point: ClassVar[bool] = False
 
     def __init__(self, report_occurrence: OccurrenceSink, clients: ClientRegistry) -> None:
         self.report_occurrence = report_occurrence
@@ -181,7 +188,10 @@ class RuleChecker:
         )
 
     def wants_call(self, call_kind: CallKind, health: CallHealth) -> bool:
-        """Return whether `on_call` needs calls of this kind and health. The result is cached."""
+        """Return whether `on_call` needs calls of this kind and health. The result is cached.
+
+        Set points that are alike are not asked about; see `needs_every_set_point`.
+        """
         return health is not CallHealth.SMOOTH
 
     def on_call(self, call: Call, client: ClientState) -> None:

@@ -22,8 +22,10 @@ from bcapscope.analysis.slave.slave_session import AcceptedFormat, KnownMode, Sl
 from bcapscope.protocol.slave_mode.poses import Axis
 from bcapscope.protocol.tables.hresult import is_failure
 from bcapscope.traffic.call import Call
-from bcapscope.traffic.call_kind import CallKind
+from bcapscope.traffic.handle_tracker import TrackedObject
 from bcapscope.traffic.observation import Conversation
+from bcapscope.traffic.pipeline import PipelineSubscriber
+from bcapscope.traffic.slave_mode_tracker import is_set_point
 
 MAX_NOT_SELECTED = 64 * 2048
 """Set points not selected that are remembered until they are processed: as many as can wait at a time."""
@@ -95,10 +97,11 @@ TrajectoryPiece: TypeAlias = "tuple[CapturedTrajectory, Sequence[TrajectoryStep]
 """Successive steps of one trajectory."""
 
 
-class TrajectoryExtractor:
-    """Extracts trajectory steps from completed calls; it keeps no steps.
+class TrajectoryExtractor(PipelineSubscriber):
+    """Extracts trajectory steps from completed calls.
 
     Attributes:
+        ready: Steps that are ready; the reader removes them.
         set_points: Number of slvMove calls.
     """
 
@@ -109,8 +112,6 @@ class TrajectoryExtractor:
     ) -> None:
         """Create an extractor.
 
-        Pass all calls to it, selected or not: any call may begin or end a slave-mode session.
-
         Args:
             is_selected: Returns whether a set point is of interest; the others are left out.
             is_selected_client: Returns whether a client is of interest; set points of others are not even
@@ -120,25 +121,26 @@ class TrajectoryExtractor:
         self._is_selected_client = is_selected_client
         self._detector = SlaveSessionDetector(on_set_points=self._on_set_points)
         self._by_session: dict[int, CapturedTrajectory] = {}
-        self._ready: list[TrajectoryPiece] = []
+        self.ready: list[TrajectoryPiece] = []
         self.set_points = self._step_count = 0
         self._left_out: Counter[LeftOutReason] = Counter()
-        self._set_point_kind: CallKind | None = None
         self._not_selected: dict[int, None] = {}  # calls not yet received as set points, in order
 
-    def add_call(self, call: Call) -> Sequence[TrajectoryPiece]:
-        """Add a completed call; return the steps that are ready."""
-        kind = call.kind
-        if kind is self._set_point_kind or _is_set_point(kind):
-            self._set_point_kind = kind
+    def on_call(self, call: Call, target: TrackedObject | None) -> None:
+        """Add a completed call. Any call may begin or end a slave-mode session."""
+        if is_set_point(call.kind):
             self._count_set_point(call)
         self._drop_sessions(self._detector.add_call(call))
-        return self._pop_ready() if self._ready else ()
 
-    def finish(self) -> Sequence[TrajectoryPiece]:
-        """Return the remaining steps after the traffic has ended."""
+    def on_set_points(self, calls: Sequence[Call]) -> None:
+        """Add set points that are alike."""
+        for call in calls:
+            self._count_set_point(call)
+        self._drop_sessions(self._detector.add_set_points(calls))
+
+    def finish(self) -> None:
+        """Add the remaining steps to `ready`, after the traffic has ended."""
         self._detector.process_waiting()
-        return self._pop_ready()
 
     @property
     def left_out(self) -> Mapping[LeftOutReason, int]:
@@ -163,10 +165,6 @@ class TrajectoryExtractor:
         for session in sessions:
             self._by_session.pop(session.number, None)
 
-    def _pop_ready(self) -> Sequence[TrajectoryPiece]:
-        found, self._ready = self._ready, []
-        return found
-
     def _on_set_points(self, points: SetPointChunk) -> None:
         if self._is_selected_client is not None and not self._is_selected_client(points.conversation):
             return
@@ -177,7 +175,7 @@ class TrajectoryExtractor:
         if known is None:
             known = self._by_session[points.session_number] = _begin(points, rows[0])
         self._step_count += len(rows)
-        self._ready.append((known, tuple(_trajectory_steps(points, rows))))
+        self.ready.append((known, tuple(_trajectory_steps(points, rows))))
 
     def _is_step(self, points: SetPointChunk, row: int) -> bool:
         call = points.table.calls[row]
@@ -189,10 +187,6 @@ class TrajectoryExtractor:
             self._left_out[LeftOutReason.UNREADABLE] += 1
             return False
         return True
-
-
-def _is_set_point(kind: CallKind) -> bool:
-    return kind.command is not None and kind.command.casefold() == "slvmove"
 
 
 def _rows_not_refused(points: SetPointChunk) -> Iterator[int]:

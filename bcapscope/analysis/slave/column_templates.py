@@ -20,7 +20,7 @@ from bcapscope.analysis.statistics.distribution import Bools
 from bcapscope.protocol.codec.arguments import Argument, NumberSpan
 from bcapscope.protocol.codec.frame import Frame
 from bcapscope.protocol.codec.frame_content import FrameContent, Framing
-from bcapscope.protocol.codec.frame_template import FrameTemplate, number_counts
+from bcapscope.protocol.codec.frame_template import FrameTemplate, fixed_bytes, number_counts, varying_spans
 from bcapscope.protocol.codec.variant import Variant
 
 MAX_TEMPLATES = 16
@@ -28,8 +28,6 @@ MAX_TEMPLATES = 16
 
 MAX_NUMBERS = 256
 """Frames with more numbers than this are read one by one; a set point has about twelve."""
-
-_SERIAL_AND_RESERVED = slice(5, 9)
 
 PickedNumbers: TypeAlias = "tuple[Sequence[float], float | None]"
 """A pose and a time stamp, or the positions of their numbers."""
@@ -75,12 +73,8 @@ class _ColumnTemplate:
     def __init__(
         self, raw: bytes, spans: Sequence[NumberSpan], pose: Sequence[int], stamp: int | None
     ) -> None:
-        fixed = np.full(len(raw), 0xFF, np.uint8)
-        fixed[_SERIAL_AND_RESERVED] = 0
         places = list(_number_positions(spans))
-        for start, code in places:
-            fixed[start : start + struct.calcsize(f"<{code}")] = 0
-        self._fixed = fixed
+        self._fixed = np.frombuffer(fixed_bytes(len(raw), spans), np.uint8)
         self._template = np.frombuffer(raw, np.uint8)
         self._fields = np.dtype(
             {
@@ -165,8 +159,7 @@ class ColumnReader:
         if sum(span.repeat for span in content.number_spans if span.code != "s") > MAX_NUMBERS:
             return False
         arguments = content.arguments
-        first = arguments[0].stop if len(arguments) > 1 else 0
-        spans = [span for span in content.number_spans if span.repeat and span.start >= first]
+        spans = varying_spans(content.number_spans, arguments)
         pose, stamp = self._locate_numbers(raw, arguments, tuple(_number_positions(spans)))
         templates.append(
             _ColumnTemplate(raw, spans, [int(index) for index in pose], None if stamp is None else int(stamp))

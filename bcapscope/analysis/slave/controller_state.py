@@ -9,13 +9,13 @@ from bcapscope.analysis.slave.session_builder import (
     SessionKey,
     SlaveSessionBuilder,
 )
-from bcapscope.analysis.slave.session_models import KnownPosition, SlaveSetup, execute_parameter
+from bcapscope.analysis.slave.session_models import KnownPosition, SlaveSetup
 from bcapscope.analysis.slave.slave_session import AcceptedFormat, CallFact
-from bcapscope.protocol.codec.variant import integer_value
 from bcapscope.protocol.slave_mode.formats import parse_format_parameter
 from bcapscope.protocol.slave_mode.modes import PoseType
 from bcapscope.protocol.slave_mode.poses import pose_numbers
 from bcapscope.traffic.call import Call
+from bcapscope.traffic.slave_mode_tracker import execute_parameter, requested_mode
 
 MAX_CALLS = 1024
 """Calls other than set points that are kept for each controller."""
@@ -126,15 +126,6 @@ class ControllerState:
         if values:
             frames = call.request.number, reply.number
             self._position = KnownPosition(pose_type, values, f"{call.kind.command} before", frames)
-
-
-def requested_mode(call: Call) -> int | None:
-    """Return the mode that slvChangeMode requests; None for other calls and for an unreadable mode."""
-    command = call.kind.command
-    if command is None or command.casefold() != "slvchangemode":
-        return None
-    parameter = execute_parameter(call.request.item)
-    return None if parameter is None else integer_value(parameter)
 
 
 def call_fact(call: Call) -> CallFact:

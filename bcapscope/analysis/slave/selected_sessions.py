@@ -4,42 +4,58 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from bcapscope.analysis.slave.session_detector import SlaveSessionDetector, is_set_point
+from bcapscope.analysis.slave.session_detector import SlaveSessionDetector
 from bcapscope.analysis.slave.slave_session import SlaveSession
 from bcapscope.traffic.call import Call
+from bcapscope.traffic.handle_tracker import TrackedObject
+from bcapscope.traffic.pipeline import PipelineSubscriber
+from bcapscope.traffic.slave_mode_tracker import is_set_point
 
 
-class SelectedSlaveSessions:
+class SelectedSlaveSessions(PipelineSubscriber):
     """Finds the slave-mode sessions of selected set points.
 
     All other calls still count for the start and end of these sessions.
     """
 
-    def __init__(self, is_selected: Callable[[Call], bool] | None, window: int | None = None) -> None:
+    def __init__(
+        self,
+        is_selected: Callable[[Call], bool] | None,
+        on_slave_session: Callable[[SlaveSession], object],
+        window: int | None = None,
+    ) -> None:
         """Create a detector.
 
         Args:
             is_selected: Returns whether a set point is selected; None for all set points, and for slave-mode
                 sessions without set points.
+            on_slave_session: Receives each slave-mode session that is finished; `remaining_sessions` returns
+                the others.
             window: Length of a time slice, as in `SlaveSessionDetector`.
         """
         self._is_selected = is_selected
+        self._on_slave_session = on_slave_session
         self._detector = SlaveSessionDetector(window)
 
-    def add_call(self, call: Call) -> Sequence[SlaveSession]:
-        """Add a completed call; return the slave-mode sessions that are finished."""
-        chosen = self._is_selected
-        if chosen is None:
-            return self._detector.add_call(call)
-        if is_set_point(call) and not chosen(call):
-            return ()
-        return _with_set_points(self._detector.add_call(call))
+    def on_call(self, call: Call, target: TrackedObject | None) -> None:
+        """Add a completed call."""
+        if self._is_selected is None or not is_set_point(call.kind) or self._is_selected(call):
+            self._report(self._detector.add_call(call))
 
-    def remaining_sessions(self, ended_at: int = 0) -> Sequence[SlaveSession]:
-        """Return the slave-mode sessions not yet returned, as `SlaveSessionDetector.remaining_sessions`."""
-        sessions = self._detector.remaining_sessions(ended_at)
-        return sessions if self._is_selected is None else _with_set_points(sessions)
+    def on_set_points(self, calls: Sequence[Call]) -> None:
+        """Add set points that are alike."""
+        if self._is_selected is not None:
+            calls = list(filter(self._is_selected, calls))
+        if calls:
+            self._report(self._detector.add_set_points(calls))
 
+    def remaining_sessions(self, ended_at: int = 0) -> list[SlaveSession]:
+        """Return the sessions not yet reported, as `SlaveSessionDetector.remaining_sessions`."""
+        return self._chosen(self._detector.remaining_sessions(ended_at))
 
-def _with_set_points(sessions: Sequence[SlaveSession]) -> Sequence[SlaveSession]:
-    return [session for session in sessions if session.first_set_point is not None]
+    def _report(self, sessions: Sequence[SlaveSession]) -> None:
+        for session in self._chosen(sessions):
+            self._on_slave_session(session)
+
+    def _chosen(self, sessions: Sequence[SlaveSession]) -> list[SlaveSession]:
+        return [each for each in sessions if self._is_selected is None or each.first_set_point is not None]

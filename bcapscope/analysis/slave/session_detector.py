@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple
 
-from bcapscope.analysis.slave.controller_state import ControllerState, call_fact, requested_mode
+from bcapscope.analysis.slave.controller_state import ControllerState, call_fact
 from bcapscope.analysis.slave.generation_clues import clue_of_call, clue_of_set_point, stronger_clue
 from bcapscope.analysis.slave.notable_set_points import MAX_LISTED
 from bcapscope.analysis.slave.session_builder import (
@@ -14,24 +14,22 @@ from bcapscope.analysis.slave.session_builder import (
     SessionKey,
     SlaveSessionBuilder,
 )
-from bcapscope.analysis.slave.session_models import SlaveSetup, execute_parameter
-from bcapscope.analysis.slave.set_point_batch import HANDLE_VALUE_BYTES, LARGE_FRAME, ROW_SIZE, SetPointBatch
+from bcapscope.analysis.slave.session_models import SlaveSetup
+from bcapscope.analysis.slave.set_point_batch import LARGE_FRAME
 from bcapscope.analysis.slave.set_point_chunk import SetPointHandler
 from bcapscope.analysis.slave.slave_session import ExitReason, SessionExit, SlaveSession
 from bcapscope.protocol.codec.variant import integer_value
 from bcapscope.protocol.tables.function_table import ID
-from bcapscope.protocol.tables.hresult import (
-    E_NOT_IN_SLAVE_MODE,
-    E_SLAVE_OVERFLOW,
-    ends_slave_mode,
-    is_failure,
-)
+from bcapscope.protocol.tables.hresult import ends_slave_mode, is_failure
 from bcapscope.traffic.call import Call
-from bcapscope.traffic.call_kind import CallKind
 from bcapscope.traffic.observation import Conversation, Endpoint
-
-SLAVE_MODE_OFF_CODES = frozenset((E_NOT_IN_SLAVE_MODE, 0x83501033, 0x8120184E))
-"""Result codes of a set point, or of another command that needs slave mode, while slave mode is off."""
+from bcapscope.traffic.slave_mode_tracker import (
+    SlaveModeEffect,
+    execute_parameter,
+    is_set_point,
+    requested_mode,
+    slave_mode_effect,
+)
 
 HOLD_BACK_NS = 6_000_000_000
 """Delay before a slave-mode session that ended is returned.
@@ -62,14 +60,8 @@ MAX_HELD_BACK = 256
 
 MAX_CONTROLLERS = 64
 
-_ROBOT_EXECUTE, _ROBOT_RELEASE = ID["Robot_Execute"], ID["Robot_Release"]
-_SESSION_ENDS = frozenset(ID[name] for name in ("Service_Start", "Service_Stop", "Controller_Disconnect"))
-_FULL = BATCH_SIZE * ROW_SIZE
+_ROBOT_EXECUTE = ID["Robot_Execute"]
 _HANDLE = slice(15, 29)
-
-
-_Expected: TypeAlias = "tuple[CallKind | None, Conversation | None, SetPointBatch]"
-_NOTHING_EXPECTED: _Expected = (None, None, SetPointBatch())
 
 
 class _EndedSession(NamedTuple):
@@ -104,32 +96,35 @@ class SlaveSessionDetector:
         self._held_back: deque[_EndedSession] = deque()
         self._session_count = 0
         self._latest_time = 0
-        # Slave-mode session of the last set point, and a cheap test for the next set point of it.
-        self._expected_session: SlaveSessionBuilder | None = None
-        self._expected = _NOTHING_EXPECTED
 
     def add_call(self, call: Call) -> Sequence[SlaveSession]:
         """Add a completed call; return the slave-mode sessions that are finished."""
-        kind, conversation, batch = self._expected
-        reply = call.reply
-        if (
-            call.kind is kind
-            and call.conversation is conversation
-            and reply is not None
-            and not call.other_frames
-            and batch.add_plain(call, reply)
-        ):
-            return () if len(batch.row_data) < _FULL else self._process_call(call, kept=True)
-        return self._process_call(call)
-
-    def _process_call(self, call: Call, kept: bool = False) -> Sequence[SlaveSession]:
-        """Process any call. If `kept` is true, the batch of the expected session already contains it."""
-        if kept and self._expected_session is not None:
-            self._process_batch(self._expected_session)
-        elif is_set_point(call):
-            self._on_set_point(call)
+        effect = slave_mode_effect(call)
+        if is_set_point(call.kind):
+            self._on_set_point(call, effect)
         else:
-            self._on_other_call(call)
+            self._on_other_call(call, effect)
+        return self._on_time(call)
+
+    def add_set_points(self, calls: Sequence[Call]) -> Sequence[SlaveSession]:
+        """Add set points that are alike, as `PipelineSubscriber.on_set_points` gets them."""
+        first = calls[0]
+        builder = self._active.get((first.conversation, first.request.item.raw[_HANDLE]))
+        if builder is None or builder in self._ended_by_error:
+            return [session for call in calls for session in self.add_call(call)]
+        batch = builder.batch
+        finished: Sequence[SlaveSession] = ()
+        while calls:
+            room = BATCH_SIZE - len(batch)
+            batch.add_run(calls[:room])
+            if len(batch) >= BATCH_SIZE:
+                self._process_batch(builder)
+                finished = (*finished, *self._on_time(calls[min(room, len(calls)) - 1]))
+            calls = calls[room:]
+        return finished
+
+    def _on_time(self, call: Call) -> Sequence[SlaveSession]:
+        """Return the slave-mode sessions that are no longer held back after a call."""
         self._latest_time = max(self._latest_time, call.last_activity)
         return self._release_ended(self._latest_time - HOLD_BACK_NS) if self._held_back else ()
 
@@ -172,13 +167,13 @@ class SlaveSessionDetector:
 
     # set points
 
-    def _on_set_point(self, call: Call) -> None:
+    def _on_set_point(self, call: Call, effect: SlaveModeEffect | None) -> None:
         key = call.conversation, call.request.item.body[_HANDLE]
         code, builder = call.hresult, self._active.get(key)
-        if code in SLAVE_MODE_OFF_CODES:
+        if effect is SlaveModeEffect.FOUND_OFF:
             self._on_found_off(key, builder, call)
             return
-        failed = code is not None and is_failure(code) and code != E_SLAVE_OVERFLOW
+        failed = effect is SlaveModeEffect.SET_POINT_FAILED
         if builder is None:
             if self._is_outside_session(key, call, failed):
                 return
@@ -191,7 +186,6 @@ class SlaveSessionDetector:
         builder.batch.add(call)
         if failed:
             self._ended_by_error[builder] = _exit_by_call(ExitReason.ERROR, call)
-        self._expect_next(None if failed else builder, call)
         if len(builder.batch) >= BATCH_SIZE or len(call.request.item.raw) > LARGE_FRAME:
             self._process_batch(builder)
 
@@ -239,38 +233,24 @@ class SlaveSessionDetector:
         if builder is not None:
             builder.after_end += 1
 
-    def _expect_next(self, builder: SlaveSessionBuilder | None, call: Call) -> None:
-        """Expect the next set point to belong to `builder`.
-
-        Expect nothing after a compressed set point: its handle is in another place.
-        """
-        raw = call.request.item.raw
-        if builder is not None and call.request.item.body is raw:
-            self._expected_session = builder
-            builder.batch.handle = raw[HANDLE_VALUE_BYTES]
-            self._expected = call.kind, call.conversation, builder.batch
-        else:
-            self._expected_session, self._expected = None, _NOTHING_EXPECTED
-
     # other calls
 
-    def _on_other_call(self, call: Call) -> None:
+    def _on_other_call(self, call: Call, effect: SlaveModeEffect | None) -> None:
         controller = self._controller(call)
         controller.clue = stronger_clue(controller.clue, clue_of_call(call))
         controller.remember_call(call)
         function_id, command = call.kind
-        refused = call.reply is not None and is_failure(call.reply.item.code)
-        if function_id in _SESSION_ENDS and not refused:
+        if effect is SlaveModeEffect.SESSION_BOUNDARY:
             self._on_disconnect(call, None)
-        elif function_id == _ROBOT_RELEASE and not refused:
+        elif effect is SlaveModeEffect.ROBOT_RELEASED:
             self._on_disconnect(call, call.request.item.body[_HANDLE])
-        elif function_id == _ROBOT_EXECUTE and command is not None and not refused:
+        elif effect is SlaveModeEffect.MODE_CHANGED:
+            self._on_change_mode(call, controller)
+        elif function_id == _ROBOT_EXECUTE and command is not None and not is_failure(call.hresult or 0):
             self._on_robot_call(call, command.casefold(), controller)
 
     def _on_robot_call(self, call: Call, command: str, controller: ControllerState) -> None:
-        if command == "slvchangemode":
-            self._on_change_mode(call, controller)
-        elif call.reply is not None and command in ("slvsendformat", "slvrecvformat"):
+        if call.reply is not None and command in ("slvsendformat", "slvrecvformat"):
             for builder in self._active.values():
                 if builder.slave_setup is None and builder.conversation.server == call.conversation.server:
                     self._process_batch(builder)
@@ -335,8 +315,6 @@ class SlaveSessionDetector:
         self._recently_ended[builder.key] = builder
         if len(self._recently_ended) > MAX_SESSIONS:
             del self._recently_ended[next(iter(self._recently_ended))]
-        if self._expected_session is builder:
-            self._expected_session, self._expected = None, _NOTHING_EXPECTED
         slave_setup = self._slave_setup(builder)
         builder.process_batch(slave_setup)
         self._held_back.append(_EndedSession(builder, exit_, slave_setup))
@@ -387,12 +365,6 @@ class SlaveSessionDetector:
                 del self._controllers[next(iter(self._controllers))]
             controller = self._controllers[server] = ControllerState()
         return controller
-
-
-def is_set_point(call: Call) -> bool:
-    """Return whether a call is slvMove."""
-    function_id, command = call.kind
-    return function_id == _ROBOT_EXECUTE and command is not None and command.casefold() == "slvmove"
 
 
 def _call_end(call: Call) -> int:

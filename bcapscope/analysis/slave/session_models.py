@@ -34,6 +34,7 @@ from bcapscope.protocol.slave_mode.slvmove_values import parse_feedback, parse_s
 from bcapscope.protocol.tables.hresult import E_SLAVE_OVERFLOW, S_BUF_FULL, is_failure
 from bcapscope.traffic.call import Call
 from bcapscope.traffic.observation import Transport
+from bcapscope.traffic.slave_mode_tracker import execute_parameter
 
 MAX_CODES = 256
 """Different HRESULTs of refused set points that are counted separately; further ones count under 0."""
@@ -297,9 +298,3 @@ def _poses_in(batch: SetPointBatch, slave_setup: SlaveSetup) -> Iterator[Pose]:
             pose = parse_set_point(parameter, pose_type, send, receive).pose
             if pose is not None and pose.type is not None:
                 yield pose
-
-
-def execute_parameter(request: Frame) -> Variant | None:
-    """Return vntParam of an ..._Execute request; None if it is missing."""
-    arguments = request.arguments
-    return arguments[_PARAMETER].variant if len(arguments) > _PARAMETER else None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from struct import Struct
 from typing import NamedTuple
 
@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bcapscope.protocol.codec.frame import Frame
-from bcapscope.traffic.call import Call, FrameObservation
+from bcapscope.traffic.call import Call
 
 LARGE_FRAME = 2048
 """Size in bytes. A set point has a tenth of this; larger frames are kept separately."""
@@ -22,9 +22,6 @@ LATEST_TIME = (1 << 62) - 1
 The difference of two times up to this fits into 64 bits. Later times, which only a damaged capture has, are
 set to this value.
 """
-
-HANDLE_VALUE_BYTES = slice(25, 29)
-"""Position of the first argument's value in a request that is not compressed."""
 
 
 class FrameBytes:
@@ -86,24 +83,22 @@ class SetPointRow(NamedTuple):
 
 _ROW = Struct("=5q")
 _pack = _ROW.pack
-ROW_SIZE = _ROW.size
 
 
 class SetPointBatch:
     """Set points in the order in which they were sent.
 
     Attributes:
-        handle: Value of the robot's handle as it appears in the requests; the owner of the batch sets it.
         row_data: One row per set point, as 64-bit integers.
         requests: Bytes of the first requests.
         results: Bytes of the accepted replies.
-        irregular: Index and call of the set points that `add_plain` did not accept.
+        irregular: Index and call of the set points that were retried, were not answered with S_OK, or differ
+            in size.
     """
 
-    __slots__ = ("handle", "irregular", "requests", "results", "row_data")
+    __slots__ = ("irregular", "requests", "results", "row_data")
 
     def __init__(self) -> None:
-        self.handle = b""
         self.row_data = bytearray()
         self.requests, self.results = FrameBytes(), FrameBytes()
         self.irregular: list[tuple[int, Call]] = []
@@ -115,40 +110,39 @@ class SetPointBatch:
         start = (index if index >= 0 else len(self) + index) * _ROW.size
         return SetPointRow(*_ROW.unpack_from(self.row_data, start))
 
-    def add_plain(self, call: Call, reply: FrameObservation) -> bool:
-        """Add a set point that was sent once and answered with S_OK, if it looks like the others.
-
-        Returns:
-            False, without any change, if its handle or size differs, or if it was not answered with S_OK.
-        """
-        frame: int
-        time: int
-        reply_frame: int
-        replied: int
-        item: Frame
-        result: Frame
-        # Faster than reading the attributes one by one.
-        frame, time, _, _, item, _ = call.request  # type: ignore[misc]  # a tuple behind its protocol
-        reply_frame, replied, _, _, result, _ = reply  # type: ignore[misc]  # the same
-        raw, answer, reserved = item.raw, result.raw, item.reserved
-        requests, results = self.requests, self.results
-        if (
-            result.code
-            or raw[HANDLE_VALUE_BYTES] != self.handle
-            or len(raw) != requests.size
-            or len(answer) != results.size
-            or (reserved and reserved != item.serial and not call.first_attempt_seen)
-        ):
-            return False
-        try:
-            self.row_data += _pack(call.number, frame, time, reply_frame, replied)
-        except struct.error:  # a time beyond 64 bits
-            return False
-        requests.data += raw
-        results.data += answer
-        return True
-
     def add(self, call: Call) -> None:
+        """Add a set point."""
+        if call.is_plain and call.hresult == 0:
+            self.add_run((call,))
+        else:
+            self._add_irregular(call)
+
+    def add_run(self, calls: Sequence[Call]) -> None:
+        """Add set points that are alike: sent once, answered with S_OK, and not large."""
+        requests, results, row_data = self.requests, self.results, self.row_data
+        for call in calls:
+            frame: int
+            time: int
+            reply_frame: int
+            replied: int
+            item: Frame
+            result: Frame
+            # Faster than reading the attributes one by one.
+            frame, time, _, _, item, _ = call.request  # type: ignore[misc]  # a tuple behind its protocol
+            reply_frame, replied, _, _, result, _ = call.reply  # type: ignore[misc]  # the same
+            raw, answer = item.raw, result.raw
+            if len(raw) != requests.size or len(answer) != results.size:
+                self._add_irregular(call)
+                continue
+            try:
+                row_data += _pack(call.number, frame, time, reply_frame, replied)
+            except struct.error:  # a time beyond 64 bits
+                self._add_irregular(call)
+                continue
+            requests.data += raw
+            results.data += answer
+
+    def _add_irregular(self, call: Call) -> None:
         place, request, reply = len(self), call.request, call.reply
         self.irregular.append((place, call))
         self.requests.add(place, request.item.raw)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,7 +13,9 @@ from bcapscope.protocol.tables.hresult import is_failure
 from bcapscope.traffic.call import Call
 from bcapscope.traffic.call_kind import CallKind
 from bcapscope.traffic.call_verdict import Outcome
+from bcapscope.traffic.handle_tracker import TrackedObject
 from bcapscope.traffic.observation import Conversation, Endpoint, Transport
+from bcapscope.traffic.pipeline import PipelineSubscriber
 
 MAX_KINDS = 4096
 """Pairs of client and call kind with figures of their own.
@@ -202,10 +205,12 @@ class _CallTally:
         )
 
 
-class StatisticsBuilder:
+class StatisticsBuilder(PipelineSubscriber):
     """Counts completed calls; memory grows with the number of call kinds, not of calls."""
 
-    def __init__(self) -> None:
+    def __init__(self, is_selected: Callable[[Call], bool] | None = None) -> None:
+        """Create a builder; it counts the calls for which `is_selected` returns True, by default all."""
+        self._is_selected = is_selected
         self._tallies: dict[tuple[Conversation, CallKind], _CallTally] = {}
         self._conversation: Conversation | None = None
         self._question: CallKind | None = None
@@ -213,13 +218,20 @@ class StatisticsBuilder:
         self._start: int | None = None
         self._end = 0
 
-    def add_call(self, call: Call) -> None:
+    def on_call(self, call: Call, target: TrackedObject | None) -> None:
+        """Count a completed call if it is selected."""
+        if self._is_selected is not None and not self._is_selected(call):
+            return
         if call.kind is not self._question or call.conversation is not self._conversation:
             self._select_tally(call)
         self._tally.add_call(call)
         if self._start is None or call.request.time < self._start:
             self._start = call.request.time
         self._end = max(self._end, call.last_activity)
+
+    def add_call(self, call: Call) -> None:
+        """Count a call if it is selected."""
+        self.on_call(call, None)
 
     def statistics(self, start: int | None = None, end: int | None = None) -> Statistics | None:
         """Return the figures so far; None without calls.

@@ -1,56 +1,51 @@
-"""Read the calls in captures, each when it ends."""
+"""Read captures through a pipeline."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
+from typing import TypeVar
 
 from bcapscope.cli.common.capture_reader import CaptureReader
-from bcapscope.traffic.call import Call, PairingResult
+from bcapscope.traffic.call import Call
 from bcapscope.traffic.filter.compiler import Filter
 from bcapscope.traffic.filter.getters import CALL_GETTERS
-from bcapscope.traffic.observation import Observation
-from bcapscope.traffic.tracker import Tracker
+from bcapscope.traffic.pipeline import CallCollector, Pipeline
 
 _PROGRESS_EVERY = 0x1000
 """Update the progress bar after this many frames; a power of two."""
 
 
-def read_calls(reader: CaptureReader) -> Iterator[PairingResult]:
-    """Yield each call when it ends, and stray replies."""
-    tracker = Tracker()
-    observe = tracker.observe
-    for seen in reader.observations():
-        settled = observe(seen)
-        if settled:
-            yield from settled
-    yield from _close_open_calls(reader, tracker)
+T = TypeVar("T")
 
 
 def read_filtered_calls(reader: CaptureReader, call_filter: Filter | None) -> Iterator[Call]:
-    test = None if call_filter is None else call_filter.bind(CALL_GETTERS)
-    for item in read_calls(reader):
-        if isinstance(item, Call) and (test is None or test(item)):
-            yield item
+    """Yield the calls that match a filter, each when it ends."""
+    collector = CallCollector(None if call_filter is None else call_filter.bind(CALL_GETTERS))
+    return read_items(reader, Pipeline(collector), collector.calls)
 
 
-def read_to_end(
-    reader: CaptureReader,
-    on_frame: Callable[[Observation], object],
-    on_settled: Callable[[PairingResult], object],
-) -> None:
-    """Read to the end: pass each frame to `on_frame`, then the calls that it ended to `on_settled`."""
-    tracker = Tracker()
-    observe = tracker.observe
-    for count, seen in enumerate(reader.observations()):
-        on_frame(seen)
-        for settled in observe(seen):
-            on_settled(settled)
+def read_items(reader: CaptureReader, pipeline: Pipeline, items: list[T]) -> Iterator[T]:
+    """Read to the end of the captures.
+
+    Yields:
+        What the subscribers of the pipeline append to `items`, which is emptied.
+    """
+    add = pipeline.add
+    for observation in reader.observations():
+        add(observation)
+        if items:
+            yield from items
+            items.clear()
+    pipeline.finish(reader.ended_at)
+    yield from items
+    items.clear()
+
+
+def read_to_end(reader: CaptureReader, pipeline: Pipeline) -> None:
+    """Read to the end of the captures."""
+    add = pipeline.add
+    for count, observation in enumerate(reader.observations()):
+        add(observation)
         if not count & (_PROGRESS_EVERY - 1):
             reader.show_progress()
-    for settled in _close_open_calls(reader, tracker):
-        on_settled(settled)
-
-
-def _close_open_calls(reader: CaptureReader, tracker: Tracker) -> Iterator[PairingResult]:
-    yield from tracker.expire(reader.ended_at)
-    yield from tracker.close()
+    pipeline.finish(reader.ended_at)

@@ -87,23 +87,77 @@ class FrameTemplate:
         return tuple(variants)
 
 
+_FixedParts: TypeAlias = Callable[[bytes], "tuple[bytes, ...]"]
+
+
+class FrameForm:
+    """Recognises the frames that differ from a sound frame only in serial, reserved and numbers.
+
+    Such a frame is sound as well, and has the same code. This is the cheapest check: it decodes nothing.
+
+    Attributes:
+        size: Size of the frames in bytes.
+        fixed_parts: Returns the bytes of a frame of this size that do not differ.
+        expected_parts: These bytes.
+    """
+
+    __slots__ = ("expected_parts", "fixed_parts", "size")
+
+    def __init__(self, raw: bytes, spans: Sequence[NumberSpan]) -> None:
+        """Learn from a sound frame.
+
+        Args:
+            raw: The bytes of the frame.
+            spans: Positions of the numbers that may differ.
+        """
+        self.size = len(raw)
+        self.fixed_parts = _fixed_parts(len(raw), spans)
+        self.expected_parts = self.fixed_parts(raw)
+
+    def matches(self, raw: bytes) -> bool:
+        """Return whether a frame differs only in serial, reserved and numbers."""
+        return len(raw) == self.size and self.fixed_parts(raw) == self.expected_parts
+
+
+def _fixed_parts(length: int, spans: Sequence[NumberSpan]) -> _FixedParts:
+    """Return a function that takes the bytes of a frame apart, without serial, reserved and numbers."""
+    parts, pos = ["<5s4x"], 9
+    for start, code, count in spans:
+        width = struct.calcsize(f"<{count}{code}")
+        parts.append(f"{start - pos}s{width}x")
+        pos = start + width
+    parts.append(f"{length - pos}s")
+    return struct.Struct("".join(parts)).unpack
+
+
+def fixed_bytes(length: int, spans: Sequence[NumberSpan]) -> bytes:
+    """Return a mask of a frame's bytes: 0 for serial, reserved and the numbers in `spans`, otherwise 255."""
+    fixed = bytearray(b"\xff" * length)
+    fixed[5:9] = bytes(4)
+    for start, code, count in spans:
+        width = struct.calcsize(f"<{count}{code}")
+        fixed[start : start + width] = bytes(width)
+    return bytes(fixed)
+
+
+def varying_spans(spans: Sequence[NumberSpan], arguments: Sequence[Argument]) -> tuple[NumberSpan, ...]:
+    """Return the positions of the numbers that vary among frames of one form: all but those of a handle."""
+    first = arguments[0].stop if len(arguments) > 1 else 0
+    return tuple(span for span in spans if span.repeat and span.start >= first)
+
+
 class _Shape:
     """Positions of the numbers in frames of one length; all other bytes are the key of a template."""
 
     __slots__ = ("finder", "key", "spans", "templates", "unpack_numbers")
 
     def __init__(self, length: int, spans: tuple[NumberSpan, ...]) -> None:
-        fixed, numbers = ["<5s4x"], [f"<{_header_end(spans, length)}x"]
-        pos = 9
+        numbers = [f"<{_header_end(spans, length)}x"]
         for start, code, count in spans:
-            width = struct.calcsize(f"<{count}{code}")
-            fixed.append(f"{start - pos}s{width}x")
-            numbers.append(f"{count}{code}")
-            pos = start + width
-            numbers.append(f"{_next_start(spans, start, length) - pos}x")
-        fixed.append(f"{length - pos}s")
+            stop = start + struct.calcsize(f"<{count}{code}")
+            numbers.append(f"{count}{code}{_next_start(spans, start, length) - stop}x")
         self.spans = spans
-        self.key: Callable[[bytes], tuple[bytes, ...]] = struct.Struct("".join(fixed)).unpack
+        self.key = _fixed_parts(length, spans)
         self.unpack_numbers: Callable[[bytes], FrameNumbers] = struct.Struct("".join(numbers)).unpack
         self.templates: dict[tuple[bytes, ...], FrameTemplate] = {}
         self.finder = (self.key, self.templates.get, self.unpack_numbers)
@@ -176,8 +230,7 @@ def learn_template(raw: bytes, spans: Sequence[NumberSpan], arguments: tuple[Arg
         arguments: Its decoded arguments.
     """
     if len(raw) <= LARGEST_TEMPLATE_FRAME:
-        first = arguments[0].stop if len(arguments) > 1 else 0
-        _STORE.add(raw, tuple(span for span in spans if span.start >= first), arguments)
+        _STORE.add(raw, varying_spans(spans, arguments), arguments)
 
 
 def number_counts(arguments: Sequence[Argument]) -> tuple[int, ...]:

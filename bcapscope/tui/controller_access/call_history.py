@@ -18,7 +18,7 @@ from bcapscope.traffic.call_kind import COMMAND_FUNCTIONS
 from bcapscope.traffic.filter.compiler import compile_filter
 from bcapscope.traffic.filter.field_table import RecordKind
 from bcapscope.traffic.filter.getters import CALL_GETTERS
-from bcapscope.traffic.tracker import Tracker
+from bcapscope.traffic.pipeline import CallCollector, Pipeline
 from bcapscope.tui.controller_access.history_record import HistoryRecord, Initiator, failure_text
 from bcapscope.tui.words import told
 
@@ -92,10 +92,12 @@ def history_filter(text: str) -> RecordFilter:
 
 def call_of_record(record: HistoryRecord) -> Call | None:
     """Return a record as the `Call` of a capture; None if no intact request was sent."""
-    tracker = Tracker()
-    settled = [each for seen in record.packets for each in tracker.observe(seen)]
-    settled += tracker.close()
-    return next((each for each in settled if isinstance(each, Call)), None)
+    calls = CallCollector()
+    pipeline = Pipeline(calls)
+    for observation in record.packets:
+        pipeline.add(observation)
+    pipeline.finish()
+    return next(iter(calls.calls), None)
 
 
 _NO_COLORS = Palette()

@@ -14,7 +14,7 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO, cast
@@ -33,11 +33,11 @@ from bcapscope.messages import Message
 from bcapscope.messages.os_errors import os_reason
 from bcapscope.render.capture_counts_text import capture_counts_text
 from bcapscope.render.escape import printable
-from bcapscope.traffic.call import Call, PairingResult
+from bcapscope.traffic.call import Call, StrayReply
 from bcapscope.traffic.call_kind import RecentRequests
-from bcapscope.traffic.handle_tracker import HandleTracker
+from bcapscope.traffic.handle_tracker import TrackedObject
 from bcapscope.traffic.observation import Observation
-from bcapscope.traffic.tracker import Tracker
+from bcapscope.traffic.pipeline import Pipeline, PipelineSubscriber
 from bcapscope.tui.traffic_processes.process_messages import (
     ReadJob,
     ReadProgress,
@@ -61,6 +61,21 @@ _BATCH_MASK = 0xFF
 LIVE_FILE = "live.pcapng"
 
 
+class _CallRecorder(PipelineSubscriber):
+    """Writes calls and stray replies to a call store."""
+
+    needs_targets = True
+
+    def __init__(self, calls: CallStoreWriter) -> None:
+        self._calls = calls
+
+    def on_call(self, call: Call, target: TrackedObject | None) -> None:
+        self._calls.add(call, target)
+
+    def on_stray_reply(self, stray: StrayReply) -> None:
+        self._calls.add(stray, None)
+
+
 class TrafficReader:
     """Runs one job."""
 
@@ -82,9 +97,8 @@ class TrafficReader:
         self._journal = ObservationStoreWriter(folder)
         self._calls = CallStoreWriter(folder)
         self._observer = PacketDecoder(frozenset(job.ports) or BCAP_PORTS, job.leg)
-        self._tracker = Tracker()
-        self._handles = HandleTracker()
         self._diagnosis: RunningDiagnosis | None = None
+        self._pipeline: Pipeline
         self._undiagnosed: list[Observation] = []
         self._file: CaptureFile | None = None
         self._live = _LiveCapture(job.interface, folder / LIVE_FILE) if job.interface else None
@@ -103,25 +117,25 @@ class TrafficReader:
                 trouble = printable(str(error))
             except OSError as error:
                 trouble = printable(f"{error.strerror or error}")
-            judge, tracker, end = self._load_diagnosis(), self._tracker, self._observer.end_time
-            for settled in (*tracker.expire(end), *tracker.close()):
-                self._on_settled(settled)
+            diagnosis, end = self._load_diagnosis(), self._observer.end_time
+            self._pipeline.finish(end)
             self._flush()
-            send_message(self._reports, judge.snapshot(end, self._job.own_clients))
+            send_message(self._reports, diagnosis.snapshot(end, self._job.own_clients))
             send_message(self._reports, self._make_progress(True, trouble))
 
     def _read(self) -> None:
-        about, comments = RecentRequests().kind_of, self._observer.comments
-        add, take = self._journal.add, self._buffer_until_loaded
+        kind_of, comments = RecentRequests().kind_of, self._observer.comments
+        add_to_journal = self._journal.add
+        add: Callable[[Observation], None] = self._buffer_until_loaded
         for seen in self._observer.decode(self._open_source()):
-            add(seen, about(seen), comments.get(seen.packet, ()) if comments else ())
-            take(seen)
+            add_to_journal(seen, kind_of(seen), comments.get(seen.packet, ()) if comments else ())
+            add(seen)
             if not seen.number & _BATCH_MASK:
                 if self._diagnosis is None:
                     self._flush()
                     send_message(self._reports, self._make_progress(False))
                     self._load_diagnosis()
-                    take = self._on_observation
+                    add = self._pipeline.add
                 self._report_if_due()
                 if self._cancelled.is_set():
                     return
@@ -131,7 +145,7 @@ class TrafficReader:
         if self._diagnosis is None:
             self._undiagnosed.append(observation)
         else:
-            self._on_observation(observation)
+            self._pipeline.add(observation)
 
     def _load_diagnosis(self) -> RunningDiagnosis:
         if self._diagnosis is None:
@@ -140,22 +154,11 @@ class TrafficReader:
             from bcapscope.tui.words import tongue  # noqa: PLC0415 - likewise
 
             self._diagnosis = RunningDiagnosis(tongue(Language(self._job.language)))
+            self._pipeline = Pipeline(_CallRecorder(self._calls), *self._diagnosis.subscribers)
             for seen in self._undiagnosed:
-                self._on_observation(seen)
+                self._pipeline.add(seen)
             self._undiagnosed.clear()
         return self._diagnosis
-
-    def _on_observation(self, observation: Observation) -> None:
-        judge = self._load_diagnosis()
-        judge.on_observation(observation)
-        for settled in self._tracker.observe(observation):
-            self._on_settled(settled)
-
-    def _on_settled(self, settled: PairingResult) -> None:
-        judge = self._load_diagnosis()
-        subject = self._handles.on_call(settled) if isinstance(settled, Call) else None
-        self._calls.add(settled, subject)
-        judge.on_settled(settled)
 
     def _open_source(self) -> Iterator[Packet]:
         if self._live is not None:
@@ -178,8 +181,7 @@ class TrafficReader:
             self._source_ended.set()
         if self._journal.count:
             self._load_diagnosis()
-        for settled in self._tracker.expire(self._capture_time()):
-            self._on_settled(settled)
+            self._pipeline.expire(self._capture_time())
         self._report_if_due()
 
     def _capture_time(self) -> int:

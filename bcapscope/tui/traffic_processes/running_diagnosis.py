@@ -12,7 +12,7 @@ from bcapscope.render.finding_text import finding_sentence, words_for
 from bcapscope.render.slave_session_text import slave_session_lines
 from bcapscope.render.statistics_text import statistics_lines
 from bcapscope.render.tongue import Tongue, english
-from bcapscope.traffic.call import Call, PairingResult
+from bcapscope.traffic.pipeline import PipelineSubscriber
 from bcapscope.tui.ink import INK
 from bcapscope.tui.traffic_processes.process_messages import ShownFinding, TrafficAnalysis
 
@@ -21,7 +21,7 @@ MAX_LINES = 20_000
 
 
 class RunningDiagnosis:
-    """Collects calls; `snapshot` returns the analysis at any time."""
+    """Diagnosis and figures; `snapshot` returns them at any time."""
 
     def __init__(self, tongue: Tongue = english) -> None:
         """Start without calls.
@@ -33,13 +33,11 @@ class RunningDiagnosis:
         self._diagnosis = Diagnosis(on_slave_session=self._on_slave_session)
         self._statistics = StatisticsBuilder()
         self._slave_session_lines: list[str] = []
-        self.on_observation = self._diagnosis.on_observation
 
-    def on_settled(self, settled: PairingResult) -> None:
-        """Add a settled call, or a reply that belongs to no call."""
-        self._diagnosis.on_pairing_result(settled)
-        if isinstance(settled, Call):
-            self._statistics.add_call(settled)
+    @property
+    def subscribers(self) -> tuple[PipelineSubscriber, ...]:
+        """What subscribes to the pipeline."""
+        return self._diagnosis, self._statistics
 
     def snapshot(self, ended: int, present: bool = False) -> TrafficAnalysis:
         """Return the analysis so far; more calls can follow.

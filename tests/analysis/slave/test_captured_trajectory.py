@@ -11,7 +11,6 @@ from bcapscope.analysis.slave.captured_trajectory import (
     CapturedTrajectory,
     LeftOutReason,
     TrajectoryExtractor,
-    TrajectoryPiece,
     TrajectoryStep,
 )
 from bcapscope.protocol.codec.variant import VT, Variant
@@ -19,7 +18,7 @@ from bcapscope.protocol.slave_mode.modes import PoseType
 from bcapscope.protocol.tables.hresult import E_NOT_IN_SLAVE_MODE, E_SLAVE_UNDERFLOW
 from bcapscope.traffic.call import Call
 from bcapscope.traffic.observation import Conversation
-from tests.traffic.playbook import EXECUTE, MS, START, Script, calls_of, i4, r8s, text
+from tests.traffic.playbook import EXECUTE, MS, START, Script, i4, r8s, run_pipeline, text
 
 ZERO = r8s(0.0, 0.0, 90.0, 0.0, 90.0, 0.0, 0.0, 0.0)
 
@@ -47,12 +46,10 @@ def tell(
 ) -> tuple[list[tuple[CapturedTrajectory, list[TrajectoryStep]]], TrajectoryExtractor]:
     """Run all calls of a script through, and put the pieces of each trajectory together."""
     trajectories = TrajectoryExtractor(wanted, whose)
-    pieces: list[TrajectoryPiece] = []
-    for call in calls_of(script.track()):
-        pieces.extend(trajectories.add_call(call))
-    pieces.extend(trajectories.finish())
+    run_pipeline(script.seen, trajectories)
+    trajectories.finish()
     whole: dict[int, tuple[CapturedTrajectory, list[TrajectoryStep]]] = {}
-    for trajectory, steps in pieces:
+    for trajectory, steps in trajectories.ready:
         whole.setdefault(trajectory.session_number, (trajectory, []))[1].extend(steps)
     return list(whole.values()), trajectories
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import pytest
 from hypothesis import given, settings
@@ -13,8 +13,10 @@ from bcapscope.analysis.slave.session_detector import MAX_SESSIONS, SlaveSession
 from bcapscope.analysis.slave.slave_session import ExitReason, SlaveSession
 from bcapscope.protocol.codec.variant import VT, Variant
 from bcapscope.protocol.slave_mode.modes import Generation, ModeKind, PoseType
-from bcapscope.traffic.call import Call
+from bcapscope.traffic.call import Call, CallState
+from bcapscope.traffic.handle_tracker import TrackedObject
 from bcapscope.traffic.observation import Transport
+from bcapscope.traffic.pipeline import PipelineSubscriber
 from tests.analysis.driving import (
     BUFFER_FULL,
     ENTER,
@@ -41,6 +43,7 @@ from tests.traffic.playbook import (
     SERVICE_START,
     SERVICE_STOP,
     START,
+    run_pipeline,
     text,
 )
 
@@ -356,7 +359,7 @@ def test_a_set_point_that_is_let_go_is_not_unanswered() -> None:
     driver.move(168, takes=None)
     driver.move(176, takes=None)
     *calls, let_go, _ = (call for call in plan.track() if isinstance(call, Call))
-    let_go.evicted = True
+    let_go.state = CallState.EVICTED
     watcher = SlaveSessionDetector()
     for call in (*calls, let_go):
         assert not watcher.add_call(call)
@@ -590,3 +593,33 @@ def test_asking_about_a_long_session_changes_none_of_its_figures() -> None:
     calls = [call for call in plan.track() if isinstance(call, Call)]
     cuts = {2, 3, 1000, BATCH_SIZE, BATCH_SIZE + 2, 2 * BATCH_SIZE + 1000, 2 * BATCH_SIZE + 1001}
     assert asked_at(calls, cuts) == asked_at(calls, set())
+
+
+@given(steps)
+def test_runs_of_set_points_give_the_same_sessions_as_single_ones(played: list[Step]) -> None:
+    class Singles(PipelineSubscriber):
+        def __init__(self) -> None:
+            self.detector = SlaveSessionDetector()
+            self.sessions: list[SlaveSession] = []
+
+        def on_call(self, call: Call, target: TrackedObject | None) -> None:
+            self.sessions += self.detector.add_call(call)
+
+    class Runs(Singles):
+        def on_set_points(self, calls: Sequence[Call]) -> None:
+            self.sessions += self.detector.add_set_points(calls)
+
+    plan = Plan()
+    drivers = [plan.driver(50001), plan.driver(50002, handle=2)]
+    now = 0.0
+    for step in played:
+        for _ in range(4):
+            now += step.after
+            drivers[step.who % 2].execute(
+                now, step.command, step.parameter, code=step.code, result=step.result, takes=step.takes
+            )
+    plan.track()
+    each_call, in_runs = Singles(), Runs()
+    run_pipeline(plan.script.seen, each_call, in_runs)
+    found = [[*each.sessions, *each.detector.remaining_sessions()] for each in (each_call, in_runs)]
+    assert sorted(map(repr, found[0])) == sorted(map(repr, found[1]))

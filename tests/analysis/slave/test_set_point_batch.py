@@ -38,15 +38,11 @@ def moves(count: int) -> list[Call]:
 def test_kept_and_added_give_the_same_rows() -> None:
     calls = moves(20)
     fast, slow = SetPointBatch(), SetPointBatch()
-    fast.handle = calls[0].request.item.raw[25:29]
-    kept = 0
     for call in calls:
-        slow.add(call)
-        if not call.other_frames and call.reply is not None and fast.add_plain(call, call.reply):
-            kept += 1
-        else:
-            fast.add(call)
-    assert kept == 15, "the first tells the size, and every fifth was sent again"
+        slow._add_irregular(call)
+        fast.add(call)
+    regular = len(calls) - len(fast.irregular)
+    assert regular == 15, "the first tells the size, and every fifth was sent again"
     assert [fast[n] for n in range(20)] == [slow[n] for n in range(20)]
     ours, theirs = table_of(fast, fast[0].time), table_of(slow, slow[0].time)
     for name in ("calls", "times", "arrivals", "replies", "answered", "codes", "frames", "retries"):
@@ -75,8 +71,8 @@ def test_times_that_no_clock_shows() -> None:
     batch = SetPointBatch()
     batch.add(call)
     assert (batch[0].time, batch[0].reply_time) == (LATEST_TIME, LATEST_TIME)
-    batch.handle = call.request.item.raw[25:29]
-    assert call.reply is not None
-    assert not batch.add_plain(call, call.reply)
-    assert len(batch) == 1
+    assert [place for place, _ in batch.irregular] == [0]
+    batch.add(call)
+    assert [place for place, _ in batch.irregular] == [0, 1]
+    assert len(batch) == 2
     assert table_of(batch, -LATEST_TIME).times[0] == 2 * LATEST_TIME

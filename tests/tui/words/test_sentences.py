@@ -32,8 +32,7 @@ from bcapscope.render.frame_outline import field_rows, frame_sections
 from bcapscope.render.preflight_text import PreflightRenderer, source_lines
 from bcapscope.render.slave_session_text import slave_session_lines
 from bcapscope.render.statistics_text import statistics_lines
-from bcapscope.traffic.call import Call
-from bcapscope.traffic.tracker import Tracker
+from bcapscope.traffic.pipeline import Pipeline
 from bcapscope.tui.controller_access.saved_requests import SavedRequestError, load_request
 from bcapscope.tui.words import told
 from tests.analysis.plays import SCENES
@@ -93,17 +92,15 @@ def _is_whole(text: str) -> bool:
 def _figures(capture: bytes) -> Iterator[str]:
     """Yield the lines about stays and statistics."""
     stays: list[SlaveSession] = []
-    diagnosis, tracker, summary = Diagnosis(on_slave_session=stays.append), Tracker(), StatisticsBuilder()
-    for seen in PacketDecoder(frozenset({5007})).decode(CaptureFile(io.BytesIO(capture))):
-        for settled in tracker.observe(seen):
-            diagnosis.on_pairing_result(settled)
-            if isinstance(settled, Call):
-                summary.add_call(settled)
-    for settled in tracker.close():
-        diagnosis.on_pairing_result(settled)
+    diagnosis, summary = Diagnosis(on_slave_session=stays.append), StatisticsBuilder()
+    observations = PacketDecoder(frozenset({5007})).decode(CaptureFile(io.BytesIO(capture)))
+    pipeline = Pipeline(diagnosis, summary)
+    for observation in observations:
+        pipeline.add(observation)
+    statistics = summary.statistics()
+    pipeline.finish()
     stays += diagnosis.remaining_sessions()
     yield from (line for stay in stays for line in slave_session_lines(stay, tongue=told))
-    statistics = summary.statistics()
     if statistics is not None:
         yield from statistics_lines(statistics, tongue=told)
 

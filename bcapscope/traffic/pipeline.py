@@ -1,0 +1,218 @@
+"""The pipeline: observations in, events out.
+
+It is the only place where observations become calls, handles and slave mode. Commands, screen, proxy, rules
+and statistics subscribe to its events.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import ClassVar
+
+from bcapscope.traffic.alike_set_points import AlikeSetPoints
+from bcapscope.traffic.call import Call, PairingResult, StrayReply
+from bcapscope.traffic.call_kind import MAX_CONVERSATIONS
+from bcapscope.traffic.handle_tracker import HandleTracker, TrackedObject
+from bcapscope.traffic.observation import Conversation, Observation
+from bcapscope.traffic.slave_mode_tracker import SlaveModeChange, SlaveModeTracker
+from bcapscope.traffic.tracker import Tracker
+
+
+class PipelineSubscriber:
+    """Receives events of a pipeline. A subclass overrides the methods for the events that it needs.
+
+    Events come in the order of the traffic: first each frame, then the calls that it completed. The pipeline
+    computes only what a subscriber needs.
+
+    Attributes:
+        needs_targets: Whether `on_call` gets the objects of the handles; otherwise it may get None.
+    """
+
+    needs_targets: ClassVar[bool] = False
+
+    def on_frame(self, observation: Observation) -> None:
+        """Receive the next frame, or the next bytes that are no frame."""
+
+    def on_call(self, call: Call, target: TrackedObject | None) -> None:
+        """Receive a completed call, and the object of its handle; None if the object is unknown."""
+
+    def on_set_points(self, calls: Sequence[Call]) -> None:
+        """Receive successive set points of one client that are alike, as `AlikeSetPoints` defines it.
+
+        A subscriber that does not override this method receives each of them through `on_call`.
+        """
+
+    def on_stray_reply(self, stray: StrayReply) -> None:
+        """Receive a reply that belongs to no call."""
+
+    def on_slave_mode(self, change: SlaveModeChange) -> None:
+        """Receive a change of a client's slave mode, after `on_call` with the call that made it."""
+
+    def on_conversation_closed(self, conversation: Conversation) -> None:
+        """Release what is kept for a conversation that has ended. All its calls came before."""
+
+
+class CallCollector(PipelineSubscriber):
+    """Collects completed calls.
+
+    Attributes:
+        calls: The calls; a reader may remove them.
+    """
+
+    def __init__(self, is_selected: Callable[[Call], bool] | None = None) -> None:
+        """Collect the calls for which `is_selected` returns True, by default all."""
+        self.calls: list[Call] = []
+        self._is_selected = is_selected
+
+    def on_call(self, call: Call, target: TrackedObject | None) -> None:
+        """Keep a call if it is selected."""
+        if self._is_selected is None or self._is_selected(call):
+            self.calls.append(call)
+
+
+class Pipeline:
+    """Turns observations into events for its subscribers, in bounded memory.
+
+    Observations come in capture order. The only clock is their time; see `Tracker`.
+
+    Attributes:
+        add: Adds the next observation.
+    """
+
+    def __init__(
+        self,
+        *subscribers: PipelineSubscriber,
+        handles: HandleTracker | None = None,
+        slave_mode: SlaveModeTracker | None = None,
+    ) -> None:
+        """Create a pipeline.
+
+        Args:
+            subscribers: Receive the events, in this order.
+            handles: Handle tracker to update, for a caller that reads it. Without one, the pipeline follows
+                handles only if a subscriber needs targets.
+            slave_mode: Slave-mode tracker to update. Without one, the pipeline follows slave mode only if a
+                subscriber needs its changes.
+        """
+        self._tracker = Tracker()
+        self._observe = self._tracker.observe
+        self._runs: dict[Conversation, AlikeSetPoints] = {}
+        self._frame_handlers = [each.on_frame for each in _overriding(subscribers, "on_frame")]
+        self.add: Callable[[Observation], None] = self._add_and_show if self._frame_handlers else self._add
+        self._call_handlers = [each.on_call for each in _overriding(subscribers, "on_call")]
+        run_subscribers = _overriding(subscribers, "on_set_points")
+        self._run_handlers = [each.on_set_points for each in run_subscribers]
+        self._single_handlers = [
+            each.on_call for each in _overriding(subscribers, "on_call") if each not in run_subscribers
+        ]
+        self._stray_handlers = [each.on_stray_reply for each in _overriding(subscribers, "on_stray_reply")]
+        self._mode_handlers = [each.on_slave_mode for each in _overriding(subscribers, "on_slave_mode")]
+        self._closed_handlers = [
+            each.on_conversation_closed for each in _overriding(subscribers, "on_conversation_closed")
+        ]
+        needs_targets = any(each.needs_targets for each in subscribers)
+        self._handles = handles or (HandleTracker(max_ended=0) if needs_targets else None)
+        self._slave_mode = slave_mode or (SlaveModeTracker() if self._mode_handlers else None)
+
+    @property
+    def has_open_calls(self) -> bool:
+        """Whether `expire` may complete calls."""
+        return bool(self._tracker.open_calls)
+
+    def expire(self, now: int) -> None:
+        """Complete the calls to which, at time `now` in ns, no further frame can belong."""
+        self._emit(self._tracker.expire(now))
+
+    def close_conversation(self, conversation: Conversation) -> None:
+        """Complete the open calls of a conversation that has ended, and forget it."""
+        self._emit(self._tracker.close_conversation(conversation))
+        for on_closed in self._closed_handlers:
+            on_closed(conversation)
+        self._runs.pop(conversation, None)
+        if self._handles is not None:
+            self._handles.close_conversation(conversation)
+        if self._slave_mode is not None:
+            self._slave_mode.close_conversation(conversation)
+
+    def finish(self, ended_at: int = 0) -> None:
+        """Complete all calls, because the traffic has ended.
+
+        Args:
+            ended_at: Time when the traffic ended, ns since 1970; 0 if it ended with the last observation.
+        """
+        if ended_at:
+            self.expire(ended_at)
+        self._emit(self._tracker.close())
+
+    def _add(self, observation: Observation) -> None:
+        settled = self._observe(observation)
+        if settled:
+            self._emit(settled)
+
+    def _add_and_show(self, observation: Observation) -> None:
+        for on_frame in self._frame_handlers:
+            on_frame(observation)
+        settled = self._observe(observation)
+        if settled:
+            self._emit(settled)
+
+    def _emit(self, settled: Sequence[PairingResult]) -> None:
+        if not self._run_handlers:
+            for item in settled:
+                self._emit_single(item)
+            return
+        alike: list[Call] = []
+        run = conversation = None
+        for item in settled:
+            if isinstance(item, Call):
+                if run is None or item.conversation is not conversation:
+                    self._emit_run(alike)
+                    alike, conversation = [], item.conversation
+                    run = self._run_of(conversation)
+                if run.continues(item):
+                    alike.append(item)
+                    continue
+                run.on_other_call(item)
+            self._emit_run(alike)
+            alike = []
+            self._emit_single(item)
+        self._emit_run(alike)
+
+    def _emit_run(self, calls: Sequence[Call]) -> None:
+        if not calls:
+            return
+        for on_set_points in self._run_handlers:
+            on_set_points(calls)
+        if self._single_handlers:
+            # All have the same handle, and no call between them opens or releases an object.
+            target = None if self._handles is None else self._handles.on_call(calls[0])
+            for on_call in self._single_handlers:
+                for call in calls:
+                    on_call(call, target)
+
+    def _emit_single(self, item: PairingResult) -> None:
+        if isinstance(item, StrayReply):
+            for on_stray_reply in self._stray_handlers:
+                on_stray_reply(item)
+            return
+        target = None if self._handles is None else self._handles.on_call(item)
+        for on_call in self._call_handlers:
+            on_call(item, target)
+        change = None if self._slave_mode is None else self._slave_mode.on_call(item)
+        if change is not None:
+            for on_slave_mode in self._mode_handlers:
+                on_slave_mode(change)
+
+    def _run_of(self, conversation: Conversation) -> AlikeSetPoints:
+        run = self._runs.get(conversation)
+        if run is None:
+            while len(self._runs) >= MAX_CONVERSATIONS:
+                del self._runs[next(iter(self._runs))]
+            run = self._runs[conversation] = AlikeSetPoints()
+        return run
+
+
+def _overriding(subscribers: Sequence[PipelineSubscriber], method: str) -> list[PipelineSubscriber]:
+    """Return the subscribers that override `method`."""
+    default = getattr(PipelineSubscriber, method)
+    return [each for each in subscribers if getattr(type(each), method) is not default]

@@ -1,0 +1,190 @@
+"""Slave mode of each client: which calls switch it on and off, and whether it is on."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from enum import Enum
+from typing import NamedTuple
+
+from bcapscope.protocol.codec.frame import Frame
+from bcapscope.protocol.codec.variant import Variant, integer_value
+from bcapscope.protocol.tables.function_table import ID
+from bcapscope.protocol.tables.hresult import (
+    E_NOT_IN_SLAVE_MODE,
+    E_SLAVE_OVERFLOW,
+    ends_slave_mode,
+    is_failure,
+)
+from bcapscope.traffic.call import Call
+from bcapscope.traffic.call_kind import MAX_CONVERSATIONS, CallKind
+from bcapscope.traffic.handle_tracker import handle_of
+from bcapscope.traffic.observation import Conversation
+
+SLAVE_MODE_OFF_CODES = frozenset((E_NOT_IN_SLAVE_MODE, 0x83501033, 0x8120184E))
+"""Result codes of a set point, or of another command that needs slave mode, while slave mode is off."""
+
+_ROBOT_EXECUTE, _ROBOT_RELEASE = ID["Robot_Execute"], ID["Robot_Release"]
+_SESSION_BOUNDARIES = frozenset(
+    ID[name] for name in ("Service_Start", "Service_Stop", "Controller_Disconnect")
+)
+_PARAMETER = 2
+
+
+class SlaveModeEffect(Enum):
+    """What a call shows about slave mode, or does to it."""
+
+    SET_POINT = "set point"
+    """A set point that was accepted, or to which no reply was captured."""
+    SET_POINT_FAILED = "set point failed"
+    """A set point that the controller refused with an error."""
+    FOUND_OFF = "found off"
+    """A set point that the controller refused because slave mode is off."""
+    MODE_CHANGED = "mode changed"
+    """slvChangeMode, not refused."""
+    SESSION_BOUNDARY = "session boundary"
+    """The client began or ended its session; the call was not refused."""
+    ROBOT_RELEASED = "robot released"
+    """The client released a robot; the call was not refused."""
+    ERROR = "error"
+    """Another call that failed with an error that switches slave mode off."""
+
+
+def slave_mode_effect(call: Call) -> SlaveModeEffect | None:
+    """Return what a call means for slave mode; None for nearly all other calls."""
+    function_id, command = call.kind
+    code = call.hresult
+    refused = code is not None and is_failure(code)
+    if function_id == _ROBOT_EXECUTE and command is not None:
+        name = command.casefold()
+        if name == "slvmove":
+            if code in SLAVE_MODE_OFF_CODES:
+                return SlaveModeEffect.FOUND_OFF
+            failed = refused and code != E_SLAVE_OVERFLOW
+            return SlaveModeEffect.SET_POINT_FAILED if failed else SlaveModeEffect.SET_POINT
+        if name == "slvchangemode" and not refused:
+            return SlaveModeEffect.MODE_CHANGED
+    elif not refused and function_id in _SESSION_BOUNDARIES:
+        return SlaveModeEffect.SESSION_BOUNDARY
+    elif not refused and function_id == _ROBOT_RELEASE:
+        return SlaveModeEffect.ROBOT_RELEASED
+    return SlaveModeEffect.ERROR if code is not None and ends_slave_mode(code) else None
+
+
+def is_set_point(call_kind: CallKind) -> bool:
+    """Return whether calls of this kind are set points (slvMove)."""
+    function_id, command = call_kind
+    return function_id == _ROBOT_EXECUTE and command is not None and command.casefold() == "slvmove"
+
+
+def execute_parameter(request: Frame) -> Variant | None:
+    """Return vntParam of an ..._Execute request; None if it is missing."""
+    arguments = request.arguments
+    return arguments[_PARAMETER].variant if len(arguments) > _PARAMETER else None
+
+
+def requested_mode(call: Call) -> int | None:
+    """Return the mode that slvChangeMode requests; None for other calls and for an unreadable mode."""
+    command = call.kind.command
+    if command is None or command.casefold() != "slvchangemode":
+        return None
+    parameter = execute_parameter(call.request.item)
+    return None if parameter is None else integer_value(parameter)
+
+
+@dataclass(frozen=True, slots=True)
+class SlaveModeChange:
+    """A call that changed, or set again, the slave mode of its client.
+
+    Attributes:
+        call: The call.
+        effect: How the call changed it.
+        mode: Value of the slave mode from now on, 0 for off; None if unreadable.
+    """
+
+    call: Call
+    effect: SlaveModeEffect
+    mode: int | None
+
+
+class OpenSlaveMode(NamedTuple):
+    """Slave mode of one client, as far as its calls show it.
+
+    Attributes:
+        mode: Value of the slave mode, 0 for off; None if unknown.
+        robots: Handles of the robots for which the client entered slave mode and did not leave it.
+        set_points_refused: Whether the controller refused the latest set point.
+    """
+
+    mode: int | None = None
+    robots: tuple[int, ...] = ()
+    set_points_refused: bool = False
+
+
+class SlaveModeTracker:
+    """Follows the slave mode of all clients in their completed calls."""
+
+    def __init__(self) -> None:
+        self._clients: dict[Conversation, OpenSlaveMode] = {}
+
+    def on_call(self, call: Call) -> SlaveModeChange | None:
+        """Record the next call; return the change that it makes, or None."""
+        effect = slave_mode_effect(call)
+        if effect is None:
+            return None
+        known = self.find(call.conversation)
+        if effect is SlaveModeEffect.SET_POINT:
+            refused = call.hresult is not None and is_failure(call.hresult)
+            if refused is not known.set_points_refused:
+                self._keep(call.conversation, known._replace(set_points_refused=refused))
+            return None
+        if call.reply is None:
+            return None
+        updated = _updated(known, effect, call)
+        if updated is None:
+            return None
+        self._keep(call.conversation, updated)
+        if effect is not SlaveModeEffect.MODE_CHANGED and updated.mode == known.mode:
+            return None
+        return SlaveModeChange(call, effect, updated.mode)
+
+    def find(self, conversation: Conversation) -> OpenSlaveMode:
+        """Return the slave mode of a client."""
+        return self._clients.get(conversation, _NOTHING_KNOWN)
+
+    def clients_in_slave_mode(self) -> Iterator[Conversation]:
+        """Yield the clients that entered slave mode and whose set points are accepted."""
+        for conversation, known in self._clients.items():
+            if known.robots and not known.set_points_refused:
+                yield conversation
+
+    def close_conversation(self, conversation: Conversation) -> OpenSlaveMode:
+        """Forget a client that has disconnected; return the slave mode that it left behind."""
+        return self._clients.pop(conversation, _NOTHING_KNOWN)
+
+    def _keep(self, conversation: Conversation, known: OpenSlaveMode) -> None:
+        self._clients.pop(conversation, None)
+        while len(self._clients) >= MAX_CONVERSATIONS:
+            del self._clients[next(iter(self._clients))]
+        self._clients[conversation] = known
+
+
+_NOTHING_KNOWN = OpenSlaveMode()
+
+
+def _updated(known: OpenSlaveMode, effect: SlaveModeEffect, call: Call) -> OpenSlaveMode | None:
+    """Return the slave mode after an answered call; None if the call does not concern the mode."""
+    handle = handle_of(call.request.item)
+    others = tuple(robot for robot in known.robots if robot != handle)
+    if effect is SlaveModeEffect.MODE_CHANGED:
+        parameter = execute_parameter(call.request.item)
+        leaves = parameter is not None and parameter.value == (0,)  # an array of one number
+        mode = 0 if leaves else requested_mode(call)
+        return OpenSlaveMode(mode, others if mode == 0 or handle is None else (*others, handle))
+    if effect is SlaveModeEffect.SESSION_BOUNDARY:
+        return OpenSlaveMode(0)
+    if effect is SlaveModeEffect.ROBOT_RELEASED:
+        return known._replace(robots=others) if others != known.robots else None
+    failed_set_point = effect is not SlaveModeEffect.ERROR
+    mode = 0 if ends_slave_mode(call.hresult or 0) else known.mode
+    return known._replace(mode=mode, set_points_refused=failed_set_point or known.set_points_refused)
