@@ -11,7 +11,7 @@ import struct
 from io import RawIOBase
 from typing import BinaryIO
 
-from bcapscope.capture.packet import Interface
+from bcapscope.capture.packet import Interface, Packet
 from bcapscope.capture.pcapng_writer import PacketPairEncoder, PcapngWriter, pair_encoder
 
 Address = tuple[str, int]
@@ -62,6 +62,10 @@ class SocketRecording:
     def continue_in(self, file: BinaryIO | RawIOBase) -> None:
         """Write all further packets to another file, which can be read without the first."""
         self._writer = PcapngWriter(file)
+
+    def write_packet(self, packet: Packet) -> None:
+        """Write a packet that was captured, with its own headers."""
+        self._writer.write(packet)
 
     def write_datagram(
         self,

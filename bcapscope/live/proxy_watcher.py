@@ -17,9 +17,11 @@ from multiprocessing.shared_memory import SharedMemory
 
 from bcapscope.analysis.diagnosis import Diagnosis
 from bcapscope.analysis.rules.session_rules import QUIT_IN_SLAVE_MODE
+from bcapscope.errors import FileWriteError
 from bcapscope.live.proxy_options import CLOSE_SESSIONS, READY, ProxyOptions
 from bcapscope.live.proxy_recorder import ProxyRecorder
 from bcapscope.live.proxy_view import ProxyView
+from bcapscope.live.recorder import Recorder
 from bcapscope.live.relay_figures import DelayStatistics, loss_lines, rates_text, totals_text
 from bcapscope.live.standard_streams import choose_palette
 from bcapscope.live.terminal_writer import TerminalWriter
@@ -88,9 +90,9 @@ def watch_relay(memory: str, relay: Connection, options: ProxyOptions) -> bool:
     recorder = None
     try:
         if options.record is not None:
-            recorder = ProxyRecorder(options.record, options.ring, screen.write_message)
-    except OSError as error:
-        relay.send_bytes((error.strerror or str(error)).lower().encode())
+            recorder = ProxyRecorder(Recorder(options.record, screen.write_message, options.ring))
+    except FileWriteError as error:
+        relay.send_bytes(error.reason.encode())
         return False
     shared = SharedMemory(memory)
     assert shared.buf is not None
@@ -102,14 +104,13 @@ def watch_relay(memory: str, relay: Connection, options: ProxyOptions) -> bool:
             reader, options, screen, None if recorder is None else RecorderTask(ahead, recorder)
         ).run(relay)
     finally:
-        if recorder is not None:
-            recorder.close()
+        is_complete = recorder is None or recorder.close()
         screen.close()
         has_lost = reader.counts[RelayCounter.UNWATCHED] > 0
         for end in (reader, ahead):
             end.release()
         shared.close()
-    return recorder is None or not (recorder.failed or has_lost)
+    return recorder is None or (is_complete and not has_lost)
 
 
 def _give_relay_priority() -> None:

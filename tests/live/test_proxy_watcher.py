@@ -20,6 +20,7 @@ from bcapscope.live import proxy_watcher
 from bcapscope.live.proxy_options import ProxyOptions, TrafficFormat, ViewOptions
 from bcapscope.live.proxy_recorder import ProxyRecorder
 from bcapscope.live.proxy_watcher import ProxyWatcher, RecorderTask
+from bcapscope.live.recorder import Recorder
 from bcapscope.live.terminal_writer import TerminalWriter
 from bcapscope.live.watcher_priority import WatcherUrgency
 from bcapscope.protocol.codec.arguments import Argument
@@ -76,7 +77,7 @@ class Chain:
         wishes = ProxyOptions(record, None, ViewOptions(shown, form), "never")
         scribe = self._recorder = None
         if record is not None:
-            self._recorder = ProxyRecorder(record, None, self.screen.write_message)
+            self._recorder = ProxyRecorder(Recorder(record, self.screen.write_message))
             scribe = RecorderTask(RingReader(memory, ahead=True), self._recorder)
         self._reader = RingReader(memory)
         self._watcher = ProxyWatcher(self._reader, wishes, self.screen, scribe)

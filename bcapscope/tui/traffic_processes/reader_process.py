@@ -26,8 +26,8 @@ from bcapscope.capture.live_capture import open_live_capture
 from bcapscope.capture.observation_store import ObservationStoreWriter
 from bcapscope.capture.packet import Packet
 from bcapscope.capture.packet_decoder import PacketDecoder
-from bcapscope.capture.pcapng_writer import PcapngWriter
 from bcapscope.capture.role_detection import BCAP_PORTS
+from bcapscope.capture.rotating_recording import RotatingRecording
 from bcapscope.errors import CaptureError
 from bcapscope.render.capture_counts_text import capture_counts_text
 from bcapscope.render.escape import printable
@@ -232,8 +232,7 @@ class _LiveCapture:
         self.problem: CaptureError | None = None
         self.lost = 0
         self._interface = interface
-        # Unbuffered: a kill loses no packet that was written.
-        self._writer = PcapngWriter(path.open("xb", buffering=0))
+        self._recording = RotatingRecording(path)
 
     def start(self, ended: threading.Event) -> None:
         """Start the thread."""
@@ -243,7 +242,8 @@ class _LiveCapture:
         try:
             with open_live_capture(self._interface) as capture:
                 for packet in capture:
-                    self._writer.write(packet)
+                    self._recording.recording.write_packet(packet)
+                    self._recording.flush()
                     self.lost = capture.lost
                     if ended.is_set():
                         return
