@@ -6,10 +6,12 @@ The module imports little, because the relay loads it.
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
 from multiprocessing.connection import Connection
 from pathlib import Path
+from typing import TYPE_CHECKING, Protocol
 
 import msgspec
 
@@ -17,6 +19,11 @@ from bcapscope.capture.rotating_recording import RotationLimits
 from bcapscope.render.timestamp import TimeFormat
 from bcapscope.traffic.filter.compiler import Filter, compile_filter
 from bcapscope.traffic.filter.field_table import RecordKind
+
+if TYPE_CHECKING:
+    from bcapscope.analysis.diagnosis import Diagnosis
+    from bcapscope.traffic.observation import Observation
+    from bcapscope.traffic.pipeline import PipelineSubscriber
 
 BEGIN, CLOSE_SESSIONS, READY = b"begin", b"close sessions", b"ready"
 """Messages between relay and watcher.
@@ -78,6 +85,27 @@ class ViewOptions:
         return compile_filter(self.expression, self.shown or RecordKind.FRAME)
 
 
+class WatcherSubscriber(Protocol):
+    """Receives what the watcher decodes. All methods return at once.
+
+    Attributes:
+        diagnosis: The diagnosis that the watcher uses.
+        subscribers: What subscribes to the watcher's pipeline, `diagnosis` included.
+    """
+
+    diagnosis: Diagnosis
+    subscribers: tuple[PipelineSubscriber, ...]
+
+    def on_frame(self, observation: Observation, note: str) -> None:
+        """Receive a frame, with a note of what a rule did to it ("" for nothing)."""
+
+    def report_if_due(self, client_count: int) -> None:
+        """Do what is due even without traffic; `client_count` is the number of clients so far."""
+
+    def close(self, end_time: int) -> None:
+        """Receive the end of the traffic, ns since 1970."""
+
+
 @dataclass(frozen=True, slots=True)
 class ProxyOptions:
     """What the watcher does with the traffic.
@@ -87,12 +115,14 @@ class ProxyOptions:
         ring: Limits of a ring of files; None for a single file.
         view: What is displayed.
         color: Value of the option: `always`, `never` or `auto`.
+        open_subscriber: Opens a subscriber in the watcher's process; None for none. It can raise an OSError.
     """
 
     record: Path | None
     ring: RotationLimits | None
     view: ViewOptions
     color: str
+    open_subscriber: Callable[[], WatcherSubscriber] | None = None
 
 
 def run_watcher(memory: str, relay: Connection, options: ProxyOptions) -> None:

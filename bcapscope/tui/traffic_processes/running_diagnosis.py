@@ -35,6 +35,12 @@ class RunningDiagnosis:
         self._slave_session_lines: list[str] = []
 
     @property
+    @property
+    def diagnosis(self) -> Diagnosis:
+        """The diagnosis, one of `subscribers`."""
+        return self._diagnosis
+
+    @property
     def subscribers(self) -> tuple[PipelineSubscriber, ...]:
         """What subscribes to the pipeline."""
         return self._diagnosis, self._statistics
