@@ -14,7 +14,7 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO, cast
@@ -123,7 +123,8 @@ class TrafficReader:
 
     def _read(self) -> None:
         kind_of, comments = RecentRequests().kind_of, self._observer.comments
-        add_to_journal, add = self._journal.add, self._buffer_until_loaded
+        add_to_journal = self._journal.add
+        add: Callable[[Observation], None] = self._buffer_until_loaded
         for seen in self._observer.decode(self._open_source()):
             add_to_journal(seen, kind_of(seen), comments.get(seen.packet, ()) if comments else ())
             add(seen)
