@@ -35,7 +35,6 @@ class RunningDiagnosis:
         self._slave_session_lines: list[str] = []
 
     @property
-    @property
     def diagnosis(self) -> Diagnosis:
         """The diagnosis, one of `subscribers`."""
         return self._diagnosis
