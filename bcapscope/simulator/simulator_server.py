@@ -11,12 +11,13 @@ import socket
 import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from typing import Any, Protocol, TypeAlias
+from typing import Any, TypeAlias
 
 from bcapscope.protocol.first_frame import first_frame_stops
 from bcapscope.simulator.datagram_queue import DatagramQueue
 from bcapscope.simulator.listening_sockets import open_sockets
-from bcapscope.simulator.simulator import STOP_CLIENTS, Peer, ResetMarker, SimulatorOutput
+from bcapscope.simulator.server_interfaces import Address, ControllerModel, TrafficTap
+from bcapscope.simulator.simulator import STOP_CLIENTS, ResetMarker, SimulatorOutput
 from bcapscope.simulator.simulator_clock import SimulatorClock
 from bcapscope.simulator.socket_selector import ReadyDescriptors, SocketSelector
 from bcapscope.transport.descriptors import SpareDescriptors, accept_connection
@@ -51,40 +52,7 @@ _TIDY_INTERVAL_NS = 1_000_000_000  # ns
 
 _SAME_MOMENT_NS = 2_000_000  # ns; bytes that arrive within it hold no set points for different cycles
 
-Address: TypeAlias = tuple[str, int]
 _Address: TypeAlias = "tuple[Any, ...]"  # two values, four with IPv6
-
-
-class TrafficTap(Protocol):
-    """Receives all traffic; addresses are host and port, times ns since 1970."""
-
-    def on_datagram(self, source: Address, target: Address, data: bytes, time: int) -> None:
-        """Note a UDP datagram."""
-
-    def on_segment(self, source: Address, target: Address, data: bytes, time: int) -> None:
-        """Note bytes of a TCP connection."""
-
-    def on_stream_end(self, source: Address, target: Address, time: int, *, reset: bool = False) -> None:
-        """Note that one end of a TCP connection sends nothing more, or reset it."""
-
-    def on_connection_end(self, client: Address, server: Address) -> None:
-        """Note that a TCP connection is over."""
-
-
-class ControllerModel(Protocol):
-    """A model that decides what to answer, such as a `Simulator`, whose methods these are."""
-
-    @property
-    def runs_in_real_time(self) -> bool: ...
-    @property
-    def has_running_calls(self) -> bool: ...
-    def on_datagram(self, peer: Peer, data: bytes, now: int) -> list[SimulatorOutput]: ...
-    def on_connect(self, peer: Peer, now: int, is_stop: bool = False) -> bool: ...
-    def on_segment(self, peer: Peer, data: bytes, now: int) -> list[SimulatorOutput]: ...
-    def on_disconnect(self, peer: Peer, now: int) -> None: ...
-    def reset(self, now: int) -> list[SimulatorOutput]: ...
-    def advance(self, now: int) -> list[SimulatorOutput]: ...
-    def due(self, now: int) -> int | None: ...
 
 
 class _Connection:

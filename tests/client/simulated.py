@@ -6,8 +6,8 @@ import asyncio
 from collections.abc import Iterable
 
 from bcapscope.capture.socket_recording import Address, SocketRecording
+from bcapscope.simulator.server_interfaces import ControllerModel
 from bcapscope.simulator.simulator import SimulatorOutput
-from bcapscope.simulator.simulator_server import ControllerModel
 from bcapscope.transport.loop_clock import LoopClock
 from bcapscope.transport.memory_link import MemoryLink
 from tests.samples.calls import CLIENT, SERVER, START
