@@ -106,4 +106,4 @@ def test_the_advice_on_bytes_that_are_no_frame_is_for_their_transport() -> None:
     assert "stops the UDP service" in str(first.advice)
     assert "stop the official server" not in sentence_of(second)
     assert "UDP" not in str(second.advice)
-    assert "over TCP" in str(second.advice)
+    assert "Over TCP" in str(second.advice)

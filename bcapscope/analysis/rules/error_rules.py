@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from bcapscope.analysis.client_state import ClientRegistry, ClientState, folded_command
 from bcapscope.analysis.finding import Severity
+from bcapscope.analysis.finding_places import call_place, client_place
 from bcapscope.analysis.rules.refusal import Refusal, RefusalReason, make_refusal
 from bcapscope.analysis.rules.rule_checker import (
     SECOND,
@@ -12,13 +13,12 @@ from bcapscope.analysis.rules.rule_checker import (
     OccurrenceSink,
     RuleChecker,
 )
-from bcapscope.analysis.speech import Speech, called
 from bcapscope.messages import Message
+from bcapscope.messages.places import Count, Moment
 from bcapscope.protocol.guard import always_passes
 from bcapscope.protocol.tables.call_effect import CallEffect, function_effect
 from bcapscope.protocol.tables.command_catalogue import find_command
 from bcapscope.protocol.tables.hresult import E_ROBOTISBUSY, E_TIMEOUT, describe_hresult
-from bcapscope.protocol.text_format import counted
 from bcapscope.traffic.call import Call
 from bcapscope.traffic.call_kind import CallKind
 from bcapscope.traffic.observation import Conversation
@@ -116,43 +116,43 @@ class ErrorChecker(RuleChecker):
             if call.reply is not None and not client.error_was_read and not self._was_read_by_other(client):
                 self._report_unread(call, failure)
             return
-        story = self._after_error.get(call.conversation)
-        if story is None or story.error_call is not failure:
-            story = self._after_error[call.conversation] = _CallsAfterError(failure)
+        after = self._after_error.get(call.conversation)
+        if after is None or after.error_call is not failure:
+            after = self._after_error[call.conversation] = _CallsAfterError(failure)
         if call.request.time > failure.request.time and not _only_stops(call):
-            story.count += 1
-            story.first = story.first or call
+            after.count += 1
+            after.first = after.first or call
 
     def on_client_ended(self, client: ClientState, ended_at: int) -> None:
-        story = self._after_error.pop(client.conversation, None)
-        if story is None or story.first is None or story.error_call is not client.uncleared_error:
+        after = self._after_error.pop(client.conversation, None)
+        if after is None or after.first is None or after.error_call is not client.uncleared_error:
             return
-        failure, count, first = story.error_call, story.count, story.first
-
-        def say(speech: Speech) -> str:
-            who = speech.client(client.conversation)
-            return (
-                f"after the error of {called(failure)} {who} made {counted(count, 'more call')} that "
-                f"can change or move something, from {called(first)} on, and never called ClearError"
-            )
-
+        failure, first = after.error_call, after.first
+        fact = Message(
+            "finding.went-on-after-error",
+            client=client_place(client.conversation),
+            failed=call_place(failure),
+            calls=Count(after.count, "more-call"),
+            first=call_place(first),
+        )
         self.report_call(
-            WENT_ON_AFTER_ERROR, first, say, evidence_call=failure, explaining_calls=(failure.number,)
+            WENT_ON_AFTER_ERROR, first, fact, evidence_call=failure, explaining_calls=(failure.number,)
         )
 
     def _was_read_by_other(self, client: ClientState) -> bool:
         return any(other.error_was_read for other in self.clients.other_clients(client))
 
     def _report_unread(self, call: Call, failure: Call) -> None:
-        def say(speech: Speech) -> str:
-            code = failure.hresult or 0
-            who, when = speech.client(call.conversation), speech.at(call.request.time)
-            return (
-                f"{who} called ClearError at {when} without having read the errors behind 0x{code:08X} "
-                f"of {called(failure)}"
-            )
-
-        self.report_call(CLEARED_UNREAD, call, say, evidence_call=failure, explaining_calls=(failure.number,))
+        fact = Message(
+            "finding.cleared-unread",
+            client=client_place(call.conversation),
+            at=Moment(call.request.time),
+            code=f"0x{failure.hresult or 0:08X}",
+            failed=call_place(failure),
+        )
+        self.report_call(
+            CLEARED_UNREAD, call, fact, evidence_call=failure, explaining_calls=(failure.number,)
+        )
 
 
 def _only_stops(call: Call) -> bool:
@@ -170,7 +170,7 @@ def _explain_not_cleared(call: Call, client: ClientState, clients: ClientRegistr
         ]
         return RefusalReason(explaining_calls=tuple(each.number for each in first))
     return RefusalReason(
-        lambda speech: f"the error of {called(failure)} at {speech.at(failure.request.time)} was not cleared",
+        Message("reason.not-cleared", call=call_place(failure), at=Moment(failure.request.time)),
         explaining_calls=(failure.number,),
         evidence_call=failure,
     )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from bcapscope.analysis.client_state import ClientRegistry, ClientState
 from bcapscope.analysis.finding import Severity
+from bcapscope.analysis.finding_places import client_place
 from bcapscope.analysis.rules.rule_checker import (
     CallHealth,
     DiagnosisRule,
@@ -12,7 +13,8 @@ from bcapscope.analysis.rules.rule_checker import (
     RuleChecker,
     last_frame_time,
 )
-from bcapscope.analysis.speech import Speech, shown, span
+from bcapscope.messages import Message
+from bcapscope.messages.places import Count, Duration, Quantity, WireText
 from bcapscope.protocol.tables.function_table import ID
 from bcapscope.traffic.call import Call
 from bcapscope.traffic.call_kind import CallKind
@@ -68,18 +70,18 @@ class PollingChecker(RuleChecker):
         reads = self._reads.pop(client.conversation, None)
         if reads is None or reads.count < _FEWEST_READS or reads.count < client.call_count * _LEAST_SHARE:
             return
-        calls, took = client.call_count, last_frame_time(reads.last) - reads.first.request.time
+        took = last_frame_time(reads.last) - reads.first.request.time
         top, often = max(reads.names.items(), key=lambda item: item[1])
-
-        def say(speech: Speech) -> str:
-            what = f", most of all '{shown(top)}' ({often})" if top else ""
-            share = f", {reads.spent_ns / took:.0%} of its time" if took > 0 else ""
-            each = span(reads.spent_ns // reads.count)
-            return (
-                f"{reads.count} of {calls} calls of {speech.client(client.conversation)} read one "
-                f"variable{what}, {each} each{share}"
-            )
-
+        fact = Message(
+            f"finding.polling{'' if top else '.unnamed'}",
+            reads=reads.count,
+            calls=Count(client.call_count, "call"),
+            client=client_place(client.conversation),
+            name=WireText(top),
+            often=often,
+            each=Duration(reads.spent_ns // reads.count),
+            share=Quantity(round(100 * reads.spent_ns / max(took, 1)), "%"),
+        )
         frames = (reads.first.request.number, reads.last.request.number)
         began, time = reads.first.request.time, reads.last.request.time
-        self.report_occurrence(Occurrence(POLLING, began, time, client.conversation, frames, say))
+        self.report_occurrence(Occurrence(POLLING, began, time, client.conversation, frames, fact))
