@@ -151,7 +151,7 @@ SCENES = (
         "server-guessed",
         _ports(_UNKNOWN),
         (1,),
-        ("only guesses that 192.168.0.1:6000 is the server and 192.168.0.10:50001 the client"),
+        ("only guesses that 192.168.0.1:6000 is the server and 192.168.0.10:50001 the client",),
         _ports(_SOUND),
     ),
     Scene(
