@@ -67,9 +67,11 @@ def test_counts_follow_the_language() -> None:
 
 
 def test_japanese_words_are_not_separated_by_spaces() -> None:
-    places = {"handles": Count(30, "handle"), "kind": "Variable"}
     only, named = ClientPlace("10.0.0.2:1025", "udp"), MessageFormatter(Language.JAPANESE, only_client=False)
-    held = Message("finding.handle-leak", client=only, name=WireText(" ロボット "), **places)
+    name = WireText(" ロボット ")
+    held = Message(
+        "finding.handle-leak", client=only, handles=Count(30, "handle"), kind="Variable", name=name
+    )
     assert (
         JAPANESE_WORDS.text(held)
         == "クライアントが Variable「 ロボット 」のハンドル 30 個を同時に持ちました。"
