@@ -231,6 +231,22 @@ def test_a_proxy_has_seen_each_stream_from_its_beginning(known_by: str, rule: st
     assert [finding.rule for finding in diagnosis.finish()] == [rule]
 
 
+@pytest.mark.parametrize(
+    ("count", "said"),
+    [
+        (1, "at 0.000 s is malformed: no. 0."),
+        (2, "at 0.000 s is malformed: no. 0; no. 1."),
+        (4, "at 0.000 s is malformed: no. 0; no. 1; no. 2; and 1 more problem."),
+    ],
+)
+def test_the_first_problems_of_a_frame_are_named(count: int, said: str) -> None:
+    problems = tuple(Problem(number, "length", f"no. {number}") for number in range(count))
+    diagnosis = Diagnosis()
+    diagnosis.on_observation(Observation(1, 0, 0, _FLOWS[0], Malformed(b"\x02", problems), 0))
+    (finding,) = diagnosis.finish()
+    assert sentence_of(finding).endswith(said)
+
+
 @pytest.mark.interop
 @pytest.mark.parametrize("name", ["tcp.pcapng", "udp_clean.pcap"])
 def test_recordings_without_loss_have_neither_errors_nor_warnings(name: str) -> None:

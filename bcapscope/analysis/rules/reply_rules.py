@@ -151,7 +151,7 @@ class ReplyChecker(RuleChecker):
             if client is not None:
                 client.may_be_answered = True
             return
-        at, client_there = Moment(seen.time), client_place(conversation)
+        at, receiver = Moment(seen.time), client_place(conversation)
         serial = seen.item.serial
         if stray.call_number is not None:
             rule, fact = (
@@ -159,7 +159,7 @@ class ReplyChecker(RuleChecker):
                 Message(
                     "finding.very-late-reply",
                     at=at,
-                    client=client_there,
+                    client=receiver,
                     number=stray.call_number,
                     serial=serial,
                 ),
@@ -169,7 +169,7 @@ class ReplyChecker(RuleChecker):
         else:
             rule, fact = (
                 REPLY_TO_NOTHING,
-                Message("finding.reply-to-nothing", at=at, client=client_there, serial=serial),
+                Message("finding.reply-to-nothing", at=at, client=receiver, serial=serial),
             )
         self.report_occurrence(Occurrence(rule, seen.time, seen.time, conversation, (seen.number,), fact))
 
@@ -216,9 +216,9 @@ class ReplyChecker(RuleChecker):
         )
 
     def _report_unanswered(self, call: Call) -> None:
-        gone_on = call.abandoned_at - call.request.time if call.abandoned_at else 0
+        continued_after = call.abandoned_at - call.request.time if call.abandoned_at else 0
         closing = call.conversation.connection_end
-        by_client = closing is not None and closing.by is Direction.REQUEST and not gone_on
+        by_client = closing is not None and closing.by is Direction.REQUEST and not continued_after
         if by_client and call.kind.function_id == ID["Service_Stop"]:
             return  # the client does not wait for this reply
         sent = {
@@ -230,8 +230,8 @@ class ReplyChecker(RuleChecker):
         if by_client and closing is not None:
             after = Duration(closing.time - call.request.time)
             fact = Message("finding.no-reply.closed", **sent, after=after)
-        elif gone_on:
-            fact = Message("finding.no-reply.continued", **sent, after=Duration(gone_on))
+        elif continued_after:
+            fact = Message("finding.no-reply.continued", **sent, after=Duration(continued_after))
         else:
             fact = Message("finding.no-reply", **sent)
         self.report_call(

@@ -167,13 +167,13 @@ class WireChecker(RuleChecker):
         if observation.flow.direction is Direction.RESPONSE:
             self._report_frame(MALFORMED_REPLY, observation, problems=reasons)
             return
-        tcp = observation.flow.conversation.transport is Transport.TCP
-        stops_server = not tcp and observation.item.raw[:1] == bytes((SOH,))
+        transport = observation.flow.conversation.transport
+        stops_server = transport is Transport.UDP and observation.item.raw[:1] == bytes((SOH,))
         self._report_frame(
             MALFORMED_REQUEST,
             observation,
             ".stops-server" if stops_server else "",
-            Message("rule.malformed-request.advice.tcp") if tcp else None,
+            Message("rule.malformed-request.advice.tcp") if transport is Transport.TCP else None,
             problems=reasons,
         )
 
@@ -185,7 +185,7 @@ class WireChecker(RuleChecker):
         advice: Message | None = None,
         **places: PlaceValue,
     ) -> None:
-        """Report a frame with the message `finding.<rule><case>`; occurrences with other advice are apart."""
+        """Report a frame with the message `finding.<rule><case>`."""
         conversation = observation.flow.conversation
         fact = Message(
             f"finding.{rule.id}{case}",
