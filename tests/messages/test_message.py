@@ -8,7 +8,7 @@ import pytest
 
 from bcapscope.messages import ENGLISH_WORDS, Language, Message, MessageFormatter, language_of
 from bcapscope.messages.message import has_message, message_params
-from bcapscope.messages.places import Count, Duration, Times
+from bcapscope.messages.places import ClientPlace, Count, Duration, Times, WireText
 
 JAPANESE_WORDS = MessageFormatter(Language.JAPANESE)
 
@@ -64,6 +64,19 @@ def test_counts_follow_the_language() -> None:
     assert Count(1, "call").text(JAPANESE_WORDS) == "呼び出し 1 件"
     assert [Times(n).text(ENGLISH_WORDS) for n in (1, 2, 3)] == ["once", "twice", "3 times"]
     assert Times(2).text(JAPANESE_WORDS) == "2 回"
+
+
+def test_japanese_words_are_not_separated_by_spaces() -> None:
+    only, named = ClientPlace("10.0.0.2:1025", "udp"), MessageFormatter(Language.JAPANESE, only_client=False)
+    name = WireText(" ロボット ")
+    held = Message(
+        "finding.handle-leak", client=only, handles=Count(30, "handle"), kind="Variable", name=name
+    )
+    assert (
+        JAPANESE_WORDS.text(held)
+        == "クライアントが Variable「 ロボット 」のハンドル 30 個を同時に持ちました。"
+    )
+    assert named.text(held).startswith("クライアント 10.0.0.2:1025 (UDP) が Variable「")
 
 
 def test_params_are_for_programs() -> None:
