@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping
 from functools import cache, lru_cache
@@ -16,6 +17,8 @@ if TYPE_CHECKING:
     from gettext import GNUTranslations
 
 DOMAIN = "bcapscope"
+
+_WIDE = re.compile("[\u3001-\u9fff\uff01-\uff60]")
 
 Json: TypeAlias = "str | int | float | list[Json] | dict[str, Json] | None"
 
@@ -162,10 +165,10 @@ class MessageFormatter:
     def _filled(self, template: str, message: Message) -> str:
         made = ""
         for literal, name, type_name in _parsed(template):
-            made += literal
+            made = _joined(made, literal)
             if name is not None:
                 value = message.places.get(name)
-                made += f"{{{name}}}" if value is None else self.place_text(value, type_name)
+                made = _joined(made, f"{{{name}}}" if value is None else self.place_text(value, type_name))
         return made
 
     def _without_template(self, message: Message) -> str:
@@ -173,6 +176,15 @@ class MessageFormatter:
             return message.english
         places = ", ".join(f"{name}={self.place_text(value, '')}" for name, value in message.places.items())
         return f"{message.id} ({places})" if places else message.id
+
+
+def _joined(left: str, right: str) -> str:
+    """Return both texts, without the space that stands between two Japanese characters."""
+    if left.endswith(" ") and _WIDE.match(left, len(left) - 2) and _WIDE.match(right):
+        return left[:-1] + right
+    if right.startswith(" ") and _WIDE.match(right, 1) and _WIDE.match(left[-1:]):
+        return left + right[1:]
+    return left + right
 
 
 ENGLISH_WORDS = MessageFormatter()

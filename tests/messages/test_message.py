@@ -8,7 +8,7 @@ import pytest
 
 from bcapscope.messages import ENGLISH_WORDS, Language, Message, MessageFormatter, language_of
 from bcapscope.messages.message import has_message, message_params
-from bcapscope.messages.places import Count, Duration, Times
+from bcapscope.messages.places import ClientPlace, Count, Duration, Times
 
 JAPANESE_WORDS = MessageFormatter(Language.JAPANESE)
 
@@ -57,6 +57,11 @@ def test_a_place_that_was_not_given_stays_visible() -> None:
 
 def test_values_are_never_taken_for_places() -> None:
     assert str(Message("traffic.trouble", reason="{0} {x}")) == "Reading ended: {0} {x}"
+
+
+def test_japanese_words_have_no_space_between_them() -> None:
+    message = Message("finding.type-not-checked", client=ClientPlace("10.0.0.2:1", "udp"), call="Motor")
+    assert JAPANESE_WORDS.text(message) == "クライアントはロボットの型式を読まずに Motor を呼びました。"
 
 
 def test_counts_follow_the_language() -> None:
