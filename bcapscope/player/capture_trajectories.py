@@ -75,7 +75,7 @@ def read_capture(
             raise broken
         told = f"{follower.set_points} set points, none of which can be played" if follower.set_points else ""
         raise TrajectoryError(told or "there are no set points (slvMove) in this capture")
-    notes = [f"left out: {count} {reason}" for reason, count in follower.left_out.items()]
+    notes = [f"left out: {count} {reason.message}" for reason, count in follower.left_out.items()]
     if broken is not None:
         notes.append(f"the capture breaks off: {broken}")
     source = replace(source, notes=(*source.notes, *notes))

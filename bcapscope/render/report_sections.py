@@ -353,7 +353,7 @@ def _slave_session_facts(slave_session: SlaveSession, start: int) -> Iterator[tu
     empty = f"{times(buffer.underflows)} by the model, {buffer.underflows_in_motion:,} of them in motion"
     yield "Buffer ran empty", (empty if buffer.underflows else "never, by the model")
     if buffer.assumptions:
-        yield "The model assumes", ("; ".join(buffer.assumptions))
+        yield "The model assumes", ("; ".join(map(str, buffer.assumptions)))
 
 
 def _slowest_table(slave_session: SlaveSession, start: int) -> ReportTable:

@@ -59,6 +59,11 @@ def test_values_are_never_taken_for_places() -> None:
     assert str(Message("traffic.trouble", reason="{0} {x}")) == "Reading ended: {0} {x}"
 
 
+def test_japanese_words_have_no_space_between_them() -> None:
+    message = Message("finding.type-not-checked", client=ClientPlace("10.0.0.2:1", "udp"), call="Motor")
+    assert JAPANESE_WORDS.text(message) == "クライアントはロボットの型式を読まずに Motor を呼びました。"
+
+
 def test_counts_follow_the_language() -> None:
     assert [Count(n, "call").text(ENGLISH_WORDS) for n in (0, 1, 2)] == ["0 calls", "1 call", "2 calls"]
     assert Count(1, "call").text(JAPANESE_WORDS) == "呼び出し 1 件"
