@@ -124,11 +124,6 @@ class MessageFormatter:
 
     def text(self, message: Message) -> str:
         """Return a message as text. An unknown id gives the id and the places; it never raises."""
-        say = getattr(message, "say", None)
-        if say is not None:  # a rule that still speaks English
-            from bcapscope.analysis.speech import Speech  # noqa: PLC0415
-
-            return str(say(Speech(self.start, self.only_client)))
         template = _template(self.language, message.id)
         if template is None:
             return self._without_template(message)

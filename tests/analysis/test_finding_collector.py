@@ -205,7 +205,7 @@ def test_provisional_occurrences_count_for_one_answer_only() -> None:
     for _ in range(2):
         found = collector.findings([happen(SPARK, 0.1), happen(FIRE, 0.3)])
         assert links(found) == [("spark", None), ("fire", 1)]
-        assert "twice in all" in sentence_of(found[1])
+        assert "This happened twice" in sentence_of(found[1])
     assert collector.findings() == before
     assert [finding.rule for finding in collector.new_findings()] == ["fire"]
 

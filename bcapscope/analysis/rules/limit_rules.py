@@ -153,11 +153,11 @@ def _explain_over_limit(call: Call, client: ClientState, clients: ClientRegistry
     points = [*client.recent_set_points, call]
     poses = [_pose_values(point, pose_type) for point in points]
     if axis is None:
-        return RefusalReason(then=Message("clause.over-limit"))
+        return RefusalReason(clause=Message("clause.over-limit"))
     key, clause = f"J{axis}", Message("clause.over-limit.axis", axis=axis)
     worst = _worst_step(poses, axis - 1) if pose_type in (PoseType.J, None) else None
     if worst is None:
-        return RefusalReason(then=clause, group_key=key)
+        return RefusalReason(clause=clause, group_key=key)
     index, step = worst
     before, after = points[index], points[index + 1]
     reason = Message(
@@ -172,7 +172,7 @@ def _explain_over_limit(call: Call, client: ClientState, clients: ClientRegistry
         period=Quantity(PERIOD_MS, "ms"),
         interval=Duration(after.request.time - before.request.time),
     )
-    return RefusalReason(reason, then=clause, evidence_call=after, group_key=key)
+    return RefusalReason(reason, clause=clause, evidence_call=after, group_key=key)
 
 
 def _worst_step(poses: Sequence[tuple[float, ...]], axis: int) -> tuple[int, float] | None:

@@ -226,12 +226,12 @@ def _explain_underflow(call: Call, client: ClientState, clients: ClientRegistry)
     }
     clause = Message("clause.underflow")
     if pair is None:
-        return RefusalReason(say=Message("finding.underflow.no-gap", **places), then=clause)
+        return RefusalReason(fact=Message("finding.underflow.no-gap", **places), clause=clause)
     before, after = pair
     pause = Duration(after.request.time - before.request.time)
     return RefusalReason(
-        say=Message("finding.underflow.gap", **places, pause=pause, before=call_place(before)),
-        then=clause,
+        fact=Message("finding.underflow.gap", **places, pause=pause, before=call_place(before)),
+        clause=clause,
         explaining_calls=(after.number, before.number),
         evidence_call=before,
     )
@@ -251,7 +251,7 @@ def _explain_overflow(call: Call, client: ClientState, clients: ClientRegistry) 
     if full:
         answered = replace(call_name_place(full[-1]), serial=full[-1].last_attempt.item.serial)
         reason = Message("reason.overflow.full", **places, call=answered)
-    return RefusalReason(reason, then=Message("clause.overflow"))
+    return RefusalReason(reason, clause=Message("clause.overflow"))
 
 
 REFUSALS: tuple[Refusal, ...] = (

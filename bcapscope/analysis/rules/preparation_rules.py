@@ -289,7 +289,7 @@ def _explain_moving(call: Call, client: ClientState, clients: ClientRegistry) ->
             before=Duration(call.request.time - motion.request.time),
         ),
         evidence_call=motion,
-        then=Message(
+        clause=Message(
             "clause.robot-still-moving", call=call_name_place(call), code=HexNumber(call.hresult or 0)
         ),
         explaining_calls=(call.number,),

@@ -211,8 +211,8 @@ def _explain_not_allowed(call: Call, client: ClientState, clients: ClientRegistr
     elif owner is not None:
         case, places["owner"] = ".other", client_place(owner.conversation)
     return RefusalReason(
-        say=Message(f"finding.refused-in-slave-mode{case}", **places),
-        then=Message("clause.refused-in-slave-mode", call=name),
+        fact=Message(f"finding.refused-in-slave-mode{case}", **places),
+        clause=Message("clause.refused-in-slave-mode", call=name),
     )
 
 

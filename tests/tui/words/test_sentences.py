@@ -64,7 +64,6 @@ MODULES = (*RULES, *(f"bcapscope.{room}.{name}" for room, names in ROOMS.items()
 """Those whose sentences a screen shows."""
 
 UNSEEN = {
-    "bcapscope.capture.live_capture": ["sudo setcap cap_net_raw=ep "],  # a command, the same in Japanese
     "bcapscope.player.realtime": [
         "` into /etc/security/limits.conf and log in again (`ulimit -r` then shows it), or run "
         "`sudo setcap cap_sys_nice+ep "
