@@ -19,6 +19,11 @@ def call_place(call: Call) -> CallPlace:
     return CallPlace(_name_of(call), call.request.item.serial, call.number)
 
 
+def attempt_place(call: Call, serial: int) -> CallPlace:
+    """Return a call, shown with its name and the serial of one of its attempts."""
+    return CallPlace(_name_of(call), serial, call.number)
+
+
 def call_name_place(call: Call) -> CallPlace:
     """Return a call, shown with its name only."""
     return CallPlace(_name_of(call), None, call.number)

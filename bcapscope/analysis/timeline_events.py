@@ -5,6 +5,7 @@ from __future__ import annotations
 from enum import StrEnum
 from typing import NamedTuple
 
+from bcapscope.messages import Message
 from bcapscope.traffic.call_kind import CallKind
 
 ACTIVITY_PAUSE_NS = 500_000_000
@@ -20,13 +21,18 @@ MAX_EVENTS = 256
 
 
 class TimelineEventKind(StrEnum):
-    RETRIED = "sent again"
-    LATE = "reply came too late"
-    EXECUTED_TWICE = "executed twice"
+    RETRIED = "retried"
+    LATE = "late"
+    EXECUTED_TWICE = "executed-twice"
     REFUSED = "refused"
-    UNANSWERED = "never answered"
-    DAMAGED = "damaged frame"
-    MISSING = "bytes missing in the capture"
+    UNANSWERED = "unanswered"
+    DAMAGED = "damaged"
+    MISSING = "missing"
+
+    @property
+    def message(self) -> Message:
+        """What happened."""
+        return Message(f"timeline.{self.value}")
 
 
 class TimelineEvent(NamedTuple):

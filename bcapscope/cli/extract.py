@@ -111,7 +111,7 @@ def _print_left_out(trajectories: TrajectoryExtractor, client: str | None, some:
     if not trajectories.set_points:
         print_stderr(f"no set points (slvMove){by_whom} found, so no trajectory was written")
         return
-    reasons = [f"{count} {reason}" for reason, count in trajectories.left_out.items()]
+    reasons = [f"{count} {reason.message}" for reason, count in trajectories.left_out.items()]
     if reasons:
         print_stderr(f"left out: {', '.join(reasons)}")
     if not some:

@@ -14,7 +14,7 @@ import msgspec
 from bcapscope.cli.common import options
 from bcapscope.cli.common.data_output import echo
 from bcapscope.cli.common.exit_codes import ExitCode
-from bcapscope.faults.quantities import Duration
+from bcapscope.faults.quantities import DurationQuantity
 from bcapscope.live.standard_streams import print_stderr
 from bcapscope.protocol.codec.frame import parse_datagram
 from bcapscope.protocol.text_format import counted
@@ -137,7 +137,7 @@ def _off(ctl: _ControlCommand, name: str) -> None:
 
 def _duration_text(context: click.Context, parameter: click.Parameter, value: str | None) -> str | None:
     try:
-        return None if value is None else Duration.read(value).text
+        return None if value is None else DurationQuantity.read(value).text
     except ValueError as error:
         raise click.BadParameter(f"{error}", context, parameter) from None
 

@@ -41,7 +41,9 @@ def command(arguments: FigureArguments) -> None:
         reading.output.write_lines(map(slave_session_record, sessions), reading.show_progress)
     else:
         lines = (
-            line for session in sessions for line in (*slave_session_lines(session, arguments.palette), "")
+            line
+            for session in sessions
+            for line in (*slave_session_lines(session, arguments.palette, arguments.words), "")
         )
         reading.output.write_lines(lines, reading.show_progress)
     reading.print_summary()

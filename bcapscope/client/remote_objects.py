@@ -36,7 +36,7 @@ def _getter(
 
 
 class _DescribedObject(RemoteObject):
-    """Functions of all classes but Message."""
+    """Functions of all classes but ControllerMessage."""
 
     get_attribute = _getter(RemoteObject._invoke_int, "GetAttribute")  # bits
     get_help = _getter(RemoteObject._invoke_text, "GetHelp")
@@ -103,9 +103,9 @@ class Controller(_DescribedObject, _ObjectWithVariables, _ExecutingObject):
         """Open a command."""
         return Command(self.session, await self._invoke_handle("GetCommand", name, option))
 
-    async def get_message(self) -> Message:
+    async def get_message(self) -> ControllerMessage:
         """Open the next message."""
-        return Message(self.session, await self._invoke_handle("GetMessage"))
+        return ControllerMessage(self.session, await self._invoke_handle("GetMessage"))
 
     async def get_extension_names(self, option: str = "") -> tuple[str, ...]:
         """List the names of the extensions."""
@@ -307,7 +307,7 @@ class Command(_DescribedObject):
     get_result = _getter(RemoteObject._invoke_value, "GetResult")
 
 
-class Message(RemoteObject):
+class ControllerMessage(RemoteObject):
     """A message from the controller."""
 
     owner = ObjectClass.MESSAGE

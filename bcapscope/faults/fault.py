@@ -17,7 +17,7 @@ from msgspec import Meta
 
 from bcapscope.faults.quantities import (
     LARGEST_END,
-    Duration,
+    DurationQuantity,
     FrameCondition,
     HresultQuantity,
     Rate,
@@ -86,8 +86,8 @@ class Fault(
     direction: Direction | None = None
     probability: Share = ALWAYS
     times: Count | None = None
-    after: Duration = Duration(0)
-    lasts: Duration | None = None
+    after: DurationQuantity = DurationQuantity(0)
+    lasts: DurationQuantity | None = None
     attempt: Count | None = None
 
     needs_whole_frame: ClassVar[bool] = False
@@ -146,8 +146,8 @@ class DelayFault(Fault, frozen=True, kw_only=True, tag="delay"):
         distribution: Distribution of the jitter.
     """
 
-    time: Duration
-    jitter: Duration = Duration(0)
+    time: DurationQuantity
+    jitter: DurationQuantity = DurationQuantity(0)
     distribution: JitterDistribution = JitterDistribution.UNIFORM
 
 
@@ -160,7 +160,7 @@ class DuplicateFault(Fault, frozen=True, kw_only=True, tag="duplicate"):
     """
 
     copies: Annotated[int, Meta(ge=1, le=1000)] = 1
-    time: Duration = Duration(0)
+    time: DurationQuantity = DurationQuantity(0)
 
     needs_whole_frame: ClassVar[bool] = True
 
@@ -174,7 +174,7 @@ class ReorderFault(Fault, frozen=True, kw_only=True, tag="reorder"):
     """
 
     by: Annotated[int, Meta(ge=1, le=1000)] = 1
-    time: Duration = Duration(100 * MS)
+    time: DurationQuantity = DurationQuantity(100 * MS)
 
     needs_whole_frame: ClassVar[bool] = True
 
@@ -285,8 +285,8 @@ class ExecutingFault(Fault, frozen=True, kw_only=True, tag="executing"):
     """
 
     direction: Direction | None = Direction.RESPONSE
-    time: Duration
-    every: Duration = Duration(100 * MS)
+    time: DurationQuantity
+    every: DurationQuantity = DurationQuantity(100 * MS)
 
     needs_whole_frame: ClassVar[bool] = True
 

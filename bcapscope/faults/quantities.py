@@ -39,7 +39,7 @@ _CODES = {entry.name: entry.code for entry in NAMED_CODES if entry.name}
 _FOLDED_CODES = {name.casefold(): code for name, code in _CODES.items()}
 
 
-class Duration(int):
+class DurationQuantity(int):
     """Nanoseconds; written with a unit: ``3ms``, ``1.5 s``, ``200us``."""
 
     @classmethod
@@ -249,7 +249,7 @@ class Span:
         return f"Span({self.low}, {self.high})"
 
 
-QUANTITIES = (Duration, Share, Rate, HresultQuantity, FrameCondition, Span)
+QUANTITIES = (DurationQuantity, Share, Rate, HresultQuantity, FrameCondition, Span)
 """All quantity classes; each has `read` and `text`."""
 
 

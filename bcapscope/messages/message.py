@@ -124,11 +124,6 @@ class MessageFormatter:
 
     def text(self, message: Message) -> str:
         """Return a message as text. An unknown id gives the id and the places; it never raises."""
-        say = getattr(message, "say", None)
-        if say is not None:  # a rule that still speaks English
-            from bcapscope.analysis.speech import Speech  # noqa: PLC0415
-
-            return str(say(Speech(self.start, self.only_client)))
         template = _template(self.language, message.id)
         if template is None:
             return self._without_template(message)
@@ -160,12 +155,16 @@ class MessageFormatter:
         return text[:1].upper() + text[1:] if type_name[:1].isupper() else text
 
     def _filled(self, template: str, message: Message) -> str:
+        """Fill the places. A space of the template goes where it is between two Japanese characters."""
         made = ""
         for literal, name, type_name in _parsed(template):
-            made += literal
+            needless = literal[:1] == " " and _is_japanese(made[-1:]) and _is_japanese(literal[1:2])
+            made += literal[needless:]
             if name is not None:
                 value = message.places.get(name)
-                made += f"{{{name}}}" if value is None else self.place_text(value, type_name)
+                text = f"{{{name}}}" if value is None else self.place_text(value, type_name)
+                needless = literal[-1:] == " " and _is_japanese(literal[-2:-1]) and _is_japanese(text[:1])
+                made = made[: len(made) - needless] + text
         return made
 
     def _without_template(self, message: Message) -> str:
@@ -173,6 +172,10 @@ class MessageFormatter:
             return message.english
         places = ", ".join(f"{name}={self.place_text(value, '')}" for name, value in message.places.items())
         return f"{message.id} ({places})" if places else message.id
+
+
+def _is_japanese(character: str) -> bool:
+    return "\u3001" <= character <= "\u9fff" or "\uff01" <= character <= "\uff60"
 
 
 ENGLISH_WORDS = MessageFormatter()

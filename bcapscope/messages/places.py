@@ -58,17 +58,40 @@ class Moment(Place):
 
 @dataclass(frozen=True, slots=True)
 class Quantity(Place):
-    """A measured number with its unit, such as `12.5 deg`; unit "" for a bare number."""
+    """A measured number with its unit, such as `12.5 deg`.
+
+    Attributes:
+        value: The number.
+        unit: Its unit; "" for a bare number.
+        decimals: Digits after the decimal point; None for three significant digits.
+    """
 
     value: float
     unit: str = ""
+    decimals: int | None = None
     type_name: ClassVar[str] = "quantity"
 
     def text(self, words: MessageFormatter) -> str:
-        return f"{amount_text(self.value)} {self.unit}".rstrip()
+        number = amount_text(self.value) if self.decimals is None else f"{self.value:.{self.decimals}f}"
+        return f"{number}%" if self.unit == "%" else f"{number} {self.unit}".rstrip()
 
     def to_json(self) -> Json:
         return {"type": "quantity", "value": self.value, "unit": self.unit}
+
+
+@dataclass(frozen=True, slots=True)
+class HexNumber(Place):
+    """A number that the field writes in hex, such as a result code without its meaning, or a slave mode."""
+
+    value: int
+    digits: int = 8
+    type_name: ClassVar[str] = "hex"
+
+    def text(self, words: MessageFormatter) -> str:
+        return f"0x{self.value:0{self.digits}X}"
+
+    def to_json(self) -> Json:
+        return {"type": "hex", "value": self.value}
 
 
 @dataclass(frozen=True, slots=True)

@@ -76,7 +76,7 @@ def read_capture(
         if extractor.set_points:
             raise TrajectoryError(f"{extractor.set_points} set points, none of which can be played")
         raise TrajectoryError("there are no set points (slvMove) in this capture")
-    notes = [f"left out: {count} {reason}" for reason, count in extractor.left_out.items()]
+    notes = [f"left out: {count} {reason.message}" for reason, count in extractor.left_out.items()]
     if broken is not None:
         notes.append(f"the capture breaks off: {broken}")
     source = replace(source, notes=(*source.notes, *notes))

@@ -13,6 +13,7 @@ from typing import TypeAlias
 import msgspec
 
 from bcapscope.client.controller_target import DEFAULT_ROBOT, ROBSLAVE, ControllerTarget
+from bcapscope.messages import Message
 from bcapscope.player.lateness import Spread
 from bcapscope.protocol.slave_mode.modes import Generation, PoseType, SlaveMode, slave_mode_by_number
 
@@ -137,6 +138,11 @@ class PlayState(StrEnum):
     STOPPING = "coming to rest"
     LEAVING = "leaving"
     CLEARING = "clearing the error"
+
+    @property
+    def message(self) -> Message:
+        """The state for people."""
+        return Message(f"player.state.{self.name.lower()}")
 
 
 class ControllerInfo(msgspec.Struct, frozen=True, tag=True):

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple, TypeVar
 
 from bcapscope.faults.document import DocumentError, fault_from, to_plain_data
 from bcapscope.faults.fault_notation import read_fault, write_fault
-from bcapscope.faults.quantities import Duration, FrameCondition
+from bcapscope.faults.quantities import DurationQuantity, FrameCondition
 from bcapscope.faults.rewriter import rewrite_message
 from bcapscope.protocol.tables.function_table import function_name
 from bcapscope.proxy import control_messages as control
@@ -16,7 +16,7 @@ from bcapscope.proxy.direction_state import ClientActivity
 from bcapscope.proxy.intercept import HeldMessage
 from bcapscope.proxy.rule_policy import RulePolicy
 
-Q = TypeVar("Q", Duration, FrameCondition)
+Q = TypeVar("Q", DurationQuantity, FrameCondition)
 
 
 class ControlResponse(NamedTuple):
@@ -105,7 +105,7 @@ class ControlApi:
         match request:
             case control.SetIntercept():
                 condition = _quantity("if", FrameCondition, request.condition)
-                hold_time = _quantity("patience", Duration, request.patience)
+                hold_time = _quantity("patience", DurationQuantity, request.patience)
                 rules.intercept.set_condition(condition)
                 if hold_time is not None:
                     rules.intercept.hold_time = hold_time

@@ -1,45 +1,76 @@
-"""Lines that begin with a caption, and those that go on below it; in any tongue."""
+"""Lines that begin with a caption, and lines that continue below it, in the reader's language."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
+from bcapscope.messages import Message, MessageFormatter
+from bcapscope.messages.message import PlaceValue
+from bcapscope.messages.places import FramePlace
 from bcapscope.protocol.text_format import display_width
 from bcapscope.render.color_palette import Palette
-from bcapscope.render.columns import wrap_text as broken
-from bcapscope.render.tongue import Tongue, english
+from bcapscope.render.columns import align_columns, wrap_text
+from bcapscope.render.escape import printable
 
 CAPTION_WIDTH = 12
 TEXT_WIDTH = 62
-"""Columns for what stands behind a caption, where it can be broken: with a scroll bar all fits into 80."""
+"""Columns of wrapped text after a caption: with a scroll bar, all fits into 80."""
 
 _FRAMES_SHOWN = 8
 
 
-def captioned_line(caption: str, text: str, palette: Palette, tongue: Tongue = english) -> str:
-    caption = tongue(caption)
-    space = " " * (CAPTION_WIDTH - display_width(caption))
-    return f"  {palette.dim}{caption}{space}{palette.reset}{tongue(text)}".rstrip()
+class CaptionWriter:
+    """Writes lines of one section after the other.
+
+    Attributes:
+        palette: Colours.
+        words: Language of the reader.
+    """
+
+    def __init__(self, palette: Palette, words: MessageFormatter) -> None:
+        self.palette = palette
+        self.words = words
+
+    def text(self, message: Message) -> str:
+        """Return a message as escaped text."""
+        return printable(self.words.text(message))
+
+    def label(self, id: str, /, **places: PlaceValue) -> str:
+        """Return the escaped text of a message that is made for this purpose only."""
+        return self.text(Message(id, **places))
+
+    def joined(self, messages: Iterable[Message]) -> str:
+        """Return messages with commas between them."""
+        return self.words("list.comma").join(map(self.text, messages))
+
+    def captioned(self, caption: str, text: Message | str) -> str:
+        """Return a line with the caption `slave.caption.<caption>`; a string must be escaped already."""
+        name = self.label(f"slave.caption.{caption}")
+        space = " " * (CAPTION_WIDTH - display_width(name))
+        shown = self.text(text) if isinstance(text, Message) else text
+        return f"  {self.palette.dim}{name}{space}{self.palette.reset}{shown}".rstrip()
+
+    def continued(self, text: Message | str) -> str:
+        """Return a line that belongs to the caption above."""
+        return f"  {'':<{CAPTION_WIDTH}}{self.text(text) if isinstance(text, Message) else text}"
+
+    def wrapped(self, text: Message | str, color: str = "") -> Iterator[str]:
+        """Yield lines below a caption that fit the width, each in this colour."""
+        shown = self.text(text) if isinstance(text, Message) else text
+        reset = self.palette.reset if color else ""
+        return (self.continued(f"{color}{line}{reset}") for line in wrap_text(shown, TEXT_WIDTH))
+
+    def table(self, rows: Sequence[Sequence[str]], alignments: str, head_rows: int = 1) -> Iterator[str]:
+        """Yield a table; its head is dim."""
+        for number, line in enumerate(align_columns(rows, alignments)):
+            is_head = number < head_rows
+            yield f"  {self.palette.dim}{line}{self.palette.reset}" if is_head else f"  {line}"
 
 
-def continued_line(text: str, tongue: Tongue = english) -> str:
-    """Write a line that belongs to the caption above."""
-    return f"  {'':<{CAPTION_WIDTH}}{tongue(text)}"
-
-
-def wrapped_lines(text: str, color: str = "", reset: str = "", tongue: Tongue = english) -> Iterator[str]:
-    """Write a text of any length below a caption, in lines that fit; `color` begins and `reset` ends each."""
-    return (continued_line(f"{color}{line}{reset}") for line in broken(tongue(text), TEXT_WIDTH))
-
-
-def frames_text(frames: Sequence[int], count: int | None = None) -> str:
-    """Name frames; of `count` in all, tell how many more there are."""
-    shown = ", ".join(map(str, frames[:_FRAMES_SHOWN]))
-    left = (len(frames) if count is None else count) - min(len(frames), _FRAMES_SHOWN)
-    noun = "frame" if len(frames) == 1 and not left else "frames"
-    return f"{noun} {shown}" + (f" and {left} more" if left else "") if frames else ""
-
-
-def times_text(count: int) -> str:
-    """Say how often: once, 2 times."""
-    return "once" if count == 1 else f"{count} times"
+def frames_message(frames: Sequence[int], count: int | None = None) -> Message:
+    """Return the message that names the first frames, and how many more there are of `count` in all."""
+    shown = tuple(frames[:_FRAMES_SHOWN])
+    left = (len(frames) if count is None else count) - len(shown)
+    if left:
+        return Message("frames.more", frames=FramePlace(shown), more=left)
+    return Message("frames.one" if len(shown) == 1 else "frames.several", frames=FramePlace(shown))

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from bcapscope.analysis.finding import Consequence, Finding, Repetition, TrafficTotals
-from bcapscope.analysis.speech import SpokenMessage, spoken_text
 from bcapscope.messages import Message, MessageFormatter
 from bcapscope.messages.places import Duration, Moment, Times
 
@@ -21,11 +20,7 @@ def finding_sentence(finding: Finding, words: MessageFormatter) -> str:
 
 
 def _sentences(finding: Finding, words: MessageFormatter) -> Iterator[str]:
-    yield (
-        spoken_text(finding.fact, words)
-        if isinstance(finding.fact, SpokenMessage)
-        else words.text(finding.fact)
-    )
+    yield words.text(finding.fact)
     if finding.repetition is not None:
         yield words.text(_repetition_message(finding.repetition))
     for each in finding.consequences:
@@ -53,7 +48,6 @@ def _repetition_message(repetition: Repetition) -> Message:
 
 def _consequence_sentence(consequence: Consequence, words: MessageFormatter) -> str:
     clause, after = consequence.clause, consequence.after
-    text = spoken_text(clause, words, after) if isinstance(clause, SpokenMessage) else words.text(clause)
-    if after <= 0 or isinstance(clause, SpokenMessage):
-        return words("finding.then", clause=text)
-    return words("finding.then-after", clause=text, after=Duration(after))
+    if after <= 0:
+        return words("finding.then", clause=clause)
+    return words("finding.then-after", clause=clause, after=Duration(after))

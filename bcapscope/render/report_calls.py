@@ -264,7 +264,7 @@ def _event_markers(report_data: ReportData, timelines: Sequence[ClientTimeline])
         ]
         if found:
             yield go.Scatter(
-                name=kind.value,
+                name=str(kind.message),
                 mode="markers",
                 x=[_seconds(report_data, mark.begin) for _, mark in found],
                 y=[row + above for row, _ in found],
@@ -275,7 +275,7 @@ def _event_markers(report_data: ReportData, timelines: Sequence[ClientTimeline])
 
 
 def _event_marker_text(kind: TimelineEventKind, mark: TimelineEvent) -> str:
-    text = kind.value if mark.occurrences == 1 else f"{mark.occurrences} times {kind.value}"
+    text = str(kind.message) if mark.occurrences == 1 else f"{mark.occurrences} times {kind.message}"
     if mark.call_kind is not None:
         text = f"{plotly_label(call_kind_text(mark.call_kind))}: {text}"
     if mark.hresult is not None and kind is TimelineEventKind.REFUSED:

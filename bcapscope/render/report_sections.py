@@ -9,9 +9,9 @@ from bcapscope.analysis.finding import Finding, Severity
 from bcapscope.analysis.report_data import DamagedFrame, ReportData
 from bcapscope.analysis.slave.notable_set_points import SetPointFact
 from bcapscope.analysis.slave.slave_session import ExitReason, SlaveSession
-from bcapscope.analysis.speech import span, times
 from bcapscope.analysis.statistics.call_statistics import OTHER_KINDS, CallFigures, StatisticsRow
 from bcapscope.messages import ENGLISH_WORDS
+from bcapscope.messages.places import Times, duration_text
 from bcapscope.protocol.tables.hresult import describe_hresult, hresult_name
 from bcapscope.protocol.text_format import counted
 from bcapscope.render import report_slave_sessions
@@ -132,7 +132,7 @@ def summary_tiles(report_data: ReportData) -> list[tuple[str, str]]:
     """Return names and values of the main figures."""
     seen, statistics = report_data.totals, report_data.statistics
     tiles = [("frames", f"{seen.frames:,}"), ("calls", f"{seen.calls:,}"), ("clients", f"{seen.clients:,}")]
-    tiles.append(("lasting", span(report_data.end - report_data.start)))
+    tiles.append(("lasting", duration_text(report_data.end - report_data.start)))
     if statistics is not None:
         total = statistics.total.figures
         tiles += [
@@ -339,7 +339,7 @@ def _slave_session_facts(slave_session: SlaveSession, start: int) -> Iterator[tu
             f"{counts.not_followed:,} not followed to the end, {counts.after_end:,} more after the end"
         ),
     )
-    yield "Sent again", (times(counts.retries) if counts.retries else "never")
+    yield "Sent again", (Times(counts.retries).text(ENGLISH_WORDS) if counts.retries else "never")
     yield "Cycle", (report_slave_sessions.percentiles_text(timing.cycle))
     yield (
         "On the grid",
@@ -350,10 +350,11 @@ def _slave_session_facts(slave_session: SlaveSession, start: int) -> Iterator[tu
         "Gaps",
         (f"{timing.gaps or 'none'} longer than the {timing.slack_ms:g} ms that a full buffer lasts"),
     )
-    empty = f"{times(buffer.underflows)} by the model, {buffer.underflows_in_motion:,} of them in motion"
+    often = Times(buffer.underflows).text(ENGLISH_WORDS)
+    empty = f"{often} by the model, {buffer.underflows_in_motion:,} of them in motion"
     yield "Buffer ran empty", (empty if buffer.underflows else "never, by the model")
     if buffer.assumptions:
-        yield "The model assumes", ("; ".join(buffer.assumptions))
+        yield "The model assumes", ("; ".join(map(str, buffer.assumptions)))
 
 
 def _slowest_table(slave_session: SlaveSession, start: int) -> ReportTable:

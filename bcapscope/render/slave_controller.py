@@ -1,86 +1,104 @@
-"""The controller's buffer and clock during a stay, for people."""
+"""The controller's buffer and clock during a slave-mode session, for people."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 
-from bcapscope.analysis.slave.buffer_model import BufferFacts
+from bcapscope.analysis.slave.buffer_model import BufferFacts, PredictedUnderflow
 from bcapscope.analysis.slave.controller_clock import ClockFacts
-from bcapscope.protocol.text_format import counted
-from bcapscope.render.captioned import captioned_line, continued_line, frames_text, times_text, wrapped_lines
-from bcapscope.render.color_palette import Palette
-from bcapscope.render.tongue import Tongue, english
+from bcapscope.messages import Message
+from bcapscope.messages.places import Count, Quantity, Times
+from bcapscope.render.captioned import CaptionWriter, frames_message
 
 _MAX_UNDERFLOWS_SHOWN = 8
+_MOTION = {True: "moving", False: "standing", None: "unknown"}
 
 
-def buffer_lines(buffer: BufferFacts, palette: Palette, tongue: Tongue = english) -> Iterator[str]:
-    """Write what a model predicts of the buffer, and what the controller reported."""
-    slots = counted(buffer.slots, "slot")
-    yield captioned_line("buffer", f"{slots}; levels are predicted, by a model", palette, tongue)
+def buffer_lines(buffer: BufferFacts, writer: CaptionWriter) -> Iterator[str]:
+    """Write what a model estimates of the buffer, and what the controller reported."""
+    yield writer.captioned("buffer", Message("slave.buffer", slots=Count(buffer.slots, "slot")))
     for assumption in buffer.assumptions:
-        yield from wrapped_lines(f"- {tongue(assumption)}")
-    if buffer.smallest_slack_ms is not None:
+        yield from writer.wrapped(f"- {writer.text(assumption)}")
+    if buffer.smallest_slack_ms is not None and buffer.smallest_slack_frame is not None:
         levels = ", ".join(f"{level} × {count}" for level, count in buffer.levels.items())
-        text = f"points that a set point found there × set points: {levels}"
-        yield captioned_line("level", text, palette, tongue)
-        at = f"frame {buffer.smallest_slack_frame}"
-        yield captioned_line(
-            "slack", f"{buffer.smallest_slack_ms:.3f} ms at the least, {at}", palette, tongue
-        )
-    yield from _underflow_lines(buffer, palette, tongue)
+        yield writer.captioned("level", Message("slave.buffer.levels", levels=levels))
+        slack, frame = Quantity(buffer.smallest_slack_ms, "ms", 3), buffer.smallest_slack_frame
+        yield writer.captioned("slack", Message("slave.buffer.slack", slack=slack, frame=frame))
+    yield from _underflow_lines(buffer, writer)
     if buffer.overwritten:
-        yield continued_line(
-            f"{buffer.overwritten} set points replaced before they were taken, as predicted", tongue
+        yield writer.continued(
+            Message("slave.buffer.overwritten", points=Count(buffer.overwritten, "set-point"))
         )
     if buffer.overflows:
-        frames = frames_text(buffer.overflow_frames, buffer.overflows)
-        yield captioned_line(
-            "too full", f"predicted {times_text(buffer.overflows)}; {frames}", palette, tongue
-        )
-    reported = {"underflow": buffer.reported_underflows, "overflow": buffer.reported_overflows}
-    for caption, found in reported.items():
+        frames = frames_message(buffer.overflow_frames, buffer.overflows)
+        text = Message("slave.buffer.overflow", times=Times(buffer.overflows), frames=frames)
+        yield writer.captioned("too-full", text)
+    for caption, found in (
+        ("underflow", buffer.reported_underflows),
+        ("overflow", buffer.reported_overflows),
+    ):
         if found:
-            who, frames = tongue("reported by the controller"), tongue(frames_text(found))
-            yield captioned_line(tongue(caption), f"{palette.bad}{who}{palette.reset}  {frames}", palette)
+            who = f"{writer.palette.bad}{writer.label('slave.buffer.reported')}{writer.palette.reset}"
+            yield writer.captioned(caption, f"{who}  {writer.text(frames_message(found))}")
 
 
-def _underflow_lines(buffer: BufferFacts, palette: Palette, tongue: Tongue) -> Iterator[str]:
+def _underflow_lines(buffer: BufferFacts, writer: CaptionWriter) -> Iterator[str]:
     if not buffer.underflows and not buffer.possible_underflows:
-        yield captioned_line("empty", "never, as predicted", palette, tongue)
+        yield writer.captioned("empty", Message("slave.buffer.never-empty"))
         return
-    told = f"predicted {times_text(buffer.underflows)}, {buffer.underflows_in_motion} of it in motion"
-    doubt = f"; perhaps {times_text(buffer.possible_underflows)} more" if buffer.possible_underflows else ""
-    held = ", where the last point is held" if buffer.overwrites else ""
-    yield captioned_line("empty", told + held + doubt, palette, tongue)
-    for each in buffer.underflow_list[:_MAX_UNDERFLOWS_SHOWN]:
-        moving = {True: "moving", False: "standing", None: "motion not known"}[each.moving]
-        color = palette.problem if each.moving is not False and not buffer.overwrites else ""
-        late = f"frame {each.late_frame} came {each.late_ms:.3f} ms too late"
-        text = f"after frame {each.last_frame}: {late}, {moving}"
-        yield continued_line(f"{color}{tongue(text)}{palette.reset if color else ''}")
-    if buffer.underflows > _MAX_UNDERFLOWS_SHOWN:
-        yield continued_line(f"and {buffer.underflows - _MAX_UNDERFLOWS_SHOWN} more", tongue)
-
-
-def clock_lines(clock: ClockFacts, palette: Palette, tongue: Tongue = english) -> Iterator[str]:
-    """Write how the controller's time stamps go with the clock of the capture."""
-    unit = "µs" if clock.microseconds else "ms"
-    text = f"{clock.stamps} time stamps in {unit}, as {clock.unit_known_by} tells"
-    yield captioned_line("clock", text, palette, tongue)
-    if clock.drift_ppm is not None:
-        faster = "faster" if clock.drift_ppm >= 0 else "slower"
-        yield continued_line(
-            f"the controller's is {abs(clock.drift_ppm):.1f} ppm {faster} than the capture's", tongue
+    parts = [
+        Message(
+            f"slave.buffer.empty{'.held' if buffer.overwrites else ''}",
+            times=Times(buffer.underflows),
+            moving=buffer.underflows_in_motion,
         )
+    ]
+    if buffer.possible_underflows:
+        parts.append(Message("slave.buffer.empty.perhaps", times=Times(buffer.possible_underflows)))
+    yield writer.captioned("empty", writer.joined(parts))
+    for each in buffer.underflow_list[:_MAX_UNDERFLOWS_SHOWN]:
+        color = writer.palette.problem if each.moving is not False and not buffer.overwrites else ""
+        text = writer.text(_underflow_message(each))
+        yield writer.continued(f"{color}{text}{writer.palette.reset if color else ''}")
+    if buffer.underflows > _MAX_UNDERFLOWS_SHOWN:
+        yield writer.continued(Message("slave.more", n=buffer.underflows - _MAX_UNDERFLOWS_SHOWN))
+
+
+def _underflow_message(underflow: PredictedUnderflow) -> Message:
+    return Message(
+        f"slave.buffer.underflow.{_MOTION[underflow.moving]}",
+        last=underflow.last_frame,
+        frame=underflow.late_frame,
+        late=Quantity(underflow.late_ms, "ms", 3),
+    )
+
+
+def clock_lines(clock: ClockFacts, writer: CaptionWriter) -> Iterator[str]:
+    """Write how the controller's time stamps compare with the clock of the capture."""
+    text = Message(
+        "slave.clock",
+        stamps=Count(clock.stamps, "time-stamp"),
+        unit="µs" if clock.microseconds else "ms",
+        source=clock.unit_known_by,
+    )
+    yield writer.captioned("clock", text)
+    if clock.drift_ppm is not None:
+        case = "faster" if clock.drift_ppm >= 0 else "slower"
+        drift = Quantity(abs(clock.drift_ppm), "ppm", 1)
+        yield writer.continued(Message(f"slave.clock.{case}", drift=drift))
     if clock.jitter is not None:
-        text = f"p50 {clock.jitter.p50:.3f}, p99 {clock.jitter.p99:.3f}, max {clock.jitter.most:.3f} ms"
-        yield continued_line(f"delay of replies changes by {text}", tongue)
+        text = Message(
+            "slave.clock.jitter",
+            p50=Quantity(clock.jitter.p50, "", 3),
+            p99=Quantity(clock.jitter.p99, "", 3),
+            most=Quantity(clock.jitter.most, "ms", 3),
+        )
+        yield writer.continued(text)
     counts = {
-        "periods without a stamp": clock.missing,
-        "stamps repeated": clock.repeated,
-        "stamps backwards": clock.backwards,
-        "wraps of the 32-bit number": clock.wraps,
+        "stamp-missing": clock.missing,
+        "stamp-repeated": clock.repeated,
+        "stamp-backwards": clock.backwards,
+        "stamp-wrap": clock.wraps,
     }
-    told = ", ".join(f"{count} {name}" for name, count in counts.items() if count)
-    yield continued_line(told or "no stamp missing", tongue)
+    parts = [Count(n, unit).text(writer.words) for unit, n in counts.items() if n]
+    yield writer.continued(writer.words("list.comma").join(parts) or Message("slave.clock.complete"))

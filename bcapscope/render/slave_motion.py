@@ -1,4 +1,4 @@
-"""Where the set points of a stay lead, for people."""
+"""The commanded motion of a slave-mode session, for people."""
 
 from __future__ import annotations
 
@@ -6,50 +6,47 @@ from collections.abc import Iterator, Sequence
 
 from bcapscope.analysis.slave.motion_model import AxisMotion, MotionFacts, Peak
 from bcapscope.analysis.statistics.distribution import DistributionSummary
-from bcapscope.protocol.text_format import counted
-from bcapscope.render.captioned import captioned_line, continued_line, frames_text, times_text, wrapped_lines
-from bcapscope.render.color_palette import Palette
-from bcapscope.render.columns import align_columns
-from bcapscope.render.tongue import Tongue, english
+from bcapscope.messages import Message
+from bcapscope.messages.message import PlaceValue
+from bcapscope.messages.places import Count, Quantity, Times
+from bcapscope.render.captioned import CaptionWriter, frames_message
 
 
-def motion_lines(motion: MotionFacts, palette: Palette, tongue: Tongue = english) -> Iterator[str]:
+def motion_lines(motion: MotionFacts, writer: CaptionWriter) -> Iterator[str]:
     """Write steps, velocities and accelerations by axis, and how far off the returned pose is."""
-    guessed = ", their type guessed from the count of numbers" if motion.pose_type_guessed else ""
-    yield captioned_line("motion", f"{motion.read} poses read{guessed}", palette, tongue)
+    case = ".guessed" if motion.pose_type_guessed else ""
+    yield writer.captioned("motion", Message(f"slave.motion{case}", poses=Count(motion.read, "pose")))
     if motion.unread:
-        yield continued_line(f"{motion.unread} could not be read, or are of another type", tongue)
+        yield writer.continued(Message("slave.motion.unread", n=motion.unread))
     if motion.not_finite:
-        frames = frames_text(motion.not_finite_frames, motion.not_finite)
-        text = f"{motion.not_finite} hold NaN or infinity; {frames}"
-        yield from wrapped_lines(text, palette.problem, palette.reset, tongue)
-    yield from _axes([axis for axis in motion.axes if axis.name != "Fig"], palette, tongue)
-    yield from _oddities(motion, palette, tongue)
+        frames = frames_message(motion.not_finite_frames, motion.not_finite)
+        text = Message("slave.motion.not-finite", n=motion.not_finite, frames=frames)
+        yield from writer.wrapped(text, writer.palette.problem)
+    yield from _axes([axis for axis in motion.axes if axis.name != "Fig"], writer)
+    yield from _oddities(motion, writer)
 
 
 _AXIS_HEADER = (
-    ("", "from", "to", "step", "at frame", "velocity", "", "acceleration", "", "off", "", "lag"),
+    ("", "least", "most", "step", "at-frame", "velocity", "", "acceleration", "", "off", "", "lag"),
     ("", "", "", "max", "", "p99", "max", "p99", "max", "p99", "max", "cycles"),
 )
+"""Ids of the columns."""
 
 
-def _axes(axes: Sequence[AxisMotion], palette: Palette, tongue: Tongue) -> Iterator[str]:
+def _axes(axes: Sequence[AxisMotion], writer: CaptionWriter) -> Iterator[str]:
     moving = [axis for axis in axes if axis.least != axis.most]
     if not moving:
         if axes:
-            yield continued_line("no axis moves", tongue)
+            yield writer.continued(Message("slave.motion.none"))
         return
-    head = (tuple(map(tongue, row)) for row in _AXIS_HEADER)
-    rows = [*head, *map(_axis, moving)]
-    first, second, *others = align_columns(rows, "<" + ">" * (len(_AXIS_HEADER[0]) - 1))
-    yield f"  {palette.dim}{first}{palette.reset}"
-    yield f"  {palette.dim}{second}{palette.reset}"
-    yield from (f"  {line}" for line in others)
+    head = [
+        tuple(writer.label(f"slave.column.{name}") if name else "" for name in row) for row in _AXIS_HEADER
+    ]
+    yield from writer.table([*head, *map(_axis, moving)], "<" + ">" * (len(head[0]) - 1), len(head))
     still = [axis.name for axis in axes if axis.least == axis.most]
     if still:
-        yield continued_line(f"standing still: {' '.join(still)}", tongue)
-    text = "units of the axis, a second, a second squared; off: commanded less returned"
-    yield from wrapped_lines(text, tongue=tongue)
+        yield writer.continued(Message("slave.motion.still", axes=" ".join(still)))
+    yield from writer.wrapped(Message("slave.motion.units"))
 
 
 def _axis(axis: AxisMotion) -> tuple[str, ...]:
@@ -83,32 +80,39 @@ def _short_number(value: float) -> str:
     return f"{value:.0f}" if abs(value) >= 1000 else f"{value:.4g}"
 
 
-def _oddities(motion: MotionFacts, palette: Palette, tongue: Tongue) -> Iterator[str]:
-    if motion.first_distance:
-        yield continued_line(f"first point {_distance(motion)} from where the robot stood,", tongue)
-        yield continued_line(f"by {motion.first_distance_known_by}", tongue)
+def _oddities(motion: MotionFacts, writer: CaptionWriter) -> Iterator[str]:
+    if motion.first_distance and motion.first_distance_known_by is not None:
+        yield from writer.wrapped(_first_point_message(motion, motion.first_distance_known_by))
     if motion.repeated:
-        points = counted(motion.repeated, "point")
-        text = f"{points} equal to the one before"
+        points: dict[str, PlaceValue] = {"points": Count(motion.repeated, "set-point")}
+        text = Message("slave.motion.repeated", **points)
         if motion.stutters:
-            frames = frames_text(motion.stutter_frames, motion.stutters)
-            text = f"{text}, {motion.stutters} of them between two that move; {frames}"
-        yield from wrapped_lines(text, tongue=tongue)
+            frames = frames_message(motion.stutter_frames, motion.stutters)
+            text = Message(
+                "slave.motion.repeated.stutters", **points, stutters=motion.stutters, frames=frames
+            )
+        yield from writer.wrapped(text)
     if motion.jumps:
         first = motion.jump_list[0]
-        steps = counted(motion.jumps, "step")
-        text = f"{steps} far larger than those beside or than any axis follows"
-        text = f"{text}, the first {first.step:.4g} on {first.axis}"
-        frames = frames_text([jump.frame for jump in motion.jump_list], motion.jumps)
-        yield from wrapped_lines(f"{text}; {frames}", palette.problem, palette.reset, tongue)
+        text = Message(
+            "slave.motion.jumps",
+            steps=Count(motion.jumps, "step"),
+            step=Quantity(first.step),
+            axis=first.axis,
+            frames=frames_message([jump.frame for jump in motion.jump_list], motion.jumps),
+        )
+        yield from writer.wrapped(text, writer.palette.problem)
     if motion.figure_changes:
-        yield continued_line(f"Fig changes {times_text(motion.figure_changes)}", tongue)
+        yield writer.continued(Message("slave.motion.figure", times=Times(motion.figure_changes)))
 
 
-def _distance(motion: MotionFacts) -> str:
+def _first_point_message(motion: MotionFacts, known_by: Message) -> Message:
     farthest, axis = max(
         zip(motion.first_distance, motion.axes, strict=False),
         key=lambda pair: abs(pair[0]),
         default=(0.0, None),
     )
-    return f"{abs(farthest):.4g}" + ("" if axis is None else f" {axis.unit} on {axis.name}")
+    if axis is None:
+        return Message("slave.motion.first", distance=Quantity(abs(farthest)), known_by=known_by)
+    distance = Quantity(abs(farthest), axis.unit)
+    return Message("slave.motion.first.axis", distance=distance, axis=axis.name, known_by=known_by)

@@ -1,4 +1,4 @@
-"""A run in slave mode while it lasts: joints over time, cycle times, lateness, buffer."""
+"""A running playback in slave mode: joints over time, cycle times, lateness, buffer."""
 
 from __future__ import annotations
 
@@ -6,23 +6,24 @@ from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
 from bcapscope.analysis.statistics.distribution import Bin
-from bcapscope.protocol.slave_mode.modes import PoseType
+from bcapscope.messages import ENGLISH_WORDS, MessageFormatter
+from bcapscope.messages.message import PlaceValue
+from bcapscope.protocol.slave_mode.modes import PERIOD_MS, PoseType
 from bcapscope.protocol.slave_mode.poses import AXES
 from bcapscope.render.braille_chart import ChartCurve, braille_chart
 from bcapscope.render.color_palette import PLAIN, Palette
 from bcapscope.render.histogram import histogram
-from bcapscope.render.tongue import Tongue, english
 
 if TYPE_CHECKING:  # what the player's messages are made of reaches sockets
     from bcapscope.player.player_messages import PlayProgress
 
 _MAX_CHART_ROWS = 16
-"""Rows of one chart at most: a taller one tells no more."""
+"""Maximum rows of one chart: a taller one shows no more."""
 
 _LARGEST_POSITION = 1e9
 
 PoseHistory = Sequence[tuple[float, Sequence[float], Sequence[float]]]
-"""Elapsed seconds, what was commanded, what came back."""
+"""Elapsed seconds, commanded pose, returned pose."""
 
 
 def axis_charts(
@@ -33,24 +34,24 @@ def axis_charts(
     width: int,
     height: int,
     palette: Palette = PLAIN,
-    tongue: Tongue = english,
+    words: MessageFormatter = ENGLISH_WORDS,
 ) -> Iterator[str]:
-    """Draw an axis a chart, commanded over actual, each with a title that has both numbers.
+    """Draw one chart per axis, commanded over actual, each with a title that has both numbers.
 
     Args:
-        kind: of the poses.
-        history: readings in the order of their times.
-        axes: indexes of those to draw.
+        kind: pose type.
+        history: poses in the order of their times.
+        axes: indexes of the axes to draw.
         width: columns.
         height: rows of all charts together.
-        palette: `number` is for what was commanded, `good` for what came back.
-        tongue: of the titles.
+        palette: `number` is for commanded positions, `good` for returned ones.
+        words: language of the titles.
     """
     each = min(_MAX_CHART_ROWS, max(4, height // max(1, len(axes))))
     for axis in axes:
         commanded = [(time, point[axis]) for time, point, _ in history if axis < len(point)]
         actual = [(time, pose[axis]) for time, _, pose in history if axis < len(pose)]
-        yield _title(AXES[kind][axis].name, commanded, actual, palette, tongue)
+        yield _title(AXES[kind][axis].name, commanded, actual, palette, words)
         curves = [ChartCurve(actual, palette.good), ChartCurve(commanded, palette.number)]
         yield from braille_chart(curves, width, each - 1, palette, AXES[kind][axis].unit.replace("deg", "°"))
 
@@ -60,26 +61,27 @@ def _title(
     commanded: Sequence[tuple[float, float]],
     actual: Sequence[tuple[float, float]],
     palette: Palette,
-    tongue: Tongue,
+    words: MessageFormatter,
 ) -> str:
     text = f"{palette.name}{name}{palette.reset}"
     if commanded:
-        text += f"  {palette.number}{tongue('commanded')} {_position_text(commanded[-1][1])}{palette.reset}"
+        position = _position_text(commanded[-1][1])
+        text += f"  {palette.number}{words('run.commanded')} {position}{palette.reset}"
     if actual:
-        text += f"  {palette.good}{tongue('actual')} {_position_text(actual[-1][1])}{palette.reset}"
+        text += f"  {palette.good}{words('run.actual')} {_position_text(actual[-1][1])}{palette.reset}"
     if commanded and actual:
         behind = commanded[-1][1] - actual[-1][1]
-        text += f"  {palette.dim}{tongue('behind')} {_position_text(behind)}{palette.reset}"
+        text += f"  {palette.dim}{words('run.behind')} {_position_text(behind)}{palette.reset}"
     return text
 
 
 def _position_text(value: float) -> str:
-    """Write a position; what no axis has, in no more columns."""
+    """Write a position; one that no axis can have takes no more columns."""
     return f"{value:.3f}" if abs(value) < _LARGEST_POSITION else f"{value:.3g}"
 
 
 def cycle_histogram_lines(progress: PlayProgress, palette: Palette = PLAIN) -> Iterator[str]:
-    """Draw the histogram of the times from one set point to the next, ms, a row for each bin that is told."""
+    """Draw the histogram of the times from one set point to the next, ms, one row per bin."""
     bins = [Bin(low / 1e6, (high + 1) / 1e6, count) for low, high, count in progress.cycle]
     edges = sorted({edge for each in bins for edge in (each.low, each.high)})
     yield from histogram(bins, edges, palette)
@@ -89,46 +91,66 @@ def run_figure_lines(
     progress: PlayProgress,
     slack: tuple[int, float, float] | None,
     palette: Palette = PLAIN,
-    tongue: Tongue = english,
+    words: MessageFormatter = ENGLISH_WORDS,
 ) -> Iterator[str]:
-    """Write elapsed and left, lateness, retries and the model of the controller's buffer.
+    """Write elapsed and remaining time, lateness, retries and the model of the controller's buffer.
 
     Args:
-        progress: told last.
-        slack: slots, ms that a full buffer lasts, ms of that which were left at the longest pause; None
-            where it cannot run empty.
+        progress: latest progress.
+        slack: slots, ms that a full buffer lasts, and ms that were left at the longest pause; None if the
+            buffer cannot run empty.
         palette: colours.
-        tongue: of the words.
+        words: language of the lines.
     """
-    number, reset, late, counts = palette.number, palette.reset, progress.lateness, progress.counts
-    place = tongue(f"{progress.index} of {progress.of}") if progress.of else f"{progress.index}"
-    yield (
-        f"{palette.name}{tongue(progress.state)}{reset}  {tongue('set point')} {number}{place}{reset}, "
-        f"{tongue('elapsed')} {number}{progress.elapsed:.1f} s{reset}"
-        + ("" if progress.left is None else f", {tongue('left')} {number}{progress.left:.1f} s{reset}")
-    )
+
+    def number(text: str) -> str:
+        return f"{palette.number}{text}{palette.reset}"
+
+    yield _progress_line(progress, palette, words)
+    late, counts = progress.lateness, progress.counts
     if late.count:
-        yield (
-            f"{tongue('late, ms:')} p50 {number}{late.p50 / 1e6:.3f}{reset} "
-            f"p99 {number}{late.p99 / 1e6:.3f}{reset} p99.9 {number}{late.p999 / 1e6:.3f}{reset} "
-            f"{tongue('most')} {number}{late.most / 1e6:.3f}{reset}"
-        )
-    color = palette.problem if counts.unanswered or counts.shifted else number
-    yield (
-        f"{tongue('retries')} {number}{counts.retries}{reset}  "
-        f"{tongue('late replies')} {number}{counts.late}{reset}  "
-        f"{tongue('unanswered')} {color}{counts.unanswered}{reset}  "
-        f"{tongue('put off')} {color}{counts.shifted}{reset}"
+        figures = {"p50": late.p50, "p99": late.p99, "p999": late.p999, "most": late.most}
+        yield words("run.late", **{name: number(f"{each / 1e6:.3f}") for name, each in figures.items()})
+    color = palette.problem if counts.unanswered or counts.shifted else palette.number
+    yield words(
+        "run.counts",
+        retries=number(str(counts.retries)),
+        late=number(str(counts.late)),
+        unanswered=f"{color}{counts.unanswered}{palette.reset}",
+        postponed=f"{color}{counts.shifted}{palette.reset}",
     )
     if slack is not None:
         slots, whole, rest = slack
         shown = palette.good if rest > whole / 3 else palette.bad
-        words = tongue(f"buffer (model): {slots} × 8 ms, left at the longest pause")
-        yield f"{words} {shown}{max(0.0, rest):.1f}{reset} / {whole:.0f} ms"
+        yield words(
+            "run.buffer",
+            slots=slots,
+            period=f"{PERIOD_MS} ms",
+            rest=f"{shown}{max(0.0, rest):.1f}{palette.reset}",
+            whole=f"{whole:.0f} ms",
+        )
+
+
+def _progress_line(progress: PlayProgress, palette: Palette, words: MessageFormatter) -> str:
+    number, reset = palette.number, palette.reset
+    index = f"{number}{progress.index}"
+    point = (
+        words("run.point.of", index=index, total=f"{progress.of}{reset}")
+        if progress.of
+        else words("run.point", index=f"{index}{reset}")
+    )
+    places: dict[str, PlaceValue] = {
+        "state": f"{palette.name}{words.text(progress.state.message)}{reset}",
+        "point": point,
+        "elapsed": f"{number}{progress.elapsed:.1f} s{reset}",
+    }
+    if progress.left is None:
+        return words("run.progress", **places)
+    return words("run.progress.left", **places, left=f"{number}{progress.left:.1f} s{reset}")
 
 
 def progress_bar(progress: PlayProgress, width: int, palette: Palette = PLAIN) -> str:
-    """Draw how far it is; empty where there is no end."""
+    """Draw the progress; empty if the run has no end."""
     if not progress.of:
         return ""
     done = round(min(1.0, progress.index / progress.of) * width)

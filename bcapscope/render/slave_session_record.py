@@ -1,7 +1,7 @@
-"""One JSON object a stay in slave mode, for programs.
+"""One JSON object per slave-mode session, for programs.
 
-Fields end in their unit: `_ms`, `_hz`, `_ppm`; moments are seconds since 1970 with nine digits; what is
-missing is null. `frame`, `frames` and names that end so hold frame numbers.
+Fields end in their unit: `_ms`, `_hz`, `_ppm`. Times are seconds since 1970 with nine digits; missing values
+are null. Names that end in `frame` or `frames` hold frame numbers.
 """
 
 from __future__ import annotations
@@ -29,6 +29,7 @@ from bcapscope.analysis.slave.slave_session import (
 )
 from bcapscope.analysis.slave.timing_model import TimingFacts
 from bcapscope.analysis.statistics.distribution import DistributionSummary
+from bcapscope.messages import Message
 from bcapscope.protocol.tables.function_table import function_name
 from bcapscope.protocol.tables.hresult import describe_hresult, hresult_name
 from bcapscope.render.frame_record import json_text
@@ -72,10 +73,10 @@ def slave_session_record(slave_session: SlaveSession) -> bytes:
 
 
 def distribution_object(found: DistributionSummary | None) -> _Object | None:
-    """Say a distribution; `bins` are lists of lower edge, upper edge and count, where there are any."""
+    """Return a distribution; each of its `bins`, if any, is a list of lower edge, upper edge and count."""
     if found is None:
         return None
-    told: _Object = {
+    fields: _Object = {
         "count": found.count,
         "mean": json_ready_number(found.mean),
         "min": json_ready_number(found.least),
@@ -86,15 +87,19 @@ def distribution_object(found: DistributionSummary | None) -> _Object | None:
         "max": json_ready_number(found.most),
     }
     if found.bins:
-        told["bins"] = [(each.low, each.high, each.count) for each in found.bins]
-    return told
+        fields["bins"] = [(each.low, each.high, each.count) for each in found.bins]
+    return fields
 
 
 def json_ready_number(value: float | None) -> float | str | None:
-    """Say a number; what is none, or has no end, as a text."""
+    """Return a number; NaN and infinities as text."""
     if value is None or math.isfinite(value):
         return value
     return "NaN" if math.isnan(value) else "Infinity" if value > 0 else "-Infinity"
+
+
+def _text(message: Message | None) -> str | None:
+    return None if message is None else str(message)
 
 
 def _time_fragment(time: int) -> orjson.Fragment:
@@ -144,7 +149,7 @@ def _mode(mode: KnownMode) -> _Object:
         "text": None if meaning is None else meaning.text,
         "guessed": mode.guessed,
         "generation": None if mode.generation is None else mode.generation.value,
-        "generation_known_by": mode.generation_known_by or None,
+        "generation_known_by": _text(mode.generation_known_by),
     }
 
 
@@ -191,14 +196,14 @@ def _timing(timing: TimingFacts) -> _Object:
         "cycle_ms": distribution_object(timing.cycle),
         "rate_hz": timing.rate_hz,
         "grid_ms": timing.grid_ms,
-        "grid_known_by": timing.grid_known_by,
+        "grid_known_by": _text(timing.grid_known_by) or "",
         "jitter_ms": distribution_object(timing.jitter),
         "on_grid": timing.on_grid,
         "skipped": timing.skipped,
         "backwards": timing.backwards,
         "latency_ms": distribution_object(timing.latency),
         "rtt_ms": distribution_object(timing.rtt),
-        "deadlines": [each._asdict() for each in timing.deadlines],
+        "deadlines": [{**each._asdict(), "name": str(each.name)} for each in timing.deadlines],
         "slowest": list(map(_set_point, timing.slowest)),
         "slack_ms": timing.slack_ms,
         "gaps": timing.gaps,
@@ -212,7 +217,7 @@ def _buffer(buffer: BufferFacts) -> _Object:
         "period_ms": buffer.period_ms,
         "overwrites": buffer.overwrites,
         "paces": buffer.replies_pace,
-        "assumptions": buffer.assumptions,
+        "assumptions": list(map(str, buffer.assumptions)),
         "predicted_empty": buffer.underflows,
         "predicted_empty_in_motion": buffer.underflows_in_motion,
         "predicted_empty_list": list(map(_starved, buffer.underflow_list)),
@@ -245,7 +250,7 @@ def _clock(clock: ClockFacts) -> _Object:
     return {
         "stamps": clock.stamps,
         "unit": "us" if clock.microseconds else "ms",
-        "unit_known_by": clock.unit_known_by,
+        "unit_known_by": str(clock.unit_known_by),
         "drift_ppm": json_ready_number(clock.drift_ppm),
         "jitter_ms": distribution_object(clock.jitter),
         "step_ms": distribution_object(clock.step),
@@ -271,7 +276,7 @@ def _motion(motion: MotionFacts) -> _Object:
         ],
         "lag_cycles": json_ready_number(motion.lag_cycles),
         "first_distance": list(map(json_ready_number, motion.first_distance)),
-        "first_distance_known_by": motion.first_distance_known_by or None,
+        "first_distance_known_by": _text(motion.first_distance_known_by),
     }
 
 

@@ -1,4 +1,4 @@
-"""When the set points of a stay were sent and answered, for people."""
+"""When the set points of a slave-mode session were sent and answered, for people."""
 
 from __future__ import annotations
 
@@ -8,53 +8,68 @@ from bcapscope.analysis.slave.session_slices import SessionSlice
 from bcapscope.analysis.slave.slave_session import SlaveSession
 from bcapscope.analysis.slave.timing_model import TimingFacts
 from bcapscope.analysis.statistics.distribution import DistributionSummary
-from bcapscope.render.captioned import captioned_line, continued_line, frames_text, wrapped_lines
-from bcapscope.render.color_palette import Palette
-from bcapscope.render.columns import align_columns
+from bcapscope.messages import Message
+from bcapscope.messages.message import PlaceValue
+from bcapscope.messages.places import Count, Quantity
+from bcapscope.render.captioned import CaptionWriter, frames_message
 from bcapscope.render.histogram import edges_around, edges_by_decades, histogram
-from bcapscope.render.tongue import Tongue, english
 
-_SLICE_TIMES = ("cycle p50", "p99", "max", "latency p99", "max", "slack")
+_SLICE_COLUMNS = (
+    *("from", "sent", "retries", "refused", "cycle-p50", "p99", "max", "latency-p99", "max", "slack"),
+)
+"""Ids of the columns of slices."""
 
 
-def timing_lines(timing: TimingFacts, palette: Palette, tongue: Tongue = english) -> Iterator[str]:
-    """Write how the times are spread, with histograms of cycles and latencies."""
-    names = ("cycle", "jitter", "latency", "round trip")
+def timing_lines(timing: TimingFacts, writer: CaptionWriter) -> Iterator[str]:
+    """Write the distribution of the times, with histograms of cycles and latencies."""
+    names = ("cycle", "jitter", "latency", "round-trip")
     found = (timing.cycle, timing.jitter, timing.latency, timing.rtt)
-    rows: list[tuple[str, ...]] = [tuple(map(tongue, ("ms", "mean", "p50", "p90", "p99", "p99.9", "max")))]
+    mean, most = writer.label("slave.column.mean"), writer.label("slave.column.max")
+    rows: list[tuple[str, ...]] = [("ms", mean, "p50", "p90", "p99", "p99.9", most)]
     rows += [
-        (tongue(name), *_points(each)) for name, each in zip(names, found, strict=True) if each is not None
+        (writer.label(f"slave.row.{name}"), *_points(each))
+        for name, each in zip(names, found, strict=True)
+        if each is not None
     ]
-    first, *others = align_columns(rows, "<>>>>>>")
-    yield f"  {palette.dim}{first}{palette.reset}"
-    yield from (f"  {line}" for line in others)
-    rate = "" if timing.rate_hz is None else f", {timing.rate_hz:.2f} set points a second"
-    yield captioned_line("grid", f"{timing.grid_ms:g} ms{rate}", palette, tongue)
-    yield from wrapped_lines(timing.grid_known_by, tongue=tongue)
+    yield from writer.table(rows, "<>>>>>>")
+    places: dict[str, PlaceValue] = {"period": Quantity(timing.grid_ms, "ms")}
+    grid = Message("slave.grid.no-rate", **places)
+    if timing.rate_hz is not None:
+        grid = Message("slave.grid", **places, rate=Quantity(timing.rate_hz, "", 2))
+    yield writer.captioned("grid", grid)
+    if timing.grid_known_by is not None:
+        yield from writer.wrapped(timing.grid_known_by)
     if timing.cycle is not None:
-        yield continued_line(_on_grid(timing, timing.cycle), tongue)
-        if timing.gaps:
-            late = [fact.request_frame for fact in timing.gap_list]
-            text = f"{timing.gaps} longer than the {timing.slack_ms:g} ms that the buffer can bridge"
-            text = f"{text}; {frames_text(late, timing.gaps)}"
-            yield from wrapped_lines(text, palette.problem, palette.reset, tongue)
-        yield captioned_line("cycles", "in ms", palette, tongue)
-        yield from _drawn(timing.cycle, edges_around(timing.grid_ms), palette)
+        yield from _cycle_lines(timing, timing.cycle, writer)
     if timing.latency is not None:
-        text = "in ms, from the first request to the accepted reply"
-        yield captioned_line("latencies", text, palette, tongue)
-        yield from _drawn(timing.latency, edges_by_decades(), palette)
+        yield writer.captioned("latencies", Message("slave.latencies"))
+        yield from _histogram(timing.latency, edges_by_decades(), writer)
 
 
-def _drawn(distribution: DistributionSummary, edges: Sequence[float], palette: Palette) -> Iterator[str]:
-    return (f"  {line}" for line in histogram(distribution.bins, edges, palette))
+def _cycle_lines(timing: TimingFacts, cycle: DistributionSummary, writer: CaptionWriter) -> Iterator[str]:
+    yield writer.continued(writer.joined(_grid_messages(timing, cycle)))
+    if timing.gaps:
+        frames = frames_message([fact.request_frame for fact in timing.gap_list], timing.gaps)
+        text = Message("slave.gaps", n=timing.gaps, slack=Quantity(timing.slack_ms, "ms"), frames=frames)
+        yield from writer.wrapped(text, writer.palette.problem)
+    yield writer.captioned("cycles", Message("slave.cycles"))
+    yield from _histogram(cycle, edges_around(timing.grid_ms), writer)
 
 
-def _on_grid(timing: TimingFacts, cycle: DistributionSummary) -> str:
-    told = [f"{timing.on_grid / cycle.count:.2%} of the cycles within {timing.grid_ms / 10:g} ms of it"]
-    told += [f"{timing.skipped} of {timing.grid_ms * 1.5:g} ms or more"] if timing.skipped else []
-    told += [f"{timing.backwards} out of order"] if timing.backwards else []
-    return ", ".join(told)
+def _histogram(
+    distribution: DistributionSummary, edges: Sequence[float], writer: CaptionWriter
+) -> Iterator[str]:
+    return (f"  {line}" for line in histogram(distribution.bins, edges, writer.palette))
+
+
+def _grid_messages(timing: TimingFacts, cycle: DistributionSummary) -> Iterator[Message]:
+    share = Quantity(100 * timing.on_grid / cycle.count, "%", 2)
+    yield Message("slave.grid.within", share=share, limit=Quantity(timing.grid_ms / 10, "ms"))
+    if timing.skipped:
+        limit = Quantity(timing.grid_ms * 1.5, "ms")
+        yield Message("slave.grid.skipped", n=timing.skipped, limit=limit)
+    if timing.backwards:
+        yield Message("slave.grid.backwards", n=timing.backwards)
 
 
 def _points(found: DistributionSummary) -> tuple[str, ...]:
@@ -62,29 +77,26 @@ def _points(found: DistributionSummary) -> tuple[str, ...]:
     return tuple(f"{value:.3f}" for value in values)
 
 
-def deadline_lines(timing: TimingFacts, palette: Palette, tongue: Tongue = english) -> Iterator[str]:
+def deadline_lines(timing: TimingFacts, writer: CaptionWriter) -> Iterator[str]:
     """Write how many set points would have missed each recommended time-out."""
-    rows = [tuple(map(tongue, ("time-outs", "later than one try", "than all tries")))]
+    rows = [tuple(map(writer.label, ("slave.timeouts", "slave.timeouts.one", "slave.timeouts.all")))]
     for deadline in timing.deadlines:
-        name = ("* " if deadline.applies else "  ") + tongue(deadline.name)
+        name = ("* " if deadline.applies else "  ") + writer.text(deadline.name)
         rows.append((name, str(deadline.late), str(deadline.given_up)))
-    first, *others = align_columns(rows, "<>>")
-    yield f"  {palette.dim}{first}{palette.reset}"
-    yield from (f"  {line}" for line in others)
+    yield from writer.table(rows, "<>>")
     sources = dict.fromkeys(deadline.source for deadline in timing.deadlines if deadline.applies)
     if sources:
-        yield from wrapped_lines(f"* recommended for this mode by {'; '.join(sources)}", tongue=tongue)
+        yield from writer.wrapped(Message("slave.timeouts.recommended", sources="; ".join(sources)))
 
 
-def slice_lines(slave_session: SlaveSession, palette: Palette, tongue: Tongue = english) -> Iterator[str]:
+def slice_lines(slave_session: SlaveSession, writer: CaptionWriter) -> Iterator[str]:
     """Write the figures of each slice of time, times in ms."""
-    header = tuple(map(tongue, ("from s", "sent", "retries", "refused", *_SLICE_TIMES)))
+    header = tuple(writer.label(f"slave.column.{name}") for name in _SLICE_COLUMNS)
     rows = [header, *(_slice(each, slave_session.slices[0].begin) for each in slave_session.slices)]
-    first, *others = align_columns(rows, ">" * len(header))
-    yield f"  {palette.dim}{first}{palette.reset}"
-    yield from (f"  {line}" for line in others)
+    yield from writer.table(rows, ">" * len(header))
     if slave_session.slices_left_off:
-        yield f"  {tongue(f'and {slave_session.slices_left_off} slices more')}"
+        left_off = Count(slave_session.slices_left_off, "more-slice")
+        yield f"  {writer.label('slave.slices.more', slices=left_off)}"
 
 
 def _slice(each: SessionSlice, begin: int) -> tuple[str, ...]:

@@ -40,6 +40,7 @@ import orjson
 
 from bcapscope.analysis.slave.captured_trajectory import CapturedTrajectory, TrajectoryStep
 from bcapscope.analysis.slave.slave_session import AcceptedFormat
+from bcapscope.messages import Message
 from bcapscope.protocol.slave_mode.poses import Axis
 from bcapscope.render.frame_record import json_number, json_text
 from bcapscope.render.number import number_text, numbers_text
@@ -150,12 +151,16 @@ def _header_members(trajectory: CapturedTrajectory) -> Iterator[tuple[str, bytes
     yield "mode_guessed", orjson.dumps(mode.guessed)
     yield "pose_type", json_text(mode.pose_type)
     yield "generation", json_text(mode.generation)
-    yield "generation_known_by", json_text(mode.generation_known_by or None)
+    yield "generation_known_by", json_text(_text(mode.generation_known_by))
     yield "send_format", _format(trajectory.send_format)
     yield "receive_format", _format(trajectory.receive_format)
     yield "interval_ms", orjson.dumps(trajectory.grid_ms)
     yield "axes", orjson.dumps([{"name": axis.name, "unit": axis.unit} for axis in trajectory.axes])
     yield "columns", orjson.dumps(column_names(trajectory))
+
+
+def _text(message: Message | None) -> str | None:
+    return None if message is None else str(message)
 
 
 def _format(found: AcceptedFormat | None) -> bytes:

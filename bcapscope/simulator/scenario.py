@@ -22,7 +22,7 @@ from msgspec import Meta
 
 from bcapscope.faults.document import LONGEST_DOCUMENT, DocumentError, FieldError, read_document
 from bcapscope.faults.fault import AnyFault
-from bcapscope.faults.quantities import Duration, HresultQuantity
+from bcapscope.faults.quantities import DurationQuantity, HresultQuantity
 from bcapscope.protocol.codec.variant import VT, Variant
 from bcapscope.protocol.retry.responder import Defect
 from bcapscope.protocol.slave_mode.modes import Generation
@@ -136,7 +136,7 @@ class InitialSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     mode: OperatingMode = OperatingMode.AUTOMATIC
     token: bool = True
     motor: bool = False
-    motor_time: Duration = Duration(MOTOR_ON_TIME)
+    motor_time: DurationQuantity = DurationQuantity(MOTOR_ON_TIME)
     speed: Percent = 100.0
     type_name: Name = ROBOT_TYPE
     errors: Annotated[tuple[HresultQuantity, ...], Meta(max_length=32)] = ()

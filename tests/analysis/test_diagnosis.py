@@ -19,7 +19,7 @@ from tests.analysis.driving import ENTER, Plan
 from tests.analysis.plays import SCENES
 from tests.analysis.scenes import HOME, ROBOT, Diagnosed, Story, diagnose, diagnose_bytes, good, stage
 from tests.samples import trouble
-from tests.samples.calls import i4, r8s, reply, request, text
+from tests.samples.calls import START, i4, r8s, reply, request, text
 from tests.samples.findings import sentence_of
 from tests.shared_folder import SHARED
 
@@ -38,7 +38,7 @@ def test_nothing_seen() -> None:
 
 def test_a_clean_capture_says_how_much_was_seen() -> None:
     found = stage(good)
-    assert found == Diagnosed((), TrafficTotals(142, 71, 1, 546_000_000))
+    assert found == Diagnosed((), TrafficTotals(142, 71, 1, 546_000_000, began=START))
 
 
 def test_calls_that_are_let_go_accuse_nobody(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -93,11 +93,10 @@ def test_a_late_reply_is_the_first_cause_of_a_lost_slave_mode() -> None:
     found = stage(play)
     assert found.findings[0].rule == "client-gave-up"
     assert sentence_of(found.findings[0]).startswith(
-        "The reply to slvMove 4711 came 19 ms after it was sent, your client had given up at 16 ms; "
-        "the controller "
-        "said 8.0 ms later that it had run out of set points, and left slave mode; "
+        "The reply to slvMove 4711 came 19 ms after the request. Your client had given up after 16 ms. "
     )
-    assert sentence_of(found.findings[0]).endswith("everything after that is a consequence.")
+    assert "8.0 ms later" in sentence_of(found.findings[0])
+    assert sentence_of(found.findings[0]).endswith("Everything after that is a consequence.")
     assert chain(found)[:3] == [("client-gave-up", None), ("underflow", 1), ("slvmove-outside-slave-mode", 2)]
 
 
@@ -119,7 +118,7 @@ def test_another_client_is_the_first_cause() -> None:
 
 
 @pytest.mark.parametrize(
-    "name", ["slvMove\x1b[2J", "one\ntwo", "[/foo]", "\ud800", "\u202egpj", "x" * 5000, "{speech}", "%s%n"]
+    "name", ["slvMove\x1b[2J", "one\ntwo", "[/foo]", "\ud800", "\u202egpj", "x" * 5000, "{at:time}", "%s%n"]
 )
 def test_hostile_names_are_carried_as_they_are(name: str) -> None:
     def play(story: Story) -> None:
@@ -230,6 +229,22 @@ def test_a_proxy_has_seen_each_stream_from_its_beginning(known_by: str, rule: st
     item = Malformed(b"GET / HTTP/1.0\r\n\r\n", (Problem(0, "outside", "bytes outside of any frame"),))
     diagnosis.on_frame(Observation(1, 0, 0, flow, item, 0))
     assert [finding.rule for finding in diagnosis.findings()] == [rule]
+
+
+@pytest.mark.parametrize(
+    ("count", "said"),
+    [
+        (1, "at 0.000 s is malformed: no. 0."),
+        (2, "at 0.000 s is malformed: no. 0; no. 1."),
+        (4, "at 0.000 s is malformed: no. 0; no. 1; no. 2; and 1 more problem."),
+    ],
+)
+def test_the_first_problems_of_a_frame_are_named(count: int, said: str) -> None:
+    problems = tuple(Problem(number, "length", f"no. {number}") for number in range(count))
+    diagnosis = Diagnosis()
+    diagnosis.on_frame(Observation(1, 0, 0, _FLOWS[0], Malformed(b"\x02", problems), 0))
+    (finding,) = diagnosis.findings()
+    assert sentence_of(finding).endswith(said)
 
 
 @pytest.mark.interop

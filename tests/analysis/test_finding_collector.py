@@ -1,4 +1,4 @@
-"""Incidents become findings: causes before consequences, and one finding for what happened often."""
+"""Occurrences become findings: causes before consequences, and one finding for what happened often."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def happen(
     conversation: Conversation = HERE,
     key: str = "",
 ) -> Occurrence:
-    """Make an incident that began `at` seconds from the beginning and was over at once."""
+    """Make an occurrence that began `at` seconds from the beginning and was over at once."""
     time = round(at * SECOND)
     return Occurrence(
         what,
@@ -39,8 +39,8 @@ def happen(
         time,
         conversation,
         (round(at * 10) + 1,),
-        lambda speech: f"the {what.id} came at {speech.at(time)}",
-        lambda speech, after: f"{what.id} followed",
+        Message.from_table("fact", f"The {what.id} came at {at:.3f} s."),
+        Message.from_table("clause", f"{what.id} followed"),
         call,
         because,
         key,
@@ -66,7 +66,7 @@ def test_a_consequence_stands_behind_its_cause() -> None:
     findings = told(happen(FIRE, 0.2), happen(SPARK, 0.1))
     assert links(findings) == [("spark", None), ("fire", 1)]
     cause, consequence = findings
-    assert sentence_of(cause) == "The spark came at 0.100 s. Then fire followed."
+    assert sentence_of(cause) == "The spark came at 0.100 s. 100 ms later, fire followed."
     assert sentence_of(consequence) == "The fire came at 0.200 s."
     assert (cause.frames, consequence.frames) == ((2,), (3,))
 
@@ -76,10 +76,10 @@ def test_a_chain_is_told_by_its_first_link() -> None:
         *(happen(SMOKE, 0.3 + number / 10) for number in range(3)), happen(FIRE, 0.2), happen(SPARK, 0.1)
     )
     assert links(findings) == [("spark", None), ("fire", 1), ("smoke", 2)]
-    story = (
-        "The spark came at 0.100 s; fire followed; smoke followed; everything after that is a consequence."
+    assert sentence_of(findings[0]) == (
+        "The spark came at 0.100 s. 100 ms later, fire followed. 100 ms later, smoke followed. "
+        "Everything after that is a consequence."
     )
-    assert sentence_of(findings[0]) == story
 
 
 def test_what_else_went_wrong_is_no_consequence() -> None:
@@ -88,7 +88,7 @@ def test_what_else_went_wrong_is_no_consequence() -> None:
         happen(SPARK, 0.1), *(happen(FIRE, 0.2 + number / 10) for number in range(3)), happen(other, 0.5)
     )
     assert links(findings) == [("spark", None), ("fire", 1), ("flood", None)]
-    assert sentence_of(findings[0]).endswith("fire followed; finding 2 follows from it.")
+    assert sentence_of(findings[0]).endswith("100 ms later, fire followed. Finding 2 follows from it.")
 
 
 def test_what_comes_later_is_no_cause() -> None:
@@ -108,7 +108,7 @@ def test_a_named_call_is_the_cause_however_long_ago() -> None:
     found = told(happen(SPARK, 0.1, call=7), happen(SPARK, 99.9, call=8), happen(FIRE, 100, because=(7,)))
     assert links(found) == [("spark", None), ("fire", 1)]
     assert sentence_of(found[0]).startswith(
-        "The spark came at 0.100 s (twice in all, from 0.100 s to 99.900 s)"
+        "The spark came at 0.100 s. This happened twice, from 0.100 s to 99.900 s."
     )
 
 
@@ -142,7 +142,9 @@ def test_rules_that_follow_each_other_make_no_circle() -> None:
 
 def test_a_thousand_times_are_one_finding() -> None:
     (found,) = told(*(happen(SPARK, number / 10) for number in range(1000)))
-    assert sentence_of(found) == "The spark came at 0.000 s (1000 times in all, from 0.000 s to 99.900 s)."
+    assert sentence_of(found) == (
+        "The spark came at 0.000 s. This happened 1000 times, from 0.000 s to 99.900 s."
+    )
     assert found.frames == (1, 1000)
 
 
@@ -151,7 +153,7 @@ def test_the_time_that_had_consequences_is_told() -> None:
     found = told(*sparks, happen(FIRE, 20.5))
     assert links(found) == [("spark", None), ("fire", 1)]
     assert sentence_of(found[0]).startswith(
-        "The spark came at 20.000 s (20 times in all, from 0.000 s to 38.000 s)"
+        "The spark came at 20.000 s. This happened 20 times, from 0.000 s to 38.000 s."
     )
     assert found[0].frames == (1, 201, 381)
 
@@ -161,19 +163,24 @@ def test_a_cause_in_the_middle_of_a_flood_is_known_when_it_matters() -> None:
     middle = 5 * MAX_KEPT
     found = told(*sparks[:middle], happen(FIRE, 2.0 * middle - 1.5), *sparks[middle:])
     assert links(found) == [("spark", None), ("fire", 1)]
-    assert sentence_of(found[0]).startswith("The spark came at 318.000 s (320 times in all")
+    assert sentence_of(found[0]).startswith("The spark came at 318.000 s. This happened 320 times")
 
 
 def test_keys_tell_findings_of_a_rule_apart_up_to_a_number() -> None:
     found = told(*(happen(SPARK, number / 100, key=str(number)) for number in range(MAX_FINDINGS + 10)))
     assert len(found) == MAX_FINDINGS
-    assert "(11 times in all" in sentence_of(found[0])
+    assert "This happened 11 times" in sentence_of(found[0])
+
+
+def test_what_follows_at_once_needs_no_time() -> None:
+    found = told(happen(SPARK, 0.1), happen(FIRE, 0.1))
+    assert sentence_of(found[0]) == "The spark came at 0.100 s. Then fire followed."
 
 
 def test_names_from_the_wire_keep_their_first_letter() -> None:
-    incident = happen(SPARK, 0.1)
-    incident.fact = Message.from_table("fact", "slvMove 7 was lost.")
-    assert sentence_of(told(incident)[0]) == "slvMove 7 was lost."
+    occurrence = happen(SPARK, 0.1)
+    occurrence.fact = Message.from_table("fact", "slvMove 7 was lost.")
+    assert sentence_of(told(occurrence)[0]) == "slvMove 7 was lost."
 
 
 def test_news_tell_each_case_once_and_by_itself() -> None:
@@ -198,7 +205,7 @@ def test_provisional_occurrences_count_for_one_answer_only() -> None:
     for _ in range(2):
         found = collector.findings([happen(SPARK, 0.1), happen(FIRE, 0.3)])
         assert links(found) == [("spark", None), ("fire", 1)]
-        assert "twice in all" in sentence_of(found[1])
+        assert "This happened twice" in sentence_of(found[1])
     assert collector.findings() == before
     assert [finding.rule for finding in collector.new_findings()] == ["fire"]
 

@@ -11,7 +11,7 @@ from bcapscope.analysis.report_data import (
     ReportDataBuilder,
 )
 from bcapscope.analysis.timeline_events import TimelineEventKind
-from bcapscope.protocol.codec.frame import Frame, Malformed
+from bcapscope.protocol.codec.frame import Frame, Malformed, Problem
 from bcapscope.protocol.tables.hresult import E_FAIL, E_NOT_IN_SLAVE_MODE
 from bcapscope.traffic.call_verdict import CallVerdict
 from bcapscope.traffic.observation import Direction
@@ -66,7 +66,7 @@ def test_what_happened_has_marks() -> None:
     client.ask(20, 3, 3, execute("CurJnt"))
     client.ask(30, 4, 4, execute("Other"))
     client.reply(31, 4)
-    client.see(40, Direction.REQUEST, Malformed(b"\x02", ()))
+    client.see(40, Direction.REQUEST, Malformed(b"\x02", (Problem(0, "soh", "bytes outside of any frame"),)))
     client.see(50, Direction.RESPONSE, Malformed(b"", (), 99))
     client.reply(60, 77, 0, E_FAIL)
     told = tell(script)

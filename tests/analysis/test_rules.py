@@ -13,7 +13,7 @@ from tests.analysis.plays import SCENES
 from tests.analysis.plays.scene import Scene
 from tests.analysis.scenes import Story, diagnose_bytes, good, stage
 from tests.samples import guide, slave, tcp, trouble
-from tests.samples.calls import MS, START, request
+from tests.samples.calls import MS, START, request, text
 from tests.samples.findings import sentence_of
 
 _NAMES = [f"{scene.rule}-{number}" for number, scene in enumerate(SCENES)]
@@ -69,9 +69,9 @@ def test_rules_follow_rules_that_there_are() -> None:
 
 @pytest.mark.parametrize("rule", RULES, ids=lambda rule: rule.id)
 def test_the_text_of_a_rule_fits_a_table_and_a_sentence(rule: DiagnosisRule) -> None:
-    for text in (str(rule.title), rule.source):
-        assert "|" not in text
-        assert "\n" not in text
+    for each in (str(rule.title), rule.source):
+        assert "|" not in each
+        assert "\n" not in each
     assert str(rule.advice)[0].isupper()
 
 
@@ -106,4 +106,17 @@ def test_the_advice_on_bytes_that_are_no_frame_is_for_their_transport() -> None:
     assert "stops the UDP service" in str(first.advice)
     assert "stop the official server" not in sentence_of(second)
     assert "UDP" not in str(second.advice)
-    assert "over TCP" in str(second.advice)
+    assert "Over TCP" in str(second.advice)
+
+
+def test_arguments_that_are_unusual_in_different_ways_are_different_findings() -> None:
+    def play(story: Story) -> None:
+        client = story.client()
+        client.open()
+        for number, mode in enumerate(("514", "514", "515")):
+            client.execute(30 + 10 * number, "slvChangeMode", text(mode))
+        client.close(100)
+
+    found = stage(play).of("unusual-argument")
+    assert [finding.repetition and finding.repetition.count for finding in found] == [2, None]
+    assert ["'514'" in sentence_of(each) for each in found] == [True, False]

@@ -104,7 +104,7 @@ def test_one_client_of_several(tmp_path: Path, client: str) -> None:
 def test_a_filter_chooses_set_points(tmp_path: Path) -> None:
     ran = run_here("extract", SESSION, "-o", tmp_path / "way.csv", "-f", "call <= 20")
     assert len(rows(tmp_path / "way.csv")) == 9
-    assert "left out: 231 not asked for\n" in ran.err
+    assert "left out: 231 not selected\n" in ran.err
     ran = run_here("extract", SESSION, "-o", tmp_path / "none.csv", "-f", "call < 3")
     assert ran.code == ExitCode.NO_DATA
     assert "240 set points found, but none is part of a trajectory" in ran.err

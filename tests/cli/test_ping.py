@@ -92,7 +92,7 @@ def test_losses_are_counted_and_not_repeated() -> None:
         ran = run_here("ping", "127.0.0.1", "--port", str(server.port), *words)
     assert ran.code == ExitCode.UNANSWERED
     assert "5 calls, 5 lost" in ran.lines
-    assert ran.lines[-1] == "not fit for set points every 1 ms: nothing was answered"
+    assert ran.lines[-1] == "not fit for set points every 1 ms: no call was answered"
 
 
 def test_what_was_found_is_shown_if_the_connection_breaks() -> None:

@@ -31,8 +31,8 @@ def test_every_sample(path: Path) -> None:
     text, data = run_here("slave", path), run_here("slave", path, "--json")
     assert (text.code, data.code) == (ExitCode.OK, ExitCode.OK)
     stays = [json.loads(line) for line in data.lines]
-    assert [f"Stay {stay['stay']}" for stay in stays] == [
-        line.split("  ")[0] for line in text.lines if line.startswith("Stay ")
+    assert [f"Slave-mode session {stay['stay']}" for stay in stays] == [
+        line.split("  ")[0] for line in text.lines if line.startswith("Slave-mode session ")
     ]
     assert ("no slave-mode session found" in text.err) == (not stays)
 

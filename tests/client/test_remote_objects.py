@@ -9,23 +9,23 @@ from typing import Any
 
 import pytest
 
-from bcapscope.client import Controller, Message, Robot, connect, over_link, remote_objects
+from bcapscope.client import Controller, ControllerMessage, Robot, connect, over_link, remote_objects
 from bcapscope.client.remote_object import RemoteObject
 from bcapscope.client.service import Service
 from bcapscope.errors import ControllerError, RemoteProtocolError
 from bcapscope.protocol.codec.variant import VT, Variant
-from bcapscope.protocol.tables.function_table import FUNCTIONS
+from bcapscope.protocol.tables.function_table import FUNCTIONS, ObjectClass
 from bcapscope.protocol.tables.hresult import E_HANDLE, S_OK
 from bcapscope.transport.memory_link import memory_link_pair
 from tests.client.peer import Answer, Peer
 from tests.virtual_time import run_in_virtual_time
 
 _SAMPLES = {"str": "x", "int": 3, "float": 1.5, "object": (1, 2)}
-_CLASSES = [
-    kind
+_CLASSES = {
+    kind.owner: kind
     for kind in vars(remote_objects).values()
     if isinstance(kind, type) and issubclass(kind, RemoteObject) and "owner" in vars(kind)
-]
+}
 
 
 def _methods(kind: type) -> list[str]:
@@ -56,7 +56,7 @@ def _run(
 def test_every_function_is_called_with_its_own_arguments_by_some_method() -> None:
     async def call_all(service: Service, peer: Peer) -> None:
         await service.connect("name", "provider", "machine", "option")
-        for kind in _CLASSES:
+        for kind in _CLASSES.values():
             for name in _methods(kind):
                 method = getattr(kind(service.session, 7), name)
                 await method(*_sample_arguments(method))
@@ -91,7 +91,7 @@ async def _results(service: Service, peer: Peer) -> None:
     assert await controller.get_help() == "text"
     assert await controller.execute("SysState") == (1.0, 2.0)
     assert await controller.get_robot_names() == ("a", "b")
-    assert await Message(service.session, 7).get_date_time() == datetime(1970, 1, 1, 12)
+    assert await ControllerMessage(service.session, 7).get_date_time() == datetime(1970, 1, 1, 12)
     assert (await controller.get_robot("Arm")).handle == 101
 
 
@@ -116,7 +116,7 @@ def test_answers_of_the_wrong_type(function: str, answer: tuple[Variant, ...]) -
     method = "".join(f"_{letter.lower()}" if letter.isupper() else letter for letter in verb)[1:]
 
     async def play(service: Service, peer: Peer) -> None:
-        call: Any = getattr(getattr(remote_objects, owner)(service.session, 7), method)
+        call: Any = getattr(_CLASSES[ObjectClass(owner)](service.session, 7), method)
         with pytest.raises(RemoteProtocolError, match="the answer holds"):
             await call(*_sample_arguments(call))
 

@@ -19,7 +19,7 @@ from bcapscope.faults.document import (
 )
 from bcapscope.faults.fault import ACTIONS, AnswerFault, AnyFault, DelayFault, DropFault, RewriteFault
 from bcapscope.faults.fault_notation import read_fault
-from bcapscope.faults.quantities import Duration, FrameCondition, HresultQuantity, Share, Span
+from bcapscope.faults.quantities import DurationQuantity, FrameCondition, HresultQuantity, Share, Span
 from bcapscope.traffic.observation import Direction
 from tests.faults.test_fault_notation import TABLE
 
@@ -48,7 +48,7 @@ def test_a_rule_file_is_read() -> None:
             attempt=1,
             when=FrameCondition.read("command == slvMove"),
         ),
-        DelayFault(time=Duration(3_000_000), name="slow", lasts=Duration(10_000_000_000)),
+        DelayFault(time=DurationQuantity(3_000_000), name="slow", lasts=DurationQuantity(10_000_000_000)),
         AnswerFault(hresult=HresultQuantity(0x83500121)),
         RewriteFault(set={"arg[2][0]": 10}, limit={"arg[2]": Span.read("..90")}),
     )
@@ -112,7 +112,7 @@ def test_errors_name_line_and_field(text: str, error: str) -> None:
 class Scene(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A document of another kind that has faults in it."""
 
-    wait: Duration
+    wait: DurationQuantity
     faults: tuple[AnyFault, ...] = ()
 
 

@@ -31,7 +31,7 @@ from bcapscope.faults.fault import (
     TruncateFault,
 )
 from bcapscope.faults.fault_notation import NotationError, read_fault, write_fault
-from bcapscope.faults.quantities import Duration, FrameCondition, HresultQuantity, Rate, Share, Span
+from bcapscope.faults.quantities import DurationQuantity, FrameCondition, HresultQuantity, Rate, Share, Span
 from bcapscope.traffic.observation import Direction
 
 MS = 1_000_000
@@ -47,17 +47,19 @@ TABLE: list[tuple[str, AnyFault]] = [
     ),
     (
         "drop times 3 after 2s for 10s",
-        DropFault(times=3, after=Duration(2000 * MS), lasts=Duration(10_000 * MS)),
+        DropFault(times=3, after=DurationQuantity(2000 * MS), lasts=DurationQuantity(10_000 * MS)),
     ),
-    ("delay=3ms", DelayFault(time=Duration(3 * MS))),
-    ("delay=3ms±1ms", DelayFault(time=Duration(3 * MS), jitter=Duration(MS))),
-    ("delay=3ms+-1ms", DelayFault(time=Duration(3 * MS), jitter=Duration(MS))),
+    ("delay=3ms", DelayFault(time=DurationQuantity(3 * MS))),
+    ("delay=3ms±1ms", DelayFault(time=DurationQuantity(3 * MS), jitter=DurationQuantity(MS))),
+    ("delay=3ms+-1ms", DelayFault(time=DurationQuantity(3 * MS), jitter=DurationQuantity(MS))),
     (
         "delay time 3ms jitter 1ms distribution normal",
-        DelayFault(time=Duration(3 * MS), jitter=Duration(MS), distribution=JitterDistribution.NORMAL),
+        DelayFault(
+            time=DurationQuantity(3 * MS), jitter=DurationQuantity(MS), distribution=JitterDistribution.NORMAL
+        ),
     ),
-    ("duplicate=2 time 1ms", DuplicateFault(copies=2, time=Duration(MS))),
-    ("reorder=3 time 20ms", ReorderFault(by=3, time=Duration(20 * MS))),
+    ("duplicate=2 time 1ms", DuplicateFault(copies=2, time=DurationQuantity(MS))),
+    ("reorder=3 time 20ms", ReorderFault(by=3, time=DurationQuantity(20 * MS))),
     ("corrupt=2 offset 5", CorruptFault(bits=2, offset=5)),
     ("truncate=20", TruncateFault(keep=20)),
     ("truncate", TruncateFault()),
@@ -68,10 +70,13 @@ TABLE: list[tuple[str, AnyFault]] = [
     ("answer=E_FAIL name no", AnswerFault(hresult=HresultQuantity(0x80004005), name="no")),
     ("serial=-1", SerialFault(by=-1)),
     ("serial=+2", SerialFault(by=2)),
-    ("executing=2s every 50ms", ExecutingFault(time=Duration(2000 * MS), every=Duration(50 * MS))),
+    (
+        "executing=2s every 50ms",
+        ExecutingFault(time=DurationQuantity(2000 * MS), every=DurationQuantity(50 * MS)),
+    ),
     ("close", CloseFault()),
     ("close=fin", CloseFault(how=CloseMode.FIN)),
-    ("partition for 5s", PartitionFault(lasts=Duration(5000 * MS))),
+    ("partition for 5s", PartitionFault(lasts=DurationQuantity(5000 * MS))),
     ("half-open", HalfOpenFault()),
     (
         'rewrite set arg[2][0]=10 set arg[1]="a \\"b\\" c" limit arg[2]=-90..90 step arg[2]=0.5 serial 5',

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bcapscope.faults.quantities import (
-    Duration,
+    DurationQuantity,
     FrameCondition,
     HresultQuantity,
     Rate,
@@ -26,12 +26,12 @@ from bcapscope.traffic.filter.compiler import FilterError
 @pytest.mark.parametrize(
     ("kind", "written", "value"),
     [
-        (Duration, "3ms", 3_000_000),
-        (Duration, "1.5 s", 1_500_000_000),
-        (Duration, "200us", 200_000),
-        (Duration, "7µs", 7000),
-        (Duration, "12ns", 12),
-        (Duration, 0, 0),
+        (DurationQuantity, "3ms", 3_000_000),
+        (DurationQuantity, "1.5 s", 1_500_000_000),
+        (DurationQuantity, "200us", 200_000),
+        (DurationQuantity, "7µs", 7000),
+        (DurationQuantity, "12ns", 12),
+        (DurationQuantity, 0, 0),
         (Share, "5%", 0.05),
         (Share, "0.1 %", 0.001),
         (Share, 0.25, 0.25),
@@ -54,13 +54,13 @@ def test_reading(kind: Any, written: object, value: float) -> None:
 @pytest.mark.parametrize(
     ("kind", "written", "reason"),
     [
-        (Duration, 3, "3 is no duration, such as 3ms"),
-        (Duration, True, "True is no duration"),
-        (Duration, "3", "is no duration"),
-        (Duration, "3 min", "is no duration"),
-        (Duration, "-3ms", "is no duration"),
-        (Duration, "99999999999s", "is longer than a year"),
-        (Duration, None, "is no duration"),
+        (DurationQuantity, 3, "3 is no duration, such as 3ms"),
+        (DurationQuantity, True, "True is no duration"),
+        (DurationQuantity, "3", "is no duration"),
+        (DurationQuantity, "3 min", "is no duration"),
+        (DurationQuantity, "-3ms", "is no duration"),
+        (DurationQuantity, "99999999999s", "is longer than a year"),
+        (DurationQuantity, None, "is no duration"),
         (Share, "5", "is no percentage"),
         (Share, "101%", "is not within 0% and 100%"),
         (Share, math.nan, "is not within 0% and 100%"),
@@ -78,7 +78,7 @@ def test_reading(kind: Any, written: object, value: float) -> None:
         (Span, "9..1", "nothing is within"),
         (Span, "a..b", "is no span"),
         (Span, "e..", "is no span"),
-        (Duration, "x" * 1000, "…"),
+        (DurationQuantity, "x" * 1000, "…"),
     ],
 )
 def test_refusing(kind: Any, written: object, reason: str) -> None:
@@ -115,7 +115,7 @@ def test_a_span_holds_numbers_back_and_what_is_no_number_too() -> None:
 
 @given(st.integers(0, 10**9 * 86_400 * 365))
 def test_durations_are_written_back(value: int) -> None:
-    assert Duration.read(Duration(value).text) == value
+    assert DurationQuantity.read(DurationQuantity(value).text) == value
 
 
 @given(st.floats(0, 1))

@@ -15,7 +15,7 @@ from babel.messages import Catalog
 from babel.messages.catalog import Message as Entry
 from babel.messages.pofile import read_po
 
-import bcapscope
+import bcapscope.messages.places  # it defines the types of places
 from bcapscope.messages import Language
 from bcapscope.messages.message import Place
 from bcapscope.messages.places import Duration

@@ -8,7 +8,7 @@ import pytest
 
 from bcapscope.messages import ENGLISH_WORDS, Language, Message, MessageFormatter, language_of
 from bcapscope.messages.message import has_message, message_params
-from bcapscope.messages.places import Count, Duration, Times
+from bcapscope.messages.places import ClientPlace, Count, Duration, Times, WireText
 
 JAPANESE_WORDS = MessageFormatter(Language.JAPANESE)
 
@@ -59,11 +59,29 @@ def test_values_are_never_taken_for_places() -> None:
     assert str(Message("traffic.trouble", reason="{0} {x}")) == "Reading ended: {0} {x}"
 
 
+def test_japanese_words_have_no_space_between_them() -> None:
+    message = Message("finding.type-not-checked", client=ClientPlace("10.0.0.2:1", "udp"), call="Motor")
+    assert JAPANESE_WORDS.text(message) == "クライアントはロボットの型式を読まずに Motor を呼びました。"
+
+
 def test_counts_follow_the_language() -> None:
     assert [Count(n, "call").text(ENGLISH_WORDS) for n in (0, 1, 2)] == ["0 calls", "1 call", "2 calls"]
     assert Count(1, "call").text(JAPANESE_WORDS) == "呼び出し 1 件"
     assert [Times(n).text(ENGLISH_WORDS) for n in (1, 2, 3)] == ["once", "twice", "3 times"]
     assert Times(2).text(JAPANESE_WORDS) == "2 回"
+
+
+def test_japanese_words_are_not_separated_by_spaces() -> None:
+    only, named = ClientPlace("10.0.0.2:1025", "udp"), MessageFormatter(Language.JAPANESE, only_client=False)
+    name = WireText(" ロボット ")
+    held = Message(
+        "finding.handle-leak", client=only, handles=Count(30, "handle"), kind="Variable", name=name
+    )
+    assert (
+        JAPANESE_WORDS.text(held)
+        == "クライアントが Variable「 ロボット 」のハンドル 30 個を同時に持ちました。"
+    )
+    assert named.text(held).startswith("クライアント 10.0.0.2:1025 (UDP) が Variable「")
 
 
 def test_params_are_for_programs() -> None:

@@ -57,7 +57,7 @@ def test_a_clean_capture_says_so_and_how_much_it_was() -> None:
     assert lines(NOTE)[-1] == "No problem found in 512 frames, 256 calls, 1 client, 2.1 s; 1 note"
     (line,) = FindingsRenderer().lines((), SEEN._replace(not_followed=3))
     assert line.endswith(" 256 calls, 1 client, 2.1 s, 3 calls not followed to the end")
-    assert list(FindingsRenderer().lines((), TrafficTotals(0, 0, 0, 0))) == ["No b-CAP was seen."]
+    assert list(FindingsRenderer().lines((), TrafficTotals(0, 0, 0, 0))) == ["The traffic contains no b-CAP."]
 
 
 @pytest.mark.parametrize("width", [1, NARROWEST, 60, 100, 500])

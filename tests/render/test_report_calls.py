@@ -16,7 +16,11 @@ from tests.render.reports import CAPTURES, account_of, page_of
 
 def test_the_timeline_has_bars_and_marks() -> None:
     data = page_of("slave-mode-lost.pcapng").data["timeline-data"]["data"]
-    assert [trace["name"] for trace in data] == ["calls", "slave mode", TimelineEventKind.REFUSED]
+    assert [trace["name"] for trace in data] == [
+        "calls",
+        "slave mode",
+        str(TimelineEventKind.REFUSED.message),
+    ]
     marks = data[2]
     assert len(marks["x"]) == 4
     assert marks["customdata"][0][0].startswith("Robot_Execute slvMove: refused<br>0x84201482, ")

@@ -30,7 +30,9 @@ def test_a_clean_capture_says_so() -> None:
 def test_holes_in_a_capture_are_told() -> None:
     page = page_of("tcp-gap.pcap")
     assert "198 bytes missing in the capture" in page.text
-    assert TimelineEventKind.MISSING in [trace.get("name") for trace in page.data["timeline-data"]["data"]]
+    assert str(TimelineEventKind.MISSING.message) in [
+        trace.get("name") for trace in page.data["timeline-data"]["data"]
+    ]
 
 
 def test_of_many_stays_the_ones_with_trouble_are_drawn() -> None:
@@ -56,4 +58,4 @@ def test_refusals_have_their_meaning_and_what_to_do() -> None:
 def test_what_slave_says_is_there_in_full() -> None:
     page = page_of("slave-session.pcapng")
     assert len(page.of("details")) == 1
-    assert "Stay 1  192.168.0.10:50001 > 192.168.0.1:5007 udp" in page.text
+    assert "Slave-mode session 1  192.168.0.10:50001 > 192.168.0.1:5007 udp" in page.text

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import math
 
+import pytest
+
+from bcapscope.messages import Language, MessageFormatter
 from bcapscope.player.lateness import Spread
 from bcapscope.player.player_messages import PlayCounts, PlayProgress, PlayState
 from bcapscope.protocol.slave_mode.modes import PoseType
@@ -30,11 +33,27 @@ def test_figures() -> None:
     lines = list(run_figure_lines(PROGRESS, (1, 8.0, 3.4)))
     assert lines == [
         "playing  set point 50 of 100, elapsed 0.4 s, left 0.4 s",
-        "late, ms: p50 0.001 p99 0.002 p99.9 0.003 most 0.004",
-        "retries 3  late replies 1  unanswered 0  put off 0",
+        "late, ms: p50 0.001 p99 0.002 p99.9 0.003 max 0.004",
+        "retries 3  late replies 1  unanswered 0  postponed 0",
         "buffer (model): 1 × 8 ms, left at the longest pause 3.4 / 8 ms",
     ]
     assert len(list(run_figure_lines(PlayProgress(PlayState.CONNECTING), None))) == 2
+
+
+def test_figures_in_japanese() -> None:
+    lines = list(run_figure_lines(PROGRESS, (1, 8.0, 3.4), words=MessageFormatter(Language.JAPANESE)))
+    assert lines == [
+        "再生中  指令値 50 / 100、経過 0.4 s、残り 0.4 s",
+        "遅れ ms: p50 0.001 p99 0.002 p99.9 0.003 最大 0.004",
+        "再送 3  遅れた応答 1  応答なし 0  繰り延べ 0",
+        "バッファ (モデル): 1 × 8 ms、最長の間隔での残り 3.4 / 8 ms",
+    ]
+
+
+@pytest.mark.parametrize("state", PlayState)
+def test_each_state_has_words(state: PlayState) -> None:
+    for language in Language:
+        assert not MessageFormatter(language).text(state.message).startswith("player.state.")
 
 
 def test_cycle_times_have_a_row_each_bin() -> None:

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from bcapscope.messages import Language, MessageFormatter
 from bcapscope.protocol.codec.variant import VT, Variant
 from bcapscope.render.color_palette import ANSI
 from bcapscope.render.slave_session_record import distribution_object, json_ready_number, slave_session_record
@@ -31,7 +32,7 @@ from tests.analysis.driving import (
 PACE = [8.0 * n for n in range(1, 31)]
 
 
-def told(plan: Plan) -> str:
+def text_of(plan: Plan) -> str:
     (stay,) = plan.stays()
     return "\n".join(slave_session_lines(stay))
 
@@ -54,7 +55,7 @@ def test_lines_fit_on_a_screen() -> None:
     for ms in PACE:
         driver.move(ms, retries=(2.0,) * (round(ms) % 3))
     driver.move(500, code=NOT_IN_SLAVE_MODE)
-    assert all(len(line) <= 100 for line in told(plan).splitlines())
+    assert all(len(line) <= 100 for line in text_of(plan).splitlines())
 
 
 def test_retries_that_should_not_be() -> None:
@@ -63,20 +64,20 @@ def test_retries_that_should_not_be() -> None:
     driver.change(0, 0x102)
     for ms in PACE:
         driver.move(ms, retries=(2.0,))
-    text = told(plan)
+    text = text_of(plan)
     assert "retries     30 (retries × set points: 1 × 30)" in text
-    assert "30 should not be: the newest point wins in this mode" in text
+    assert "30 superfluous: the newest point wins in this mode" in text
     assert "frames 4, 7, 10, 13, 16, 19, 22, 25 and 22 more" in text.replace("\n              ", " ")
 
 
 def test_what_was_not_seen_is_said() -> None:
     plan = Plan()
     plan.driver().move(8, Variant.array(VT.R8, (1.0, 2.0)))
-    text = told(plan)
+    text = text_of(plan)
     assert "before the capture" in text
-    assert "mode        not known: slvChangeMode was not seen" in text
-    assert "the mode is not known: 3 slots, replies that do not wait" in text
-    assert "1 could not be read, or are of another type" in text
+    assert "mode        unknown: the capture has no slvChangeMode" in text
+    assert "the mode is unknown: 3 slots, and replies that do not wait" in text
+    assert "1 unreadable, or of another type" in text
     assert "the capture ended first" in text
 
 
@@ -85,7 +86,7 @@ def test_a_guessed_generation_is_marked() -> None:
     driver = plan.driver()
     driver.execute(0, "slvChangeMode", Variant(VT.I4, 0x001), result=Variant(VT.I4, 0))
     driver.execute(8, "slvMove", Variant(VT.BSTR, "P(1,2,3,4,5,6,5)"))
-    assert "of an unknown generation, taken for an RC8" in told(plan)
+    assert "of unknown generation, assumed to be an RC8" in text_of(plan)
 
 
 def test_odd_motion_is_told() -> None:
@@ -95,10 +96,13 @@ def test_odd_motion_is_told() -> None:
     for n, j1 in enumerate((0.0, 0.1, 0.2, 0.2, 0.3, 9.3, 9.4, math.nan, 9.5)):
         driver.move(8.0 * (n + 1), joints(j1))
     driver.move(80, code=OVERFLOW)
-    text = " ".join(told(plan).split())
-    assert "1 point equal to the one before, 1 of them between two that move; frame 9" in text
-    assert "1 step far larger than those beside or than any axis follows, the first 9 on J1; frame 13" in text
-    assert "1 hold NaN or infinity; frame 17" in text
+    text = " ".join(text_of(plan).split())
+    assert "1 set point equal to the one before, 1 of them between two that move; frame 9" in text
+    assert (
+        "1 step far larger than those around, or than any axis can follow, the first 9 on J1; frame 13"
+        in text
+    )
+    assert "1 with NaN or infinity; frame 17" in text
     assert "overflow reported by the controller frame 22" in text
 
 
@@ -109,8 +113,23 @@ def test_who_ended_it() -> None:
     driver.moves(PACE)
     other.execute(243, "\x1b[31m", code=NOT_ALLOWED)
     driver.move(248, code=NOT_IN_SLAVE_MODE)
-    text = told(plan)
+    text = text_of(plan)
     assert "frames 63, 64, 65, 66  error of another call\n              \\x1b[31m by 10.0.0.2:50002" in text
+
+
+def test_a_session_in_japanese() -> None:
+    plan = Plan()
+    driver = plan.driver()
+    driver.change(0, ENTER)
+    driver.moves(PACE)
+    driver.change(300, OFF)
+    (stay,) = plan.stays()
+    text = "\n".join(slave_session_lines(stay, words=MessageFormatter(Language.JAPANESE)))
+    assert text.startswith("スレーブモード区間 1  10.0.0.2:50001 > ")
+    assert "  モード      0x202\n              J 型、モード 2: " in text
+    assert "  指令値      送信 30、受理 30\n" in text
+    assert "  終了        " in text
+    assert "正常に終了" in text
 
 
 def test_slices_are_a_table() -> None:
@@ -176,4 +195,4 @@ def test_what_was_not_answered_after_the_end_was_not_refused() -> None:
     driver.move(8)
     driver.move(16, code=UNDERFLOW)
     driver.move(24, takes=None)
-    assert "1 refused, 1 more refused or unanswered after the end" in " ".join(told(plan).split())
+    assert "1 refused, 1 more refused or unanswered after the end" in " ".join(text_of(plan).split())

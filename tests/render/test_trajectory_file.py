@@ -13,18 +13,20 @@ from hypothesis import strategies as st
 
 from bcapscope.analysis.slave.captured_trajectory import CapturedTrajectory, TrajectoryStep
 from bcapscope.analysis.slave.slave_session import KnownMode
+from bcapscope.messages import Message
 from bcapscope.protocol.slave_mode.modes import Generation, PoseType, slave_mode_by_number
 from bcapscope.protocol.slave_mode.poses import AXES
 from bcapscope.render.trajectory_file import CsvTrajectoryWriter, JsonTrajectoryWriter, column_names
 from bcapscope.traffic.observation import Conversation, Endpoint, Transport
 
+SOURCE = Message("generation.command", command="TakeArm")
 START = 1_700_000_000_000_000_000
 TALK = Conversation(Endpoint("10.0.0.2", 50001), Endpoint("10.0.0.1", 5007), Transport.UDP, "port 5007")
 
 
 def trajectory(pose_type: PoseType = PoseType.P, has_stamps: bool = True) -> CapturedTrajectory:
     meaning = slave_mode_by_number(0x201, Generation.RC8)
-    mode = KnownMode(0x201, "slvChangeMode", Generation.RC8, "it says so", meaning, False, pose_type)
+    mode = KnownMode(0x201, "slvChangeMode", Generation.RC8, SOURCE, meaning, False, pose_type)
     return CapturedTrajectory(3, TALK, 7, mode, None, None, AXES[pose_type], START, has_stamps, 8.0)
 
 

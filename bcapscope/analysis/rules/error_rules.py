@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 from bcapscope.analysis.client_state import ClientRegistry, ClientState, folded_command
 from bcapscope.analysis.finding import Severity
+from bcapscope.analysis.finding_places import call_place, client_place
 from bcapscope.analysis.rules.refusal import Refusal, RefusalReason, make_refusal
 from bcapscope.analysis.rules.rule_checker import (
     SECOND,
@@ -18,13 +19,12 @@ from bcapscope.analysis.rules.rule_checker import (
     frame_numbers,
     last_frame_time,
 )
-from bcapscope.analysis.speech import Speech, called
 from bcapscope.messages import Message
+from bcapscope.messages.places import Count, Moment
 from bcapscope.protocol.guard import always_passes
 from bcapscope.protocol.tables.call_effect import CallEffect, function_effect
 from bcapscope.protocol.tables.command_catalogue import find_command
 from bcapscope.protocol.tables.hresult import E_ROBOTISBUSY, E_TIMEOUT, describe_hresult
-from bcapscope.protocol.text_format import counted
 from bcapscope.traffic.call import Call
 from bcapscope.traffic.call_kind import CallKind
 from bcapscope.traffic.observation import Conversation
@@ -141,32 +141,33 @@ class ErrorChecker(RuleChecker):
         return any(other.error_was_read for other in self.clients.other_clients(client))
 
     def _report_unread(self, call: Call, failure: Call) -> None:
-        def say(speech: Speech) -> str:
-            code = failure.hresult or 0
-            who, when = speech.client(call.conversation), speech.at(call.request.time)
-            return (
-                f"{who} called ClearError at {when} without having read the errors behind 0x{code:08X} "
-                f"of {called(failure)}"
-            )
-
-        self.report_call(CLEARED_UNREAD, call, say, evidence_call=failure, explaining_calls=(failure.number,))
+        fact = Message(
+            "finding.cleared-unread",
+            client=client_place(call.conversation),
+            at=Moment(call.request.time),
+            code=f"0x{failure.hresult or 0:08X}",
+            failed=call_place(failure),
+        )
+        self.report_call(
+            CLEARED_UNREAD, call, fact, evidence_call=failure, explaining_calls=(failure.number,)
+        )
 
 
 def _went_on(failure: Call, count: int, first: Call) -> Occurrence:
-    def say(speech: Speech) -> str:
-        who = speech.client(first.conversation)
-        return (
-            f"after the error of {called(failure)} {who} made {counted(count, 'more call')} that "
-            f"can change or move something, from {called(first)} on, and never called ClearError"
-        )
-
+    fact = Message(
+        "finding.went-on-after-error",
+        client=client_place(first.conversation),
+        failed=call_place(failure),
+        calls=Count(count, "more-call"),
+        first=call_place(first),
+    )
     return Occurrence(
         WENT_ON_AFTER_ERROR,
         first.request.time,
         last_frame_time(first),
         first.conversation,
         frame_numbers(failure, first),
-        say,
+        fact,
         call=first.number,
         explaining_calls=(failure.number,),
     )
@@ -187,7 +188,7 @@ def _explain_not_cleared(call: Call, client: ClientState, clients: ClientRegistr
         ]
         return RefusalReason(explaining_calls=tuple(each.number for each in first))
     return RefusalReason(
-        lambda speech: f"the error of {called(failure)} at {speech.at(failure.request.time)} was not cleared",
+        Message("reason.not-cleared", call=call_place(failure), at=Moment(failure.request.time)),
         explaining_calls=(failure.number,),
         evidence_call=failure,
     )

@@ -8,16 +8,17 @@ from itertools import pairwise
 
 from bcapscope.analysis.client_state import ClientRegistry, ClientState, argument, folded_command
 from bcapscope.analysis.finding import Severity
-from bcapscope.analysis.rules.refusal import NO_REASON, Refusal, RefusalReason, fixed_reason, make_refusal
+from bcapscope.analysis.finding_places import call_place, client_place
+from bcapscope.analysis.rules.refusal import NO_REASON, Refusal, RefusalReason, make_refusal
 from bcapscope.analysis.rules.rule_checker import DiagnosisRule, Occurrence, RuleChecker
-from bcapscope.analysis.slave.motion_model import Jump, JumpKind
+from bcapscope.analysis.slave.motion_model import Jump, MotionFacts
 from bcapscope.analysis.slave.slave_session import SlaveSession
-from bcapscope.analysis.speech import Speech, amount, called, span
-from bcapscope.protocol.slave_mode.modes import PoseType, pose_type_of_mode
+from bcapscope.messages import Message
+from bcapscope.messages.places import Count, Duration, FramePlace, Moment, Quantity
+from bcapscope.protocol.slave_mode.modes import PERIOD_MS, PoseType, pose_type_of_mode
 from bcapscope.protocol.slave_mode.poses import AXES
 from bcapscope.protocol.slave_mode.slvmove_values import parse_set_point
 from bcapscope.protocol.tables.hresult import describe_hresult
-from bcapscope.protocol.text_format import counted
 from bcapscope.traffic.call import Call
 
 _ERRORS = "public list of controller errors in nkawa/Denso_CobottaPro900_MQTT_Control"
@@ -69,12 +70,6 @@ _RANGE_BASES = (0x83204070, 0x83204230, 0x82204240, 0x81204120, 0x83404D10)
 _RANGE_CODES = frozenset(base + axis for base in _RANGE_BASES for axis in range(1, 9))
 _INVALID_CODES = (0x83201405, 0x84201547, 0x80201548, 0x8420151C, 0x83201401)
 
-_BESIDE = {
-    JumpKind.ISOLATED: "far more than those around it",
-    JumpKind.OUTLIER: "far more than those around it, and the next one turns back",
-    JumpKind.IMPLAUSIBLE: "more than any axis follows",
-}
-_PERIOD_S = 0.008
 _FAR_DISTANCE = 1.0
 
 
@@ -88,66 +83,60 @@ class LimitChecker(RuleChecker):
         if motion is None:
             return
         if motion.not_finite:
-            yield _not_finite(session, motion.not_finite, motion.not_finite_frames)
+            yield _not_finite(session, motion)
         distances = [abs(each) if math.isfinite(each) else 0.0 for each in motion.first_distance]
         named = list(zip(motion.axes, distances, strict=False))
         measured = [(axis, distance) for axis, distance in named if axis.unit]
         if measured:
             axis, distance = max(measured, key=lambda pair: pair[1])
             if distance > _FAR_DISTANCE and not session.began_before_capture:
-                yield _far_first_point(session, axis.name, axis.unit, distance)
+                yield _far_first_point(session, motion, axis.name, Quantity(distance, axis.unit))
+        units = {axis.name: axis.unit for axis in motion.axes}
         for jump in motion.jump_list:
-            yield _set_point_jump(session, jump)
+            yield _set_point_jump(session, jump, units.get(jump.axis, ""))
 
 
-def _not_finite(session: SlaveSession, count: int, frames: tuple[int, ...]) -> Occurrence:
-    def say(speech: Speech) -> str:
-        who = speech.client(session.conversation)
-        return (
-            f"{who} sent {counted(count, 'set point')} with a NaN or an infinity, the first in "
-            f"frame {frames[0]}"
-        )
-
-    time = session.first_set_point.time if session.first_set_point is not None else session.entered_at
-    return Occurrence(NOT_FINITE, time, time, session.conversation, frames[:8], say)
-
-
-def _far_first_point(session: SlaveSession, axis: str, unit: str, distance: float) -> Occurrence:
-    known_by = session.motion.first_distance_known_by if session.motion is not None else ""
-    frames = session.motion.first_distance_frames if session.motion is not None else ()
-
-    def say(speech: Speech) -> str:
-        who = speech.client(session.conversation)
-        return (
-            f"the first set point of {who} is {amount(distance)} {unit} away in {axis} from where the "
-            f"robot was ({known_by}), and in slave mode it is to get there in one period"
-        )
-
-    def then(speech: Speech, after: int) -> str:
-        return f"the first set point was {amount(distance)} {unit} away in {axis}"
-
-    time = session.first_set_point.time if session.first_set_point is not None else session.entered_at
-    return Occurrence(FAR_FIRST_POINT, time, time, session.conversation, frames, say, then)
-
-
-def _set_point_jump(session: SlaveSession, jump: Jump) -> Occurrence:
-    unit = (
-        next((axis.unit for axis in session.motion.axes if axis.name == jump.axis), "")
-        if session.motion
-        else ""
+def _not_finite(session: SlaveSession, motion: MotionFacts) -> Occurrence:
+    time, frames = _first_time(session), motion.not_finite_frames
+    fact = Message(
+        "finding.not-finite",
+        client=client_place(session.conversation),
+        points=Count(motion.not_finite, "set-point"),
+        frame=FramePlace(frames[:1]),
     )
-    speed = abs(jump.step) / (session.timing.grid_ms / 1000)
+    return Occurrence(NOT_FINITE, time, time, session.conversation, frames[:8], fact)
 
-    def say(speech: Speech) -> str:
-        return (
-            f"at {speech.at(jump.time)} the set point of frame {jump.frame} jumps by {amount(jump.step)} "
-            f"{unit} in {jump.axis} ({amount(speed)} {unit}/s in one period), {_BESIDE[jump.kind]}"
-        )
 
-    def then(speech: Speech, after: int) -> str:
-        return f"a set point jumped by {amount(jump.step)} {unit} in {jump.axis}"
+def _far_first_point(session: SlaveSession, motion: MotionFacts, axis: str, distance: Quantity) -> Occurrence:
+    time = _first_time(session)
+    fact = Message(
+        "finding.far-first-point",
+        client=client_place(session.conversation),
+        distance=distance,
+        axis=axis,
+        known_by=motion.first_distance_known_by or "",
+    )
+    clause = Message("clause.far-first-point", distance=distance, axis=axis)
+    frames = motion.first_distance_frames
+    return Occurrence(FAR_FIRST_POINT, time, time, session.conversation, frames, fact, clause)
 
-    return Occurrence(SET_POINT_JUMP, jump.time, jump.time, session.conversation, (jump.frame,), say, then)
+
+def _set_point_jump(session: SlaveSession, jump: Jump, unit: str) -> Occurrence:
+    step, speed = Quantity(jump.step, unit), abs(jump.step) / (session.timing.grid_ms / 1000)
+    fact = Message(
+        f"finding.set-point-jump.{jump.kind.value}",
+        at=Moment(jump.time),
+        frame=FramePlace((jump.frame,)),
+        step=step,
+        axis=jump.axis,
+        speed=Quantity(speed, f"{unit}/s"),
+    )
+    clause = Message("clause.set-point-jump", step=step, axis=jump.axis)
+    return Occurrence(SET_POINT_JUMP, jump.time, jump.time, session.conversation, (jump.frame,), fact, clause)
+
+
+def _first_time(session: SlaveSession) -> int:
+    return session.entered_at if session.first_set_point is None else session.first_set_point.time
 
 
 def _pose_values(call: Call, pose_type: PoseType | None) -> tuple[float, ...]:
@@ -163,27 +152,27 @@ def _explain_over_limit(call: Call, client: ClientState, clients: ClientRegistry
     pose_type = pose_type_of_mode(client.mode_value) if client.mode_value else None
     points = [*client.recent_set_points, call]
     poses = [_pose_values(point, pose_type) for point in points]
-    key = "" if axis is None else f"J{axis}"
-    clause = f"an axis{f' (J{axis})' if axis else ''} was commanded too fast"
-    if axis is None or pose_type not in (PoseType.J, None):
-        return RefusalReason(then=lambda speech, after: clause, group_key=key)
-    worst = _worst_step(poses, axis - 1)
+    if axis is None:
+        return RefusalReason(clause=Message("clause.over-limit"))
+    key, clause = f"J{axis}", Message("clause.over-limit.axis", axis=axis)
+    worst = _worst_step(poses, axis - 1) if pose_type in (PoseType.J, None) else None
     if worst is None:
-        return RefusalReason(then=lambda speech, after: clause, group_key=key)
+        return RefusalReason(clause=clause, group_key=key)
     index, step = worst
-    speed = abs(step) / _PERIOD_S
-    before, after_it = points[index], points[index + 1]
-    interval = after_it.request.time - before.request.time
-
-    def text(speech: Speech) -> str:
-        return (
-            f"the largest step of J{axis} in the {counted(len(points), 'set point')} up to then is "
-            f"{amount(step)} deg, from {called(before)} to {called(after_it)} at "
-            f"{speech.at(after_it.request.time)} ({amount(speed)} deg/s if taken in one period of 8 ms; they "
-            f"were sent {span(interval)} apart)"
-        )
-
-    return RefusalReason(text, then=lambda speech, after: clause, evidence_call=after_it, group_key=key)
+    before, after = points[index], points[index + 1]
+    reason = Message(
+        "reason.over-limit",
+        axis=axis,
+        points=Count(len(points), "set-point"),
+        step=Quantity(step, "deg"),
+        before=call_place(before),
+        after=call_place(after),
+        at=Moment(after.request.time),
+        speed=Quantity(abs(step) * 1000 / PERIOD_MS, "deg/s"),
+        period=Quantity(PERIOD_MS, "ms"),
+        interval=Duration(after.request.time - before.request.time),
+    )
+    return RefusalReason(reason, clause=clause, evidence_call=after, group_key=key)
 
 
 def _worst_step(poses: Sequence[tuple[float, ...]], axis: int) -> tuple[int, float] | None:
@@ -203,10 +192,9 @@ def _explain_beyond_range(call: Call, client: ClientState, clients: ClientRegist
     key = "" if axis is None else f"J{axis}"
     if axis is None or pose_type not in (PoseType.J, None) or len(pose) < axis:
         return RefusalReason(group_key=key)
-    return RefusalReason(
-        lambda speech: f"the set point asks for {AXES[PoseType.J][axis - 1].name} = {pose[axis - 1]:.6g}",
-        group_key=key,
-    )
+    value = float(f"{pose[axis - 1]:.6g}")  # single precision has no more digits
+    reason = Message("reason.beyond-range", axis=AXES[PoseType.J][axis - 1].name, value=value)
+    return RefusalReason(reason, group_key=key)
 
 
 def _explain_invalid(call: Call, client: ClientState, clients: ClientRegistry) -> RefusalReason | None:
@@ -216,7 +204,7 @@ def _explain_invalid(call: Call, client: ClientState, clients: ClientRegistry) -
     problems = parse_set_point(
         parameter, pose_type_of_mode(client.mode_value) if client.mode_value else None
     ).problems
-    return fixed_reason(problems[0]) if problems else NO_REASON
+    return RefusalReason(problems[0]) if problems else NO_REASON
 
 
 REFUSALS: tuple[Refusal, ...] = (

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from bcapscope.analysis.client_state import ClientRegistry, ClientState, result_of, text_argument
 from bcapscope.analysis.finding import Severity
-from bcapscope.analysis.rules.refusal import Refusal, RefusalReason, fixed_reason, make_refusal
+from bcapscope.analysis.finding_places import call_place, client_place
+from bcapscope.analysis.rules.refusal import Refusal, RefusalReason, make_refusal
 from bcapscope.analysis.rules.rule_checker import (
     SECOND,
     CallHealth,
@@ -15,7 +16,8 @@ from bcapscope.analysis.rules.rule_checker import (
     frame_numbers,
     last_frame_time,
 )
-from bcapscope.analysis.speech import Speech, called, shown
+from bcapscope.messages import Message
+from bcapscope.messages.places import Count, Moment, WireText
 from bcapscope.protocol.tables.function_table import FUNCTIONS, ObjectClass
 from bcapscope.protocol.tables.hresult import E_HANDLE, E_MAX_OBJECT
 from bcapscope.traffic.call import Call
@@ -75,14 +77,14 @@ class ObjectChecker(RuleChecker):
         )
 
     def on_call(self, call: Call, client: ClientState) -> None:
-        function, thing = FUNCTIONS[call.kind.function_id], client.target_object
+        function, target = FUNCTIONS[call.kind.function_id], client.target_object
         if function.creates is ObjectClass.SERVICE or function.releases is ObjectClass.SERVICE:
             self._drop_conversation(call.conversation)
         elif function.creates is not None and isinstance(result_of(call), int):
             name = text_argument(call, 0 if function.creates is ObjectClass.CONTROLLER else 1)
             self._count_opened(call, function.creates, name)
-        elif function.releases is not None and thing is not None and _may_be_released(call):
-            tally = self._tallies.get((call.conversation, thing.kind, thing.name))
+        elif function.releases is not None and target is not None and _may_be_released(call):
+            tally = self._tallies.get((call.conversation, target.kind, target.name))
             if tally is not None:
                 tally.open -= 1
 
@@ -116,17 +118,20 @@ class ObjectChecker(RuleChecker):
 
 
 def _leak(call: Call, kind: ObjectClass, name: str, handles: int, is_update: bool) -> Occurrence:
-    def say(speech: Speech) -> str:
-        who = speech.client(call.conversation)
-        return f"{who} came to hold {handles} handles of the {kind} '{shown(name)}' at once"
-
+    fact = Message(
+        "finding.handle-leak",
+        client=client_place(call.conversation),
+        handles=Count(handles, "handle"),
+        kind=kind.value,
+        name=WireText(name),
+    )
     return Occurrence(
         HANDLE_LEAK,
         call.request.time,
         last_frame_time(call),
         call.conversation,
         frame_numbers(call),
-        say,
+        fact,
         call=call.number,
         group_key=f"{kind} {name}",
         is_update=is_update,
@@ -144,29 +149,30 @@ def _explain_bad_handle(call: Call, client: ClientState, clients: ClientRegistry
         return None
     released = client.released_by.get((function.owner, handle))
     if released is not None:
-        return RefusalReason(
-            lambda speech: (
-                f"handle {handle} was released by {called(released)} at {speech.at(released.request.time)}"
-            ),
-            evidence_call=released,
+        reason = Message(
+            "reason.handle-released",
+            handle=handle,
+            call=call_place(released),
+            at=Moment(released.request.time),
         )
+        return RefusalReason(reason, evidence_call=released)
     opened = client.opened_objects.get(handle)
     if opened is not None and opened.object_class is not function.owner:
-        return fixed_reason(
-            f"handle {handle} is that of the {opened.object_class} '{shown(opened.name)}', "
-            f"not of a {function.owner}"
-        )
-    whose = next((other for other in clients.other_clients(client) if handle in other.opened_objects), None)
-    if opened is None and whose is not None:
-        owner = whose.conversation
         return RefusalReason(
-            lambda speech: (
-                f"handle {handle} was given to {speech.client(owner)}, and handles belong to their connection"
+            Message(
+                "reason.handle-of-other-class",
+                handle=handle,
+                kind=opened.object_class.value,
+                name=WireText(opened.name),
+                wanted=function.owner.value,
             )
         )
-    if opened is None and client.session_start_seen:
-        return fixed_reason(f"handle {handle} was never given to this client, as far as was seen")
-    return fixed_reason(f"handle {handle} is not valid now")
+    owner = next((other for other in clients.other_clients(client) if handle in other.opened_objects), None)
+    if opened is None and owner is not None:
+        other = client_place(owner.conversation)
+        return RefusalReason(Message("reason.handle-of-other-client", handle=handle, other=other))
+    case = "never-given" if opened is None and client.session_start_seen else "invalid"
+    return RefusalReason(Message(f"reason.handle-{case}", handle=handle))
 
 
 REFUSALS: tuple[Refusal, ...] = (

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterator
+from dataclasses import replace
 from itertools import pairwise
 
 from bcapscope.analysis.client_state import ClientRegistry, ClientState, folded_command
 from bcapscope.analysis.finding import Severity
+from bcapscope.analysis.finding_places import call_name_place, call_place, client_place
 from bcapscope.analysis.rules.refusal import Refusal, RefusalReason, make_refusal
 from bcapscope.analysis.rules.rule_checker import (
     MS,
@@ -19,9 +21,10 @@ from bcapscope.analysis.rules.rule_checker import (
 )
 from bcapscope.analysis.slave.buffer_model import DEFAULT_SLOTS, PredictedUnderflow, slack_ms
 from bcapscope.analysis.slave.slave_session import SlaveSession
-from bcapscope.analysis.speech import Speech, amount, called, name_of, span
+from bcapscope.messages import Message
+from bcapscope.messages.message import PlaceValue
+from bcapscope.messages.places import Count, Duration, FramePlace, HexNumber, Moment, Quantity
 from bcapscope.protocol.tables.hresult import E_SLAVE_OVERFLOW, E_SLAVE_UNDERFLOW, S_BUF_FULL
-from bcapscope.protocol.text_format import counted
 from bcapscope.traffic.call import Call
 from bcapscope.traffic.call_kind import CallKind
 
@@ -100,8 +103,8 @@ class PacingChecker(RuleChecker):
         self.report_call(
             SET_POINT_GAP,
             after,
-            lambda speech: _pause_text(before, after, slack, speech),
-            lambda speech, since: f"no set point was sent for {span(pause)}",
+            _pause_message(before, after, slack),
+            Message("clause.set-point-gap", pause=Duration(pause)),
             evidence_call=before,
             explaining_calls=(before.number,),
             began=before.request.time,
@@ -124,22 +127,22 @@ class PacingChecker(RuleChecker):
 
 
 def _predicted_gap(session: SlaveSession, underflow: PredictedUnderflow, count: int) -> Occurrence:
-    wait = round((underflow.late_ms + session.timing.slack_ms) * MS)
-
-    def say(speech: Speech) -> str:
-        return (
-            f"the set point of frame {underflow.late_frame} came {span(round(underflow.late_ms * MS))} "
-            f"after the buffer of {counted(session.buffer.slots, 'point')} must have been empty, "
-            "while the robot moved (by a model of the buffer)"
-        )
-
-    def then(speech: Speech, after: int) -> str:
-        return f"no set point came for {span(wait)}"
-
-    frames = (underflow.last_frame, underflow.late_frame)
-    began = underflow.time - round(session.timing.slack_ms * MS)
+    pause = round((underflow.late_ms + session.timing.slack_ms) * MS)
+    fact = Message(
+        "finding.set-point-gap.predicted",
+        frame=FramePlace((underflow.late_frame,)),
+        late=Duration(round(underflow.late_ms * MS)),
+        slots=Count(session.buffer.slots, "set-point"),
+    )
     return Occurrence(
-        SET_POINT_GAP, began, underflow.time, session.conversation, frames, say, then, count=count
+        SET_POINT_GAP,
+        underflow.time - round(session.timing.slack_ms * MS),
+        underflow.time,
+        session.conversation,
+        (underflow.last_frame, underflow.late_frame),
+        fact,
+        Message("clause.set-point-gap.predicted", pause=Duration(pause)),
+        count=count,
     )
 
 
@@ -147,35 +150,32 @@ def _off_grid_occurrences(session: SlaveSession) -> Iterator[Occurrence]:
     cycle = session.timing.cycle
     if cycle is None or cycle.count < _FEWEST_CYCLES:
         return
-    grid = session.timing.grid_ms
-    off = cycle.mean / grid - 1
+    off, skipped = cycle.mean / session.timing.grid_ms - 1, session.timing.skipped
     if session.buffer.replies_pace and off < -_TOLERANCE:
-        yield _off_grid(REPLIES_DO_NOT_PACE, session, cycle.mean, "")
+        yield _off_grid(REPLIES_DO_NOT_PACE, session, cycle.mean)
     elif abs(off) > _TOLERANCE:
-        yield _off_grid(OFF_GRID, session, cycle.mean, "")
-    elif session.timing.skipped > cycle.count * _MAX_SKIPPED_SHARE:
-        share = f", and {session.timing.skipped} of {cycle.count} cycles took one and a half periods or more"
-        yield _off_grid(OFF_GRID, session, cycle.mean, share)
+        yield _off_grid(OFF_GRID, session, cycle.mean)
+    elif skipped > cycle.count * _MAX_SKIPPED_SHARE:
+        yield _off_grid(OFF_GRID, session, cycle.mean, skipped=skipped, cycles=cycle.count)
 
 
-def _off_grid(rule: DiagnosisRule, session: SlaveSession, mean: float, more: str) -> Occurrence:
+def _off_grid(rule: DiagnosisRule, session: SlaveSession, mean: float, **skipped: int) -> Occurrence:
     first, last = session.first_set_point, session.last_set_point
     assert first is not None
     assert last is not None
-    rate, grid = 1000 / mean if mean else 0, session.timing.grid_ms
-
-    def say(speech: Speech) -> str:
-        who, points = speech.client(session.conversation), counted(session.counts.sent, "set point")
-        return (
-            f"{who} sent {points} every {amount(mean)} ms on average ({amount(rate)} a second), where "
-            f"{grid:g} ms is the period{more}"
-        )
-
-    def then(speech: Speech, after: int) -> str:
-        return f"set points came every {amount(mean)} ms"
-
+    interval = Quantity(mean, "ms")
+    fact = Message(
+        f"finding.{rule.id}{'.skipped' if skipped else ''}",
+        client=client_place(session.conversation),
+        points=Count(session.counts.sent, "set-point"),
+        mean=interval,
+        rate=Quantity(1000 / mean if mean else 0),
+        period=Quantity(session.timing.grid_ms, "ms"),
+        **skipped,
+    )
+    clause = Message(f"clause.{rule.id}", mean=interval)
     frames = (first.frame, last.frame)
-    return Occurrence(rule, first.time, last.time, session.conversation, frames, say, then)
+    return Occurrence(rule, first.time, last.time, session.conversation, frames, fact, clause)
 
 
 def _buffer_slack_ns(client: ClientState) -> int:
@@ -198,70 +198,60 @@ def _longest_pause(call: Call, client: ClientState) -> tuple[Call, Call] | None:
     return pair
 
 
-def _pause_text(before: Call, after: Call, slack: int, speech: Speech) -> str:
-    pause = span(after.request.time - before.request.time)
-    when, who = speech.at(before.request.time), speech.client(before.conversation)
-    text = (
-        f"after {called(before)} at {when} {who} sent no set point for {pause}, and the buffer lasts "
-        f"{span(slack)}"
-    )
+def _pause_message(before: Call, after: Call, slack: int) -> Message:
+    places: dict[str, PlaceValue] = {
+        "call": call_place(before),
+        "at": Moment(before.request.time),
+        "client": client_place(before.conversation),
+        "pause": Duration(after.request.time - before.request.time),
+        "slack": Duration(slack),
+    }
     reply = before.reply
     if reply is None:
-        return f"{text}; {name_of(before)} was never answered"
+        return Message("finding.set-point-gap.unanswered", **places)
     waited, idle = reply.time - before.request.time, after.request.time - reply.time
-    if idle > waited:
-        return f"{text}: its reply was there after {span(waited)}, and the next was sent {span(idle)} later"
-    return f"{text}: the reply took {span(waited)}"
+    places["waited"] = Duration(waited)
+    if idle <= waited:
+        return Message("finding.set-point-gap.slow-reply", **places)
+    return Message("finding.set-point-gap.idle", **places, idle=Duration(idle))
 
 
 def _explain_underflow(call: Call, client: ClientState, clients: ClientRegistry) -> RefusalReason | None:
     pair = _longest_pause(call, client)
-    code, slack = call.hresult or 0, _buffer_slack_ns(client)
-
-    def say(speech: Speech) -> str:
-        when = speech.at(call.reply.time if call.reply is not None else call.request.time)
-        text = (
-            f"at {when} the controller said, in the reply to {called(call)}, that it had run out of set "
-            f"points (0x{code:08X}), and left slave mode"
-        )
-        if pair is None:
-            return f"{text}; the set points before that were never more than {span(slack)} apart"
-        pause = span(pair[1].request.time - pair[0].request.time)
-        return (
-            f"{text}: none was sent for {pause} after {called(pair[0])}, and its buffer lasts {span(slack)}"
-        )
-
-    def then(speech: Speech, after: int) -> str:
-        return f"the controller said{_later(after)} that it had run out of set points, and left slave mode"
-
-    because = () if pair is None else (pair[1].number, pair[0].number)
+    places: dict[str, PlaceValue] = {
+        "at": Moment(call.request.time if call.reply is None else call.reply.time),
+        "call": call_place(call),
+        "code": HexNumber(call.hresult or 0),
+        "slack": Duration(_buffer_slack_ns(client)),
+    }
+    clause = Message("clause.underflow")
+    if pair is None:
+        return RefusalReason(fact=Message("finding.underflow.no-gap", **places), clause=clause)
+    before, after = pair
+    pause = Duration(after.request.time - before.request.time)
     return RefusalReason(
-        say=say, then=then, explaining_calls=because, evidence_call=None if pair is None else pair[0]
+        fact=Message("finding.underflow.gap", **places, pause=pause, before=call_place(before)),
+        clause=clause,
+        explaining_calls=(after.number, before.number),
+        evidence_call=before,
     )
-
-
-def _later(nanoseconds: int) -> str:
-    return f" {span(nanoseconds)} later" if nanoseconds > 0 else ""
 
 
 def _explain_overflow(call: Call, client: ClientState, clients: ClientRegistry) -> RefusalReason | None:
     points = list(client.recent_set_points)[-_RECENT:]
     if len(points) < 2:
         return None
-    each = (call.request.time - points[0].request.time) / len(points)
+    interval = (call.request.time - points[0].request.time) / len(points)
+    places: dict[str, PlaceValue] = {
+        "points": Count(len(points), "set-point"),
+        "interval": Duration(round(interval)),
+    }
+    reason = Message("reason.overflow", **places)
     full = [point for point in points if point.hresult == S_BUF_FULL]
-
-    def text(speech: Speech) -> str:
-        said = f"the {counted(len(points), 'set point')} before came every {span(round(each))}"
-        if full:
-            last = full[-1]
-            said += f", and the reply to {name_of(last)} {last.last_attempt.item.serial} had said that"
-            said += " the buffer was full"
-        return said
-
-    return RefusalReason(
-        text, then=lambda speech, after: f"the controller's buffer overflowed{_later(after)}"
-    )
+    if full:
+        answered = replace(call_name_place(full[-1]), serial=full[-1].last_attempt.item.serial)
+        reason = Message("reason.overflow.full", **places, call=answered)
+    return RefusalReason(reason, clause=Message("clause.overflow"))
 
 
 REFUSALS: tuple[Refusal, ...] = (

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 from bcapscope.analysis.client_state import ClientRegistry, ClientState
 from bcapscope.analysis.finding import Severity
+from bcapscope.analysis.finding_places import client_place
 from bcapscope.analysis.rules.rule_checker import (
     CallHealth,
     ClientEnd,
@@ -15,7 +16,8 @@ from bcapscope.analysis.rules.rule_checker import (
     RuleChecker,
     last_frame_time,
 )
-from bcapscope.analysis.speech import Speech, shown, span
+from bcapscope.messages import Message
+from bcapscope.messages.places import Count, Duration, Quantity, WireText
 from bcapscope.protocol.tables.function_table import ID
 from bcapscope.traffic.call import Call
 from bcapscope.traffic.call_kind import CallKind
@@ -77,17 +79,18 @@ class PollingChecker(RuleChecker):
 
 
 def _polling(reads: _VariableReads, calls: int) -> Occurrence:
-    first, last, count, spent_ns = reads.first, reads.last, reads.count, reads.spent_ns
+    first, last = reads.first, reads.last
     took = last_frame_time(last) - first.request.time
     top, often = max(reads.names.items(), key=lambda item: item[1])
-
-    def say(speech: Speech) -> str:
-        what = f", most of all '{shown(top)}' ({often})" if top else ""
-        share = f", {spent_ns / took:.0%} of its time" if took > 0 else ""
-        return (
-            f"{count} of {calls} calls of {speech.client(first.conversation)} read one "
-            f"variable{what}, {span(spent_ns // count)} each{share}"
-        )
-
+    fact = Message(
+        f"finding.polling{'' if top else '.unnamed'}",
+        reads=reads.count,
+        calls=Count(calls, "call"),
+        client=client_place(first.conversation),
+        name=WireText(top),
+        often=often,
+        each=Duration(reads.spent_ns // reads.count),
+        share=Quantity(round(100 * reads.spent_ns / max(took, 1)), "%"),
+    )
     frames = (first.request.number, last.request.number)
-    return Occurrence(POLLING, first.request.time, last.request.time, first.conversation, frames, say)
+    return Occurrence(POLLING, first.request.time, last.request.time, first.conversation, frames, fact)

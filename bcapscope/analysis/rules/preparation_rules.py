@@ -10,9 +10,11 @@ from bcapscope.analysis.client_state import (
     gets_robslave,
 )
 from bcapscope.analysis.finding import Severity
-from bcapscope.analysis.rules.refusal import NO_REASON, Refusal, RefusalReason, fixed_reason, make_refusal
+from bcapscope.analysis.finding_places import call_name_place, call_place, client_place
+from bcapscope.analysis.rules.refusal import NO_REASON, Refusal, RefusalReason, make_refusal
 from bcapscope.analysis.rules.rule_checker import MS, SECOND, CallHealth, DiagnosisRule, RuleChecker
-from bcapscope.analysis.speech import Speech, called, name_of, span
+from bcapscope.messages import Message
+from bcapscope.messages.places import Duration, HexNumber, Moment, WireText
 from bcapscope.protocol.codec.variant import Variant, integer_value
 from bcapscope.protocol.guard import request_effect
 from bcapscope.protocol.slave_mode.modes import Generation
@@ -161,16 +163,20 @@ class PreparationChecker(RuleChecker):
         if not just or not (code in _MOVING_CODES or (waited >= _WAITED_NS and not is_failure(code))):
             return
 
-        def say(speech: Speech) -> str:
-            ending = _pass_of(motion)
-            how = f"passes with {ending}" if ending else "has no @E"
-            return (
-                f"the last motion before {called(call)}, {called(motion)}, {how}, and slvChangeMode "
-                f"waited {span(waited)} for standstill"
-            )
-
+        ending = _pass_of(motion)
         self.report_call(
-            NO_AT_E, call, say, evidence_call=motion, began=motion.request.time, completed=call.request.time
+            NO_AT_E,
+            call,
+            Message(
+                f"finding.no-at-e.{'passes' if ending else 'without'}",
+                call=call_place(call),
+                motion=call_place(motion),
+                waited=Duration(waited),
+                **({"ending": WireText(ending)} if ending else {}),
+            ),
+            evidence_call=motion,
+            began=motion.request.time,
+            completed=call.request.time,
         )
 
     def _check_type_read(self, call: Call, client: ClientState) -> None:
@@ -180,9 +186,10 @@ class PreparationChecker(RuleChecker):
         self.report_call(
             TYPE_NOT_CHECKED,
             call,
-            lambda speech: (
-                f"{speech.client(call.conversation)} went on to {name_of(call)} without having read "
-                "the robot's type"
+            Message(
+                "finding.type-not-checked",
+                client=client_place(call.conversation),
+                call=call_name_place(call),
             ),
         )
 
@@ -234,9 +241,7 @@ def _explain_robslave(call: Call, client: ClientState, clients: ClientRegistry) 
     command = folded_command(call.kind)
     code = call.hresult or 0
     if gets_robslave(call):
-        return fixed_reason(
-            "the controller has no program of that name, and an RC7 needs it running in slave mode"
-        )
+        return RefusalReason(Message("reason.robslave.no-program"))
     if command not in ("slvchangemode", "slvmove") or not (
         client.generation is Generation.RC7 or code <= 0xFFFF
     ):
@@ -250,10 +255,7 @@ def _explain_robslave(call: Call, client: ClientState, clients: ClientRegistry) 
     if stopped is None or stopped.number < started.number:
         return None
     return RefusalReason(
-        lambda speech: (
-            f"RobSlave was started by {called(started)}, the error of {called(stopped)} stopped it, and it "
-            "was not started again"
-        ),
+        Message("reason.robslave.stopped", start=call_place(started), stop=call_place(stopped)),
         explaining_calls=(stopped.number,),
         evidence_call=stopped,
     )
@@ -263,11 +265,11 @@ def _explain_never_started(client: ClientState) -> RefusalReason | None:
     missing = client.robslave_not_found
     if missing is not None:
         return RefusalReason(
-            lambda speech: f"{called(missing)} had not found RobSlave", explaining_calls=(missing.number,)
+            Message("reason.robslave.not-found", call=call_place(missing)), explaining_calls=(missing.number,)
         )
     if not client.session_start_seen:
         return None
-    return fixed_reason("no Task_Start of RobSlave was seen from this client, and an RC7 needs it running")
+    return RefusalReason(Message("reason.robslave.not-started"))
 
 
 def _error_after(started: Call, client: ClientState) -> Call | None:
@@ -280,12 +282,15 @@ def _explain_moving(call: Call, client: ClientState, clients: ClientRegistry) ->
     motion = client.last_motion
     if motion is None:
         return NO_REASON
-    since = span(call.request.time - motion.request.time)
     return RefusalReason(
-        lambda speech: f"{called(motion)} had been sent {since} before",
+        Message(
+            "reason.motion-before",
+            motion=call_place(motion),
+            before=Duration(call.request.time - motion.request.time),
+        ),
         evidence_call=motion,
-        then=lambda speech, after: (
-            f"{name_of(call)} was refused (0x{call.hresult or 0:08X}, the robot moved)"
+        clause=Message(
+            "clause.robot-still-moving", call=call_name_place(call), code=HexNumber(call.hresult or 0)
         ),
         explaining_calls=(call.number,),
     )
@@ -296,13 +301,10 @@ def _explain_arm_taken(call: Call, client: ClientState, clients: ClientRegistry)
     if holder is None or holder.take_arm_call is None:
         if folded_command(call.kind) != "takearm":
             return None
-        return fixed_reason("its holder is not in this capture: the pendant, or a client on another network")
+        return RefusalReason(Message("reason.arm.holder-unseen"))
     taken = holder.take_arm_call
     return RefusalReason(
-        lambda speech: (
-            f"{speech.client(holder.conversation)} took the arm at {speech.at(taken.request.time)} "
-            "and has not given it back"
-        ),
+        Message("reason.arm.held", client=client_place(holder.conversation), at=Moment(taken.request.time)),
         evidence_call=taken,
     )
 
@@ -310,50 +312,29 @@ def _explain_arm_taken(call: Call, client: ClientState, clients: ClientRegistry)
 def _explain_arm_missing(call: Call, client: ClientState, clients: ClientRegistry) -> RefusalReason | None:
     if client.take_arm_call is not None:
         taken = client.take_arm_call
-        return RefusalReason(
-            lambda speech: (
-                f"the arm was taken at {speech.at(taken.request.time)} and lost since, perhaps by "
-                "an error or a stop"
-            ),
-            evidence_call=taken,
-        )
-    if client.session_start_seen:
-        return fixed_reason("this client had not called TakeArm")
-    return fixed_reason("no TakeArm of this client was seen in the capture")
+        return RefusalReason(Message("reason.arm.lost", at=Moment(taken.request.time)), evidence_call=taken)
+    return RefusalReason(Message(f"reason.arm.{'not-taken' if client.session_start_seen else 'not-seen'}"))
 
 
 def _explain_motor(call: Call, client: ClientState, clients: ClientRegistry) -> RefusalReason | None:
     motor, failure = client.motor_call, client.uncleared_error
     if motor is not None and client.motor_on is False:
-        return RefusalReason(
-            lambda speech: f"{called(motor)} had switched it off at {speech.at(motor.request.time)}",
-            evidence_call=motor,
-        )
+        return _motor_reason("switched-off", motor)
     if failure is not None and (motor is None or motor.request.time < failure.request.time):
         level = describe_hresult(failure.hresult or 0).level
         grave = level is not None and level >= _SWITCHES_OFF
-        how = "most likely" if grave else "perhaps"
         return RefusalReason(
-            lambda speech: f"{how} the error of {called(failure)} had switched it off",
+            Message(f"reason.motor.error{'' if grave else '.perhaps'}", call=call_place(failure)),
             explaining_calls=(failure.number,) if grave else (),
         )
     if motor is None:
-        return fixed_reason("this client had not called Motor, as far as was seen")
-    if client.motor_on is None:
-        return RefusalReason(
-            lambda speech: (
-                f"{called(motor)} had been accepted at {speech.at(motor.request.time)}, and its argument "
-                "does not tell what it switched"
-            ),
-            evidence_call=motor,
-        )
-    return RefusalReason(
-        lambda speech: (
-            f"{called(motor)} had switched it on at {speech.at(motor.request.time)}, and something "
-            "switched it off since"
-        ),
-        evidence_call=motor,
-    )
+        return RefusalReason(Message("reason.motor.not-called"))
+    return _motor_reason("unclear" if client.motor_on is None else "lost", motor)
+
+
+def _motor_reason(case: str, motor: Call) -> RefusalReason:
+    message = Message(f"reason.motor.{case}", motor=call_place(motor), at=Moment(motor.request.time))
+    return RefusalReason(message, evidence_call=motor)
 
 
 def _explain_reset(call: Call, client: ClientState, clients: ClientRegistry) -> RefusalReason | None:

@@ -8,7 +8,6 @@ from typing import NamedTuple, TypeAlias
 from bcapscope.analysis.client_state import ClientRegistry, ClientState
 from bcapscope.analysis.finding_places import call_name_place, call_place, client_place, code_place
 from bcapscope.analysis.rules.rule_checker import DiagnosisRule
-from bcapscope.analysis.speech import Speech, SpokenMessage
 from bcapscope.messages import Message
 from bcapscope.messages.places import Moment
 from bcapscope.traffic.call import Call
@@ -19,21 +18,21 @@ class RefusalReason(NamedTuple):
 
     Attributes:
         text: What explains it, for the place `reason` of the usual sentence; None for nothing.
-        say: The whole sentence, if the usual one does not fit.
-        then: The clause for a consequence, if the usual one does not fit.
+        fact: The whole sentence, if the usual one does not fit.
+        clause: The clause for a consequence, if the usual one does not fit.
         explaining_calls: Numbers of calls that explain the refusal.
         evidence_call: Call whose frames help to prove it.
         group_key: Separates findings of one rule.
         advice: Advice for this case.
     """
 
-    text: Message | Callable[[Speech], str] | None = None
-    say: Message | Callable[[Speech], str] | None = None
-    then: Message | Callable[[Speech, int], str] | None = None
+    text: Message | None = None
+    fact: Message | None = None
+    clause: Message | None = None
     explaining_calls: tuple[int, ...] = ()
     evidence_call: Call | None = None
     group_key: str = ""
-    advice: Message | str | None = None
+    advice: Message | None = None
 
 
 NO_REASON = RefusalReason()
@@ -61,11 +60,6 @@ def make_refusal(rule: DiagnosisRule, codes: Iterable[int], explain: ExplainRefu
     return Refusal(rule, frozenset(codes), explain or (lambda call, client, clients: NO_REASON))
 
 
-def fixed_reason(text: str) -> RefusalReason:
-    """Return a reason with a constant text."""
-    return RefusalReason(lambda speech: text)
-
-
 def usual_sentence(call: Call, code: int, why: RefusalReason) -> Message:
     """Return the usual sentence about a refusal."""
     usual = {
@@ -76,8 +70,7 @@ def usual_sentence(call: Call, code: int, why: RefusalReason) -> Message:
     }
     if why.text is None:
         return Message("finding.refused", **usual)
-    reason = why.text if isinstance(why.text, Message) else SpokenMessage(say=why.text)
-    return Message("finding.refused.because", **usual, reason=reason)
+    return Message("finding.refused.because", **usual, reason=why.text)
 
 
 def usual_clause(call: Call, code: int) -> Message:

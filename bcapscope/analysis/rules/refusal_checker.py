@@ -50,13 +50,11 @@ class RefusalChecker(RuleChecker):
             why = explain(call, client, self.clients)
             if why is None:
                 continue
-            say = why.say or usual_sentence(call, code, why)
-            then = why.then or usual_clause(call, code)
             self.report_call(
                 rule,
                 call,
-                say,
-                then,
+                why.fact or usual_sentence(call, code, why),
+                why.clause or usual_clause(call, code),
                 evidence_call=why.evidence_call,
                 explaining_calls=why.explaining_calls,
                 group_key=why.group_key,

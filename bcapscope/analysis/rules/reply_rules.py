@@ -8,6 +8,7 @@ from itertools import pairwise
 
 from bcapscope.analysis.client_state import ClientRegistry, ClientState, folded_command
 from bcapscope.analysis.finding import Severity
+from bcapscope.analysis.finding_places import attempt_place, call_place, client_place
 from bcapscope.analysis.rules.rule_checker import (
     MS,
     SECOND,
@@ -18,10 +19,11 @@ from bcapscope.analysis.rules.rule_checker import (
     RuleChecker,
     frame_numbers,
 )
-from bcapscope.analysis.speech import Speech, called, name_of, span, times
+from bcapscope.messages import Message
+from bcapscope.messages.message import PlaceValue
+from bcapscope.messages.places import Count, Duration, Moment, Times
 from bcapscope.protocol.slave_mode.modes import PERIOD_MS
 from bcapscope.protocol.tables.function_table import ID
-from bcapscope.protocol.text_format import counted
 from bcapscope.traffic.call import Call, FrameObservation, StrayReply
 from bcapscope.traffic.call_verdict import CallVerdict
 from bcapscope.traffic.observation import Conversation, Direction, Observation
@@ -29,11 +31,6 @@ from bcapscope.traffic.observation import Conversation, Direction, Observation
 _SEED = "DENSO Wave 2009, How to use the Slave mode"
 _C_CLIENT = "orin_bcap C/src/bCAPClient/bcap_client.c"
 _ROS_12 = "DENSORobot/denso_robot_ros issues 8 and 12"
-
-_WAIT_ADVICE = (
-    "Wait for longer than the call takes, a motion above all, or have the controller say S_EXECUTING (WDT in "
-    "the option of Service_Start); a client that closes the connection gets no reply."
-)
 
 LATE_REPLY = DiagnosisRule(
     "late-reply",
@@ -157,24 +154,27 @@ class ReplyChecker(RuleChecker):
             if client is not None:
                 client.may_be_answered = True
             return
+        at, receiver = Moment(seen.time), client_place(conversation)
         serial = seen.item.serial
         if stray.call_number is not None:
-            rule, text = (
+            rule, fact = (
                 VERY_LATE_REPLY,
-                f"a reply to call {stray.call_number} (serial {serial}) came when the call was over",
+                Message(
+                    "finding.very-late-reply",
+                    at=at,
+                    client=receiver,
+                    number=stray.call_number,
+                    serial=serial,
+                ),
             )
         elif conversation not in self._requesting:
             return  # the capture began after the request
         else:
-            rule, text = (
+            rule, fact = (
                 REPLY_TO_NOTHING,
-                f"a reply with serial {serial} came, and no request with it was seen",
+                Message("finding.reply-to-nothing", at=at, client=receiver, serial=serial),
             )
-
-        def say(speech: Speech) -> str:
-            return f"{text}, at {speech.at(seen.time)} to {speech.client(conversation)}"
-
-        self.report_occurrence(Occurrence(rule, seen.time, seen.time, conversation, (seen.number,), say))
+        self.report_occurrence(Occurrence(rule, seen.time, seen.time, conversation, (seen.number,), fact))
 
     def on_conversation_closed(self, conversation: Conversation) -> None:
         self._requesting.discard(conversation)
@@ -187,156 +187,135 @@ class ReplyChecker(RuleChecker):
             yield _controller_silent(first, last, client.call_count, end.ended_at)
         if last.reply is not None or last.surely_unanswered or last.notices or last.late_replies:
             return
-        attempts = [request.time for request in last.attempts]
-        if len(attempts) > 1:
-            pause = max(after - before for before, after in pairwise(attempts))
-            quiet = end.ended_at - attempts[-1]
+        sent_at = [request.time for request in last.attempts]
+        if len(sent_at) > 1:
+            pause = max(after - before for before, after in pairwise(sent_at))
+            quiet = end.ended_at - sent_at[-1]
             if quiet >= max(3 * pause, _QUIET_NS):
                 yield _client_stopped(last, quiet)
 
     def _report_late(self, call: Call, reply: FrameObservation) -> None:
-        tries = _AttemptIndex(call)
-        tried, gave_up = tries.answered_by(reply), tries.given_up_at(reply)
-        answered = call.reply is not None
-        name, serial = name_of(call), reply.item.serial
-        took, waited = span(reply.time - tried.time), span(gave_up - tried.time)
-
-        def say(speech: Speech) -> str:
-            who = speech.client(call.conversation)
-            text = (
-                f"the reply to {name} {serial} came {took} after it was sent, {who} had given up at {waited}"
-            )
-            if not answered:
-                return text
-            return f"{text} and tried again ({counted(call.retries, 'retry', 'retries')})"
-
-        def then(speech: Speech, after: int) -> str:
-            return (
-                f"the reply to {name} {serial} came after {took}, when "
-                f"{speech.client(call.conversation)} had given up"
-            )
-
+        attempts = _AttemptIndex(call)
+        attempt, gave_up = attempts.answered_by(reply), attempts.given_up_at(reply)
+        rule = CLIENT_GAVE_UP if call.reply is None else LATE_REPLY
+        places = {
+            "call": attempt_place(call, reply.item.serial),
+            "client": client_place(call.conversation),
+            "took": Duration(reply.time - attempt.time),
+        }
         self.report_call(
-            LATE_REPLY if answered else CLIENT_GAVE_UP,
+            rule,
             call,
-            say,
-            then,
-            began=tried.time,
+            Message(
+                f"finding.{rule.id}",
+                **places,
+                waited=Duration(gave_up - attempt.time),
+                retries=Count(call.retries, "retry"),
+            ),
+            Message("clause.late-reply", **places),
+            began=attempt.time,
             completed=reply.time,
         )
 
     def _report_unanswered(self, call: Call) -> None:
-        tries, name = len(call.attempts), called(call)
-        gone_on = call.abandoned_at - call.request.time if call.abandoned_at else 0
+        continued_after = call.abandoned_at - call.request.time if call.abandoned_at else 0
         closing = call.conversation.connection_end
-        by_client = closing is not None and closing.by is Direction.REQUEST and not gone_on
+        by_client = closing is not None and closing.by is Direction.REQUEST and not continued_after
         if by_client and call.kind.function_id == ID["Service_Stop"]:
             return  # the client does not wait for this reply
-
-        def say(speech: Speech) -> str:
-            text = f"at {speech.at(call.request.time)} {name} was sent {times(tries)} and never answered"
-            who = speech.client(call.conversation)
-            if by_client and closing is not None:
-                return f"{text}; {who} closed the connection after {span(closing.time - call.request.time)}"
-            if gone_on:
-                text += f"; {who} went on after {span(gone_on)}"
-            return f"{text}; whether requests or replies were lost cannot be told from here"
-
-        def then(speech: Speech, after: int) -> str:
-            return f"{name} was never answered"
-
+        sent = {
+            "at": Moment(call.request.time),
+            "call": call_place(call),
+            "client": client_place(call.conversation),
+            "times": Times(len(call.attempts)),
+        }
+        if by_client and closing is not None:
+            after = Duration(closing.time - call.request.time)
+            fact = Message("finding.no-reply.closed", **sent, after=after)
+        elif continued_after:
+            fact = Message("finding.no-reply.continued", **sent, after=Duration(continued_after))
+        else:
+            fact = Message("finding.no-reply", **sent)
         self.report_call(
             NO_REPLY,
             call,
-            say,
-            then,
+            fact,
+            Message("clause.no-reply", call=sent["call"]),
             completed=call.abandoned_at or (0 if closing is None else closing.time),
             group_key="closed" if by_client else "",
-            advice=_WAIT_ADVICE if by_client else "",
+            advice=Message("rule.no-reply.advice.closed") if by_client else None,
         )
 
     def _report_executed_twice(self, call: Call) -> None:
-        def say(speech: Speech) -> str:
-            text = (
-                f"at {speech.at(call.request.time)} {called(call)} was executed more than once for "
-                f"{speech.client(call.conversation)}"
-            )
-            if call.skipped_handles:
-                extra = counted(call.skipped_handles, "handle")
-                return (
-                    f"{text}: the handle that came back skips {extra}, which "
-                    f"{_was(call.skipped_handles)} given away unseen"
-                )
-            return f"{text}: its {len(call.attempts)} tries were answered with different results"
-
-        self.report_call(EXECUTED_TWICE, call, say)
+        executed = {
+            "at": Moment(call.request.time),
+            "call": call_place(call),
+            "client": client_place(call.conversation),
+        }
+        if call.skipped_handles:
+            handles = Count(call.skipped_handles, "handle")
+            fact = Message("finding.executed-twice.handles", **executed, handles=handles)
+        else:
+            attempts = Count(len(call.attempts), "attempt")
+            fact = Message("finding.executed-twice", **executed, attempts=attempts)
+        self.report_call(EXECUTED_TWICE, call, fact)
 
     def _report_reply_lost(self, call: Call) -> None:
         reply = call.lost_replies[0]
-        took = span(reply.time - _AttemptIndex(call).answered_by(reply).time)
-
-        def say(speech: Speech) -> str:
-            who = speech.client(call.conversation)
-            return (
-                f"the reply to {name_of(call)} {reply.item.serial} was here after {took}, and yet {who} "
-                "asked again"
-            )
-
-        self.report_call(REPLY_LOST, call, say, began=reply.time)
+        fact = Message(
+            "finding.reply-lost",
+            call=attempt_place(call, reply.item.serial),
+            client=client_place(call.conversation),
+            took=Duration(reply.time - _AttemptIndex(call).answered_by(reply).time),
+        )
+        self.report_call(REPLY_LOST, call, fact, began=reply.time)
 
     def _report_retried(self, call: Call) -> None:
-        lost = call.verdict is CallVerdict.REQUEST_LOST
-        sent = f"sent {times(len(call.attempts))}" if call.first_attempt_seen else "sent again"
-
-        def say(speech: Speech) -> str:
-            text = (
-                f"at {speech.at(call.request.time)} {called(call)} of "
-                f"{speech.client(call.conversation)} was {sent} before it was answered"
-            )
-            if call.latency is not None:
-                text += f", {span(call.latency)} after the first try"
-            return f"{text}; a request was lost" if lost else f"{text}; nothing seen here tells what was lost"
-
-        def then(speech: Speech, after: int) -> str:
-            return f"{called(call)} was answered only at try {len(call.attempts)}"
-
-        self.report_call(RETRIED, call, say, then)
+        what = call_place(call)
+        case = "" if call.first_attempt_seen else ".first-unseen"
+        if call.verdict is CallVerdict.REQUEST_LOST:
+            case += ".request-lost"
+        fact = Message(
+            f"finding.retried{case}",
+            at=Moment(call.request.time),
+            call=what,
+            client=client_place(call.conversation),
+            attempts=Count(len(call.attempts), "attempt"),
+            after=Duration(call.latency or 0),
+        )
+        self.report_call(
+            RETRIED, call, fact, Message("clause.retried", call=what, attempt=len(call.attempts))
+        )
 
 
 def _client_stopped(call: Call, quiet: int) -> Occurrence:
     first, last = call.attempts[0].time, call.attempts[-1].time
-
-    def say(speech: Speech) -> str:
-        tries = len(call.attempts)
-        who = speech.client(call.conversation)
-        return (
-            f"{who} sent {called(call)} {times(tries)} in {span(last - first)} without any reply and "
-            f"then said nothing more for the {span(quiet)} that the capture goes on; its library has "
-            "probably reported 80000900"
-        )
-
-    def then(speech: Speech, after: int) -> str:
-        return f"{speech.client(call.conversation)} said nothing more after {called(call)}"
-
+    client, stopped = client_place(call.conversation), call_place(call)
+    fact = Message(
+        "finding.client-stopped",
+        client=client,
+        call=stopped,
+        times=Times(len(call.attempts)),
+        lasted=Duration(last - first),
+        quiet=Duration(quiet),
+    )
+    clause = Message("clause.client-stopped", client=client, call=stopped)
     frames = frame_numbers(call)
-    return Occurrence(CLIENT_STOPPED, first, last, call.conversation, frames, say, then, call=call.number)
+    return Occurrence(CLIENT_STOPPED, first, last, call.conversation, frames, fact, clause, call=call.number)
 
 
 def _controller_silent(first: Call, last: Call, calls: int, ended_at: int) -> Occurrence:
     conversation, began = first.conversation, first.request.time
-
-    def say(speech: Speech) -> str:
-        tries = f" in {counted(len(last.attempts), 'try', 'tries')}" if calls == 1 else ""
-        return (
-            f"{conversation.server} never answered {speech.client(conversation)}, which made "
-            f"{counted(calls, 'call')}{tries} in {span(ended_at - began)}"
-        )
-
-    def then(speech: Speech, after: int) -> str:
-        return f"{conversation.server} never answered {speech.client(conversation)}"
-
+    ends: dict[str, PlaceValue] = {"server": str(conversation.server), "client": client_place(conversation)}
+    lasted = Duration(ended_at - began)
+    if calls == 1:
+        attempts = Count(len(last.attempts), "attempt")
+        fact = Message("finding.controller-silent.one-call", **ends, attempts=attempts, lasted=lasted)
+    else:
+        fact = Message("finding.controller-silent", **ends, calls=Count(calls, "call"), lasted=lasted)
     frames = (first.request.number, last.attempts[-1].number)
-    return Occurrence(CONTROLLER_SILENT, began, began, conversation, frames, say, then)
+    clause = Message("clause.controller-silent", **ends)
+    return Occurrence(CONTROLLER_SILENT, began, began, conversation, frames, fact, clause)
 
 
 def _waited_for_room(call: Call, client: ClientState) -> bool:
@@ -363,22 +342,18 @@ class _AttemptIndex:
 
     def answered_by(self, reply: FrameObservation) -> FrameObservation:
         """Return the latest attempt that a reply can answer."""
-        tries = [each for each in self._by_serial.get(reply.item.serial, ()) if each.time <= reply.time]
-        return tries[-1] if tries else self._call.request
+        sent = [each for each in self._by_serial.get(reply.item.serial, ()) if each.time <= reply.time]
+        return sent[-1] if sent else self._call.request
 
     def given_up_at(self, reply: FrameObservation) -> int:
         """Return when the client gave up the attempt that `reply` answers, ns since 1970; 0 if it did not."""
-        tried, gone_on = self.answered_by(reply).time, self._call.abandoned_at
-        after = bisect_right(self._times, tried)
+        sent_at, abandoned_at = self.answered_by(reply).time, self._call.abandoned_at
+        after = bisect_right(self._times, sent_at)
         if after < len(self._times) and self._times[after] <= reply.time:
             return self._times[after]
-        return gone_on if tried < gone_on <= reply.time else 0
+        return abandoned_at if sent_at < abandoned_at <= reply.time else 0
 
 
 def _first_late_reply(call: Call) -> FrameObservation | None:
-    tries = _AttemptIndex(call)
-    return next((reply for reply in call.late_replies if tries.given_up_at(reply)), None)
-
-
-def _was(count: int) -> str:
-    return "was" if count == 1 else "were"
+    attempts = _AttemptIndex(call)
+    return next((reply for reply in call.late_replies if attempts.given_up_at(reply)), None)

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from difflib import get_close_matches
+from functools import lru_cache
 
 from bcapscope.analysis.client_state import ClientRegistry, ClientState, argument, folded_command
 from bcapscope.analysis.finding import Severity
-from bcapscope.analysis.rules.refusal import NO_REASON, Refusal, RefusalReason, fixed_reason, make_refusal
+from bcapscope.analysis.finding_places import call_place, client_place
+from bcapscope.analysis.rules.refusal import NO_REASON, Refusal, RefusalReason, make_refusal
 from bcapscope.analysis.rules.rule_checker import (
     SAME_CALL,
     CallHealth,
@@ -14,7 +16,8 @@ from bcapscope.analysis.rules.rule_checker import (
     OccurrenceSink,
     RuleChecker,
 )
-from bcapscope.analysis.speech import called, shown
+from bcapscope.messages import Message
+from bcapscope.messages.places import Count, Listing, Moment, WireText, shortened
 from bcapscope.protocol.codec.variant import ARRAY, VT, Variant, vt_name
 from bcapscope.protocol.slave_mode.formats import ReceiveFormat, SendFormat, parse_format_parameter
 from bcapscope.protocol.slave_mode.modes import Generation
@@ -96,36 +99,37 @@ class RequestChecker(RuleChecker):
     def drop_client(self, client: ClientState) -> None:
         self._checked.discard(client.conversation)
 
-    def _report_odd(self, call: Call, odd: str) -> None:
-        if odd:
-            self.report_call(
-                UNUSUAL_ARGUMENT,
-                call,
-                lambda speech: (
-                    f"at {speech.at(call.request.time)} {called(call)} of "
-                    f"{speech.client(call.conversation)} carries {odd}"
-                ),
-                group_key=odd,
+    def _report_odd(self, call: Call, detail: Message | None) -> None:
+        if detail is not None:
+            fact = Message(
+                "finding.unusual-argument",
+                at=Moment(call.request.time),
+                call=call_place(call),
+                client=client_place(call.conversation),
+                detail=detail,
             )
+            self.report_call(UNUSUAL_ARGUMENT, call, fact, group_key=repr(detail))
 
 
-def _odd_mode(parameter: Variant | None) -> str:
+def _odd_mode(parameter: Variant | None) -> Message | None:
     if parameter is None or parameter.vt in (VT.I2, VT.I4):
-        return ""
-    value = f" '{shown(parameter.value)}'" if isinstance(parameter.value, str) else ""
-    return f"its mode as {vt_name(parameter.vt)}{value}, where VT_I4 or VT_I2 is usual"
+        return None
+    if isinstance(parameter.value, str):
+        value = WireText(shortened(parameter.value))
+        return Message("finding.unusual-argument.mode.value", type=vt_name(parameter.vt), value=value)
+    return Message("finding.unusual-argument.mode", type=vt_name(parameter.vt))
 
 
-def _odd_point(parameter: Variant | None, generation: Generation | None) -> str:
+def _odd_point(parameter: Variant | None, generation: Generation | None) -> Message | None:
     if parameter is None or parameter.vt not in (_R4S, _R8S):
-        return ""
+        return None
     if parameter.vt == _R4S and generation is Generation.RC8:
-        return "a set point as VT_R4|VT_ARRAY, where VT_R8|VT_ARRAY is usual on this controller"
+        return Message("finding.unusual-argument.set-point.type")
     values = pose_numbers(parameter) or ()
     marked = bool(values) and is_used_axes_mark(values[-1])
     if len(values) in (_DRIVER_COUNTS if marked else _USUAL_COUNTS):
-        return ""
-    return f"a set point of {len(values)} elements, where P has 7, J 8 and T 10"
+        return None
+    return Message("finding.unusual-argument.set-point.size", elements=Count(len(values), "element"))
 
 
 def _explain_format(call: Call, client: ClientState, clients: ClientRegistry) -> RefusalReason | None:
@@ -135,38 +139,34 @@ def _explain_format(call: Call, client: ClientState, clients: ClientRegistry) ->
         return None
     found = parse_format_parameter(parameter)
     if found is None:
-        return fixed_reason(f"its parameter is {vt_name(parameter.vt)}, and a number is wanted")
-    bits = _send_bits(found.value) if name == "slvsendformat" else _receive_bits(found.value)
-    return fixed_reason(f"0x{found.value:03X} asks for {bits}")
+        return RefusalReason(Message("reason.format-type", type=vt_name(parameter.vt)))
+    parts = _send_parts(found.value) if name == "slvsendformat" else _receive_parts(found.value)
+    return RefusalReason(Message("reason.format", format=f"0x{found.value:03X}", parts=parts))
 
 
-def _send_bits(value: int) -> str:
+def _send_parts(value: int) -> Listing:
     form = SendFormat.parse(value)
-    named = (
-        ("hand I/O (0x020)", form.hand_io),
-        ("mini I/O (0x100)", form.mini_io),
-        ("user I/O (0x200)", form.user_io),
-    )
-    return _listed([text for text, there in named if there], form.other)
+    named = (("hand-io", form.hand_io), ("mini-io", form.mini_io), ("user-io", form.user_io))
+    return _listing([Message(f"format.{part}") for part, there in named if there], form.other)
 
 
-def _receive_bits(value: int) -> str:
+def _receive_parts(value: int) -> Listing:
     form = ReceiveFormat.parse(value)
     named = (
-        ("pose " + "+".join(form.poses), bool(form.poses)),
-        ("time stamp (0x010)", form.timestamp),
-        ("hand I/O (0x020)", form.hand_io),
-        ("motor current (0x040)", form.current),
-        ("mini I/O (0x100)", form.mini_io),
-        ("user I/O (0x200)", form.user_io),
+        ("timestamp", form.timestamp),
+        ("hand-io", form.hand_io),
+        ("current", form.current),
+        ("mini-io", form.mini_io),
+        ("user-io", form.user_io),
     )
-    return _listed([text for text, there in named if there], form.other)
+    parts = [Message("format.pose", poses="+".join(form.poses))] if form.poses else []
+    return _listing(parts + [Message(f"format.{part}") for part, there in named if there], form.other)
 
 
-def _listed(parts: list[str], other: int) -> str:
+def _listing(parts: list[Message], other: int) -> Listing:
     if other:
-        parts.append(f"bits without a known meaning (0x{other & 0xFFFFFFFF:X})")
-    return " and ".join(parts) or "nothing"
+        parts.append(Message("format.unknown", bits=f"0x{other & 0xFFFFFFFF:X}"))
+    return Listing(tuple(parts) or (Message("format.nothing"),))
 
 
 def _explain_unknown(call: Call, client: ClientState, clients: ClientRegistry) -> RefusalReason | None:
@@ -174,40 +174,48 @@ def _explain_unknown(call: Call, client: ClientState, clients: ClientRegistry) -
     if name is None:
         return NO_REASON
     if find_command(call.kind.function_id, name) is not None:
-        return fixed_reason("the command is known on other controllers")
-    return RefusalReason(lambda speech: _similar_name(call.kind.function_id, name))
+        return RefusalReason(Message("reason.command-elsewhere"))
+    return RefusalReason(_similar_command(call.kind.function_id, name))
 
 
-def _similar_name(function_id: int, name: str) -> str:
+@lru_cache(256)
+def _similar_command(function_id: int, name: str) -> Message:
     known = {each.name.casefold(): each.name for each in commands_of(function_id)}
-    close = get_close_matches(shown(name).casefold(), known, n=1, cutoff=0.7)
-    return f"perhaps {known[close[0]]} was meant" if close else "no known command has a name like that"
+    close = get_close_matches(shortened(name).casefold(), known, n=1, cutoff=0.7)
+    if not close:
+        return Message("reason.command-unknown")
+    return Message("reason.command-similar", command=known[close[0]])
 
 
 def _explain_argument(call: Call, client: ClientState, clients: ClientRegistry) -> RefusalReason | None:
-    odd, key = _odd_types(call), shown(call.kind.command or "")
-    return RefusalReason(lambda speech: odd, group_key=key) if odd else RefusalReason(group_key=key)
+    return RefusalReason(_argument_mismatch(call), group_key=shortened(call.kind.command or ""))
 
 
-def _odd_types(call: Call) -> str:
-    """Describe the first mismatch in number or type of the arguments; empty if they all fit."""
+def _argument_mismatch(call: Call) -> Message | None:
+    """Return the first mismatch in number or type of the arguments; None if they all fit."""
     function, arguments = FUNCTIONS.get(call.kind.function_id), call.request.item.arguments
     if function is None:
-        return f"{call.kind.function_id} is no function, there are 137"
+        return Message("reason.no-function", function=call.kind.function_id)
     if len(arguments) != len(function.params):
-        return f"it has {len(arguments)} arguments, and {function.name} takes {len(function.params)}"
+        return Message(
+            "reason.argument-count",
+            sent=Count(len(arguments), "argument"),
+            function=function.name,
+            wanted=len(function.params),
+        )
     for param, item in zip(function.params, arguments, strict=True):
-        if param.type != "VARIANT" and vt_name(item.variant.vt) != param.type:
-            return f"{param.name} is {vt_name(item.variant.vt)}, and {param.type} is usual"
+        sent = vt_name(item.variant.vt)
+        if param.type not in ("VARIANT", sent):
+            return Message("reason.argument-type", argument=param.name, sent=sent, usual=param.type)
     known = None if call.kind.command is None else find_command(call.kind.function_id, call.kind.command)
     if known is None or not known.parameter_types:
-        return ""
+        return None
     sent = vt_name(arguments[2].variant.vt)
-    return (
-        ""
-        if sent in known.parameter_types
-        else f"{sent} was sent, and {known.name} takes {' or '.join(known.parameter_types)}"
-    )
+    if sent in known.parameter_types:
+        return None
+    types = ", ".join(known.parameter_types)
+    case = "" if len(known.parameter_types) == 1 else ".several"
+    return Message(f"reason.parameter-type{case}", sent=sent, command=known.name, types=types)
 
 
 REFUSALS: tuple[Refusal, ...] = (

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 from bcapscope.analysis.client_state import ClientRegistry, ClientState, folded_command
 from bcapscope.analysis.finding import Severity
+from bcapscope.analysis.finding_places import call_name_place, call_place, client_place
 from bcapscope.analysis.rules.rule_checker import (
     MS,
     CallHealth,
@@ -15,11 +16,11 @@ from bcapscope.analysis.rules.rule_checker import (
     RuleChecker,
 )
 from bcapscope.analysis.slave.slave_session import SlaveSession
-from bcapscope.analysis.speech import Speech, called, name_of, span
+from bcapscope.messages import Message
+from bcapscope.messages.places import Count, Duration, Moment
 from bcapscope.protocol.guard import request_effect
 from bcapscope.protocol.tables.call_effect import CallEffect
 from bcapscope.protocol.tables.function_table import ID
-from bcapscope.protocol.text_format import counted
 from bcapscope.traffic.call import Call
 from bcapscope.traffic.call_kind import CallKind
 from bcapscope.traffic.observation import Conversation, Transport
@@ -128,92 +129,71 @@ class RetryChecker(RuleChecker):
             return
         self._conventions[call.conversation] = now = call.convention
         if before is not None:
-            self.report_call(
-                MIXED_CONVENTIONS,
-                call,
-                lambda speech: (
-                    f"{speech.client(call.conversation)} used the reserved field as '{before}' first "
-                    f"and as '{now}' later, about {called(call)}"
-                ),
+            fact = Message(
+                "finding.mixed-conventions",
+                client=client_place(call.conversation),
+                before=before.value,
+                now=now.value,
+                call=call_place(call),
             )
+            self.report_call(MIXED_CONVENTIONS, call, fact)
 
     def _check_retry_delay(self, call: Call) -> None:
         first, second = call.attempts[:2] if len(call.attempts) > 1 else (call.request, call.request)
-        wait = second.time - first.time
-        if wait > _PERIOD_NS:
-            self.report_call(
-                SLOW_RETRY,
-                call,
-                lambda speech: (
-                    f"{speech.client(call.conversation)} waited {span(wait)} before it sent {called(call)} "
-                    "again, and the controller wants a set point each 8 ms"
-                ),
-                lambda speech, after: f"{called(call)} was sent again only after {span(wait)}",
-            )
+        waited = second.time - first.time
+        if waited > _PERIOD_NS:
+            places = {"call": call_place(call), "waited": Duration(waited)}
+            fact = Message("finding.slow-retry", client=client_place(call.conversation), **places)
+            self.report_call(SLOW_RETRY, call, fact, Message("clause.slow-retry", **places))
 
     def _report_serial_zero(self, call: Call) -> None:
-        self.report_call(
-            SERIAL_ZERO,
-            call,
-            lambda speech: (
-                f"the first request of {speech.client(call.conversation)}, {name_of(call)}, has serial 0, "
-                "and the official server answers such a one S_OK without executing it"
-            ),
-        )
+        who, what = client_place(call.conversation), call_name_place(call)
+        self.report_call(SERIAL_ZERO, call, Message("finding.serial-zero", client=who, call=what))
 
     def _check_serial_reuse(self, before: Call, call: Call) -> None:
         serial = call.request.item.serial
         if serial != before.request.item.serial or _answered_before(before, call):
             return
         late = next((reply for reply in before.late_replies if reply.time > call.request.time), None)
-
-        def say(speech: Speech) -> str:
-            waited = span(call.request.time - before.request.time)
-            text = (
-                f"at {speech.at(call.request.time)} {name_of(call)} was sent with serial {serial}, "
-                f"{waited} after {name_of(before)} with the same serial and before that was answered"
-            )
-            if late is None:
-                return text
-            who = speech.client(call.conversation)
-            return (
-                f"{text}; the reply at {speech.at(late.time)} is that to {name_of(before)}, and {who} "
-                "cannot know it"
-            )
-
-        self.report_call(SERIAL_REUSED, call, say, evidence_call=before, explaining_calls=(before.number,))
+        places = {
+            "at": Moment(call.request.time),
+            "client": client_place(call.conversation),
+            "call": call_name_place(call),
+            "before": call_name_place(before),
+            "waited": Duration(call.request.time - before.request.time),
+        }
+        if late is None:
+            fact = Message("finding.serial-reused", **places, serial=serial)
+        else:
+            late_at = Moment(late.time)
+            fact = Message("finding.serial-reused.late-reply", **places, serial=serial, late=late_at)
+        self.report_call(SERIAL_REUSED, call, fact, evidence_call=before, explaining_calls=(before.number,))
 
     def _check_reserved(self, before: Call, call: Call) -> None:
         frame, earlier = call.request.item, before.last_attempt.item
         if frame.raw[9:] != earlier.raw[9:] or _answered_before(before, call):
             return
-        origin = before.request.item.serial
-        self.report_call(
-            WRONG_RESERVED,
-            call,
-            lambda speech: (
-                f"at {speech.at(call.request.time)} {called(call)} repeats {called(before)}, and "
-                f"its reserved field says {frame.reserved} instead of "
-                f"{origin}, so that the controller takes it for another call"
-            ),
-            evidence_call=before,
+        fact = Message(
+            "finding.wrong-reserved",
+            at=Moment(call.request.time),
+            call=call_place(call),
+            before=call_place(before),
+            reserved=frame.reserved,
+            expected=before.request.item.serial,
         )
+        self.report_call(WRONG_RESERVED, call, fact, evidence_call=before)
 
     def _check_stale_answer(self, before: Call, call: Call) -> None:
         if before.reply is None or before.reply.item.serial != call.request.item.serial or call.reply is None:
             return
-        same = before.reply.item.raw[7:] == call.reply.item.raw[7:]
-        outcome = "and the reply is the same as before" if same else "though the reply is another"
-        self.report_call(
-            STALE_ANSWER,
-            call,
-            lambda speech: (
-                f"{speech.client(call.conversation)} began anew at {speech.at(call.request.time)} from the "
-                f"same port with serial {call.request.item.serial}, which was answered last, {outcome}; the "
-                "official server does not execute such a request"
-            ),
-            evidence_call=before,
+        outcome = "same" if before.reply.item.raw[7:] == call.reply.item.raw[7:] else "different"
+        fact = Message(
+            f"finding.stale-answer.{outcome}",
+            client=client_place(call.conversation),
+            at=Moment(call.request.time),
+            serial=call.request.item.serial,
         )
+        self.report_call(STALE_ANSWER, call, fact, evidence_call=before)
 
     def _check_unmarked_retry(self, client: ClientState, call: Call) -> None:
         before, frame = client.last_call, call.request.item
@@ -227,32 +207,28 @@ class RetryChecker(RuleChecker):
         arguments = frame.variants
         if request_effect(frame.code, arguments) < CallEffect.CHANGES:
             return
-        self.report_call(
-            UNMARKED_RETRY,
-            call,
-            lambda speech: (
-                f"at {speech.at(call.request.time)} {called(call)} repeats {called(before)}, which was not "
-                "answered, as if it were new, so that it may be executed twice"
-            ),
-            evidence_call=before,
-            explaining_calls=(before.number,),
+        fact = Message(
+            "finding.unmarked-retry",
+            at=Moment(call.request.time),
+            call=call_place(call),
+            before=call_place(before),
         )
+        self.report_call(UNMARKED_RETRY, call, fact, evidence_call=before, explaining_calls=(before.number,))
 
 
 def _retry_in_async(session: SlaveSession) -> Occurrence:
-    count, frames = session.counts.retries_forbidden, session.forbidden_retry_frames
-    mode = f"mode 0x{session.mode.value:03X}" if session.mode.value is not None else "Async mode"
-
-    def say(speech: Speech) -> str:
-        who = speech.client(session.conversation)
-        points = counted(session.counts.sent, "set point")
-        return (
-            f"{who} sent {counted(count, 'retry', 'retries')} of {points} in {mode}, where the "
-            "newest point wins"
-        )
-
+    places = {
+        "client": client_place(session.conversation),
+        "retries": Count(session.counts.retries_forbidden, "retry"),
+        "points": Count(session.counts.sent, "set-point"),
+    }
+    mode, frames = session.mode.value, session.forbidden_retry_frames
+    if mode is None:
+        fact = Message("finding.retry-in-async", **places)
+    else:
+        fact = Message("finding.retry-in-async.mode", **places, mode=f"0x{mode:03X}")
     return Occurrence(
-        RETRY_IN_ASYNC, session.entered_at, session.exit.time, session.conversation, frames[:8], say
+        RETRY_IN_ASYNC, session.entered_at, session.exit.time, session.conversation, frames[:8], fact
     )
 
 

@@ -10,7 +10,6 @@ from typing import ClassVar, NamedTuple, TypeAlias
 from bcapscope.analysis.client_state import ClientRegistry, ClientState
 from bcapscope.analysis.finding import Severity
 from bcapscope.analysis.slave.slave_session import SlaveSession
-from bcapscope.analysis.speech import Speech, as_messages
 from bcapscope.messages import Message
 from bcapscope.traffic.call import Call, FrameObservation, StrayReply
 from bcapscope.traffic.call_kind import CallKind
@@ -79,18 +78,15 @@ class Occurrence:
     completed: int
     conversation: Conversation
     frames: tuple[int, ...]
-    fact: Message | Callable[[Speech], str]
-    clause: Message | Callable[[Speech, int], str] | None = None
+    fact: Message
+    clause: Message | None = None
     call: int = 0
     explaining_calls: tuple[int, ...] = ()
     group_key: str = ""
-    advice: Message | str | None = None
+    advice: Message | None = None
     count: int = 1
     is_update: bool = False
     selected: bool = True
-
-    def __post_init__(self) -> None:
-        self.fact, self.clause, self.advice = as_messages(self.fact, self.clause, self.advice)
 
 
 class ClientEnd(NamedTuple):
@@ -147,15 +143,15 @@ class RuleChecker:
         self,
         rule: DiagnosisRule,
         call: Call,
-        fact: Message | Callable[[Speech], str],
-        clause: Message | Callable[[Speech, int], str] | None = None,
+        fact: Message,
+        clause: Message | None = None,
         *,
         evidence_call: Call | None = None,
         explaining_calls: tuple[int, ...] = (),
         began: int = 0,
         completed: int = 0,
         group_key: str = "",
-        advice: Message | str | None = None,
+        advice: Message | None = None,
     ) -> None:
         """Report a problem of a call.
 

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 
 from bcapscope.analysis.client_state import ClientRegistry, ClientState, text_argument
 from bcapscope.analysis.finding import Severity
-from bcapscope.analysis.rules.refusal import Refusal, RefusalReason, fixed_reason, make_refusal
+from bcapscope.analysis.finding_places import call_place, client_place
+from bcapscope.analysis.rules.refusal import Refusal, RefusalReason, make_refusal
 from bcapscope.analysis.rules.rule_checker import (
     SECOND,
     CallHealth,
@@ -18,7 +19,9 @@ from bcapscope.analysis.rules.rule_checker import (
     last_frame_time,
 )
 from bcapscope.analysis.slave.slave_session import ExitReason, SlaveSession
-from bcapscope.analysis.speech import Speech, called, name_of, shown, span, times
+from bcapscope.messages import Message
+from bcapscope.messages.message import PlaceValue
+from bcapscope.messages.places import Count, Duration, Moment, Times, WireText
 from bcapscope.protocol.tables.function_table import ID, function_name
 from bcapscope.protocol.tables.hresult import E_BUSY, E_CAO_COLLECTION_REGISTERED, E_INVALIDARG
 from bcapscope.traffic.call import Call
@@ -137,47 +140,37 @@ class SessionChecker(RuleChecker):
         if quiet < (_REPLACED_AFTER_NS if follower is not None else patience):
             return
 
-        def say(speech: Speech) -> str:
-            text = (
-                f"{speech.client(client.conversation)} said nothing after {speech.at(silent)} and had "
-                "not closed its session"
-            )
-            if follower is not None:
-                came = span(follower.first_call.request.time - silent)
-                return f"{text}; {follower.conversation.client} began a new one {came} later"
-            return f"{text}, while others went on for {span(quiet)}"
-
-        frames = (client.last_call.last_attempt.number,)
-        yield _unclean_quit(client.last_call, silent, say, frames)
+        places = {"client": client_place(client.conversation), "at": Moment(silent)}
+        if follower is None:
+            fact = Message("finding.unclean-quit.silent", **places, quiet=Duration(quiet))
+        else:
+            after = Duration(follower.first_call.request.time - silent)
+            successor = str(follower.conversation.client)
+            fact = Message("finding.unclean-quit.replaced", **places, successor=successor, after=after)
+        yield _unclean_quit(client.last_call, silent, fact, (client.last_call.last_attempt.number,))
 
     def _report_restart(self, client: ClientState, call: Call) -> None:
-        pause = call.request.time - last_frame_time(client.last_call)
-
-        def say(speech: Speech) -> str:
-            who, when = speech.client(call.conversation), speech.at(call.request.time)
-            return (
-                f"{who} began a new session at {when}, {span(pause)} after its last call, without "
-                "closing the one before"
-            )
-
+        fact = Message(
+            "finding.unclean-quit.restarted",
+            client=client_place(call.conversation),
+            at=Moment(call.request.time),
+            pause=Duration(call.request.time - last_frame_time(client.last_call)),
+        )
         frames = (client.last_call.last_attempt.number, call.request.number)
-        self.report_occurrence(_unclean_quit(client.last_call, call.request.time, say, frames))
+        self.report_occurrence(_unclean_quit(client.last_call, call.request.time, fact, frames))
 
     def _report_executing_forever(self, call: Call) -> None:
-        notices = call.notices
-
-        def say(speech: Speech) -> str:
-            lasted = span(notices[-1].time - call.request.time)
-            return (
-                f"at {speech.at(call.request.time)} {called(call)} of "
-                f"{speech.client(call.conversation)} was never answered: the controller said S_EXECUTING "
-                f"{times(len(notices))}, the last time {lasted} after the request"
-            )
-
-        def then(speech: Speech, after: int) -> str:
-            return f"{called(call)} was never answered"
-
-        self.report_call(EXECUTING_FOREVER, call, say, then, completed=notices[-1].time)
+        notices, what = call.notices, call_place(call)
+        fact = Message(
+            "finding.executing-forever",
+            at=Moment(call.request.time),
+            call=what,
+            client=client_place(call.conversation),
+            times=Times(len(notices)),
+            lasted=Duration(notices[-1].time - call.request.time),
+        )
+        clause = Message("clause.executing-forever", call=what)
+        self.report_call(EXECUTING_FOREVER, call, fact, clause, completed=notices[-1].time)
 
     def _check_long_call(self, call: Call, service: Call) -> None:
         replies = call.late_replies if call.reply is None else (call.reply,) if call.retries else ()
@@ -188,23 +181,20 @@ class SessionChecker(RuleChecker):
         if took < _LONG_CALL_NS or waited < _SOON_NS:
             return
 
-        def say(speech: Speech) -> str:
-            when, who = speech.at(call.request.time), speech.client(call.conversation)
-            if not call.retries:
-                return (
-                    f"at {when} {name_of(call)} was answered after {span(took)}, when {who} had given "
-                    f"{called(call)} up, and Service_Start asked for no WDT"
-                )
-            return (
-                f"at {when} {name_of(call)} was answered after {span(took)}, {span(waited)} after the try "
-                f"that was answered, {who} sent {called(call)} {times(len(call.attempts))} meanwhile, and "
-                "Service_Start asked for no WDT"
-            )
-
+        case = ".retried" if call.retries else ""
+        fact = Message(
+            f"finding.long-call-without-wdt{case}",
+            at=Moment(call.request.time),
+            call=call_place(call),
+            client=client_place(call.conversation),
+            took=Duration(took),
+            waited=Duration(waited),
+            attempts=Count(len(call.attempts), "attempt"),
+        )
         self.report_call(
             LONG_CALL_WITHOUT_WDT,
             call,
-            say,
+            fact,
             evidence_call=service,
             began=call.request.time,
             completed=call.request.time,
@@ -212,35 +202,32 @@ class SessionChecker(RuleChecker):
 
 
 def _left_on(session: SlaveSession) -> Occurrence:
-    exit_ = session.exit
-    mode = f" 0x{session.mode.value:03X}" if session.mode.value is not None else ""
+    end, mode = session.exit, session.mode.value
+    name = Message("slave-mode") if mode is None else Message("slave-mode.mode", mode=f"0x{mode:03X}")
+    places: dict[str, PlaceValue] = {
+        "client": client_place(session.conversation),
+        "at": Moment(end.time),
+        "mode": name,
+    }
+    if end.by is None:
+        fact = Message("finding.quit-in-slave-mode.silent", **places)
+    else:
+        command = WireText(end.by.command or function_name(end.by.function_id))
+        fact = Message("finding.quit-in-slave-mode.call", **places, command=command)
+    clause = Message("clause.quit-in-slave-mode", mode=name)
+    frames = end.frames or ((session.last_set_point.frame,) if session.last_set_point is not None else ())
+    return Occurrence(QUIT_IN_SLAVE_MODE, end.time, end.time, session.conversation, frames, fact, clause)
 
-    def say(speech: Speech) -> str:
-        who, when = speech.client(session.conversation), speech.at(exit_.time)
-        if exit_.by is not None:
-            what = f"called {shown(exit_.by.command or function_name(exit_.by.function_id))}"
-            return f"{who} {what} at {when} while slave mode{mode} was on"
-        return f"{who} sent no more set points after {when} and left slave mode{mode} on"
 
-    def then(speech: Speech, after: int) -> str:
-        return f"slave mode{mode} was left on"
-
-    frames = exit_.frames or ((session.last_set_point.frame,) if session.last_set_point is not None else ())
-    return Occurrence(QUIT_IN_SLAVE_MODE, exit_.time, exit_.time, session.conversation, frames, say, then)
-
-
-def _unclean_quit(last: Call, time: int, say: Callable[[Speech], str], frames: tuple[int, ...]) -> Occurrence:
-    def then(speech: Speech, after: int) -> str:
-        return f"{speech.client(last.conversation)} did not close its session"
-
+def _unclean_quit(last: Call, time: int, fact: Message, frames: tuple[int, ...]) -> Occurrence:
     return Occurrence(
         UNCLEAN_QUIT,
         time,
         time,
         last.conversation,
         frames,
-        say,
-        then,
+        fact,
+        Message("clause.unclean-quit", client=client_place(last.conversation)),
         explaining_calls=(last.number,),
     )
 
@@ -267,21 +254,21 @@ def _explain_not_started(call: Call, client: ClientState, clients: ClientRegistr
     is_first = not client.call_count and call.request.item.serial <= 2
     if not is_first or call.kind.function_id == ID["Service_Start"]:
         return None
-    return fixed_reason("it is the first call of the session, and that should be Service_Start")
+    return RefusalReason(Message("reason.first-call"))
 
 
 def _explain_small_wdt(call: Call, client: ClientState, clients: ClientRegistry) -> RefusalReason | None:
     if call.kind.function_id != ID["Service_Start"]:
         return None
     small = [match for match in _OPTION.finditer(text_argument(call, 0)) if int(match[2]) < _SMALLEST_WDT_MS]
-    return fixed_reason(f"its option asks for {small[0][0]}, and 80 ms is the least") if small else None
+    return RefusalReason(Message("reason.wdt", option=small[0][0])) if small else None
 
 
 def _explain_provider(call: Call, client: ClientState, clients: ClientRegistry) -> RefusalReason | None:
     if call.kind.function_id != ID["Controller_Connect"]:
         return None
     provider, machine = text_argument(call, 1), text_argument(call, 2)
-    return fixed_reason(f"provider '{shown(provider)}', machine '{shown(machine)}'")
+    return RefusalReason(Message("reason.provider", provider=WireText(provider), machine=WireText(machine)))
 
 
 def _explain_name_in_use(call: Call, client: ClientState, clients: ClientRegistry) -> RefusalReason | None:
@@ -292,43 +279,38 @@ def _explain_name_in_use(call: Call, client: ClientState, clients: ClientRegistr
         connected = other.connect_call
         if connected is not None and text_argument(connected, 0) == name:
             return _held_by(other, connected, name)
-    return fixed_reason(f"the name is '{shown(name)}', perhaps left by a client that is gone")
+    return RefusalReason(Message("reason.name-left", name=WireText(name)))
 
 
 def _held_by(client: ClientState, connected: Call, name: str) -> RefusalReason:
-    def text(speech: Speech) -> str:
-        who, when = speech.client(client.conversation), speech.at(connected.request.time)
-        return f"{who} connected as '{shown(name)}' at {when} and did not disconnect"
-
-    return RefusalReason(text, evidence_call=connected)
+    reason = Message(
+        "reason.name-in-use",
+        holder=client_place(client.conversation),
+        name=WireText(name),
+        at=Moment(connected.request.time),
+    )
+    return RefusalReason(reason, evidence_call=connected)
 
 
 def _explain_busy(call: Call, client: ClientState, clients: ClientRegistry) -> RefusalReason | None:
     running = _running_call(client, call)
     if running is not None:
-        since = span(call.request.time - running.request.time)
-        return RefusalReason(
-            lambda speech: f"{called(running)}, sent {since} before, had no answer yet",
-            explaining_calls=(running.number,),
-            evidence_call=running,
-        )
+        return _busy_with(running, call, "reason.busy")
     for each in clients.other_clients(client):
         other = _running_call(each, call)
         if other is not None and _share_call_slot(other, call):
-            return _busy_with_other(other, call)
-    return fixed_reason("which one was not seen")
+            return _busy_with(other, call, "reason.busy-with-other-client")
+    return RefusalReason(Message("reason.busy-unseen"))
 
 
-def _busy_with_other(other: Call, call: Call) -> RefusalReason:
-    since = span(call.request.time - other.request.time)
-    return RefusalReason(
-        lambda speech: (
-            f"perhaps since {called(other)} of {speech.client(other.conversation)}, sent {since} before, had "
-            "no answer yet: over UDP the official server runs one call at a time for all clients"
-        ),
-        explaining_calls=(other.number,),
-        evidence_call=other,
+def _busy_with(running: Call, call: Call, id: str) -> RefusalReason:
+    reason = Message(
+        id,
+        running=call_place(running),
+        owner=client_place(running.conversation),
+        before=Duration(call.request.time - running.request.time),
     )
+    return RefusalReason(reason, explaining_calls=(running.number,), evidence_call=running)
 
 
 def _share_call_slot(one: Call, other: Call) -> bool:

@@ -6,7 +6,8 @@ from collections.abc import Iterator
 
 from bcapscope.analysis.client_state import ClientRegistry, ClientState, argument, folded_command
 from bcapscope.analysis.finding import Severity
-from bcapscope.analysis.rules.refusal import Refusal, RefusalReason, fixed_reason, make_refusal
+from bcapscope.analysis.finding_places import call_name_place, call_place, client_place
+from bcapscope.analysis.rules.refusal import Refusal, RefusalReason, make_refusal
 from bcapscope.analysis.rules.rule_checker import (
     MS,
     SAME_CALL,
@@ -16,7 +17,9 @@ from bcapscope.analysis.rules.rule_checker import (
     RuleChecker,
 )
 from bcapscope.analysis.slave.slave_session import CallFact, ExitReason, FrameTime, SlaveSession
-from bcapscope.analysis.speech import Speech, called, name_of, shown
+from bcapscope.messages import Message
+from bcapscope.messages.message import PlaceValue
+from bcapscope.messages.places import CallPlace, HexNumber, Moment
 from bcapscope.protocol.codec.variant import integer_value
 from bcapscope.protocol.tables.call_effect import CallEffect, function_effect
 from bcapscope.protocol.tables.command_catalogue import find_command
@@ -103,20 +106,23 @@ class SlaveModeChecker(RuleChecker):
 
 
 def _ended_by_other(session: SlaveSession, by: CallFact) -> Occurrence:
-    def say(speech: Speech) -> str:
-        who = speech.client(session.conversation)
-        return (
-            f"client {by.client} called {_call_name(by)} at {speech.at(by.time)} while {who} was in "
-            "slave mode"
-        )
-
-    def then(speech: Speech, after: int) -> str:
-        return f"client {by.client} called {_call_name(by)}"
-
-    time = session.exit.time
-    frames = (by.request_frame, *(() if by.reply_frame is None else (by.reply_frame,)))
+    other, call = str(by.client), _call_name_place(by)
+    fact = Message(
+        "finding.slave-mode-ended-by-other",
+        other=other,
+        call=call,
+        at=Moment(by.time),
+        client=client_place(session.conversation),
+    )
     return Occurrence(
-        SLAVE_MODE_ENDED_BY_OTHER, by.time, time, session.conversation, frames, say, then, by.call
+        SLAVE_MODE_ENDED_BY_OTHER,
+        by.time,
+        session.exit.time,
+        session.conversation,
+        (by.request_frame, *(() if by.reply_frame is None else (by.reply_frame,))),
+        fact,
+        Message("clause.slave-mode-ended-by-other", other=other, call=call),
+        by.call,
     )
 
 
@@ -129,32 +135,28 @@ def _lost_unseen(session: SlaveSession, last: FrameTime) -> Occurrence:
         and last.time - _SUSPECT_WITHIN_NS <= call.time < exit_.time
         and not _is_harmless_call(call)
     ]
-
-    def say(speech: Speech) -> str:
-        who, since = speech.client(session.conversation), speech.at(last.time)
-        text = (
-            f"slave mode of {who} was off after the set point at {since}, and no call that was seen "
-            "had ended it"
-        )
-        if suspects:
-            by = suspects[-1]
-            text += (
-                f"; client {by.client} had called {_call_name(by)} at {speech.at(by.time)}, which may "
-                "be the reason"
-            )
-        return text
-
-    def then(speech: Speech, after: int) -> str:
-        return "slave mode ended"
-
-    frames = (last.frame, *(call.request_frame for call in suspects[-1:]), *exit_.frames[-1:])
+    places: dict[str, PlaceValue] = {
+        "client": client_place(session.conversation),
+        "since": Moment(last.time),
+    }
+    fact = Message("finding.slave-mode-lost-unseen", **places)
+    if suspects:
+        by = suspects[-1]
+        places |= {"other": str(by.client), "call": _call_name_place(by), "at": Moment(by.time)}
+        fact = Message("finding.slave-mode-lost-unseen.suspect", **places)
     return Occurrence(
-        SLAVE_MODE_LOST_UNSEEN, last.time, last.time + 1, session.conversation, frames, say, then
+        SLAVE_MODE_LOST_UNSEEN,
+        last.time,
+        last.time + 1,
+        session.conversation,
+        (last.frame, *(call.request_frame for call in suspects[-1:]), *exit_.frames[-1:]),
+        fact,
+        Message("clause.slave-mode-lost-unseen"),
     )
 
 
-def _call_name(call: CallFact) -> str:
-    return function_name(call.function_id) if call.command is None else shown(call.command)
+def _call_name_place(call: CallFact) -> CallPlace:
+    return CallPlace(call.command or function_name(call.function_id), None, call.call)
 
 
 def _is_harmless_call(call: CallFact) -> bool:
@@ -168,21 +170,17 @@ def _is_harmless_call(call: CallFact) -> bool:
 def _explain_outside(call: Call, client: ClientState, clients: ClientRegistry) -> RefusalReason | None:
     ended, entered = client.mode_ended_by, client.mode_entered_by
     if entered is None and ended is None:
-        if client.mode_value is None and not client.session_start_seen:
-            return fixed_reason("slave mode was never seen on in this capture")
-        return fixed_reason("no slvChangeMode had switched slave mode on")
+        unseen = client.mode_value is None and not client.session_start_seen
+        return RefusalReason(Message(f"reason.slave-mode.{'never-on' if unseen else 'not-entered'}"))
     if ended is None or (entered is not None and entered.number > ended.number):
         return _explain_off_unseen(call, client, clients)
     if folded_command(ended.kind) == "slvchangemode":
         return RefusalReason(
-            lambda speech: (
-                f"{called(ended)} of the same client had left slave mode at {speech.at(ended.request.time)}"
-            ),
+            Message("reason.slave-mode.left", call=call_place(ended), at=Moment(ended.request.time)),
             evidence_call=ended,
         )
     return RefusalReason(
-        lambda speech: f"the error of {called(ended)} had switched slave mode off",
-        explaining_calls=(ended.number,),
+        Message("reason.slave-mode.error", call=call_place(ended)), explaining_calls=(ended.number,)
     )
 
 
@@ -190,8 +188,7 @@ def _explain_off_unseen(call: Call, client: ClientState, clients: ClientRegistry
     ends = [each.mode_ended_by for each in clients.other_clients(client)]
     others = [each for each in ends if each is not None and each.request.time <= call.request.time]
     return RefusalReason(
-        lambda speech: "slave mode had been switched off without this client's doing",
-        explaining_calls=tuple(each.number for each in others),
+        Message("reason.slave-mode.off-by-others"), explaining_calls=tuple(each.number for each in others)
     )
 
 
@@ -199,25 +196,24 @@ def _explain_not_allowed(call: Call, client: ClientState, clients: ClientRegistr
     owner = next(
         (each for each in (*clients.other_clients(client), client) if _was_in_slave_mode(each, call)), None
     )
-    what = name_of(call)
-
-    def say(speech: Speech) -> str:
-        who, when = speech.client(call.conversation), speech.at(call.request.time)
-        if owner is None:
-            whose = "while slave mode was on"
-        elif owner is client:
-            whose = "while it was in slave mode itself"
-        else:
-            whose = f"while {speech.client(owner.conversation)} was in slave mode"
-        return (
-            f"{who} ran {what} at {when} {whose}, which is not allowed (0x{call.hresult or 0:08X}), and "
-            "this ends slave mode"
-        )
-
-    def then(speech: Speech, after: int) -> str:
-        return f"{what} was refused, since slave mode was on, and ended it"
-
-    return RefusalReason(say=say, then=then)
+    name = call_name_place(call)
+    case, places = (
+        "",
+        {
+            "client": client_place(call.conversation),
+            "call": name,
+            "at": Moment(call.request.time),
+            "code": HexNumber(call.hresult or 0),
+        },
+    )
+    if owner is client:
+        case = ".own"
+    elif owner is not None:
+        case, places["owner"] = ".other", client_place(owner.conversation)
+    return RefusalReason(
+        fact=Message(f"finding.refused-in-slave-mode{case}", **places),
+        clause=Message("clause.refused-in-slave-mode", call=name),
+    )
 
 
 def _was_in_slave_mode(client: ClientState, call: Call) -> bool:
@@ -237,11 +233,9 @@ def _explain_mode_refused(call: Call, client: ClientState, clients: ClientRegist
     if folded_command(call.kind) != "slvchangemode" or parameter is None:
         return None
     value = integer_value(parameter)
-    return (
-        fixed_reason(f"the mode is 0x{value:03X}")
-        if value is not None
-        else fixed_reason("its parameter is no number")
-    )
+    if value is None:
+        return RefusalReason(Message("reason.slave-mode.no-number"))
+    return RefusalReason(Message("reason.slave-mode.value", mode=HexNumber(value, 3)))
 
 
 REFUSALS: tuple[Refusal, ...] = (

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 from bcapscope.analysis.client_state import ClientRegistry, ClientState
 from bcapscope.analysis.finding import Severity
+from bcapscope.analysis.finding_places import call_place
 from bcapscope.analysis.rules.rule_checker import (
     SECOND,
     DiagnosisRule,
@@ -13,11 +14,12 @@ from bcapscope.analysis.rules.rule_checker import (
     OccurrenceSink,
     RuleChecker,
 )
-from bcapscope.analysis.speech import Speech, called
+from bcapscope.messages import Message
+from bcapscope.messages.message import PlaceValue
+from bcapscope.messages.places import Count, FramePlace, Moment
 from bcapscope.protocol.codec.arguments import Problem
 from bcapscope.protocol.codec.frame import LARGEST_UDP_FRAME, SOH, Frame, Malformed
 from bcapscope.protocol.codec.stream_splitter import STREAM_ENDED
-from bcapscope.protocol.text_format import counted
 from bcapscope.traffic.call import Call, FrameObservation
 from bcapscope.traffic.observation import Conversation, Direction, Flow, Observation, Transport
 
@@ -46,7 +48,7 @@ MALFORMED_REPLY = DiagnosisRule(
 CAPTURE_GAP = DiagnosisRule(
     "capture-gap",
     Severity.NOTE,
-    "how a capture is made: the other end acknowledged these bytes, or they follow a hole",
+    "how captures work: the other end acknowledged these bytes, or they follow a gap",
 )
 CAPTURE_CUT = DiagnosisRule(
     "capture-cut",
@@ -56,21 +58,12 @@ CAPTURE_CUT = DiagnosisRule(
 SERVER_GUESSED = DiagnosisRule(
     "server-guessed",
     Severity.NOTE,
-    "nothing in a frame tells a request from a reply (orin_bcap C/include/bcap_common.h)",
+    "no field of a frame separates requests from replies (orin_bcap C/include/bcap_common.h)",
 )
 DUPLICATE_FRAMES = DiagnosisRule(
     "duplicate-frames",
     Severity.NOTE,
     "retries have a serial of their own in all known clients (orin_bcap C, C#, Java)",
-)
-
-_TCP_ADVICE = (
-    "Correct the client's encoder; over TCP the official server skips what is before a 01, and ends the "
-    "connection without a reply at a frame that it cannot read."
-)
-_ENDED_ADVICE = (
-    "Look at what ended the connection just there, a crash or a time-out; only if the capture lacks its last "
-    "packets may the frame have been whole."
 )
 
 CHECKED_FROM_BYTES = 480
@@ -79,7 +72,8 @@ CHECKED_FROM_BYTES = 480
 
 _MAX_FLOWS = 4096
 _RESYNC_WITHIN_NS = SECOND
-_LONGEST_REASON = 160
+_MAX_PROBLEMS_NAMED = 3
+"""Problems of a frame that a sentence names."""
 
 
 class WireChecker(RuleChecker):
@@ -107,55 +101,37 @@ class WireChecker(RuleChecker):
         if begun_unseen and isinstance(observation.item, Malformed):
             self._expect_resync(flow, observation.time)  # the capture began in the middle of a frame
         if conversation.server_known_by.startswith("a guess") and flow.direction is Direction.REQUEST:
-            text = f"that {flow.dst_text} is the server and {flow.src_text} the client is only a guess"
-            self._report_frame(SERVER_GUESSED, observation, text)
+            self._report_frame(SERVER_GUESSED, observation, server=flow.dst_text)
 
     def on_suspect_frame(self, observation: Observation | FrameObservation) -> None:
         item = observation.item
         if isinstance(item, Frame):
             self._check_size(observation, len(item.raw))
-            problems = item.problems
-            if not problems:
-                return
-        else:
-            problems = item.problems
+        problems = item.problems
+        if isinstance(item, Frame) and not problems:
+            return
         if isinstance(item, Malformed) and item.missing:
             self._expect_resync(observation.flow, observation.time)
-            self._report_frame(
-                CAPTURE_GAP,
-                observation,
-                f"the capture lacks {counted(item.missing, 'byte')} of what {observation.flow.src_text} sent",
-            )
+            self._report_frame(CAPTURE_GAP, observation, missing=Count(item.missing, "byte"))
         elif observation.flow.conversation.transport is Transport.TCP and self._is_incomplete(
             observation, problems
         ):
-            who = observation.flow.src_text
             if _is_cut_by_closing(observation, problems):
-                text = f"the connection ended in the middle of frame {observation.number} from {who}"
-                self._report_frame(CAPTURE_GAP, observation, text, _ENDED_ADVICE)
+                advice = Message("rule.capture-gap.advice.closed")
+                self._report_frame(CAPTURE_GAP, observation, ".closed", advice)
             else:
-                self._report_frame(
-                    CAPTURE_GAP, observation, f"the capture has only a part of what {who} sent here"
-                )
+                self._report_frame(CAPTURE_GAP, observation, ".part")
         elif cuts := [problem for problem in problems if problem.code == "cut"]:
-            self._report_frame(
-                CAPTURE_CUT,
-                observation,
-                f"frame {observation.number} is cut: {_problem_reasons(cuts)}",
-            )
+            self._report_frame(CAPTURE_CUT, observation, problems=_problem_message(cuts))
         else:
             self._report_malformed(observation, problems)
 
     def on_call(self, call: Call, client: ClientState) -> None:
         copies = call.duplicates
         if copies:
-            self.report_call(
-                DUPLICATE_FRAMES,
-                call,
-                lambda speech: (
-                    f"a copy of a frame of {called(call)} was seen ({counted(len(copies), 'copy', 'copies')})"
-                ),
-            )
+            number = Count(len(copies), "copy")
+            fact = Message("finding.duplicate-frames", call=call_place(call), copies=number)
+            self.report_call(DUPLICATE_FRAMES, call, fact)
 
     def on_conversation_closed(self, conversation: Conversation) -> None:
         for flow in [flow for flow in self._resync_since if flow.conversation is conversation]:
@@ -178,65 +154,55 @@ class WireChecker(RuleChecker):
     def _check_size(self, observation: Observation | FrameObservation, size: int) -> None:
         if observation.flow.conversation.transport is not Transport.UDP or size < CHECKED_FROM_BYTES:
             return
-        who = observation.flow.src_text
+        bytes_, limit = Count(size, "byte"), Count(LARGEST_UDP_FRAME, "byte")
         if size > LARGEST_UDP_FRAME:
-            self._report_frame(
-                OVERSIZE_DATAGRAM,
-                observation,
-                f"a UDP frame of {size} bytes from {who}, where b-CAP allows {LARGEST_UDP_FRAME}",
-            )
+            self._report_frame(OVERSIZE_DATAGRAM, observation, size=bytes_, limit=limit)
         elif observation.flow.direction is Direction.REQUEST:
-            self._report_frame(
-                NEAR_DATAGRAM_LIMIT,
-                observation,
-                f"a UDP request of {size} bytes, and {LARGEST_UDP_FRAME} is the most that is sent at all",
-            )
+            self._report_frame(NEAR_DATAGRAM_LIMIT, observation, size=bytes_, limit=limit)
 
     def _report_malformed(
         self, observation: Observation | FrameObservation, problems: tuple[Problem, ...]
     ) -> None:
-        reasons = _problem_reasons(problems)
+        reasons = _problem_message(problems)
         if observation.flow.direction is Direction.RESPONSE:
-            self._report_frame(
-                MALFORMED_REPLY,
-                observation,
-                f"frame {observation.number} from {observation.flow.src_text} is malformed: {reasons}",
-            )
+            self._report_frame(MALFORMED_REPLY, observation, problems=reasons)
             return
         transport = observation.flow.conversation.transport
-        udp = transport is Transport.UDP
-        deadly = udp and observation.item.raw[:1] == bytes((SOH,))
-        danger = "; such a datagram can stop the official server" if deadly else ""
+        stops_server = transport is Transport.UDP and observation.item.raw[:1] == bytes((SOH,))
         self._report_frame(
             MALFORMED_REQUEST,
             observation,
-            f"frame {observation.number} from {observation.flow.src_text} is malformed: {reasons}{danger}",
-            "" if transport is not Transport.TCP else _TCP_ADVICE,
-            transport,
+            ".stops-server" if stops_server else "",
+            Message("rule.malformed-request.advice.tcp") if transport is Transport.TCP else None,
+            problems=reasons,
         )
 
     def _report_frame(
         self,
         rule: DiagnosisRule,
         observation: Observation | FrameObservation,
-        text: str,
-        advice: str = "",
-        key: str = "",
+        case: str = "",
+        advice: Message | None = None,
+        **places: PlaceValue,
     ) -> None:
-        def say(speech: Speech) -> str:
-            return f"{text}, at {speech.at(observation.time)}"
-
-        frames = (observation.number,)
+        """Report a frame with the message `finding.<rule><case>`."""
         conversation = observation.flow.conversation
+        fact = Message(
+            f"finding.{rule.id}{case}",
+            at=Moment(observation.time),
+            frame=FramePlace((observation.number,)),
+            sender=observation.flow.src_text,
+            **places,
+        )
         self.report_occurrence(
             Occurrence(
                 rule,
                 observation.first_byte_time,
                 observation.time,
                 conversation,
-                frames,
-                say,
-                group_key=key,
+                (observation.number,),
+                fact,
+                group_key=conversation.transport if rule is MALFORMED_REQUEST else "",
                 advice=advice,
             )
         )
@@ -248,6 +214,13 @@ def _is_cut_by_closing(observation: Observation | FrameObservation, problems: Se
     return ended and any(problem.reason == STREAM_ENDED for problem in problems)
 
 
-def _problem_reasons(problems: Sequence[Problem]) -> str:
-    text = "; ".join(problem.reason for problem in problems)
-    return text if len(text) <= _LONGEST_REASON else text[:_LONGEST_REASON] + "…"
+def _problem_message(problems: Sequence[Problem]) -> Message | str:
+    """Return the reasons of the first problems, one after the other."""
+    *firsts, text = [problem.reason for problem in problems[:_MAX_PROBLEMS_NAMED]]
+    more = len(problems) - _MAX_PROBLEMS_NAMED
+    message: Message | str = text
+    if more > 0:
+        message = Message("problems.more", last=text, more=Count(more, "more-problem"))
+    for reason in reversed(firsts):
+        message = Message("problems.and", first=reason, rest=message)
+    return message

@@ -26,6 +26,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bcapscope.analysis.slave.notable_set_points import MAX_LISTED
+from bcapscope.messages import Message
+from bcapscope.messages.places import Count, Quantity
 from bcapscope.protocol.slave_mode.modes import PERIOD_MS, SlaveMode
 from bcapscope.protocol.tables.hresult import E_SLAVE_OVERFLOW, E_SLAVE_UNDERFLOW, S_BUF_FULL, is_failure
 
@@ -67,7 +69,7 @@ class BufferFacts:
         period_ms: Period of the controller in the model, ms.
         overwrites: The newest point replaces the waiting one, so an empty buffer is no error.
         replies_pace: Replies wait for room in the buffer.
-        assumptions: Assumptions of the model, one clause each.
+        assumptions: Assumptions of the model.
         underflows: Number of predicted underflows that the unknown phase of the controller cannot explain.
         underflows_in_motion: Those of them during motion, where they matter.
         underflow_list: The first of them.
@@ -89,7 +91,7 @@ class BufferFacts:
     period_ms: float
     overwrites: bool
     replies_pace: bool
-    assumptions: tuple[str, ...]
+    assumptions: tuple[Message, ...]
     underflows: int
     underflows_in_motion: int
     underflow_list: tuple[PredictedUnderflow, ...]
@@ -122,18 +124,18 @@ class BufferBehaviour:
     slots: int
     overwrites: bool
     replies_pace: bool
-    assumptions: tuple[str, ...]
+    assumptions: tuple[Message, ...]
 
     @classmethod
     def of_mode(cls, mode: SlaveMode | None, guessed: bool) -> BufferBehaviour:
         common = (
-            f"the controller takes a set point each {PERIOD_MS} ms, the first one as it comes",
-            "set points arrive when the capture sees them",
+            Message("buffer.assumes.period", period=Quantity(PERIOD_MS, "ms")),
+            Message("buffer.assumes.arrival"),
         )
         if mode is None:
-            unknown = f"the mode is not known: {DEFAULT_SLOTS} slots, replies that do not wait"
+            unknown = Message("buffer.assumes.unknown-mode", slots=Count(DEFAULT_SLOTS, "slot"))
             return cls(DEFAULT_SLOTS, False, False, (unknown, *common))
-        doubt = ("the mode is read as on an RC8, since the generation is not known",) if guessed else ()
+        doubt = (Message("buffer.assumes.generation"),) if guessed else ()
         return cls(mode.buffer_slots, mode.overwrites_waiting, mode.paces_client, (*doubt, *common))
 
 

@@ -19,6 +19,7 @@ import numpy as np
 from bcapscope.analysis.slave.session_detector import SlaveSessionDetector
 from bcapscope.analysis.slave.set_point_chunk import SetPointChunk
 from bcapscope.analysis.slave.slave_session import AcceptedFormat, KnownMode, SlaveSession
+from bcapscope.messages import Message
 from bcapscope.protocol.slave_mode.poses import Axis
 from bcapscope.protocol.tables.hresult import is_failure
 from bcapscope.traffic.call import Call
@@ -34,10 +35,15 @@ MAX_NOT_SELECTED = 64 * 2048
 class LeftOutReason(StrEnum):
     """Why a set point is not a step."""
 
-    REFUSED = "refused by the controller"
-    AFTER_END = "unanswered after slave mode had ended"
-    UNREADABLE = "without a pose that fits the others"
-    NOT_SELECTED = "not asked for"
+    REFUSED = "refused"
+    AFTER_END = "after-end"
+    UNREADABLE = "unreadable"
+    NOT_SELECTED = "not-selected"
+
+    @property
+    def message(self) -> Message:
+        """The reason for people."""
+        return Message(f"trajectory.left-out.{self.value}")
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bcapscope.analysis.statistics.distribution import DistributionSummary, Floats, Histogram
+from bcapscope.messages import Message
 from bcapscope.protocol.slave_mode.modes import PERIOD_MS
 
 _WORD = 1 << 32
@@ -30,7 +31,7 @@ class ClockFacts:
     Attributes:
         stamps: Number of stamps.
         microseconds: True if their unit is µs, not ms.
-        unit_known_by: "slvRecvFormat", or "the pace of the stamps" if that call was not seen.
+        unit_known_by: Source of the unit: slvRecvFormat, or the pace of the stamps if that was not seen.
         drift_ppm: How much faster the controller's clock runs, ppm; None for less than a second of stamps.
         jitter: Change of the delay from one reply to the next; None for fewer than two stamps.
         step: Difference of successive stamps; None for fewer than two.
@@ -42,7 +43,7 @@ class ClockFacts:
 
     stamps: int
     microseconds: bool
-    unit_known_by: str
+    unit_known_by: Message
     drift_ppm: float | None
     jitter: DistributionSummary | None
     step: DistributionSummary | None
@@ -108,7 +109,7 @@ class ControllerClock:
         return ClockFacts(
             stamps=self._count,
             microseconds=self.microseconds,
-            unit_known_by="slvRecvFormat" if self._unit_known else "the pace of the stamps",
+            unit_known_by=Message(f"clock.unit-by.{'format' if self._unit_known else 'pace'}"),
             drift_ppm=self._drift(),
             jitter=self._jitter.distribution(),
             step=self._step.distribution(bins=True),

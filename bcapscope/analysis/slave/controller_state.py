@@ -11,6 +11,8 @@ from bcapscope.analysis.slave.session_builder import (
 )
 from bcapscope.analysis.slave.session_models import KnownPosition, SlaveSetup
 from bcapscope.analysis.slave.slave_session import AcceptedFormat, CallFact
+from bcapscope.messages import Message
+from bcapscope.messages.places import WireText
 from bcapscope.protocol.slave_mode.formats import parse_format_parameter
 from bcapscope.protocol.slave_mode.modes import PoseType
 from bcapscope.protocol.slave_mode.poses import pose_numbers
@@ -125,7 +127,8 @@ class ControllerState:
         values = pose_numbers(reply.item.arguments[0].variant)
         if values:
             frames = call.request.number, reply.number
-            self._position = KnownPosition(pose_type, values, f"{call.kind.command} before", frames)
+            known_by = Message("position-by.command", command=WireText(call.kind.command or ""))
+            self._position = KnownPosition(pose_type, values, known_by, frames)
 
 
 def call_fact(call: Call) -> CallFact:

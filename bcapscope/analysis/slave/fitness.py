@@ -5,6 +5,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from bcapscope.analysis.statistics.distribution import DistributionSummary
+from bcapscope.messages import Message
+from bcapscope.messages.places import Quantity
 
 SYNC_MS, ASYNC_MS = 8.0, 1.0
 """Periods of set points (DENSO Wave 2009, How to use the Slave mode): 8 ms in Sync, 1 ms in Async modes."""
@@ -19,12 +21,12 @@ class Fitness(NamedTuple):
     Attributes:
         period_ms: Period of the set points, ms.
         fit: True if the connection is fast enough.
-        reason: Reason, one clause.
+        reason: Why.
     """
 
     period_ms: float
     fit: bool
-    reason: str
+    reason: Message
 
 
 def fitness(round_trips: DistributionSummary | None, lost: int, broken: bool = False) -> tuple[Fitness, ...]:
@@ -37,16 +39,17 @@ def fitness(round_trips: DistributionSummary | None, lost: int, broken: bool = F
     """
     periods = (SYNC_MS, ASYNC_MS)
     if broken:
-        return tuple(Fitness(period, False, "the connection broke") for period in periods)
+        return tuple(Fitness(period, False, Message("fitness.broken")) for period in periods)
     return tuple(_judge_period(period, round_trips, lost) for period in periods)
 
 
 def _judge_period(period: float, round_trips: DistributionSummary | None, lost: int) -> Fitness:
     if round_trips is None:
-        return Fitness(period, False, "nothing was answered")
+        return Fitness(period, False, Message("fitness.no-answer"))
     share = lost / (round_trips.count + lost)
     if share > MAX_LOST:
-        return Fitness(period, False, f"{share:.1%} of the calls were lost")
-    slow = round_trips.p999 > period
-    reason = f"99.9% of the answers within {round_trips.p999:.3f} ms"
-    return Fitness(period, not slow, reason)
+        return Fitness(period, False, Message("fitness.lost", share=Quantity(100 * share, "%", 1)))
+    reason = Message(
+        "fitness.round-trips", share=Quantity(99.9, "%", 1), time=Quantity(round_trips.p999, "ms", 3)
+    )
+    return Fitness(period, round_trips.p999 <= period, reason)

@@ -7,6 +7,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from bcapscope.messages import Message
+from bcapscope.messages.places import HexNumber
 from bcapscope.protocol.codec.arguments import Argument
 from bcapscope.protocol.codec.variant import ARRAY, VT, Variant, integer_value
 from bcapscope.protocol.slave_mode.modes import Generation, slave_mode_by_number
@@ -25,33 +27,32 @@ class GenerationClue(NamedTuple):
     Attributes:
         strength: The stronger clue wins; 0 if there is no clue.
         generation: Generation that it points to.
-        reason: Why, one clause.
+        reason: Why; None if there is no clue.
     """
 
     strength: int
     generation: Generation | None
-    reason: str
+    reason: Message | None
 
 
-NO_CLUE = GenerationClue(0, None, "")
+NO_CLUE = GenerationClue(0, None, None)
 
 _RC7, _RC8 = Generation.RC7, Generation.RC8
 _PROOF, _STRONG, _FAIR, _WEAK = 4, 3, 2, 1
 
-_PROVIDERS = (
-    # orin_bcap samples. NetwoRC is ORiN's provider for RC7, which nevertheless accepts any name.
-    ("caoprov.denso.vrc", GenerationClue(_FAIR, _RC8, "the client asks for provider CaoProv.DENSO.VRC")),
-    (
-        "caoprov.denso.networc",
-        GenerationClue(_FAIR, _RC7, "the client asks for provider CaoProv.DENSO.NetwoRC"),
-    ),
-)
+# orin_bcap samples. NetwoRC is ORiN's provider for RC7, which nevertheless accepts any name.
+_PROVIDERS = {"CaoProv.DENSO.VRC": _RC8, "CaoProv.DENSO.NetwoRC": _RC7}
+
 _COMMANDS = {
     # DENSO Wave 2009, How to use the Slave mode; DENSORobot/denso_robot_ros2 denso_robot_core
-    "slvsendformat": GenerationClue(_STRONG, _RC8, "it takes slvSendFormat, which RC7 does not have"),
-    "slvrecvformat": GenerationClue(_STRONG, _RC8, "it takes slvRecvFormat, which RC7 does not have"),
-    "takearm": GenerationClue(_FAIR, _RC8, "it takes TakeArm"),
-    "putautomode": GenerationClue(_FAIR, _RC7, "it takes PutAutoMode"),
+    "slvsendformat": GenerationClue(
+        _STRONG, _RC8, Message("generation.command.not-rc7", command="slvSendFormat")
+    ),
+    "slvrecvformat": GenerationClue(
+        _STRONG, _RC8, Message("generation.command.not-rc7", command="slvRecvFormat")
+    ),
+    "takearm": GenerationClue(_FAIR, _RC8, Message("generation.command", command="TakeArm")),
+    "putautomode": GenerationClue(_FAIR, _RC7, Message("generation.command", command="PutAutoMode")),
 }
 
 
@@ -69,9 +70,9 @@ def clue_of_set_point(parameter: Variant) -> GenerationClue:
     else:
         vt = parameter.vt
     if vt == ARRAY | VT.R8:
-        return GenerationClue(_STRONG, _RC8, "set points are VT_R8, as RC8 and later take them")
+        return GenerationClue(_STRONG, _RC8, Message("generation.set-points.vt-r8"))
     if vt == ARRAY | VT.R4:
-        return GenerationClue(_STRONG, _RC7, "set points are VT_R4, as RC7 takes them")
+        return GenerationClue(_STRONG, _RC7, Message("generation.set-points.vt-r4"))
     return NO_CLUE
 
 
@@ -91,7 +92,10 @@ def clue_of_call(call: Call) -> GenerationClue:
 def _clue_of_provider(arguments: tuple[Argument, ...]) -> GenerationClue:
     value = arguments[1].variant.value if len(arguments) > 1 else None
     name = value.casefold() if isinstance(value, str) else ""
-    return next((clue for beginning, clue in _PROVIDERS if name.startswith(beginning)), NO_CLUE)
+    for provider, generation in _PROVIDERS.items():
+        if name.startswith(provider.casefold()):
+            return GenerationClue(_FAIR, generation, Message("generation.provider", provider=provider))
+    return NO_CLUE
 
 
 def _clue_of_change(call: Call) -> GenerationClue:
@@ -99,14 +103,12 @@ def _clue_of_change(call: Call) -> GenerationClue:
     parameter = arguments[2].variant if len(arguments) > 2 else Variant(VT.EMPTY, None)
     value = integer_value(parameter)
     if value and slave_mode_by_number(value, _RC8) and not slave_mode_by_number(value, _RC7):
-        return GenerationClue(_PROOF, _RC8, f"it takes mode 0x{value:03X}, which RC7 does not have")
+        return GenerationClue(_PROOF, _RC8, Message("generation.mode.not-rc7", mode=HexNumber(value, 3)))
     result = call.reply.item.arguments if call.reply is not None else ()
     if result and result[0].variant.vt == VT.EMPTY:
-        return GenerationClue(_FAIR, _RC8, "its reply to slvChangeMode holds an EMPTY, as from RC8 and later")
+        return GenerationClue(_FAIR, _RC8, Message("generation.reply.empty"))
     if not result:
-        return GenerationClue(_FAIR, _RC7, "its reply to slvChangeMode holds no argument, as from RC7")
-    return (
-        GenerationClue(_WEAK, _RC7, "the mode is sent as VT_I2, as to RC7")
-        if parameter.vt == VT.I2
-        else NO_CLUE
-    )
+        return GenerationClue(_FAIR, _RC7, Message("generation.reply.no-argument"))
+    if parameter.vt == VT.I2:
+        return GenerationClue(_WEAK, _RC7, Message("generation.mode.vt-i2"))
+    return NO_CLUE

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from enum import Enum, auto
+from enum import Enum
 from itertools import chain
 from typing import NamedTuple
 
@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from bcapscope.analysis.slave.axis_lag import AxisLag
 from bcapscope.analysis.slave.notable_set_points import MAX_LISTED
 from bcapscope.analysis.statistics.distribution import Bools, DistributionSummary, Floats, Histogram
+from bcapscope.messages import Message
 from bcapscope.protocol.slave_mode.modes import PoseType
 from bcapscope.protocol.slave_mode.poses import Axis
 
@@ -91,14 +92,14 @@ class AxisMotion:
 class JumpKind(Enum):
     """How a jump differs from motion."""
 
-    ISOLATED = auto()
+    ISOLATED = "isolated"
     """The step is far larger than the steps on both sides."""
-    OUTLIER = auto()
+    OUTLIER = "outlier"
     """One set point is off the path.
 
     This step and the next one, which goes back, are far larger than the steps on both sides.
     """
-    IMPLAUSIBLE = auto()
+    IMPLAUSIBLE = "implausible"
     """The step is larger than `LARGEST_STEP`."""
 
 
@@ -143,7 +144,7 @@ class MotionFacts:
         figure_changes: Number of changes of Fig; 0 for joints.
         lag_cycles: Estimated lag of all axes; None if no axis has one.
         first_distance: First set point minus the position known then, per axis; () if none is known.
-        first_distance_known_by: Source of that position, one clause; "" if none is known.
+        first_distance_known_by: Source of that position; None if none is known.
         first_distance_frames: Frames that prove both; () if none is known.
     """
 
@@ -162,7 +163,7 @@ class MotionFacts:
     figure_changes: int
     lag_cycles: float | None
     first_distance: tuple[float, ...]
-    first_distance_known_by: str
+    first_distance_known_by: Message | None
     first_distance_frames: tuple[int, ...]
 
 
@@ -192,12 +193,12 @@ class StartDistance(NamedTuple):
 
     Attributes:
         distance: Distance per axis; () if unknown.
-        known_by: Source of the robot's position; "" if unknown.
+        known_by: Source of the robot's position; None if unknown.
         frames: Frames that prove it; () if unknown.
     """
 
     distance: tuple[float, ...] = ()
-    known_by: str = ""
+    known_by: Message | None = None
     frames: tuple[int, ...] = ()
 
 

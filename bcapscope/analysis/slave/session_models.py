@@ -25,6 +25,7 @@ from bcapscope.analysis.slave.slave_session import (
 )
 from bcapscope.analysis.slave.timing_model import TimingModel
 from bcapscope.analysis.statistics.distribution import Floats
+from bcapscope.messages import Message
 from bcapscope.protocol.codec.frame import Frame
 from bcapscope.protocol.codec.variant import Variant
 from bcapscope.protocol.slave_mode.formats import ReceiveFormat, SendFormat
@@ -50,13 +51,13 @@ class KnownPosition(NamedTuple):
     Attributes:
         pose_type: Type of the pose.
         values: Numbers of the pose.
-        known_by: Source of the position, one clause.
+        known_by: Source of the position.
         frames: Request and reply frame.
     """
 
     pose_type: PoseType
     values: tuple[float, ...]
-    known_by: str
+    known_by: Message
     frames: tuple[int, ...]
 
 
@@ -261,9 +262,8 @@ class SessionModels:
             return StartDistance()
         if returned.has_pose[0] and np.isfinite(returned.poses[0]).all():
             frames = int(rows.frames[0]), int(rows.reply_frames[0])
-            return StartDistance(
-                _distance(commanded_pose, returned.poses[0]), "the reply to the first set point", frames
-            )
+            known_by = Message("position-by.reply")
+            return StartDistance(_distance(commanded_pose, returned.poses[0]), known_by, frames)
         if position and position.pose_type is self._pose_type and len(position.values) >= self._axes:
             actual = np.array(position.values[: self._axes])
             if np.isfinite(actual).all():

@@ -18,6 +18,7 @@ from bcapscope.analysis.slave.notable_set_points import SetPointFact
 from bcapscope.analysis.slave.plot_samples import PlotSample
 from bcapscope.analysis.slave.session_slices import SessionSlice
 from bcapscope.analysis.slave.timing_model import TimingFacts
+from bcapscope.messages import Message
 from bcapscope.protocol.slave_mode.modes import Generation, PoseType, SlaveMode
 from bcapscope.traffic.observation import Conversation, Endpoint
 
@@ -62,7 +63,7 @@ class KnownMode(NamedTuple):
         value: Argument of slvChangeMode; None if unknown.
         known_by: Source of the value: "slvChangeMode", "slvGetMode", or "" if unknown.
         generation: Generation of the controller; None if unknown.
-        generation_known_by: Source of the generation, one clause; "" if unknown.
+        generation_known_by: Source of the generation; None if unknown.
         meaning: Mode that the value stands for on this generation, or on an RC8 if the generation is unknown;
             None for an undefined or unknown value.
         guessed: `meaning` is that of an RC8 because the generation is unknown.
@@ -72,7 +73,7 @@ class KnownMode(NamedTuple):
     value: int | None
     known_by: str
     generation: Generation | None
-    generation_known_by: str
+    generation_known_by: Message | None
     meaning: SlaveMode | None
     guessed: bool
     pose_type: PoseType | None

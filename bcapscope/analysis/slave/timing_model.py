@@ -11,6 +11,8 @@ from bcapscope.analysis.slave.buffer_model import slack_ms
 from bcapscope.analysis.slave.notable_set_points import MAX_LISTED, SetPointFact, set_point_fact
 from bcapscope.analysis.slave.set_point_table import SetPointTable
 from bcapscope.analysis.statistics.distribution import DistributionSummary, Floats, Histogram
+from bcapscope.messages import Message
+from bcapscope.messages.places import Count, Quantity
 from bcapscope.protocol.slave_mode.modes import PERIOD_MS, ModeKind, SlaveMode
 from bcapscope.traffic.observation import Transport
 
@@ -40,7 +42,7 @@ class Deadline(NamedTuple):
         source: Source of the recommendation.
     """
 
-    name: str
+    name: Message
     timeout_ms: float
     tries: int
     late: int
@@ -56,7 +58,7 @@ class TimingFacts:
     Attributes:
         cycle: Time between the first requests of successive set points, ms; None for fewer than two.
         grid_ms: Period that the client should keep, 8 or 1 ms.
-        grid_known_by: Reason for this period, one clause.
+        grid_known_by: Reason for this period; None without set points.
         jitter: Absolute difference of each cycle from the period, ms; None for fewer than two set points.
         on_grid: Number of cycles within a tenth of the period.
         skipped: Number of cycles of one and a half periods or more.
@@ -73,7 +75,7 @@ class TimingFacts:
 
     cycle: DistributionSummary | None
     grid_ms: float
-    grid_known_by: str
+    grid_known_by: Message | None
     jitter: DistributionSummary | None
     on_grid: int
     skipped: int
@@ -100,7 +102,7 @@ class _RecommendedTimeout(NamedTuple):
         source: Source of the recommendation.
     """
 
-    name: str
+    name: Message
     timeout_ms: float
     tries: int
     kinds: frozenset[ModeKind]
@@ -108,22 +110,30 @@ class _RecommendedTimeout(NamedTuple):
     source: str
 
 
+def _ros_timeout(case: str, timeout_ms: float, kinds: frozenset[ModeKind]) -> _RecommendedTimeout:
+    name = Message(f"timeout.{case}", timeout=Quantity(timeout_ms, "ms"), attempts=Count(3, "attempt"))
+    return _RecommendedTimeout(name, timeout_ms, 3, kinds, False, _DRIVER)
+
+
 RECOMMENDED_TIMEOUTS = (
-    _RecommendedTimeout("Sync: 2 ms, 7 retries", 2.0, 8, frozenset({ModeKind.SYNC}), True, _GUIDE),
     _RecommendedTimeout(
-        "Async: 2 ms, no retry", 2.0, 1, frozenset({ModeKind.ASYNC, ModeKind.MODE_1}), True, _GUIDE
+        Message("timeout.sync", timeout=Quantity(2, "ms"), retries=Count(7, "retry")),
+        2.0,
+        8,
+        frozenset({ModeKind.SYNC}),
+        True,
+        _GUIDE,
     ),
     _RecommendedTimeout(
-        "ROS driver, mode 2: 16 ms, 3 tries", 16.0, 3, frozenset({ModeKind.MODE_2}), False, _DRIVER
+        Message("timeout.async", timeout=Quantity(2, "ms")),
+        2.0,
+        1,
+        frozenset({ModeKind.ASYNC, ModeKind.MODE_1}),
+        True,
+        _GUIDE,
     ),
-    _RecommendedTimeout(
-        "ROS driver, modes 0 and 1: 8 ms, 3 tries",
-        8.0,
-        3,
-        frozenset({ModeKind.MODE_0, ModeKind.MODE_1}),
-        False,
-        _DRIVER,
-    ),
+    _ros_timeout("ros-mode-2", 16.0, frozenset({ModeKind.MODE_2})),
+    _ros_timeout("ros-modes-0-1", 8.0, frozenset({ModeKind.MODE_0, ModeKind.MODE_1})),
 )
 """Recommended time-outs for slvMove."""
 
@@ -145,7 +155,7 @@ class CycleGrid(NamedTuple):
     """The period that a client should keep, and the reason."""
 
     ms: int
-    known_by: str
+    known_by: Message | None = None
 
 
 def choose_grid(overwrites: bool | None, cycles: Floats) -> CycleGrid:
@@ -157,18 +167,19 @@ def choose_grid(overwrites: bool | None, cycles: Floats) -> CycleGrid:
     """
     pace = float(np.median(cycles)) if len(cycles) else float(PERIOD_MS)
     if overwrites is False:
-        return CycleGrid(PERIOD_MS, "the mode takes a set point each 8 ms")
-    why = "the newest point wins in this mode" if overwrites else "the mode is not known"
+        return CycleGrid(PERIOD_MS, Message("grid.mode", period=Quantity(PERIOD_MS, "ms")))
+    fast, slow = Quantity(FAST_GRID_MS, "ms"), Quantity(PERIOD_MS, "ms")
+    case = "newest-wins" if overwrites else "unknown-mode"
     if pace < FAST_BELOW_MS:
-        return CycleGrid(FAST_GRID_MS, f"{why}, and the median cycle is nearer to 1 ms than to 8 ms")
-    return CycleGrid(PERIOD_MS, f"{why}, and the median cycle is nearer to 8 ms than to 1 ms")
+        return CycleGrid(FAST_GRID_MS, Message(f"grid.{case}", period=fast, other=slow))
+    return CycleGrid(PERIOD_MS, Message(f"grid.{case}", period=slow, other=fast))
 
 
 class TimingModel:
     """Measures the timing of set points, added in order."""
 
     def __init__(self, mode: SlaveMode | None, transport: Transport, slots: int) -> None:
-        self.grid = CycleGrid(PERIOD_MS, "")
+        self.grid = CycleGrid(PERIOD_MS)
         self._mode = mode
         self._transport = transport
         self._slack_ms = slack_ms(slots)

@@ -21,7 +21,7 @@ from bcapscope.live.standard_streams import print_stderr
 
 if TYPE_CHECKING:  # imported where needed: `tui` has these options too, and must open a capture fast
     from bcapscope.faults.fault import AnyFault
-    from bcapscope.faults.quantities import Duration, FrameCondition
+    from bcapscope.faults.quantities import DurationQuantity, FrameCondition
     from bcapscope.proxy.control_socket import ControlServer
     from bcapscope.proxy.relay import Relay
     from bcapscope.proxy.request_guard import GuardTarget, RequestGuard
@@ -187,7 +187,7 @@ def _build_options(
     block: tuple[GuardTarget, ...],
     allow_command: tuple[GuardTarget, ...],
     intercept: FrameCondition | None,
-    hold: Duration | None,
+    hold: DurationQuantity | None,
     scripts: tuple[str, ...],
     script_limit: int | None,
     script_memory: int | None,
@@ -259,10 +259,10 @@ def _condition(text: str) -> FrameCondition:
     return FrameCondition.read(text)
 
 
-def _duration(text: str) -> Duration:
-    from bcapscope.faults.quantities import Duration
+def _duration(text: str) -> DurationQuantity:
+    from bcapscope.faults.quantities import DurationQuantity
 
-    return Duration.read(text)
+    return DurationQuantity.read(text)
 
 
 def _target(text: str) -> GuardTarget:

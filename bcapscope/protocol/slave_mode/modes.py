@@ -10,6 +10,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import StrEnum
 
+from bcapscope.messages import Message
+
 PERIOD_MS = 8
 """Cycle time of the controller, ms: it consumes one set point per cycle."""
 
@@ -79,6 +81,11 @@ class SlaveMode:
 
     def __int__(self) -> int:
         return self.value
+
+    @property
+    def description(self) -> Message:
+        """Its text in the reader's language."""
+        return Message.from_table(f"slave-mode.{self.generation.lower()}.{self.value:03x}", self.text)
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import NamedTuple
 
+from bcapscope.messages import Message
 from bcapscope.protocol.codec.variant import ARRAY, VT, Variant
 from bcapscope.protocol.slave_mode.modes import PoseType
 
@@ -105,7 +106,7 @@ def guess_pose_type(values: tuple[float, ...]) -> PoseType | None:
     return {6: PoseType.J, 7: PoseType.P, 8: PoseType.J, 10: PoseType.T}.get(count)
 
 
-def build_pose(values: tuple[float, ...], pose_type: PoseType | None) -> tuple[Pose, tuple[str, ...]]:
+def build_pose(values: tuple[float, ...], pose_type: PoseType | None) -> tuple[Pose, tuple[Message, ...]]:
     """Return a pose of the numbers, and its problems.
 
     Args:
@@ -113,15 +114,15 @@ def build_pose(values: tuple[float, ...], pose_type: PoseType | None) -> tuple[P
         pose_type: Pose type of the slave mode. None if unknown; then the count decides.
 
     Returns:
-        The pose, and one clause per problem.
+        The pose and the problems.
     """
     type_ = pose_type or guess_pose_type(values)
     guessed = pose_type is None
     if type_ is None:
-        return Pose(None, values, (), guessed), (f"{len(values)} numbers are no pose of type P, J or T",)
+        return Pose(None, values, (), guessed), (Message("slvmove.no-pose", n=len(values)),)
     size = len(AXES[type_])
     pose = Pose(type_, values[:size], values[size:], guessed)
     odd = pose.extra and pose.used_axes is None
     if odd or len(values) < SHORTEST_POSE[type_]:
-        return pose, (f"{len(values)} numbers for a pose of type {type_}, which has {size}",)
+        return pose, (Message("slvmove.pose-size", n=len(values), pose=type_.value, size=size),)
     return pose, ()

@@ -13,13 +13,14 @@ from functools import lru_cache
 from itertools import product
 from typing import NamedTuple, TypeAlias
 
+from bcapscope.messages import Message
 from bcapscope.protocol.codec.variant import VT, Variant
 from bcapscope.protocol.slave_mode.formats import POSE_ONLY_FORMAT, ReceiveFormat, SendFormat
 from bcapscope.protocol.slave_mode.modes import PoseType
 from bcapscope.protocol.slave_mode.poses import AXES, FLOAT_ARRAYS, Pose, build_pose, pose_numbers
 
 # Kinds of parts, which distinguish the arrangements.
-_ROW, _WORD, _DATA, _OTHER = "numbers", "an integer", "bytes", "something else"
+_ROW, _WORD, _DATA, _OTHER, _END = "numbers", "integer", "bytes", "other", "end"
 
 _Arrangement: TypeAlias = "tuple[tuple[str, str], ...]"  # name and kind of each part
 
@@ -59,7 +60,7 @@ class SetPoint(NamedTuple):
         user_read: Bits to return in the reply.
         hand_io: Word to write; bit 0 is IO48.
         guessed: Whether pose type or arrangement were derived from the parts alone.
-        problems: Deviations, one clause each.
+        problems: Deviations.
     """
 
     pose: Pose | None = None
@@ -68,7 +69,7 @@ class SetPoint(NamedTuple):
     user_read: UserIO | None = None
     hand_io: int | None = None
     guessed: bool = False
-    problems: tuple[str, ...] = ()
+    problems: tuple[Message, ...] = ()
 
 
 class Feedback(NamedTuple):
@@ -83,7 +84,7 @@ class Feedback(NamedTuple):
         hand_io: Word; bit 0 is IO48.
         current: Motor current of each axis.
         guessed: Whether pose type or arrangement were derived from the parts alone.
-        problems: Deviations, one clause each.
+        problems: Deviations.
     """
 
     timestamp: int | None = None
@@ -94,7 +95,7 @@ class Feedback(NamedTuple):
     hand_io: int | None = None
     current: tuple[float, ...] = ()
     guessed: bool = False
-    problems: tuple[str, ...] = ()
+    problems: tuple[Message, ...] = ()
 
 
 def parse_set_point(
@@ -258,19 +259,26 @@ def _feedback_parts(form: ReceiveFormat) -> Iterator[tuple[str, str]]:
         yield "current", _ROW
 
 
-def _name_parts(layout: _Arrangement, parts: tuple[Variant, ...]) -> tuple[dict[str, Variant], list[str]]:
+def _name_parts(layout: _Arrangement, parts: tuple[Variant, ...]) -> tuple[dict[str, Variant], list[Message]]:
     """Assign names to parts in order, and report missing names and surplus parts."""
     named: dict[str, Variant] = {}
-    problems: list[str] = []
+    problems: list[Message] = []
     for name, kind in layout:
         place = len(named)
         if place < len(parts) and _kind_of_part(parts[place]) == kind:
             named[name] = parts[place]
         else:
-            found = _kind_of_part(parts[place]) if place < len(parts) else "the end"
-            problems.append(f"{name} is missing: {kind} expected, {found} found")
+            found = _kind_of_part(parts[place]) if place < len(parts) else _END
+            problems.append(
+                Message(
+                    "slvmove.part-missing",
+                    part=name,
+                    expected=Message(f"slvmove.kind.{kind}"),
+                    found=Message(f"slvmove.kind.{found}"),
+                )
+            )
     if len(parts) > len(named):
-        problems.append(f"only {len(named)} of {len(parts)} parts could be read")
+        problems.append(Message("slvmove.parts-unread", read=len(named), total=len(parts)))
     return named, problems
 
 
@@ -308,13 +316,15 @@ def _number_part(part: Variant | None) -> tuple[float, ...]:
     return (pose_numbers(part) or ()) if part is not None else ()
 
 
-def _pose_of_part(part: Variant | None, pose_type: PoseType | None) -> tuple[Pose | None, tuple[str, ...]]:
+def _pose_of_part(
+    part: Variant | None, pose_type: PoseType | None
+) -> tuple[Pose | None, tuple[Message, ...]]:
     return (None, ()) if part is None else build_pose(_number_part(part), pose_type)
 
 
 def _poses_of_part(
     part: Variant | None, pose_type: PoseType | None, receive: ReceiveFormat | None
-) -> tuple[tuple[Pose, ...], tuple[str, ...]]:
+) -> tuple[tuple[Pose, ...], tuple[Message, ...]]:
     """Decode a result's row of numbers, which holds one or two poses."""
     if part is None:
         return (), ()

@@ -49,7 +49,7 @@ from bcapscope.tui.tester.file_picker import FilePicker
 from bcapscope.tui.tester.playback_view import PlaybackView
 from bcapscope.tui.tester.tick_box import TickBox
 from bcapscope.tui.widgets.inked_text import InkedText
-from bcapscope.tui.words import say, told
+from bcapscope.tui.words import reader_words, say, told
 
 _MODE_NUMBERS = (0x001, 0x002, 0x003, 0x101, 0x102, 0x103, 0x201, 0x202, 0x203)
 _MODES: tuple[tuple[str, SlaveModePacing | int], ...] = (
@@ -316,7 +316,7 @@ class SlaveScreen(BaseScreen):
                     self._player_slot.answer_question(answer)
             if run.question is not None:
                 self._ask_user(run)
-            doing = told(run.progress.state) if run.progress else say("tester.waiting")
+            doing = reader_words().text(run.progress.state.message) if run.progress else say("tester.waiting")
             self._show_state(f"{INK.number}{printable(doing)}")
             live.show_run(run)
         self._show_end(run)

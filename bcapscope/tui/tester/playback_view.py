@@ -22,7 +22,7 @@ from bcapscope.render.slave_run_charts import (
 from bcapscope.tui.controller_access.playback_run import PlaybackRun
 from bcapscope.tui.ink import INK
 from bcapscope.tui.widgets.inked_text import InkedText
-from bcapscope.tui.words import say, told
+from bcapscope.tui.words import reader_words, say, told
 
 _MIN_CHART_ROWS = 6
 """Minimum height of a chart in rows."""
@@ -75,7 +75,7 @@ class PlaybackView(Container, can_focus=True):
             width=size.width - 1,
             height=size.height,
             palette=INK,
-            tongue=told,
+            words=reader_words(),
         )
 
     def _axes_by_travel(self, run: PlaybackRun) -> list[int]:
@@ -96,7 +96,7 @@ class PlaybackView(Container, can_focus=True):
             )
         elif progress is not None:
             yield progress_bar(progress, max(1, width - 2), INK)
-            yield from run_figure_lines(progress, run.buffer_margin, INK, told)
+            yield from run_figure_lines(progress, run.buffer_margin, INK, reader_words())
         for trouble in run.troubles[-3:]:
             yield from _wrapped_lines(trouble_lines(trouble), INK.bad, width)
         if progress is not None and progress.cycle:

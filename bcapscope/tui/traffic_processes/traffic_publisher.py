@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from bcapscope.capture.call_store import CallStoreWriter
 from bcapscope.capture.observation_store import ObservationStoreWriter
-from bcapscope.messages import Language
+from bcapscope.messages import Language, MessageFormatter
 from bcapscope.traffic.call import Call, StrayReply
 from bcapscope.traffic.handle_tracker import TrackedObject
 from bcapscope.traffic.pipeline import PipelineSubscriber
@@ -93,7 +93,8 @@ class TrafficPublisher:
             from bcapscope.tui.traffic_processes.running_diagnosis import RunningDiagnosis  # noqa: PLC0415 - see has_diagnosis
             from bcapscope.tui.words import tongue  # noqa: PLC0415 - likewise
 
-            self._diagnosis = RunningDiagnosis(tongue(Language(self._job.language)))
+            language = Language(self._job.language)
+            self._diagnosis = RunningDiagnosis(MessageFormatter(language), tongue(language))
         return self._diagnosis
 
     def subscribers(self) -> tuple[PipelineSubscriber, ...]:

@@ -29,7 +29,6 @@ from bcapscope.tui.words import (
     relay,
     remarks,
     results,
-    rules,
 )
 from bcapscope.tui.words.phrases import Phrasebook
 
@@ -47,7 +46,6 @@ _BOOKS = (
     relay,
     remarks,
     results,
-    rules,
 )
 
 PHRASES: Mapping[str, str] = MappingProxyType(

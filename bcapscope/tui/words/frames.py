@@ -37,10 +37,7 @@ PHRASES: dict[str, str] = {
     "a string of {n} bytes promised, there are {n2}": "文字列は {n} バイトのはずですが、{n2} バイトしかありません",
     "VARIANT arrays nested more than {n} deep": "VARIANT 配列の入れ子が {n} 段を超えています",
     # set points
-    "{n} numbers for a pose of type {word}, which has {n2}": "{word} 型の位置に数値が {n} 個あります ({word} 型は {n2} 個)",
-    "{word} is missing: {word2} expected, {text} found": "{word} がありません: {word2} が必要ですが、{text} がありました",
     "the end": "終わり",
-    "only {n} of {n2} parts could be read": "{n2} 個のうち {n} 個だけ読み取れました",
     "the reply to the first set point": "最初の指令値への応答",
     "{word} before": "直前の {word}",
 }

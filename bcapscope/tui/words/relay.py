@@ -72,6 +72,7 @@ PHRASES: dict[str, str] = {
     "{text} (reported once)": "{text} (一度だけ表示)",
     "{word}: data is to be bytes; the message goes on as it came": "{word}: data は bytes である必要があります。メッセージはそのまま送られます",
     "{word} delayed messages by {n} ms": "{word} に {n} ms かかり、その間メッセージが待たされます",
+    "an answer": "応答",
     "script {name} is switched off: {clause}": "スクリプト {name} を停止しました: {clause}",
     "it took longer than {n} ms for {word}": "{word} の処理が {n} ms を超えました",
     "it took longer than {n} ms for {word} ({name})": "{word} ({name}) の処理が {n} ms を超えました",

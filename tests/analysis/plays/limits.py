@@ -68,7 +68,7 @@ SCENES = (
         "beyond-range",
         _ends_with((170.5, *HOME[1:]), _BEYOND),
         (35, 36),
-        ("0x83204071", "the set point asks for J1 = 170.5"),
+        ("0x83204071", "the set point commands J1 = 170.5"),
         good,
     ),
     Scene(
@@ -103,21 +103,21 @@ SCENES = (
         "set-point-jump",
         _strays(9.0),
         (35,),
-        ("frame 35 jumps by 8.55 deg in J1", "far more than those around it, and the next one turns back"),
+        ("frame 35 jumps by 8.55 deg in J1", "far more than those around it. The next one turns back."),
         _strays(0.55),
     ),
     Scene(
         "set-point-jump",
         _strays(1e200),
         (35, 37),
-        ("frame 35 jumps by 1e+200 deg in J1", "more than any axis follows (twice in all"),
+        ("frame 35 jumps by 1e+200 deg in J1", "more than any axis can follow. This happened twice"),
         _strays(0.55),
     ),
     Scene(
         "set-point-jump",
         _ends_with((1e200, *HOME[1:]), _INVALID),
         (35,),
-        ("frame 35 jumps by 1e+200 deg in J1", "more than any axis follows"),
+        ("frame 35 jumps by 1e+200 deg in J1", "more than any axis can follow"),
         _ends_with((0.5, *HOME[1:]), 0),
     ),
 )

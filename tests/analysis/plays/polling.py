@@ -26,10 +26,16 @@ SCENES = (
         _reads(300),
         (11, 609),
         (
-            "300 of 309 calls of your client read one variable, most of all 'IO128' (300), 1.7 ms each",
-            "85% of its time",
+            "300 of 309 calls of your client read a single variable, mostly 'IO128' (300)",
+            "Each read took 1.7 ms, and all of them 85% of the time",
         ),
         _reads(20),
     ),
-    Scene("polling", _reads(200, takes=2.0), (11, 409), ("2.0 ms each, 100% of its time",), _reads(20)),
+    Scene(
+        "polling",
+        _reads(200, takes=2.0),
+        (11, 409),
+        ("2.0 ms, and all of them 100% of the time",),
+        _reads(20),
+    ),
 )

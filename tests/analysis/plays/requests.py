@@ -52,7 +52,7 @@ SCENES = (
         "format-refused",
         _executes("slvSendFormat", i4(0x120), _INVALID),
         (9, 10),
-        ("0x120 asks for hand I/O (0x020) and mini I/O (0x100)",),
+        ("0x120 requests hand I/O (0x020) and mini I/O (0x100)",),
         _executes("slvSendFormat", i4(0x20), 0),
     ),
     Scene(
@@ -68,7 +68,7 @@ SCENES = (
         (9, 10),
         (
             "E_INVALIDARG 0x80070057",
-            "VT_I4 was sent, and TakeArm takes VT_I4|VT_ARRAY or VT_EMPTY or VT_BSTR",
+            "VT_I4 was sent, but TakeArm takes one of VT_I4|VT_ARRAY, VT_EMPTY, VT_BSTR",
         ),
         _executes("TakeArm", i4(0), 0),
     ),
@@ -80,20 +80,24 @@ SCENES = (
         _mode_then(text("514"), "slvChangeMode", text("x")),
     ),
     Scene(
-        "unusual-argument", _one_point(text("514"), _POINT), (13, 14), ("its mode as VT_BSTR '514'",), good
+        "unusual-argument",
+        _one_point(text("514"), _POINT),
+        (13, 14),
+        ("mode '514' has the type VT_BSTR",),
+        good,
     ),
     Scene(
         "unusual-argument",
         _one_point(i4(0x202), r8s(*HOME[:6])),
         (15, 16),
-        ("a set point of 6 elements",),
+        ("set point has 6 elements",),
         good,
     ),
     Scene(
         "unusual-argument",
         _one_point(i4(0x202), r4s(*HOME)),
         (15, 16),
-        ("a set point as VT_R4|VT_ARRAY",),
+        ("set point has the type VT_R4|VT_ARRAY",),
         good,
     ),
 )

@@ -101,7 +101,7 @@ SCENES = (
         "slvmove-outside-slave-mode",
         _second_client("HandMoveA", _REFUSED),
         (61, 63, 66),
-        ("without this client's doing",),
+        ("switched off, but not by this client",),
         good,
         "refused-in-slave-mode",
     ),
@@ -110,15 +110,17 @@ SCENES = (
         _second_client("HandMoveA", _REFUSED),
         (35, 36),
         (
-            "Client 192.168.0.10:50002 (UDP) ran HandMoveA at 0.120 s",
+            "Client 192.168.0.10:50002 (UDP) called HandMoveA at 0.120 s",
             "while client 192.168.0.10:50001 (UDP) was in slave mode",
             "(0x83501032)",
-            "slvMove was refused 90 ms later (0x83500121",
-            "everything after that is a consequence",
+            "90 ms later, slvMove was refused (0x83500121",
+            "Everything after that is a consequence",
         ),
         _second_client("SysState"),
     ),
-    Scene("refused-in-slave-mode", _refused_at_home, (35, 36), ("ran TakeArm", "in slave mode itself"), good),
+    Scene(
+        "refused-in-slave-mode", _refused_at_home, (35, 36), ("called TakeArm", "in slave mode itself"), good
+    ),
     Scene(
         "slave-mode-ended-by-other",
         _switched_by_other(0),

@@ -202,9 +202,9 @@ def test_sync_of_rc7_has_one_slot() -> None:
 def test_an_unknown_mode_says_what_it_takes_for_granted() -> None:
     unknown = BufferBehaviour.of_mode(None, guessed=False)
     assert unknown.slots == DEFAULT_SLOTS
-    assert "not known" in unknown.assumptions[0]
+    assert "the mode is unknown" in str(unknown.assumptions[0])
     guessed = BufferBehaviour.of_mode(slave_mode_by_number(0x001), guessed=True)
-    assert "generation is not known" in guessed.assumptions[0]
+    assert "the generation is unknown" in str(guessed.assumptions[0])
 
 
 def test_lists_are_bounded_and_counts_are_not() -> None:

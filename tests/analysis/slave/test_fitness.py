@@ -32,7 +32,10 @@ def test_verdicts(values: tuple[float, ...], lost: int, fit: list[bool]) -> None
 
 
 def test_reasons() -> None:
-    assert fitness(None, 3)[0].reason == "nothing was answered"
-    assert fitness(_spread(0.5), 1)[0].reason == "50.0% of the calls were lost"
-    assert fitness(_spread(0.5), 0)[1] == (1.0, True, "99.9% of the answers within 0.500 ms")
-    assert fitness(_spread(0.5), 0, broken=True)[0] == (8.0, False, "the connection broke")
+    assert str(fitness(None, 3)[0].reason) == "no call was answered"
+    assert str(fitness(_spread(0.5), 1)[0].reason) == "50.0% of the calls were lost"
+    fast = fitness(_spread(0.5), 0)[1]
+    assert (fast.period_ms, fast.fit) == (1.0, True)
+    assert str(fast.reason) == "99.9% of the replies arrived within 0.500 ms"
+    broken = fitness(_spread(0.5), 0, broken=True)[0]
+    assert (broken.period_ms, broken.fit, str(broken.reason)) == (8.0, False, "the connection broke")

@@ -67,5 +67,5 @@ def test_a_client_that_gave_up(path: Path, goes_on_for: float, stopped: bool) ->
     path.write_bytes(captured(story, goes_on_for))
     sentences = [json.loads(line)["sentence"] for line in run("diagnose", path, "--json").lines]
     assert (
-        any("said nothing more for the 2 s that the capture goes on" in each for each in sentences) is stopped
+        any("sent nothing more in the remaining 2 s of the capture" in each for each in sentences) is stopped
     )

@@ -100,12 +100,13 @@ def test_a_mixed_list_of_numbers_is_a_pose() -> None:
 def test_a_list_of_fewer_numbers_than_any_pose_has_is_no_pose() -> None:
     point = parse_set_point(array(*(Variant(VT.R8, 0.5) for _ in range(5))), J, SendFormat())
     assert point.pose is None
-    assert point.problems[-1] == "only 0 of 5 parts could be read"
+    assert str(point.problems[-1]) == "only 0 of 5 parts could be read"
 
 
 def test_a_damaged_row_of_as_many_bytes_as_a_pose_has_axes_is_no_pose() -> None:
     point = parse_set_point(Variant(ARRAY | VT.R8, b"12345678", 3), J)
-    assert (point.pose, point.problems) == (Pose(J, ()), ("0 numbers for a pose of type J, which has 8",))
+    assert point.pose == Pose(J, ())
+    assert tuple(map(str, point.problems)) == ("0 numbers for a pose of type J, which has 8",)
 
 
 def test_a_lone_word_is_hand_io_unless_it_has_bits_of_mini_io() -> None:
@@ -116,13 +117,13 @@ def test_a_lone_word_is_hand_io_unless_it_has_bits_of_mini_io() -> None:
 def test_what_the_format_asks_for_and_is_not_there() -> None:
     point = parse_set_point(POSE, J, SendFormat(mini_io=True), ReceiveFormat(poses=(J,)))
     assert point.pose == Pose(J, JOINTS)
-    assert point.problems == ("mini_io is missing: an integer expected, the end found",)
+    assert tuple(map(str, point.problems)) == ("mini_io is missing: an integer expected, the end found",)
 
 
 def test_a_bare_pose_lacks_the_user_io_that_the_result_is_to_carry() -> None:
     point = parse_set_point(POSE, J, SendFormat(), ReceiveFormat.parse(0x202))
     assert point.pose == Pose(J, JOINTS)
-    assert point.problems == (
+    assert tuple(map(str, point.problems)) == (
         "read_offset is missing: an integer expected, the end found",
         "read_size is missing: an integer expected, the end found",
     )
@@ -130,15 +131,15 @@ def test_a_bare_pose_lacks_the_user_io_that_the_result_is_to_carry() -> None:
 
 def test_each_kind_of_part_has_a_name() -> None:
     point = parse_set_point(array(word(7), POSE), J, SendFormat(user_io=True), ReceiveFormat())
-    assert point.problems[0] == "pose is missing: numbers expected, an integer found"
-    assert point.problems[-2] == "write_data is missing: bytes expected, numbers found"
+    assert str(point.problems[0]) == "pose is missing: numbers expected, an integer found"
+    assert str(point.problems[-2]) == "write_data is missing: bytes expected, numbers found"
 
 
 def test_parts_out_of_place_do_not_hide_the_others() -> None:
     parameter = array(POSE, Variant(VT.BSTR, "?"), word(7))
     point = parse_set_point(parameter, J, SendFormat(hand_io=True), ReceiveFormat())
     assert (point.pose, point.hand_io) == (Pose(J, JOINTS), None)
-    assert point.problems == (
+    assert tuple(map(str, point.problems)) == (
         "hand_io is missing: an integer expected, something else found",
         "only 1 of 3 parts could be read",
     )
@@ -240,7 +241,7 @@ def test_time_stamps_keep_their_unit() -> None:
 
 def test_a_result_that_is_too_short_says_so() -> None:
     answer = parse_feedback(row(1.0, 2.0), J, ReceiveFormat.parse(0x004))
-    assert answer.problems == (
+    assert tuple(map(str, answer.problems)) == (
         "2 numbers for a pose of type P, which has 7",
         "0 numbers for a pose of type J, which has 8",
     )
@@ -280,7 +281,7 @@ def test_any_shape_gives_a_set_point(
     else:
         assert len(point.pose.values) + len(point.pose.extra) <= numbers_in(shape)
         assert pose_type in (None, point.pose.type)
-    assert all(problem.isprintable() for problem in point.problems)
+    assert all(str(problem).isprintable() for problem in point.problems)
 
 
 @given(SHAPES, POSE_TYPES, RECEIVE_FORMATS)
@@ -290,4 +291,4 @@ def test_any_shape_gives_an_answer(
     answer = parse_feedback(shape, pose_type, receive)
     taken = sum(len(pose.values) + len(pose.extra) for pose in answer.poses) + len(answer.current)
     assert taken <= numbers_in(shape)
-    assert all(problem.isprintable() for problem in answer.problems)
+    assert all(str(problem).isprintable() for problem in answer.problems)

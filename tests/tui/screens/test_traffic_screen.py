@@ -38,7 +38,7 @@ def test_frames_calls_findings_slave_mode_statistics() -> None:
         for key, word in (
             ("2", "ms  frames 1 > 2"),
             ("3", "type-not-checked"),
-            ("4", "Stay 1"),
+            ("4", "Slave-mode session 1"),
             ("5", "by 192.168.0.10:50001"),
         ):
             await pilot.press(key)

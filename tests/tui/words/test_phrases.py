@@ -21,8 +21,6 @@ from bcapscope.player.player_messages import (
     PlayCounts,
     PlayEnded,
     PlayOutcome,
-    PlayProgress,
-    PlayState,
 )
 from bcapscope.player.preflight import run_preflight
 from bcapscope.player.preflight_problem import PreflightProblem
@@ -30,7 +28,6 @@ from bcapscope.protocol.codec.variant_notation import parse_variant
 from bcapscope.protocol.slave_mode.modes import MODES
 from bcapscope.protocol.tables.command_table import COMMAND_ROWS
 from bcapscope.render.play_text import controller_line, play_summary_lines
-from bcapscope.render.slave_run_charts import run_figure_lines
 from bcapscope.tui import words
 from bcapscope.tui.words import PHRASES, told
 from bcapscope.tui.words.phrases import KINDS, LONGEST, Phrasebook
@@ -125,7 +122,6 @@ def messages() -> Iterator[str]:
             with_limits(UNKNOWN_ARM, [text])
         yield str(raised.value)
     yield from (mode.text for mode in MODES if mode.pose_type)
-    yield from PlayState
 
 
 @pytest.mark.parametrize(
@@ -164,11 +160,6 @@ def test_how_the_player_ended(outcome: PlayOutcome) -> None:
         retries_expected=True,
     )
     assert [line for line in play_summary_lines(ended) if not is_japanese(line.strip())] == []
-
-
-def test_the_player_at_work() -> None:
-    progress = PlayProgress(PlayState.PLAYING, 50, 100, 0.4, 0.4, Spread(50, 1000, 2000, 3000, 4000))
-    assert all(JAPANESE.search(line) for line in run_figure_lines(progress, (1, 8.0, 3.4), tongue=told))
 
 
 def test_who_is_there_before_anything_moves() -> None:
