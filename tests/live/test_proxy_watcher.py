@@ -9,6 +9,7 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from multiprocessing.connection import Connection
 from pathlib import Path
+from types import SimpleNamespace
 from typing import cast
 
 import pytest
@@ -233,6 +234,8 @@ def test_others_have_a_tick_for_themselves_while_more_comes_but_not_once_all_is_
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(proxy_watcher, "_DECODE_FOR", 0.0)
+    clock = SimpleNamespace(monotonic=lambda: 0.0, time_ns=time.time_ns)  # decoding takes no time
+    monkeypatch.setattr(proxy_watcher, "time", clock)
     chain = Chain(None, None)
     chain.meet(1, "udp")
 
