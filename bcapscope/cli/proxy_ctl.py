@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from typing import TypeVar
 
@@ -18,15 +18,14 @@ from bcapscope.faults.quantities import Duration
 from bcapscope.live.standard_streams import print_stderr
 from bcapscope.protocol.codec.frame import parse_datagram
 from bcapscope.protocol.text_format import counted
-from bcapscope.proxy.control_answers import ClientStatus, ControlAnswer, FaultStatus, HeldStatus, parse_list
+from bcapscope.proxy import control_messages as control
 from bcapscope.proxy.control_client import ControlClient, ControlRefused
 from bcapscope.proxy.control_socket import ControlError
 from bcapscope.render.escape import printable
 from bcapscope.render.frame_line import FrameLineRenderer
 from bcapscope.traffic.observation import Observation
 
-T = TypeVar("T")
-R = TypeVar("R")
+R = TypeVar("R", bound=control.DoneResponse)
 
 _INDENTED = re.compile(r"\n(?=  )")
 """Between a reason and its indented lines, which show the position in a rule. A reason has no other lines."""
@@ -51,27 +50,13 @@ class _ControlCommand:
         self._address = address
         self._as_json = as_json
 
-    def ask(self, **question: object) -> ControlAnswer:
-        """Send a request; return the answer, or {} if it was printed as JSON. Exit if the proxy refuses."""
-        return self._ask_or_print(question, lambda proxy: proxy.request(question), {})
-
-    def ask_list(self, name: str, kind: type[T]) -> Sequence[T]:
-        """Request a list; otherwise like `ask`."""
-        question = {"do": name}
-        return self._ask_or_print(question, lambda proxy: parse_list(proxy.request(question), name, kind), ())
-
-    def ask_held(self) -> Sequence[HeldStatus]:
-        """Request the held messages; otherwise like `ask`."""
-        return self._ask_or_print({"do": "held"}, ControlClient.list_held, ())
-
-    def _ask_or_print(
-        self, question: Mapping[str, object], read: Callable[[ControlClient], R], printed: R
-    ) -> R:
+    def request(self, request: control.ControlRequest, kind: type[R]) -> R | None:
+        """Send a request. Return the response; None if it was printed as JSON. Exit if the proxy refuses."""
         with self._connected() as proxy:
             if not self._as_json:
-                return read(proxy)
-            echo(_json_text(proxy.request_raw(question)))
-            return printed
+                return proxy.request(request, kind)
+            echo(_json_text(proxy.request_raw(request)))
+            return None
 
     @contextmanager
     def _connected(self) -> Iterator[ControlClient]:
@@ -80,11 +65,6 @@ class _ControlCommand:
                 yield proxy
             except ControlError as error:
                 print_stderr(printable(str(error)))
-                sys.exit(ExitCode.UNREADABLE)
-            except msgspec.ValidationError:
-                print_stderr(
-                    printable(f"the program on {self._address} is not a bcapscope proxy of this version")
-                )
                 sys.exit(ExitCode.UNREADABLE)
             except ControlRefused as error:
                 if self._as_json:
@@ -113,9 +93,10 @@ def _json_character(char: str) -> str:
 @click.pass_obj
 def _rules(ctl: _ControlCommand) -> None:
     """List the faults, whether they are on, and how often they were injected."""
-    for rule in ctl.ask_list("rules", FaultStatus):
+    response = ctl.request(control.ListFaults(), control.FaultsResponse)
+    for rule in response.rules if response else ():
         echo(
-            f"{'on ' if rule.on else 'off'}  {printable(rule.name):<16} struck {rule.struck:<6}  "
+            f"{'on ' if rule.on else 'off'}  {printable(rule.name):<16} injected {rule.injected:<6}  "
             f"{printable(rule.rule)}"
         )
 
@@ -125,9 +106,9 @@ def _rules(ctl: _ControlCommand) -> None:
 @click.pass_obj
 def _add(ctl: _ControlCommand, rule: str) -> None:
     """Add a fault in the notation of `proxy --fault`, and print its name."""
-    answer = ctl.ask(do="add", rule=rule)
-    if "name" in answer:
-        echo(printable(str(answer["name"])))
+    response = ctl.request(control.AddFault(rule), control.FaultResponse)
+    if response:
+        echo(printable(response.name))
 
 
 @command.command("remove", short_help="Remove a fault.")
@@ -135,7 +116,7 @@ def _add(ctl: _ControlCommand, rule: str) -> None:
 @click.pass_obj
 def _remove(ctl: _ControlCommand, name: str) -> None:
     """Remove a fault."""
-    ctl.ask(do="remove", name=name)
+    ctl.request(control.RemoveFault(name), control.FaultResponse)
 
 
 @command.command("on", short_help="Switch a fault on.")
@@ -143,7 +124,7 @@ def _remove(ctl: _ControlCommand, name: str) -> None:
 @click.pass_obj
 def _on(ctl: _ControlCommand, name: str) -> None:
     """Switch a fault on."""
-    ctl.ask(do="on", name=name)
+    ctl.request(control.EnableFault(name), control.FaultResponse)
 
 
 @command.command("off", short_help="Switch a fault off.")
@@ -151,7 +132,7 @@ def _on(ctl: _ControlCommand, name: str) -> None:
 @click.pass_obj
 def _off(ctl: _ControlCommand, name: str) -> None:
     """Switch a fault off."""
-    ctl.ask(do="off", name=name)
+    ctl.request(control.DisableFault(name), control.FaultResponse)
 
 
 def _duration_text(context: click.Context, parameter: click.Parameter, value: str | None) -> str | None:
@@ -172,27 +153,27 @@ def _duration_text(context: click.Context, parameter: click.Parameter, value: st
 @click.pass_obj
 def _intercept(ctl: _ControlCommand, expression: str | None, hold: str | None) -> None:
     """From now on, hold messages that match the filter EXPRESSION; without it, hold none."""
-    question = {"if": expression} if expression else {}
-    ctl.ask(do="intercept", **question, **({"patience": hold} if hold else {}))
+    ctl.request(control.SetIntercept(expression or None, hold or None), control.DoneResponse)
 
 
 @command.command("held", short_help="List the held messages.")
 @click.pass_obj
 def _held(ctl: _ControlCommand) -> None:
     """List the held messages with number, seconds held, and content."""
-    for held in ctl.ask_held():
+    response = ctl.request(control.ListHeld(), control.HeldResponse)
+    for held in response.held if response else ():
         for line in _held_lines(held):
             echo(line)
 
 
-def _held_lines(held: HeldStatus) -> list[str]:
+def _held_lines(held: control.HeldStatus) -> list[str]:
     renderer = FrameLineRenderer()
     renderer.set_time_origin(0)
     waited = round(held.waited_s * 1e9)
     end = f"dropped in {held.left_s:.1f} s ({printable(held.given_up)})"
     notes = [end if held.given_up else f"sent unchanged in {held.left_s:.1f} s"]
-    if held.more:
-        notes.append(f"{counted(held.more, 'retry', 'retries')} held")
+    if held.retries:
+        notes.append(f"{counted(held.retries, 'retry', 'retries')} held")
     return [
         renderer.line(
             Observation(held.number, waited, waited, held.flow, item, 0), held.call_kind, tuple(notes)
@@ -206,7 +187,7 @@ def _held_lines(held: HeldStatus) -> list[str]:
 @click.pass_obj
 def _forward(ctl: _ControlCommand, number: int) -> None:
     """Send a held message unchanged."""
-    ctl.ask(do="forward", number=number)
+    ctl.request(control.ForwardHeld(number), control.DoneResponse)
 
 
 @command.command("edit", short_help="Change a held message and send it.")
@@ -216,7 +197,7 @@ def _forward(ctl: _ControlCommand, number: int) -> None:
 @click.pass_obj
 def _edit(ctl: _ControlCommand, number: int, changes: tuple[str, ...], data: str | None) -> None:
     """Send a held message with CHANGES, in the notation of the fault `rewrite`: set arg[2][0]=10."""
-    ctl.ask(do="edit", number=number, hex=data or "", rewrite=" ".join(changes))
+    ctl.request(control.EditHeld(number, data or "", " ".join(changes)), control.DoneResponse)
 
 
 @command.command("drop", short_help="Drop a held message.")
@@ -224,31 +205,33 @@ def _edit(ctl: _ControlCommand, number: int, changes: tuple[str, ...], data: str
 @click.pass_obj
 def _drop(ctl: _ControlCommand, number: int) -> None:
     """Drop a held message."""
-    ctl.ask(do="drop", number=number)
+    ctl.request(control.DropHeld(number), control.DoneResponse)
 
 
 @command.command("clients", short_help="List the clients.")
 @click.pass_obj
 def _clients(ctl: _ControlCommand) -> None:
     """List the clients: connection time, messages in each direction, connection to the controller."""
-    for client in ctl.ask_list("clients", ClientStatus):
-        way = f"{client.client} > {client.server} {client.transport} {client.upstream}"
-        echo(f"{printable(way)}  for {client.since_s:.1f} s, {client.up} up, {client.down} down")
+    response = ctl.request(control.ListClients(), control.ClientsResponse)
+    for client in response.clients if response else ():
+        route = f"{client.client} > {client.server} {client.transport} {client.upstream}"
+        echo(f"{printable(route)}  for {client.since_s:.1f} s, {client.up} up, {client.down} down")
 
 
 @command.command("stats", short_help="Show figures.")
 @click.pass_obj
 def _stats(ctl: _ControlCommand) -> None:
     """Show figures: injected faults, refusals, held messages and traffic."""
-    for name, value in ctl.ask(do="stats").items():
-        if name != "ok":
+    response = ctl.request(control.GetStats(), control.ProxyStats)
+    for name, value in msgspec.to_builtins(response).items() if response else ():
+        if name not in ("ok", "struck", "held_up_ns"):
             echo(printable(f"{name.replace('_', ' ')}: {_figure_text(value)}"))
 
 
 def _figure_text(value: object) -> str:
     if isinstance(value, dict):
         return ", ".join(f"{name.replace('_', ' ')} {each}" for name, each in value.items()) or "none"
-    if isinstance(value, list):
+    if isinstance(value, list | tuple):
         return ", ".join(map(str, value)) or "none"
     if isinstance(value, bool):
         return "yes" if value else "no"

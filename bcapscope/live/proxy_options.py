@@ -11,20 +11,36 @@ from enum import StrEnum
 from multiprocessing.connection import Connection
 from pathlib import Path
 
+import msgspec
+
 from bcapscope.capture.rotating_recording import RotationLimits
 from bcapscope.render.timestamp import TimeFormat
 from bcapscope.traffic.filter.compiler import Filter, compile_filter
 from bcapscope.traffic.filter.field_table import RecordKind
 
-BEGIN, CLOSE_SESSIONS, READY = b"begin", b"farewell", b"ready"
+BEGIN, CLOSE_SESSIONS, READY = b"begin", b"close sessions", b"ready"
 """Messages between relay and watcher.
 
-`BEGIN` tells the watcher to start, and `READY` is its answer. `CLOSE_SESSIONS` asks it for the requests that
-close the open sessions. Any other message from the relay is advice, printed if the proxy is too slow.
+`BEGIN` starts the watcher, and `READY` is its answer. The answer to `CLOSE_SESSIONS` is a JSON list of
+`ClosingRequests`. Any other message from the relay is advice, printed if the proxy is too slow.
 """
 
 INCOMPLETE = 6
 """Exit code of the watcher for an incomplete recording. It is not 1, which a traceback also gives."""
+
+
+class ClosingRequests(msgspec.Struct, frozen=True, array_like=True):
+    """How to close the session of a UDP client in its place.
+
+    Attributes:
+        client: Number of the client.
+        open_state: What is open besides handles, as text; "" for nothing.
+        requests: Frames to send, each after the reply to the previous one.
+    """
+
+    client: int
+    open_state: str
+    requests: tuple[bytes, ...]
 
 
 class TrafficFormat(StrEnum):

@@ -13,7 +13,7 @@ from bcapscope.capture.packet import Interface
 from bcapscope.capture.pcapng_writer import PacketPairEncoder
 from bcapscope.capture.rotating_recording import RotatingRecording, RotationLimits
 from bcapscope.capture.socket_recording import RAW_IP, Hop, SocketRecording
-from bcapscope.proxy.record_decoder import read_endpoints
+from bcapscope.proxy.relay_session import read_endpoints
 from bcapscope.proxy.ring_buffer import RingRecord, RingRecordKind, hole_sizes
 from bcapscope.render.escape import printable
 from bcapscope.traffic.observation import Transport
@@ -210,7 +210,7 @@ class ProxyRecorder:
             self._series = None
 
     def _add_client(self, record: RingRecord) -> None:
-        who = read_endpoints(record)
+        who = read_endpoints(record.data)
         is_stream = who.transport is Transport.TCP
         self._sides[record.client] = (
             _ProxySide(

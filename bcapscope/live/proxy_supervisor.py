@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import multiprocessing
 import os
 import signal
@@ -17,10 +16,20 @@ from multiprocessing import resource_tracker
 from multiprocessing.shared_memory import SharedMemory
 from pathlib import Path
 
+import msgspec
+
 from bcapscope.errors import FileWriteError
 from bcapscope.live.cpu_wakefulness import CpuLatencyLimit, CpuWakefulness, datagrams_passed
 from bcapscope.live.end_signals import end_signals_blocked
-from bcapscope.live.proxy_options import BEGIN, CLOSE_SESSIONS, INCOMPLETE, READY, ProxyOptions, run_watcher
+from bcapscope.live.proxy_options import (
+    BEGIN,
+    CLOSE_SESSIONS,
+    INCOMPLETE,
+    READY,
+    ClosingRequests,
+    ProxyOptions,
+    run_watcher,
+)
 from bcapscope.live.standard_streams import print_stderr
 from bcapscope.live.terminal_writer import ERASE_LINE
 from bcapscope.live.watcher_priority import WatcherPriority, idle_priority_switch
@@ -111,7 +120,7 @@ class ProxySupervisor:
         self._ports: list[TcpListener | UdpListener] = []
         self._ending_since = 0.0
         self._is_terminal_closed = self._must_end_now = False
-        self._closing_requests: list[tuple[int, str, list[str]]] = []
+        self._closing_requests: list[ClosingRequests] = []
 
     def listen(self, listener: ListenerSpec, forget_after: int) -> Endpoint:
         """Listen, and return the address. Clients are accepted once `run` is called.
@@ -323,7 +332,8 @@ class ProxySupervisor:
         try:
             if not self._watcher_pipe.poll():
                 return
-            self._closing_requests = json.loads(self._watcher_pipe.recv_bytes())
+            answer = self._watcher_pipe.recv_bytes()
+            self._closing_requests = msgspec.json.decode(answer, type=list[ClosingRequests])
             self.relay.stop()
         except (EOFError, OSError):
             self._is_watched = False
@@ -344,17 +354,17 @@ class ProxySupervisor:
     def _close_udp_sessions(self) -> None:
         """Close the sessions of UDP clients in their place, first those whose robot may move."""
         until = time.monotonic() + _SESSIONS_CLOSE_WITHIN
-        for number, state, requests in sorted(self._closing_requests, key=lambda goodbye: not goodbye[1]):
-            session = self.relay.sessions.get(number)
+        for closing in sorted(self._closing_requests, key=lambda each: not each.open_state):
+            session = self.relay.sessions.get(closing.client)
             if not isinstance(session, UdpSession):
                 continue
             if self.must_end_now():
                 until = 0.0
             client, controller = session.conversation.client, session.conversation.server
-            answered = session.send_closing_requests([bytes.fromhex(request) for request in requests], until)
+            answered = session.send_closing_requests(closing.requests, until)
             why = "no answer" if time.monotonic() < until else "there was no time"
-            how = "was ended" if answered == len(requests) else f"could not be ended: {why}"
-            what = f", where {state}," if state else ""
+            how = "was ended" if answered == len(closing.requests) else f"could not be ended: {why}"
+            what = f", where {closing.open_state}," if closing.open_state else ""
             self.relay.notify(f"the session of {client} at {controller}{what} {how}")
 
 

@@ -7,7 +7,6 @@ killed, it reads the rest, closes the recording and prints a summary.
 from __future__ import annotations
 
 import gc
-import json
 import shutil
 import signal
 import time
@@ -15,9 +14,11 @@ from collections.abc import Iterable
 from multiprocessing.connection import Connection
 from multiprocessing.shared_memory import SharedMemory
 
+import msgspec
+
 from bcapscope.analysis.diagnosis import Diagnosis
 from bcapscope.analysis.rules.session_rules import QUIT_IN_SLAVE_MODE
-from bcapscope.live.proxy_options import CLOSE_SESSIONS, READY, ProxyOptions
+from bcapscope.live.proxy_options import CLOSE_SESSIONS, READY, ClosingRequests, ProxyOptions
 from bcapscope.live.proxy_recorder import ProxyRecorder
 from bcapscope.live.proxy_view import ProxyView
 from bcapscope.live.relay_figures import DelayStatistics, loss_lines, rates_text, totals_text
@@ -182,17 +183,17 @@ class ProxyWatcher:
 
     def run(self, relay: Connection) -> None:
         """Watch until the relay has ended and everything that it wrote is read."""
-        asked = False
+        must_close = False
         while True:
             rest = self.poll()
             try:
-                if asked and not self._reader.bytes_waiting:
+                if must_close and not self._reader.bytes_waiting:
                     relay.send_bytes(self._closing_requests())
-                    asked = False
+                    must_close = False
                 if relay.poll(rest):
-                    said = relay.recv_bytes()
-                    asked = said == CLOSE_SESSIONS
-                    self._advice = self._advice if asked else said.decode()
+                    message = relay.recv_bytes()
+                    must_close = message == CLOSE_SESSIONS
+                    self._advice = self._advice if must_close else message.decode()
             except (EOFError, OSError):
                 break
         until = time.monotonic() + _CATCHES_UP_WITHIN
@@ -333,19 +334,20 @@ class ProxyWatcher:
         self._counts_before, self._status_shown_at = counts, now
 
     def _closing_requests(self) -> bytes:
-        """Return the requests that close the open sessions, as JSON: client, open state, frames in hex."""
+        """Return the requests that close the open sessions, as a JSON list of `ClosingRequests`."""
         # Treat answered calls as complete, although a late retry could still arrive.
         self._terminal.write_lines(
             self._settled_lines(self._tracker.expire(time.time_ns() + RETRY_WITHIN_NS))
         )
         self._has_sent_closing = True
         numbers = self._record_decoder.client_numbers
-        goodbyes = []
-        for farewell in self._session_closer.close_sequences():
-            number = numbers.get(farewell.conversation)
-            if number is not None:
-                goodbyes.append((number, farewell.open_state, [each.hex() for each in farewell.requests]))
-        return json.dumps(goodbyes).encode()
+        return msgspec.json.encode(
+            [
+                ClosingRequests(numbers[each.conversation], each.open_state, each.requests)
+                for each in self._session_closer.close_sequences()
+                if each.conversation in numbers
+            ]
+        )
 
     def _skip_undecoded(self) -> None:
         """Skip records that there is no time to decode, except messages from the relay."""

@@ -55,7 +55,7 @@ class DelayStatistics:
         return f"held p50/p99.9 µs {', '.join(parts)}" if parts else ""
 
     def figures(self) -> list[int]:
-        """Return the values of `ring_buffer.DelayFigure`, in ns, in its order."""
+        """Return the figures for the relay, in ns; see `ring_buffer.DELAY_FIGURES`."""
         found: list[int] = []
         for up, _ in _DIRECTIONS:
             spread = self._histograms[up].distribution()

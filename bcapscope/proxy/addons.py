@@ -75,7 +75,7 @@ class PassingMessage:
         self.dropped = False
         self._answers: list[int] = []
         self.call_kind: CallKind | None = next(
-            (told.call_kind for told in message.annotated_frames if told.call_kind), None
+            (annotated.call_kind for annotated in message.annotated_frames if annotated.call_kind), None
         )
         self._frames = message.frames
 
@@ -157,11 +157,11 @@ class AddonRunner:
                 break
         if not isinstance(passing.data, bytes):
             if self._is_new(self, name, "data"):
-                self.notify(f"{name}: data is to be bytes; the message goes on as it came (told once)")
+                self.notify(f"{name}: data is to be bytes; the message goes on as it came (reported once)")
             passing.data = message.data
         if self._tracker is not None:
-            for told in message.annotated_frames:
-                self._run_settled_hooks(self._tracker.observe(told.observation))
+            for annotated in message.annotated_frames:
+                self._run_settled_hooks(self._tracker.observe(annotated.observation))
         return passing
 
     def client_connected(self, client: AddonClient) -> None:
@@ -205,11 +205,11 @@ class AddonRunner:
             hook(*arguments)
         except BaseException as error:  # even SystemExit: the process must continue
             if self._is_new(addon, name, "error"):  # else finding the place costs more than all the rest
-                self.notify(f"{type(addon).__name__}.{name}: {_where(error)} (told once)")
+                self.notify(f"{type(addon).__name__}.{name}: {_where(error)} (reported once)")
         took = self._clock() - began
         if took > SLOW_HOOK_NS and self._is_new(addon, name, "slow"):
             text = f"{type(addon).__name__}.{name} delayed messages by {took / 1e6:.1f} ms"
-            self.notify(f"{text} (told once)")
+            self.notify(f"{text} (reported once)")
 
     def _is_new(self, addon: object, name: str, kind: str) -> bool:
         """Count an error. Return whether the user does not know it yet."""

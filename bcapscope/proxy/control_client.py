@@ -1,6 +1,6 @@
-"""The client of the control socket: sends requests to the proxy and reads its answers.
+"""The client of the control socket: sends requests to the proxy and reads its responses.
 
-Any program may listen on the address. The size and time of an answer are bounded before it is read. Its
+Any program may listen on the address. The size and time of a response are bounded before it is read. Its
 values are strings from the wire: escape them before you print them.
 """
 
@@ -8,41 +8,28 @@ from __future__ import annotations
 
 import socket
 import time
-from collections.abc import Mapping
-
-import msgspec
-import orjson
+from typing import TypeVar
 
 from bcapscope.errors import BcapError
-from bcapscope.proxy.control_answers import ControlAnswer, HeldStatus
-from bcapscope.proxy.control_api import LONGEST_LINE
+from bcapscope.proxy import control_messages as control
 from bcapscope.proxy.control_socket import ControlError, connect_control
 
 ANSWERS_WITHIN = 10.0
-"""Seconds that a whole answer may take."""
+"""Seconds that a whole response may take."""
 
 LARGEST_LIST = 16 << 20
-"""Bytes of a list of held messages: a thousand of 8,000 bytes each fit. Other answers have `LONGEST_LINE`."""
+"""Bytes of a list of held messages: a thousand of 8,000 bytes each fit. Others have `LONGEST_LINE`."""
 
 _LONGEST_REASON = 1000
 
-
-class _Envelope(msgspec.Struct, frozen=True):
-    """The fields of every answer."""
-
-    ok: bool
-    error: str = "the proxy refused"
-
-
-class _HeldList(msgspec.Struct, frozen=True):
-    held: list[HeldStatus]
+R = TypeVar("R", bound=control.DoneResponse)
 
 
 class ControlRefused(BcapError):
     """The proxy refused a request; the text is its reason.
 
     Attributes:
-        line: The answer as received, JSON.
+        line: The response as received, JSON.
     """
 
     def __init__(self, reason: str, line: bytes) -> None:
@@ -59,73 +46,58 @@ class ControlClient:
         self._address = address
         self._socket: socket.socket | None = None
 
-    def request(self, command: Mapping[str, object]) -> ControlAnswer:
-        """Send a request and return the answer. Takes at most `ANSWERS_WITHIN` seconds.
+    def request(self, request: control.ControlRequest, kind: type[R]) -> R:
+        """Send a request and return the response, of the given kind. Takes at most `ANSWERS_WITHIN` seconds.
 
         Raises:
-            ControlError: No program listens there, or it does not answer as a proxy does.
+            ControlError: No program listens there, or it does not respond as a proxy of this version does.
             ControlRefused: The proxy refused the request.
         """
-        line = self.request_raw(command)
+        line = self.request_raw(request)
         try:
-            answer: ControlAnswer = orjson.loads(line)
-        except orjson.JSONDecodeError as error:
-            self.close()
-            raise ControlError(f"the program on {self._address} is not a bcapscope proxy") from error
-        return answer
-
-    def list_held(self) -> list[HeldStatus]:
-        """Return the held messages.
-
-        Raises:
-            ControlError, ControlRefused: as `request`.
-        """
-        line = self.request_raw({"do": "held"})
-        try:
-            return msgspec.json.decode(line, type=_HeldList).held
-        except msgspec.DecodeError as error:
+            return control.decode_response(line, kind)
+        except ValueError as error:
             self.close()
             raise ControlError(
                 f"the program on {self._address} is not a bcapscope proxy of this version"
             ) from error
 
-    def request_raw(self, command: Mapping[str, object]) -> bytes:
-        """Send a request and return the answer as received, one line of JSON.
+    def request_raw(self, request: control.ControlRequest) -> bytes:
+        """Send a request and return the response as received, one line of JSON.
 
         Raises:
             ControlError, ControlRefused: as `request`.
         """
-        limit = LARGEST_LIST if command.get("do") == "held" else LONGEST_LINE
+        limit = LARGEST_LIST if isinstance(request, control.ListHeld) else control.LONGEST_LINE
         try:
-            line = self._exchange(orjson.dumps(command) + b"\n", limit)
-            envelope = msgspec.json.decode(line, type=_Envelope)
+            line = self._send_and_receive(control.encode_line(request), limit)
+            head = control.decode_response(line, control.ErrorResponse)
         except ConnectionError as error:  # during the request; a failure to connect is a ControlError
             self.close()
             raise ControlError(f"the proxy on {self._address} has ended") from error
         except OSError as error:
             self.close()
             raise ControlError(f"{self._address}: {(error.strerror or str(error)).lower()}") from error
-        except (msgspec.DecodeError, RecursionError) as error:
+        except ValueError as error:
             self.close()
             raise ControlError(f"the program on {self._address} is not a bcapscope proxy") from error
-        if not envelope.ok:
-            raise ControlRefused(envelope.error, line)
+        if not head.ok:
+            raise ControlRefused(head.error, line)
         return line
 
     def close(self) -> None:
-        """Close the connection."""
         if self._socket is not None:
             self._socket.close()
             self._socket = None
 
-    def _exchange(self, line: bytes, limit: int) -> bytes:
+    def _send_and_receive(self, line: bytes, limit: int) -> bytes:
         if self._socket is None:
             self._socket = connect_control(self._address)
         until = time.monotonic() + ANSWERS_WITHIN
         self._socket.settimeout(ANSWERS_WITHIN)
         self._socket.sendall(line)
-        answer = bytearray()
-        while not answer.endswith(b"\n"):
+        response = bytearray()
+        while not response.endswith(b"\n"):
             left = until - time.monotonic()
             if left <= 0:
                 raise TimeoutError("timed out")
@@ -134,8 +106,8 @@ class ControlClient:
             if not data:
                 self.close()
                 raise ControlError(f"the proxy on {self._address} ended before it answered")
-            answer += data
-            if len(answer) > limit:
+            response += data
+            if len(response) > limit:
                 self.close()
                 raise ControlError(f"the answer of the program on {self._address} exceeds {limit >> 20} MB")
-        return bytes(answer)
+        return bytes(response)

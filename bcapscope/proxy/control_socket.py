@@ -8,13 +8,12 @@ import os
 import socket
 import stat
 import time
-from collections.abc import Callable
 from contextlib import suppress
-from typing import Protocol
 
 from bcapscope.errors import BcapError
-from bcapscope.proxy.control_api import LONGEST_LINE, ControlApi
-from bcapscope.proxy.poller import READ, WRITE
+from bcapscope.proxy.control_api import ControlApi
+from bcapscope.proxy.control_messages import LONGEST_LINE
+from bcapscope.proxy.poller import READ, WRITE, DescriptorWatcher
 
 MAX_CONNECTIONS = 16
 
@@ -26,22 +25,6 @@ IDLE_AFTER = 10.0
 
 class ControlError(BcapError):
     """A control socket cannot be opened at this address, or no proxy listens on it."""
-
-
-class DescriptorWatcher(Protocol):
-    """Waits for events of file descriptors."""
-
-    def watch(self, descriptor: int, handler: Callable[[int], None], mask: int = READ) -> None:
-        """Call `handler` for every event of a descriptor."""
-
-    def change(self, descriptor: int, mask: int) -> None:
-        """Wait for other events of a descriptor."""
-
-    def pause(self, descriptor: int) -> None:
-        """Ignore a descriptor for a while."""
-
-    def unwatch(self, descriptor: int) -> None:
-        """Stop waiting for a descriptor."""
 
 
 class ControlServer:
@@ -157,7 +140,6 @@ class _Connection:
         return b"\n" in data
 
     def _answer_next_line(self) -> None:
-        """Answer the next line."""
         end = self._received.index(b"\n")
         line = bytes(self._received[:end])
         del self._received[: end + 1]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 from msgspec.structs import replace
@@ -12,7 +12,7 @@ from bcapscope.protocol.codec.frame import Frame, Malformed, parse_datagram
 from bcapscope.protocol.codec.stream_splitter import StreamSplitter
 from bcapscope.protocol.guard import always_passes
 from bcapscope.proxy.policy import CloseAction, SendAction
-from bcapscope.traffic.observation import Conversation, Flow, Transport
+from bcapscope.traffic.observation import Conversation, Direction, Flow, Transport
 
 
 class DirectionState:
@@ -98,6 +98,49 @@ class ClientActivity(NamedTuple):
     last_reply_at: int
 
 
+class ClientStates:
+    """The connected clients, each with the state of both directions."""
+
+    def __init__(self) -> None:
+        self._directions: dict[int, dict[Direction, DirectionState]] = {}
+        self._connected_at: dict[int, int] = {}
+        self._numbers: dict[Conversation, int] = {}
+        self._budget = ByteBudget()
+
+    def add(self, client: int, conversation: Conversation, now: int) -> None:
+        self._directions[client] = {
+            each: DirectionState(client, Flow(conversation, each), self._budget) for each in Direction
+        }
+        self._numbers[conversation] = client
+        self._connected_at[client] = now
+
+    def remove(self, client: int) -> None:
+        del self._numbers[self.directions(client)[Direction.REQUEST].flow.conversation]
+        del self._directions[client], self._connected_at[client]
+
+    def directions(self, client: int) -> Mapping[Direction, DirectionState]:
+        """Return the states of a client; {} for one that is gone."""
+        return self._directions.get(client, {})
+
+    def number_of(self, conversation: Conversation) -> int:
+        """Return the number of the client of a conversation."""
+        return self._numbers[conversation]
+
+    def requests(self) -> Iterator[DirectionState]:
+        """Yield the request direction of each client."""
+        return (each[Direction.REQUEST] for each in self._directions.values())
+
+    def split_streams(self) -> list[DirectionState]:
+        states = (state for each in self._directions.values() for state in each.values())
+        return [state for state in states if state.splitter is not None]
+
+    def activities(self) -> Iterator[ClientActivity]:
+        for number, states in self._directions.items():
+            up, down = states[Direction.REQUEST], states[Direction.RESPONSE]
+            counts = up.piece_count, up.last_piece_at, down.piece_count, down.last_piece_at
+            yield ClientActivity(number, up.flow.conversation, self._connected_at[number], *counts)
+
+
 class DecisionBuilder:
     """Collects the decision about received data: actions in order, and notes.
 
@@ -152,9 +195,9 @@ def split_held_requests(state: DirectionState, held: Iterable[bytes]) -> SplitRe
     of a partly sent frame goes first. Otherwise the controller would take the stop for that rest.
     """
     if not state.is_stream:
-        parted = [_split_frames(parse_datagram(data)) for data in held]
-        going = [data for each in parted for data in each.forwarded]
-        return SplitRequests(going, [lost for each in parted for lost in each.dropped])
+        split = [_split_frames(parse_datagram(data)) for data in held]
+        going = [data for each in split for data in each.forwarded]
+        return SplitRequests(going, [lost for each in split for lost in each.dropped])
     splitter = StreamSplitter(synchronized=False)
     items = [piece.item for piece in (*splitter.feed(b"".join(held)), *splitter.close())]
     going, lost = _split_frames(items)

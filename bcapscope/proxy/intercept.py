@@ -137,7 +137,6 @@ class Intercept:
 
     @property
     def held(self) -> list[HeldMessage]:
-        """All held messages, oldest first."""
         return list(self._held.values())
 
     @property
@@ -208,11 +207,9 @@ class Intercept:
                 self._held[held.number] = held._replace(abandoned_because=why)
 
     def holds(self, flow: Flow) -> bool:
-        """Return whether a message of a flow is held."""
         return any(held.flow is flow for held in self._held.values())
 
     def remove_held(self, flow: Flow) -> list[HeldMessage]:
-        """Remove all held messages of one flow, and return them."""
         found = [held for held in self.held if held.flow is flow]
         for held in found:
             del self._held[held.number]
@@ -261,13 +258,12 @@ class Intercept:
             del self._past_decisions[next(iter(self._past_decisions))]
 
     def _should_hold(self, message: WireMessage) -> bool:
-        """Return whether a message is to be held."""
         test = self._matches_frame
-        if test is None or not any(test(told) for told in message.annotated_frames):
+        if test is None or not any(test(each) for each in message.annotated_frames):
             return False
         if message.flow.direction is Direction.RESPONSE:
             return True
-        items = (told.observation.item for told in message.annotated_frames)
+        items = (each.observation.item for each in message.annotated_frames)
         return not any(always_passes(item.code, item.variants) for item in items if isinstance(item, Frame))
 
     def _hold(self, client: int, message: WireMessage, subject: _Subject | None) -> int:
@@ -278,7 +274,9 @@ class Intercept:
             client,
             message.flow,
             message.data,
-            next((told.call_kind for told in message.annotated_frames if told.call_kind), None),
+            next(
+                (annotated.call_kind for annotated in message.annotated_frames if annotated.call_kind), None
+            ),
             message.now,
             message.now + self.hold_time,
             message.now,

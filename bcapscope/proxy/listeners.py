@@ -26,20 +26,20 @@ def open_listeners(
         UnreachableError: The controller's name cannot be resolved.
     """
     for last in range(_TRIES - 1, -1, -1):
-        ports: list[TcpListener | UdpListener] = []
+        listeners: list[TcpListener | UdpListener] = []
         address = spec.listen
         try:
             if Transport.TCP in spec.transports:
-                ports.append(TcpListener(relay, spec))
-                address = ports[0].address
+                listeners.append(TcpListener(relay, spec))
+                address = listeners[0].address
             if Transport.UDP in spec.transports:
-                ports.append(UdpListener(relay, replace(spec, listen=address), forget_after))
-                address = ports[-1].address
-            return address, ports
+                listeners.append(UdpListener(relay, replace(spec, listen=address), forget_after))
+                address = listeners[-1].address
+            return address, listeners
         except ProxyListenError:
-            for port in ports:
-                port.close()
-                port.release()
+            for listener in listeners:
+                listener.close()
+                listener.release()
             if spec.listen.port or spec.transports != BOTH or not last:
                 raise
     raise AssertionError("one of the tries returns or raises")

@@ -8,6 +8,7 @@ import select
 import struct
 import sys
 import time
+from collections.abc import Callable
 from typing import Protocol
 
 READ, WRITE, ERROR, HANG_UP = 1, 4, 8, 16
@@ -33,6 +34,22 @@ class Poller(Protocol):
         """Release the poller."""
 
 
+class DescriptorWatcher(Protocol):
+    """Waits for events of file descriptors."""
+
+    def watch(self, descriptor: int, handler: Callable[[int], None], mask: int = READ) -> None:
+        """Call `handler` for every event of a descriptor."""
+
+    def change(self, descriptor: int, mask: int) -> None:
+        """Wait for other events of a descriptor."""
+
+    def pause(self, descriptor: int) -> None:
+        """Ignore a descriptor for a while."""
+
+    def unwatch(self, descriptor: int) -> None:
+        """Stop waiting for a descriptor."""
+
+
 class SelectPoller:
     """A poller that uses select, for systems without epoll."""
 
@@ -40,13 +57,11 @@ class SelectPoller:
         self._masks: dict[int, int] = {}
 
     def register(self, descriptor: int, mask: int) -> None:
-        """Start to wait for events of a descriptor."""
         self._masks[descriptor] = mask
 
     modify = register
 
     def unregister(self, descriptor: int) -> None:
-        """Stop waiting for a descriptor."""
         self._masks.pop(descriptor, None)
 
     def poll(self, seconds: float | None) -> list[tuple[int, int]]:
@@ -60,7 +75,6 @@ class SelectPoller:
         return list(found.items())
 
     def close(self) -> None:
-        """Forget all descriptors."""
         self._masks.clear()
 
 

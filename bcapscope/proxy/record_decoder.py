@@ -6,51 +6,18 @@ on the way to the controller is observed; a reply that a rule dropped is not.
 
 from __future__ import annotations
 
-import json
 from bisect import bisect_right
 from collections.abc import Iterable, Iterator
-from typing import NamedTuple
 
 from bcapscope.protocol.codec.byte_budget import ByteBudget
 from bcapscope.protocol.codec.frame import parse_datagram
 from bcapscope.protocol.codec.stream_splitter import StreamPiece, StreamSplitter
+from bcapscope.proxy.relay_session import ClientEndpoints, read_endpoints
 from bcapscope.proxy.ring_buffer import RingRecord, RingRecordKind, hole_sizes
-from bcapscope.traffic.observation import (
-    Conversation,
-    Direction,
-    Endpoint,
-    Flow,
-    Observation,
-    Transport,
-)
+from bcapscope.traffic.observation import Conversation, Direction, Flow, Observation, Transport
 
 _MAX_MARKS = 256
 """Pieces of one unfinished frame whose times are kept separately."""
-
-
-class ClientEndpoints(NamedTuple):
-    """Addresses of a client's two connections.
-
-    Attributes:
-        transport: UDP or TCP.
-        client: Address of the client.
-        listen: Address that the client sends to.
-        upstream: Address of the proxy toward the controller.
-        controller: Address of the controller.
-    """
-
-    transport: Transport
-    client: Endpoint
-    listen: Endpoint
-    upstream: Endpoint
-    controller: Endpoint
-
-
-def read_endpoints(record: RingRecord) -> ClientEndpoints:
-    """Read a record of the kind `CLIENT_OPENED`."""
-    transport, *ends = json.loads(record.data)
-    client, listen, upstream, controller = (Endpoint(host, port) for host, port in ends)
-    return ClientEndpoints(Transport(transport), client, listen, upstream, controller)
 
 
 class _DirectionStream:
@@ -114,7 +81,7 @@ class RecordDecoder:
         for record in records:
             kind, up, number, came, left, data, note = record
             if kind is RingRecordKind.CLIENT_OPENED:
-                clients[number] = _Client(read_endpoints(record), came, self._budget)
+                clients[number] = _Client(read_endpoints(record.data), came, self._budget)
                 continue
             client = clients.get(number)
             if client is None:

@@ -5,22 +5,21 @@ It writes its traffic into a ring that another process reads. If there are rules
 
 from __future__ import annotations
 
-import json
 import os
 import time
 from collections.abc import Callable, Iterable, Sequence
-from typing import NamedTuple, Protocol, TypeAlias
+from typing import NamedTuple, TypeAlias
 
 from bcapscope.proxy.admission import ClientSlots
 from bcapscope.proxy.pending_connections import PendingConnections
 from bcapscope.proxy.policy import CloseAction, LateDecision, Policy, PolicyAction, SendAction
 from bcapscope.proxy.poller import READ, make_poller, open_ticker, wait_precisely
+from bcapscope.proxy.relay_session import ClientEndpoints, ClientListener, RelaySession
 from bcapscope.proxy.ring_buffer import RelayCounter, RingRecordKind, RingWriter
 from bcapscope.proxy.sockets import should_report
 from bcapscope.traffic.observation import Conversation, Direction, Endpoint, Transport
 from bcapscope.transport.descriptors import SpareDescriptors
 
-Address: TypeAlias = tuple[str, int]
 Handler: TypeAlias = Callable[[int], None]
 """Called with the events of a file descriptor, as bits."""
 
@@ -37,60 +36,6 @@ _SPARE_DESCRIPTORS = 4
 """File descriptors kept for stops when there are no others: two for a TCP client, one for a UDP client, and
 one for a client that has not sent a complete frame yet.
 """
-
-
-class RelaySession(Protocol):
-    """The forwarding for one client.
-
-    Attributes:
-        number: Number of the client, never used twice.
-        conversation: Conversation between the client and the controller, without the proxy.
-        source: Network of the client; see `source_network`.
-        last_heard: `Relay.now` when the client last sent something.
-    """
-
-    number: int
-    conversation: Conversation
-    source: str
-    last_heard: int
-
-    @property
-    def upstream_state(self) -> str:
-        """State of the connection to the controller: open, connecting, connected, half-open, refused."""
-
-    def send(self, up: bool, data: bytes) -> int:
-        """Send data up or down. Return when, in ns since 1970; 0 if not all of it was sent yet."""
-
-    def on_nothing_held(self, up: bool) -> None:
-        """React to the fact that rules hold nothing of a direction any more."""
-
-    def resume_reading(self) -> None:
-        """Read again after rules held too much."""
-
-    def evictable_idle_ns(self, now: int) -> int | None:
-        """Return for how many ns the client was idle, if it may be evicted for another; else None."""
-
-    def close(self, reset: bool, why: str) -> None:
-        """End the session and release its resources."""
-
-    def sweep(self, now: int) -> None:
-        """Do the periodic work; `now` as `Relay.now`."""
-
-
-class ClientListener(Protocol):
-    """A socket that accepts clients."""
-
-    def open(self) -> None:
-        """Start to accept clients."""
-
-    def close(self) -> None:
-        """Accept no more clients."""
-
-    def release(self) -> None:
-        """Release the socket. Call `close` first; no session may be left."""
-
-    def sweep(self, now: int) -> None:
-        """Do the periodic work; `now` as `Relay.now`."""
 
 
 class Relay:
@@ -138,11 +83,10 @@ class Relay:
         self._paused_sessions: dict[int, RelaySession] = {}
 
     def listen(self, listeners: Iterable[ClientListener]) -> None:
-        """Accept clients on these listeners."""
         self.spares.refill()
-        for port in listeners:
-            self._listeners.append(port)
-            port.open()
+        for listener in listeners:
+            self._listeners.append(listener)
+            listener.open()
 
     def stop(self) -> None:
         """Let `run` return soon. Call it from a signal handler, or from code that `run` calls."""
@@ -176,13 +120,12 @@ class Relay:
             self.release_held(session)
 
     def close(self) -> None:
-        """Close all clients and listeners."""
         self.close_listeners()
         for session in list(self.sessions.values()):
             session.close(False, "the proxy ended")
         self._record_removed_clients()
-        for port in self._listeners:
-            port.release()
+        for listener in self._listeners:
+            listener.release()
         self.spares.close()
         if self._ticker is not None:
             os.close(self._ticker)
@@ -195,8 +138,8 @@ class Relay:
         if not self._is_closed:
             self._is_closed = True
             self.pending_connections.close()
-            for port in self._listeners:
-                port.close()
+            for listener in self._listeners:
+                listener.close()
 
     # For listeners and sessions.
 
@@ -211,11 +154,9 @@ class Relay:
         self._poller.register(descriptor, mask)
 
     def change(self, descriptor: int, mask: int) -> None:
-        """Wait for other events of a file descriptor."""
         self._poller.modify(descriptor, mask)
 
     def unwatch(self, descriptor: int) -> None:
-        """Stop waiting for a file descriptor."""
         if self._handlers.pop(descriptor, None) or self._new_handlers.pop(descriptor, None):
             self._just_unwatched.add(descriptor)
             self._paused.discard(descriptor)
@@ -253,26 +194,23 @@ class Relay:
     def _end_oldest_stop(self) -> bool:
         return any(places.end_oldest_stop() for places in self.slots.values())
 
-    def add_client(self, session: RelaySession, ends: Sequence[Endpoint], received_at: int) -> None:
+    def add_client(self, session: RelaySession, ends: ClientEndpoints, received_at: int) -> None:
         """Register a new client.
 
         Args:
             session: Its session.
-            ends: Addresses of the client, of the listener, of the proxy toward the controller, of the
-                controller.
+            ends: Its addresses.
             received_at: Receipt of its first bytes, ns since 1970.
         """
         self.counts[RelayCounter.CLIENTS] += 1
         self.sessions[session.number] = session
-        if session.conversation.transport is Transport.TCP:
+        if ends.transport is Transport.TCP:
             self.ring.streams.add(session.number)
-        told = json.dumps([session.conversation.transport, *ends]).encode()
-        self.ring.write_required(RingRecordKind.CLIENT_OPENED, session.number, told, received_at)
+        self.ring.write_required(RingRecordKind.CLIENT_OPENED, session.number, ends.to_json(), received_at)
         if self.policy is not None:
             self.policy.add_client(session.number, session.conversation, time.monotonic_ns())
 
     def next_number(self) -> int:
-        """Return the number of the next client."""
         return self.counts[RelayCounter.CLIENTS] + 1
 
     def remove_client(self, session: RelaySession, why: str) -> None:
@@ -312,7 +250,6 @@ class Relay:
     def _record_and_perform(
         self, arrival: _Arrival, note: str, actions: Sequence[SendAction | CloseAction]
     ) -> None:
-        """Record received data, and carry out the decision about it."""
         session, up, data, came = arrival
         if not note and len(actions) == 1:
             action = actions[0]
@@ -405,8 +342,8 @@ class Relay:
         self._tick()
 
     def _record_removed_clients(self) -> None:
-        parted, self._removed_clients = self._removed_clients, []
-        for number, why, when in parted:
+        removed, self._removed_clients = self._removed_clients, []
+        for number, why, when in removed:
             self.ring.write_required(RingRecordKind.CLIENT_CLOSED, number, why, when)
             self.ring.streams.discard(number)
 
@@ -426,8 +363,8 @@ class Relay:
             self._poller.modify(self._paused.pop(), READ)
         self.spares.refill()
         self.pending_connections.sweep(self.now)
-        for port in self._listeners:
-            port.sweep(self.now)
+        for listener in self._listeners:
+            listener.sweep(self.now)
         for session in list(self.sessions.values()):
             session.sweep(self.now)
 
@@ -458,5 +395,4 @@ def direction_of(up: bool) -> Direction:
 
 
 def client_conversation(client: Endpoint, controller: Endpoint, transport: Transport) -> Conversation:
-    """Return the conversation of a client of the proxy."""
     return Conversation(client, controller, transport, "the proxy")

@@ -42,11 +42,10 @@ class GuardTarget(NamedTuple):
     function_id: int | None
     command: str | None
 
-    def matches(self, question: CallKind) -> bool:
-        """Return whether the target covers a request."""
-        if self.function_id not in (None, question.function_id):
+    def matches(self, kind: CallKind) -> bool:
+        if self.function_id not in (None, kind.function_id):
             return False
-        return self.command is None or (question.command or "").casefold() == self.command
+        return self.command is None or (kind.command or "").casefold() == self.command
 
     def may_match(self, function_id: int, command: str | None) -> bool:
         """Return whether a controller may read a request as one that the target covers.
@@ -145,13 +144,13 @@ class RequestGuard:
         """
         if _only_stops(request):
             return ""
-        question, sound = call_kind_of(request), not request.problems and _reads_one_way(request)
-        name = _request_name(question)
-        function_id, command = question
+        kind, sound = call_kind_of(request), not request.problems and _reads_one_way(request)
+        name = _request_name(kind)
+        function_id, command = kind
         if sound and any(target.may_match(function_id, command) for target in self._block):
             return f"{name} is blocked"
         if self.read_only:
-            return self._read_only_refusal(request, question) if sound else f"read-only: a damaged {name}"
+            return self._read_only_refusal(request, kind) if sound else f"read-only: a damaged {name}"
         if sound or not self._may_be_blocked(request):
             return ""
         return f"a damaged {name}, which may be read as what is blocked"
@@ -161,11 +160,11 @@ class RequestGuard:
             return True
         return any(target.may_match(damaged.code, None) for target in self._block)
 
-    def _read_only_refusal(self, request: Frame, question: CallKind) -> str:
+    def _read_only_refusal(self, request: Frame, kind: CallKind) -> str:
         values = request.variants
-        if any(target.matches(question) for target in self._allow) or passes_read_only(request.code, values):
+        if any(target.matches(kind) for target in self._allow) or passes_read_only(request.code, values):
             return ""
-        return f"read-only: {_request_name(question)}"
+        return f"read-only: {_request_name(kind)}"
 
 
 def _only_stops(request: Frame) -> bool:
@@ -212,6 +211,6 @@ def _hides_frame(raw: bytes) -> bool:
     return False
 
 
-def _request_name(question: CallKind) -> str:
-    name = function_name(question.function_id)
-    return name if question.command is None else f"{name} {question.command[:60]!r}"
+def _request_name(kind: CallKind) -> str:
+    name = function_name(kind.function_id)
+    return name if kind.command is None else f"{name} {kind.command[:60]!r}"

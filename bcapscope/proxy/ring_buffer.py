@@ -23,6 +23,9 @@ SET_POINT_DEADLINE_NS = 2_000_000
 BATCH_SIZE = 16
 """Datagrams that are collected before they are written together. Other datagrams may wait during a write."""
 
+DELAY_FIGURES = 9
+"""Figures that the watcher leaves for the relay: the fields of `control_messages.RelayDelays`, in order."""
+
 MAX_WAITING_NOTICES = 1024
 """Messages for the user that may wait for room. Further ones are lost and counted."""
 
@@ -82,21 +85,6 @@ class RelayCounter(IntEnum):
     """Datagrams and pieces of streams that a rule touched."""
 
 
-class DelayFigure(IntEnum):
-    """Delays in the relay that the watcher measures and leaves for the relay, in ns."""
-
-    P50_UP = 0
-    P99_UP = 1
-    P999_UP = 2
-    MAX_UP = 3
-    P50_DOWN = 4
-    P99_DOWN = 5
-    P999_DOWN = 6
-    MAX_DOWN = 7
-    SLOW = 8
-    """Number of delays longer than `SET_POINT_DEADLINE_NS`; not in ns."""
-
-
 _CAME, _LEFT = (
     (int(RelayCounter.CAME_DOWN), int(RelayCounter.CAME_UP)),
     (int(RelayCounter.LEFT_DOWN), int(RelayCounter.LEFT_UP)),
@@ -134,28 +122,13 @@ def hole_sizes(record: RingRecord) -> tuple[int, int]:
     return came, left
 
 
-class _Hole:
-    """Bytes of one direction of a stream that found no room.
+class _Hole(NamedTuple):
+    """Bytes of one direction of a stream that found no room: how many, and when the last were; 0 for none."""
 
-    Attributes:
-        received: Number of bytes received.
-        sent: Number of bytes sent.
-        received_at: Time of the last receipt, ns since 1970; 0 for none.
-        sent_at: Time of the last sending, ns since 1970; 0 for none.
-    """
-
-    __slots__ = ("received", "received_at", "sent", "sent_at")
-
-    def __init__(self) -> None:
-        self.received = self.sent = self.received_at = self.sent_at = 0
-
-    def add(self, received_at: int, sent_at: int, size: int) -> None:
-        if received_at:
-            self.received += size
-            self.received_at = received_at
-        if sent_at:
-            self.sent += size
-            self.sent_at = sent_at
+    received: int = 0
+    sent: int = 0
+    received_at: int = 0
+    sent_at: int = 0
 
 
 class _Ring:
@@ -165,11 +138,10 @@ class _Ring:
         self._space = memory[HEADER_SIZE:]
         self._size = len(self._space)
         self.counts = self._marks[_COUNTS : _COUNTS + len(RelayCounter)]
-        self.figures = self._marks[_FIGURES : _FIGURES + len(DelayFigure)]
+        self.figures = self._marks[_FIGURES : _FIGURES + DELAY_FIGURES]
 
     @property
     def bytes_written(self) -> int:
-        """Bytes written so far."""
         return self._marks[_WRITTEN]
 
     @property
@@ -183,11 +155,10 @@ class _Ring:
         return self._marks[_URGENCY]
 
     @urgency.setter
-    def urgency(self, haste: int) -> None:
-        self._marks[_URGENCY] = haste
+    def urgency(self, value: int) -> None:
+        self._marks[_URGENCY] = value
 
     def release(self) -> None:
-        """Release the memory."""
         self.counts.release()
         self.figures.release()
         self._marks.release()
@@ -206,7 +177,7 @@ class RingWriter(_Ring):
 
     Attributes:
         counts: Counts of the relay, indexed by `RelayCounter`; add to them in place.
-        figures: Figures of the watcher, indexed by `DelayFigure`.
+        figures: Figures of the watcher; see `DELAY_FIGURES`.
         pending_datagrams: Datagrams not written yet. A caller that appends one calls `flush` at `BATCH_SIZE`.
         streams: Numbers of the clients whose bytes are streams, in which holes must be recorded.
     """
@@ -295,7 +266,13 @@ class RingWriter(_Ring):
         kind, up, client, came, left, data, _ = entry
         self.counts[RelayCounter.UNWATCHED] += 1
         if kind is RingRecordKind.DATA and client in self.streams and not self._is_reader_detached:
-            self._holes.setdefault((client, up), _Hole()).add(came, left, len(data))
+            hole, size = self._holes.get((client, up), _Hole()), len(data)
+            self._holes[client, up] = _Hole(
+                hole.received + (size if came else 0),
+                hole.sent + (size if left else 0),
+                came or hole.received_at,
+                left or hole.sent_at,
+            )
 
     def _write_holes(self, client: int, size: int) -> bool:
         """Write the holes of a client's streams. Return whether there was room for them and the next record.
@@ -381,15 +358,15 @@ class RingWriter(_Ring):
         return True
 
     def _write_waiting(self) -> bool:
-        owed, self._required = self._required, deque()
+        waiting, self._required = self._required, deque()
         unwatched = self.counts[RelayCounter.UNWATCHED]
-        while owed:
-            if not self._write_or_count(owed[0]):
+        while waiting:
+            if not self._write_or_count(waiting[0]):
                 self.counts[RelayCounter.UNWATCHED] = unwatched  # it still waits and is not lost
                 break
-            owed.popleft()
-        self._required = owed
-        return not owed
+            waiting.popleft()
+        self._required = waiting
+        return not waiting
 
 
 class RingReader(_Ring):
@@ -397,7 +374,7 @@ class RingReader(_Ring):
 
     Attributes:
         counts: Counts of the relay, indexed by `RelayCounter`.
-        figures: Figures of the watcher, indexed by `DelayFigure`.
+        figures: Figures of the watcher; see `DELAY_FIGURES`.
         position: Bytes read so far.
     """
 

@@ -14,14 +14,12 @@ from msgspec.structs import replace
 
 from bcapscope.faults.fault import CloseMode
 from bcapscope.faults.fault_injector import FaultInjector
-from bcapscope.faults.reply_factory import ReplyFactory
 from bcapscope.faults.wire_message import FaultOutput, WireMessage
 from bcapscope.faults.wire_message import SendBytes as Sent
-from bcapscope.protocol.codec.byte_budget import ByteBudget
 from bcapscope.protocol.codec.frame import Frame
-from bcapscope.protocol.tables.hresult import E_ACCESSDENIED
 from bcapscope.proxy.direction_state import (
     ClientActivity,
+    ClientStates,
     DecisionBuilder,
     DirectionState,
     UndecidedMessage,
@@ -29,14 +27,15 @@ from bcapscope.proxy.direction_state import (
     split_held_requests,
 )
 from bcapscope.proxy.intercept import HeldMessage, Intercept
+from bcapscope.proxy.message_sender import MessageSender
 from bcapscope.proxy.policy import CloseAction, LateDecision, PolicyAction, PolicyDecision, SendAction
 from bcapscope.proxy.request_guard import RequestGuard
 from bcapscope.proxy.rule_report import names_with_counts, report_lines
-from bcapscope.proxy.script_bypass import is_stop_request, mark_overtaken, remove_motion
+from bcapscope.proxy.script_bypass import is_stop_request, mark_overtaken
 from bcapscope.proxy.script_protocol import ScriptAnswer
 from bcapscope.proxy.script_queue import ScriptDecision, ScriptQueue
 from bcapscope.traffic.call_kind import RecentRequests
-from bcapscope.traffic.observation import Conversation, Direction, Flow
+from bcapscope.traffic.observation import Conversation, Direction
 
 
 class RulePolicy:
@@ -44,11 +43,8 @@ class RulePolicy:
 
     Attributes:
         shaper: The faults.
-        guard: Refuses requests; None without a guard.
         intercept: Holds messages.
         scripts: Messages that wait for the user's scripts; None without scripts.
-        refused_requests: Number of requests that the guard refused, of motions refused while the scripts are
-            off, and of motions that a stop overtook.
         dropped_held: Number of held requests that were dropped because their client no longer waited.
         notify: Called with a message for the user.
     """
@@ -72,62 +68,61 @@ class RulePolicy:
             epoch: ns to add to the relay's clock to get ns since 1970.
         """
         self.shaper = shaper
-        self.guard = guard
         self.intercept = intercept or Intercept()
         self.scripts = scripts
-        self.refused_requests = 0
         self.dropped_held = 0
         self.notify: Callable[[str], None] = lambda text: None
         self._epoch = epoch
-        self._directions: dict[int, dict[Direction, DirectionState]] = {}
-        self._since: dict[int, int] = {}
-        self._numbers: dict[Conversation, int] = {}
+        self._clients = ClientStates()
+        self._sender = MessageSender(guard)
         self._outbox: list[PolicyAction] = []
         self._messages = 0
-        self._budget = ByteBudget()
-        self._recent_requests, self._manners = RecentRequests(), ReplyFactory()
+        self._recent_requests = RecentRequests()
         self._tickets = 0
+
+    @property
+    def guard(self) -> RequestGuard | None:
+        return self._sender.guard
+
+    @property
+    def refused_requests(self) -> int:
+        """Number of requests that the guard refused, of motions refused while the scripts are off, and of
+        motions that a stop overtook.
+        """
+        return self._sender.refused_requests
 
     # methods of `Policy`
 
     def add_client(self, client: int, conversation: Conversation, now: int) -> None:
-        """Register a client."""
-        self._directions[client] = {
-            side: DirectionState(client, Flow(conversation, side), self._budget) for side in Direction
-        }
-        self._numbers[conversation] = client
-        self._since[client] = now
+        self._clients.add(client, conversation, now)
         if self.scripts is not None:
             self.scripts.send_connected(client, conversation, now)
 
     def receive(self, client: int, direction: Direction, data: bytes, now: int) -> PolicyDecision:
-        """Decide about a datagram, or the next bytes of a stream."""
-        way = self._directions[client][direction]
-        way.piece_count += 1
-        way.last_piece_at = now
-        looks = self._inspects_frames
-        if not looks and way.splitter is None and self.shaper.is_idle(now):
-            way.has_begun = True
+        state = self._clients.directions(client)[direction]
+        state.piece_count += 1
+        state.last_piece_at = now
+        inspects = self._inspects_frames
+        if not inspects and state.splitter is None and self.shaper.is_idle(now):
+            state.has_begun = True
             return PolicyDecision("", (SendAction(client, direction, data),))
         work = DecisionBuilder()
-        for piece in way.cut_messages(data, looks or self.shaper.needs_frames(now)):
-            self._process(way, piece, now, work)
-        way.has_begun = True
-        actions = join_untouched_bytes(work.actions, way)
+        for piece in state.cut_messages(data, inspects or self.shaper.needs_frames(now)):
+            self._process(state, piece, now, work)
+        state.has_begun = True
+        actions = join_untouched_bytes(work.actions, state)
         if work.waiting:
             return PolicyDecision("", actions, work.ticket)
         return PolicyDecision(work.note, actions)
 
     def holds(self, client: int, direction: Direction) -> bool:
         """Return whether data of this direction is still to be sent; False for a client that is gone."""
-        if client not in self._directions:
-            return False
-        way = self._directions[client][direction]
-        return (
-            bool(way.splitter and way.splitter.pending_bytes)
-            or self.shaper.holds(way.flow)
-            or self.intercept.holds(way.flow)
-            or (self.scripts is not None and self.scripts.holds(way.flow))
+        state = self._clients.directions(client).get(direction)
+        return state is not None and (
+            bool(state.splitter and state.splitter.pending_bytes)
+            or self.shaper.holds(state.flow)
+            or self.intercept.holds(state.flow)
+            or (self.scripts is not None and self.scripts.holds(state.flow))
             or any(not isinstance(action, CloseAction) and action.client == client for action in self._outbox)
         )
 
@@ -139,17 +134,16 @@ class RulePolicy:
         self, client: int, direction: Direction, now: int
     ) -> Sequence[SendAction | CloseAction]:
         """Release an incomplete frame at the end of a stream."""
-        way, work = self._directions[client][direction], DecisionBuilder()
-        way.has_ended = True
-        for piece in way.take_incomplete():
-            self._process(way, piece, now, work)
-        self._mark_abandoned(way)
-        return join_untouched_bytes(work.actions, way)
+        state, work = self._clients.directions(client)[direction], DecisionBuilder()
+        state.has_ended = True
+        for piece in state.take_incomplete():
+            self._process(state, piece, now, work)
+        self._mark_abandoned(state)
+        return join_untouched_bytes(work.actions, state)
 
     def hides_end(self, client: int) -> bool:
-        """Return whether each side of a client must not learn of the other's end."""
-        ways = self._directions.get(client)
-        return ways is not None and not self.shaper.passes_close(ways[Direction.REQUEST].flow.conversation)
+        state = self._clients.directions(client).get(Direction.REQUEST)
+        return state is not None and not self.shaper.passes_close(state.flow.conversation)
 
     def release_held(self, client: int, now: int) -> Sequence[SendAction | CloseAction]:
         """Return or discard what is held for a client that is about to end.
@@ -163,51 +157,44 @@ class RulePolicy:
             if action.client == client:
                 work.actions += action.actions if isinstance(action, LateDecision) else (action,)
         self._outbox = [action for action in self._outbox if action.client != client]
-        for direction, way in self._directions[client].items():
-            held = self.shaper.pop_held(way.flow)
-            held += (each.data for each in self.intercept.remove_held(way.flow))
-            held += self.scripts.remove_messages(way.flow) if self.scripts is not None else ()
-            held += way.take_incomplete()
+        for direction, state in self._clients.directions(client).items():
+            held = self.shaper.pop_held(state.flow)
+            held += (each.data for each in self.intercept.remove_held(state.flow))
+            held += self.scripts.remove_messages(state.flow) if self.scripts is not None else ()
+            held += state.take_incomplete()
             if self.hides_end(client):
                 continue
             if direction is Direction.REQUEST and held:
-                held, left = split_held_requests(way, held)
+                held, left = split_held_requests(state, held)
                 lost += left
             for data in held:
-                self._send_guarded(way, data, "sent on, as it ends", work)
+                self._sender.send(state, data, "sent on, as it ends", work)
         if lost:
-            who = self._directions[client][Direction.REQUEST].flow.conversation.client
+            who = self._clients.directions(client)[Direction.REQUEST].flow.conversation.client
             self.notify(f"{who} ended; held messages that were not sent: {names_with_counts(lost)}")
             self.dropped_held += len(lost)
         return work.actions
 
     def remove_client(self, client: int, now: int) -> None:
-        """Forget a client."""
-        ways = self._directions.pop(client)
-        for way in ways.values():
-            self.intercept.remove_held(way.flow)
-        way = ways[Direction.REQUEST]
-        conversation = way.flow.conversation
-        del self._numbers[conversation], self._since[client]
-        self._manners.close_conversation(conversation)
-        self.shaper.close_conversation(conversation)
-        self.intercept.close_conversation(conversation)
-        self._recent_requests.close_conversation(conversation)
+        flows = [state.flow for state in self._clients.directions(client).values()]
+        self._clients.remove(client)
+        for flow in flows:
+            self.intercept.remove_held(flow)
+        for each in (self._sender, self.shaper, self.intercept, self._recent_requests):
+            each.close_conversation(flows[0].conversation)
         self._outbox = [action for action in self._outbox if action.client != client]
         if self.scripts is not None:
-            for each in ways.values():
-                self.scripts.remove_messages(each.flow)
+            for flow in flows:
+                self.scripts.remove_messages(flow)
             self.scripts.send_gone(client, now)
 
     def due(self) -> int | None:
-        """Return when to call `pop_due_actions`, in ns of the relay's clock; None while nothing waits."""
         if self._outbox:
             return 0
         times = [self.shaper.due(), self.intercept.due(), self.scripts.due() if self.scripts else None]
         return min((time for time in times if time is not None), default=None)
 
     def pop_due_actions(self, now: int) -> Sequence[PolicyAction]:
-        """Return the actions that are due by `now`."""
         if self.scripts is not None:
             self._apply_script_decisions(self.scripts.advance(now, now + self._epoch), now)
         outbox, self._outbox = self._outbox, []
@@ -230,8 +217,13 @@ class RulePolicy:
             self.scripts.finish(now)
 
     def report(self) -> Sequence[str]:
-        """Return a summary of what the rules did."""
-        return report_lines(self)
+        return report_lines(
+            self.shaper.hit_counts,
+            None if self.guard is None else self.refused_requests,
+            self.intercept.held_so_far,
+            self.dropped_held,
+            self.scripts,
+        )
 
     # called for the scripts' process
 
@@ -248,23 +240,16 @@ class RulePolicy:
     # for the control socket and the screen
 
     def clients(self) -> Iterator[ClientActivity]:
-        """Yield the connected clients."""
-        for number, ways in self._directions.items():
-            up, down = ways[Direction.REQUEST], ways[Direction.RESPONSE]
-            counts = up.piece_count, up.last_piece_at, down.piece_count, down.last_piece_at
-            yield ClientActivity(number, up.flow.conversation, self._since[number], *counts)
+        return self._clients.activities()
 
     def on_rules_changed(self, now: int) -> None:
         """React to changed faults or a changed intercept: send on bytes that were kept only for them."""
         if self._inspects_frames or self.shaper.needs_frames(now):
             return
-        kept = [
-            way for ways in self._directions.values() for way in ways.values() if way.splitter is not None
-        ]
-        for way in kept:
+        for state in self._clients.split_streams():
             work = DecisionBuilder()
-            for rest in way.cut_messages(b"", into_frames=False):
-                self._process(way, rest, now, work)
+            for rest in state.cut_messages(b"", into_frames=False):
+                self._process(state, rest, now, work)
             self._outbox += work.actions
 
     def forward_held(self, number: int, now: int, data: bytes | None = None) -> None:
@@ -301,7 +286,7 @@ class RulePolicy:
             self._messages += 1
             message = WireMessage(self._messages, state.flow, data, now, now + self._epoch)
             message.annotate(self._recent_requests)
-            self._manners.on_message(state.flow, data)
+            self._sender.on_message(state.flow, data)
             left = self._show_to_scripts(state, message, work)
             if left is not None:
                 self._intercept_and_fault(state, left, now, work)
@@ -320,9 +305,7 @@ class RulePolicy:
         decides = scripts.decides(state.flow.direction)
         if not decides or is_stop_request(message):
             if decides:
-                mark_overtaken(
-                    message, state, (ways[Direction.REQUEST] for ways in self._directions.values())
-                )
+                mark_overtaken(message, state, self._clients.requests())
             scripts.show_message(state.client, message, None)
             return message
         if message.is_datagram and not scripts.has_room(state.client):
@@ -340,37 +323,36 @@ class RulePolicy:
     ) -> None:
         """Forward messages that the scripts decided about, or did not decide about in time."""
         for decision in decisions:
-            (way, came), message, work = decision.token, decision.message, DecisionBuilder()
+            (state, builder), message, work = decision.token, decision.message, DecisionBuilder()
             if decision.answer is None:
-                left = self._pass_without_scripts(way, message, work)
+                left = self._pass_without_scripts(state, message, work)
             else:
-                left = self._apply_script_answer(way, message, decision.answer, work)
-                if left is not None and message.number < way.overtaken_by:
-                    left = self._without_motion(way, left, "overtaken by a stop: motion is refused", work)
+                left = self._apply_script_answer(state, message, decision.answer, work)
+                if left is not None and message.number < state.overtaken_by:
+                    left = self._without_motion(state, left, "overtaken by a stop: motion is refused", work)
             if left is not None:
-                self._intercept_and_fault(way, left, now, work)
-            came.waiting -= 1
-            came.notes += work.notes
-            if came.waiting:
+                self._intercept_and_fault(state, left, now, work)
+            builder.waiting -= 1
+            builder.notes += work.notes
+            if builder.waiting:
                 self._outbox += work.actions
             else:
-                actions = join_untouched_bytes(work.actions, way)
-                self._outbox.append(LateDecision(way.client, came.ticket, came.note, actions))
+                actions = join_untouched_bytes(work.actions, state)
+                self._outbox.append(LateDecision(state.client, builder.ticket, builder.note, actions))
 
     def _apply_script_answer(
         self, state: DirectionState, message: WireMessage, answer: ScriptAnswer, work: DecisionBuilder
     ) -> WireMessage | None:
         """Return what the scripts leave of a message; None for nothing."""
         for code in answer.results:
-            self._answer(state, message.frames, code, "addon: answered", work)
+            self._sender.answer(state, message.frames, code, "addon: answered", work)
         if answer.dropped:
             work.notes.append("addon: answered" if answer.results else "addon: dropped")
             return None
-        return (
-            message
-            if answer.data is None
-            else self._replace_message(message, answer.data, "addon: changed", work)
-        )
+        if answer.data is None:
+            return message
+        work.notes.append("addon: changed")
+        return self._message_with(message, answer.data)
 
     def _pass_without_scripts(
         self, state: DirectionState, message: WireMessage, work: DecisionBuilder
@@ -384,21 +366,13 @@ class RulePolicy:
         self, state: DirectionState, message: WireMessage, note: str, work: DecisionBuilder
     ) -> WireMessage | None:
         """Refuse the motions in a request. Return the rest; None for nothing."""
-        passing, refused = remove_motion(told.observation.item for told in message.annotated_frames)
-        if not refused:
+        passing = self._sender.refuse_motion(state, message, note, work)
+        if passing == message.data:
             return message
-        self.refused_requests += len(refused)
-        self._answer(state, refused, E_ACCESSDENIED, note, work)
-        if passing:
-            return self._replace_message(message, passing, note, work)
-        work.notes.append(note)
-        return None
+        return self._message_with(message, passing) if passing else None
 
-    def _replace_message(
-        self, message: WireMessage, data: bytes, note: str, work: DecisionBuilder
-    ) -> WireMessage:
+    def _message_with(self, message: WireMessage, data: bytes) -> WireMessage:
         """Return a message with other bytes that replaces the original."""
-        work.notes.append(note)
         changed = WireMessage(message.number, message.flow, data, message.now, message.time)
         changed.annotate(self._recent_requests)
         return changed
@@ -406,7 +380,6 @@ class RulePolicy:
     def _intercept_and_fault(
         self, state: DirectionState, message: WireMessage, now: int, work: DecisionBuilder
     ) -> None:
-        """Pass a message through the intercept and the faults."""
         going = self._apply_intercept(state, message, work)
         if going is not None:
             self._apply_faults(state, going, now, work)
@@ -415,19 +388,19 @@ class RulePolicy:
         self, state: DirectionState, message: WireMessage, work: DecisionBuilder
     ) -> bytes | None:
         """Return the bytes that the intercept lets pass now; None for nothing."""
-        considered = self.intercept.hold_or_pass(state.client, message)
+        passed = self.intercept.hold_or_pass(state.client, message)
         self._mark_abandoned(state)
-        if considered is None:
+        if passed is None:
             return message.data
-        work.notes.append(considered.note)
-        return considered.data
+        work.notes.append(passed.note)
+        return passed.data
 
     def _forward_held(
         self, held: HeldMessage, data: bytes, note: str, now: int, work: DecisionBuilder
     ) -> None:
-        way = self._directions[held.client][held.flow.direction]
+        state = self._clients.directions(held.client)[held.flow.direction]
         own = DecisionBuilder()
-        self._apply_faults(way, data, now, own)
+        self._apply_faults(state, data, now, own)
         work.actions += [
             replace(action, note=note) if isinstance(action, SendAction) and not action.note else action
             for action in own.actions
@@ -439,47 +412,18 @@ class RulePolicy:
             self.intercept.mark_abandoned(state.flow, "its client's connection has ended")
 
     def _apply_faults(self, state: DirectionState, data: bytes, now: int, work: DecisionBuilder) -> None:
-        """Pass a message through the faults."""
-        taken = self.shaper.process_message(state.flow, data, now)
-        work.notes += taken.fault_notes
-        self._carry_out(taken.outputs, work)
-
-    def _send_guarded(self, state: DirectionState, data: bytes, note: str, work: DecisionBuilder) -> None:
-        """Send a message. A request goes through the guard first."""
-        number, direction = state.client, state.flow.direction
-        if self.guard is not None and direction is Direction.REQUEST:
-            data = self._apply_guard(self.guard, state, data, work)
-            if not data:
-                return
-        work.actions.append(SendAction(number, direction, data, note))
-
-    def _apply_guard(
-        self, guard: RequestGuard, state: DirectionState, data: bytes, work: DecisionBuilder
-    ) -> bytes:
-        """Return what the guard lets pass of a request; the proxy answers the rest itself."""
-        passing, refused, dropped = guard.filter_frames(data)
-        for frame, why in refused:
-            self.refused_requests += 1
-            work.notes.append(f"guard: {why}, answered with E_ACCESSDENIED")
-            self._answer(state, (frame,), E_ACCESSDENIED, f"guard: {why}", work)
-        if dropped:
-            work.notes.append("guard: dropped bytes that are no frame")
-        return passing
-
-    def _answer(
-        self, state: DirectionState, requests: Sequence[Frame], code: int, note: str, work: DecisionBuilder
-    ) -> None:
-        for request in requests:
-            raw = self._manners.make_reply(state.flow.conversation, request, code)
-            work.actions.append(SendAction(state.client, Direction.RESPONSE, raw, note))
+        processed = self.shaper.process_message(state.flow, data, now)
+        work.notes += processed.fault_notes
+        self._carry_out(processed.outputs, work)
 
     def _carry_out(self, outputs: Sequence[FaultOutput], work: DecisionBuilder) -> None:
         for output in outputs:
             note = "; ".join(output.fault_notes)
             if isinstance(output, Sent):
                 flow = output.flow
-                way = self._directions[self._numbers[flow.conversation]][flow.direction]
-                self._send_guarded(way, output.data, note, work)
+                client = self._clients.number_of(flow.conversation)
+                state = self._clients.directions(client)[flow.direction]
+                self._sender.send(state, output.data, note, work)
             else:
-                number = self._numbers[output.conversation]
+                number = self._clients.number_of(output.conversation)
                 work.actions.append(CloseAction(number, output.how is CloseMode.RESET, note))

@@ -3,28 +3,39 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable
-from typing import TYPE_CHECKING
+from collections.abc import Iterable, Mapping
+from typing import Any
 
 from bcapscope.protocol.codec.frame import Frame
 from bcapscope.protocol.tables.command_catalogue import call_name
-
-if TYPE_CHECKING:
-    from bcapscope.proxy.rule_policy import RulePolicy
+from bcapscope.proxy.script_queue import ScriptQueue
 
 _MAX_NAMED = 8
 
 
-def report_lines(rules: RulePolicy) -> list[str]:
-    """Return a summary of what the rules did."""
-    scripts = rules.scripts
-    lines = [f"fault {name}: struck {_times_text(count)}" for name, count in rules.shaper.hit_counts.items()]
-    if rules.guard is not None:
-        lines.append(f"guard: refused {_times_text(rules.refused_requests)}")
-    if rules.intercept.held_so_far:
-        lines.append(f"intercept: held {_times_text(rules.intercept.held_so_far)}")
-    if rules.dropped_held:
-        lines.append(f"held requests dropped because their client no longer waited: {rules.dropped_held}")
+def report_lines(
+    fault_counts: Mapping[str, int],
+    refused: int | None,
+    held: int,
+    dropped_held: int,
+    scripts: ScriptQueue[Any] | None,
+) -> list[str]:
+    """Return a summary of what the rules did.
+
+    Args:
+        fault_counts: How often each fault was injected.
+        refused: Number of refused requests; None without a guard.
+        held: Number of messages that were held.
+        dropped_held: Number of held requests that were dropped because their client no longer waited.
+        scripts: The scripts; None without any.
+    """
+    lines = [f"fault {name}: injected {_times_text(count)}" for name, count in fault_counts.items()]
+    if refused is not None:
+        lines.append(f"guard: refused {_times_text(refused)}")
+    if held:
+        lines.append(f"intercept: held {_times_text(held)}")
+    if dropped_held:
+        lines.append(f"held requests dropped because their client no longer waited: {dropped_held}")
     if scripts is not None and scripts.errors:
         lines.append(f"scripts: went wrong {_times_text(scripts.errors)}")
     if scripts is not None and scripts.off_because:

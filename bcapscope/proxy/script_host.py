@@ -93,9 +93,9 @@ class ScriptHost:
         return self._answer(data=changed, dropped=bool(passing.dropped), results=results)
 
     def _answer(self, **verdict: Any) -> ScriptAnswer:
-        said = tuple(text[:LONGEST_SENTENCE] for text in self._notices[:MAX_SENTENCES])
+        notices = tuple(text[:LONGEST_SENTENCE] for text in self._notices[:MAX_SENTENCES])
         self._notices.clear()
-        return ScriptAnswer(said, self._addons.errors, self._addons.has_open_calls, **verdict)
+        return ScriptAnswer(notices, self._addons.errors, self._addons.has_open_calls, **verdict)
 
 
 def main(

@@ -14,8 +14,7 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
 
-from bcapscope.proxy.control_socket import DescriptorWatcher
-from bcapscope.proxy.poller import READ, WRITE
+from bcapscope.proxy.poller import READ, WRITE, DescriptorWatcher
 from bcapscope.proxy.rule_policy import RulePolicy
 from bcapscope.proxy.script_protocol import (
     FrameUnpacker,
@@ -186,7 +185,6 @@ class ScriptProcess:
         return self._receive() or b""
 
     def locate(self) -> None:
-        """Ask the process for its place in the scripts."""
         if self._traces is not None and self._exit_code() is None:
             os.kill(self._process.pid, signal.SIGUSR1)
 

@@ -147,7 +147,6 @@ class FrameUnpacker(Generic[T]):
         self._buffer = bytearray()
 
     def feed_bytes(self, data: bytes) -> None:
-        """Add the bytes received next."""
         self._buffer += data
 
     def next_frame(self) -> T | None:

@@ -5,7 +5,7 @@ Nothing here reads a clock or a socket. Times are ns of a monotonic clock.
 
 from __future__ import annotations
 
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import Generic, Protocol, TypeVar
@@ -164,8 +164,9 @@ class ScriptQueue(Generic[T]):
         self._hooks: frozenset[str] = frozenset()
         self._queue: deque[PendingOrder[T]] = deque()
         self._answers: FrameUnpacker[ScriptStatement] = FrameUnpacker(ScriptStatement)
-        self._usage: dict[int, _ClientUsage] = {}
-        self._size = self._decided_size = 0
+        self._counts: Counter[int] = Counter()  # what waits for a decision, by client
+        self._sizes: Counter[int] = Counter()
+        self._size = self._waiting_size = 0
         self._head_since = 0
         self._relay_delay = 0  # ns by which the relay itself was held up
         self._was_late = False
@@ -176,7 +177,6 @@ class ScriptQueue(Generic[T]):
         self._is_ending = self._is_end_reported = False
 
     def on_loaded(self, hooks: Iterable[str]) -> None:
-        """Handle that the scripts are loaded and have these hooks."""
         self._hooks = frozenset(hooks)
 
     @property
@@ -196,7 +196,6 @@ class ScriptQueue(Generic[T]):
     # orders to the scripts
 
     def send_connected(self, client: int, conversation: Conversation, now: int) -> None:
-        """Report a new client to the scripts."""
         ends = conversation.client, conversation.server
         self._send_order(
             ClientConnected(client, ends, conversation.transport), PendingOrder("connected", now, client)
@@ -258,7 +257,6 @@ class ScriptQueue(Generic[T]):
             yield from self._flush_undecided()
 
     def due(self) -> int | None:
-        """Return when to call `advance`."""
         if not self.is_on:
             return self._end_at
         if self._queue:
@@ -306,13 +304,11 @@ class ScriptQueue(Generic[T]):
 
     def is_full(self, client: int) -> bool:
         """Return whether so much of a client waits that its streams must not be read."""
-        kept = self._usage.get(client)
-        return (kept is not None and kept.size > MAX_BYTES) or self._decided_size > MAX_BYTES_IN_ALL
+        return self._sizes[client] > MAX_BYTES or self._waiting_size > MAX_BYTES_IN_ALL
 
     def has_room(self, client: int) -> bool:
         """Return whether one more datagram of a client may wait."""
-        kept = self._usage.get(client)
-        return not self.is_full(client) and (kept is None or kept.count < MAX_WAITING)
+        return not self.is_full(client) and self._counts[client] < MAX_WAITING
 
     def remove_messages(self, flow: Flow) -> list[bytes]:
         """Remove the messages of a flow and return them; later decisions about them are ignored."""
@@ -338,10 +334,9 @@ class ScriptQueue(Generic[T]):
         self._queue.append(waiting)
         self._size += waiting.size
         if waiting.token is not None:
-            kept = self._usage.setdefault(waiting.client, _ClientUsage())
-            kept.count += 1
-            kept.size += waiting.size
-            self._decided_size += waiting.size
+            self._counts[waiting.client] += 1
+            self._sizes[waiting.client] += waiting.size
+            self._waiting_size += waiting.size
 
     def _on_answer(self, answer: ScriptAnswer, now: int) -> Iterator[ScriptDecision[T]]:
         waiting = self._queue.popleft()
@@ -360,17 +355,17 @@ class ScriptQueue(Generic[T]):
     def _release(self, waiting: PendingOrder[T]) -> None:
         """Remove a message from the counts of those that wait for a decision."""
         if waiting.token is not None:
-            kept = self._usage[waiting.client]
-            kept.count -= 1
-            kept.size -= waiting.size
-            self._decided_size -= waiting.size
-            if not kept.count:
-                del self._usage[waiting.client]
+            self._counts[waiting.client] -= 1
+            self._sizes[waiting.client] -= waiting.size
+            self._waiting_size -= waiting.size
+            if not self._counts[waiting.client]:
+                del self._counts[waiting.client], self._sizes[waiting.client]
 
     def _flush_undecided(self) -> Iterator[ScriptDecision[T]]:
         """Yield all waiting messages without an answer."""
-        self._usage.clear()
-        self._size = self._decided_size = 0
+        self._counts.clear()
+        self._sizes.clear()
+        self._size = self._waiting_size = 0
         while self._queue:
             yield from _decided(self._queue.popleft(), None)
 
@@ -400,15 +395,6 @@ class ScriptQueue(Generic[T]):
         for _ in self.on_data(data, self._head_since + self._relay_delay):
             pass  # the clients are gone, so no decision matters
         return not self._queue
-
-
-class _ClientUsage:
-    """What waits of one client: number of messages, and bytes."""
-
-    __slots__ = ("count", "size")
-
-    def __init__(self) -> None:
-        self.count = self.size = 0
 
 
 def _is_of(waiting: PendingOrder[T], flow: Flow) -> bool:

@@ -132,7 +132,6 @@ def dropped_datagrams(sock: socket.socket) -> int:
 
 
 def endpoint_of(address: SocketAddress) -> Endpoint:
-    """Return the host and port of an address."""
     return Endpoint(address[0], address[1])
 
 

@@ -6,13 +6,13 @@ import errno
 import socket
 
 from bcapscope.protocol.first_frame import first_frame_stops
-from bcapscope.proxy.admission import ClientSlot
 from bcapscope.proxy.listener_spec import ListenerSpec
 from bcapscope.proxy.relay import Relay
 from bcapscope.proxy.sockets import SocketAddress, endpoint_of, listen_on, os_error_text, resolve
 from bcapscope.proxy.tcp_session import TcpSession
+from bcapscope.proxy.upstream import ClientDeniedError, open_upstream
 from bcapscope.traffic.observation import Transport
-from bcapscope.transport.descriptors import OUT_OF_DESCRIPTORS_TEXT, accept_connection, is_out_of_descriptors
+from bcapscope.transport.descriptors import accept_connection
 from bcapscope.transport.tcp_link import close_with_reset
 
 _MAX_ACCEPTED = 16
@@ -45,11 +45,9 @@ class TcpListener:
         self._is_pause_reported = False
 
     def open(self) -> None:
-        """Start to accept clients."""
         self.relay.watch(self._socket.fileno(), self._on_acceptable)
 
     def close(self) -> None:
-        """Accept no more clients."""
         self.relay.unwatch(self._socket.fileno())
         self._socket.close()
 
@@ -86,26 +84,24 @@ class TcpListener:
     def _admit(self, client: socket.socket, address: SocketAddress, first: bytes, came: int) -> None:
         """Give a client that has sent its first frame a slot and a connection to the controller."""
         relay = self.relay
-        places, is_stop = relay.slots[Transport.TCP], first_frame_stops(first)
-        place = places.find_slot(address[0], relay.now, is_stop)
-        if place is ClientSlot.NONE:
-            self._refuse(client, address, "is one client too many")
-            return
         try:
-            server = self._new_socket(is_stop)
+            server, slot = open_upstream(
+                relay,
+                Transport.TCP,
+                address[0],
+                first_frame_stops(first),
+                lambda: socket.socket(self.controller[0], socket.SOCK_STREAM),
+            )
+        except ClientDeniedError as error:
+            self._refuse(client, address, str(error))
+            return
         except OSError as error:
             self._refuse(client, address, f"cannot be accepted: {os_error_text(error)}")
             return
-        if not relay.spares.refill():
-            place = ClientSlot.RESERVED
-            if not is_stop:
-                server.close()
-                self._refuse(client, address, f"cannot be accepted: {OUT_OF_DESCRIPTORS_TEXT}")
-                return
         server.setblocking(False)
         problem = server.connect_ex(self.controller[1])
         session = TcpSession(relay, self.to, (client, server), address, (first, came))
-        places.occupy(session, place, is_fresh=False)
+        relay.slots[Transport.TCP].occupy(session, slot, is_fresh=False)
         if problem not in (0, errno.EINPROGRESS, errno.EWOULDBLOCK):
             session.fail(problem)
 
@@ -113,19 +109,6 @@ class TcpListener:
         close_with_reset(client)
         self.relay.spares.refill()
         self.relay.deny(endpoint_of(address), why)
-
-    def _new_socket(self, is_stop: bool) -> socket.socket:
-        """Open a socket toward the controller. For a stop, end others to free a file descriptor.
-
-        Raises:
-            OSError: There is no file descriptor, or a similar resource is missing.
-        """
-        while True:
-            try:
-                return socket.socket(self.controller[0], socket.SOCK_STREAM)
-            except OSError as error:
-                if not is_stop or not is_out_of_descriptors(error) or not self.relay.free_descriptor():
-                    raise
 
     def _pause_accepting(self, error: OSError) -> None:
         """Accept no clients for a while. Report it once, until a client can be accepted again."""

@@ -9,6 +9,7 @@ from contextlib import suppress
 
 from bcapscope.proxy.poller import ERROR, HANG_UP, READ, WRITE
 from bcapscope.proxy.relay import Relay, client_conversation
+from bcapscope.proxy.relay_session import ClientEndpoints
 from bcapscope.proxy.ring_buffer import RelayCounter, RingRecordKind
 from bcapscope.proxy.sockets import SocketAddress, endpoint_of, keep_alive, os_error_text
 from bcapscope.traffic.observation import Endpoint, Transport
@@ -115,11 +116,10 @@ class TcpSession:
         relay.watch(client.fileno(), self._on_client_ready, 0)
         relay.watch(server.fileno(), self._on_controller_ready, WRITE)
         places = endpoint_of(address), endpoint_of(client.getsockname()), endpoint_of(server.getsockname())
-        relay.add_client(self, (*places, to), first[1])
+        relay.add_client(self, ClientEndpoints(Transport.TCP, *places, to), first[1])
 
     @property
     def upstream_state(self) -> str:
-        """State of the connection to the controller."""
         if self._is_half_open:
             return "half-open"
         return "connected" if self._connected else "connecting"
@@ -150,7 +150,6 @@ class TcpSession:
         self._update_masks()
 
     def resume_reading(self) -> None:
-        """Read again after rules held too much."""
         self._update_masks()
 
     def close(self, reset_both: bool, why: str) -> None:
@@ -162,13 +161,13 @@ class TcpSession:
         if self._is_ending:
             return
         self._is_ending = True
-        spoke = self._relay.release_held(self)
+        released = self._relay.release_held(self)
         self._closed = True
         for half in (self._up, self._down):
             if half.pending and not reset_both:
                 self._send_last(half)
             # A reset would discard the requests that were just released.
-            self._close_sink(half, reset_both and not (spoke and half.up), cause)
+            self._close_sink(half, reset_both and not (released and half.up), cause)
         self._relay.remove_client(self, why)
 
     def _close_sink(self, half: _HalfConnection, by_reset: bool, cause: bytes) -> None:
@@ -195,7 +194,6 @@ class TcpSession:
         received_at: int = 0,
         sent_at: int = 0,
     ) -> None:
-        """Record how a direction ended."""
         self._relay.record_undecided(self, half.up)
         self._relay.ring.write_required(how, self.number, cause, received_at, sent_at=sent_at, up=half.up)
 
@@ -313,7 +311,6 @@ class TcpSession:
             self._update_masks()
 
     def _on_source_end(self, half: _HalfConnection) -> None:
-        """Handle the end of a direction's source."""
         half.source_ended = True
         if self._relay.on_stream_end(self, half.up):
             self._shut_sink_when_flushed(half)
@@ -350,7 +347,6 @@ class TcpSession:
         return left, sent
 
     def _flush(self, half: _HalfConnection) -> None:
-        """Write pending bytes."""
         data = bytes(half.pending[:_AT_ONCE])
         half.pending, pending = bytearray(), half.pending
         left, sent = self._write(half, memoryview(data))

@@ -9,9 +9,9 @@ from contextlib import suppress
 
 from bcapscope.protocol.first_frame import first_frame_stops
 from bcapscope.protocol.tables.hresult import S_EXECUTING
-from bcapscope.proxy.admission import ClientSlot
 from bcapscope.proxy.listener_spec import ListenerSpec
 from bcapscope.proxy.relay import Handler, Relay, client_conversation
+from bcapscope.proxy.relay_session import ClientEndpoints
 from bcapscope.proxy.ring_buffer import BATCH_SIZE, RelayCounter
 from bcapscope.proxy.sockets import (
     LARGEST_DATAGRAM,
@@ -25,8 +25,9 @@ from bcapscope.proxy.sockets import (
     resolve,
     should_report,
 )
+from bcapscope.proxy.upstream import ClientDeniedError, open_upstream
 from bcapscope.traffic.observation import Transport
-from bcapscope.transport.descriptors import OUT_OF_DESCRIPTORS_TEXT, is_out_of_descriptors, wait_readable
+from bcapscope.transport.descriptors import wait_readable
 from bcapscope.transport.first_frame_queue import source_network
 from bcapscope.transport.receive_timestamps import ANCILLARY_SIZE, kernel_timestamp, receive_function
 
@@ -62,6 +63,7 @@ class UdpListener:
         to: Host and port of the controller.
         listening_socket: The socket.
         refused: True once the user knows that the controller refuses datagrams.
+        sessions: Clients that have sent more than one datagram, by their address.
     """
 
     def __init__(self, relay: Relay, spec: ListenerSpec, forget_after: int = EXPIRE_AFTER_NS) -> None:
@@ -79,7 +81,7 @@ class UdpListener:
         self.refused = False
         self._spec = spec
         self._forget_after = forget_after
-        self._sessions: dict[SocketAddress, UdpSession] = {}
+        self.sessions: dict[SocketAddress, UdpSession] = {}
         self._fresh_sessions: dict[SocketAddress, UdpSession] = {}
         self._strangers: set[str] = set()
         self._dropped = self._unreachable_count = 0
@@ -89,10 +91,7 @@ class UdpListener:
         with suppress(OSError):
             for _ in range(_MAX_OLD):
                 self.listening_socket.recv(LARGEST_DATAGRAM)
-        self.relay.watch(
-            self.listening_socket.fileno(),
-            self._forwarding_handler() if self.relay.policy is None else self._ruled_handler(),
-        )
+        self.relay.watch(self.listening_socket.fileno(), _datagram_handler(self, self.listening_socket))
 
     def close(self) -> None:
         """Receive nothing more. Replies for clients are still sent."""
@@ -100,69 +99,24 @@ class UdpListener:
         self.relay.unwatch(self.listening_socket.fileno())
 
     def release(self) -> None:
-        """Close the socket."""
         self.listening_socket.close()
 
     def sweep(self, now: int) -> None:
         """Remove clients that were silent for long, and count the datagrams that the system dropped."""
         self._count_drops()
-        for session in (*self._sessions.values(), *self._fresh_sessions.values()):
+        for session in (*self.sessions.values(), *self._fresh_sessions.values()):
             if now - session.last_heard > self._forget_after:
                 session.close(False, f"silent for {self._forget_after // 1_000_000_000} s")
 
     def remove_session(self, address: SocketAddress) -> None:
-        """Forget a client."""
-        self._sessions.pop(address, None)
+        self.sessions.pop(address, None)
         self._fresh_sessions.pop(address, None)
 
-    def _forwarding_handler(self) -> Handler:
-        """Return a handler that forwards datagrams unchanged, with all it needs in local variables."""
-        receive, known, meet = receive_function(self.listening_socket), self._sessions.get, self._session_for
-        relay, ring, now = self.relay, self.relay.ring, time.time_ns
-        notes, note, flush = ring.pending_datagrams, ring.pending_datagrams.append, ring.flush
-
-        def take(_: int) -> None:
-            try:
-                data, control, _flags, address = receive(LARGEST_DATAGRAM, ANCILLARY_SIZE)
-            except OSError:  # spurious event; on Windows, the closed port of an earlier client
-                return
-            session = known(address) or meet(address, data)
-            if session is None:
-                return
-            session.last_heard = relay.now
-            left = now()
-            try:
-                session.send_up(data)
-            except OSError as error:
-                left = session.retry_send_up(data, error)
-            note((True, session.number, control, left, data))
-            if len(notes) >= BATCH_SIZE:
-                flush()
-
-        return take
-
-    def _ruled_handler(self) -> Handler:
-        """Return a handler that asks the rules first."""
-        receive, relay = receive_function(self.listening_socket), self.relay
-
-        def take(_: int) -> None:
-            try:
-                data, control, _flags, address = receive(LARGEST_DATAGRAM, ANCILLARY_SIZE)
-            except OSError:
-                return
-            session = self._sessions.get(address) or self._session_for(address, data)
-            if session is not None:
-                session.last_heard = relay.now
-                relay.counts[RelayCounter.CAME_UP] += 1
-                relay.apply_rules(session, True, data, kernel_timestamp(control, 0))
-
-        return take
-
-    def _session_for(self, address: SocketAddress, data: bytes) -> UdpSession | None:
+    def session_for(self, address: SocketAddress, data: bytes) -> UdpSession | None:
         """Return the session of a client's first or second datagram; None if the client is not admitted."""
         session = self._fresh_sessions.pop(address, None)
         if session is not None:
-            self._sessions[address] = session
+            self.sessions[address] = session
             self.relay.slots[Transport.UDP].mark_established(session.number)
             return session
         if not self._spec.allows(address[0]):
@@ -180,42 +134,20 @@ class UdpListener:
     def _admit(self, address: SocketAddress, is_stop: bool) -> UdpSession | None:
         """Give a new client a slot and its own socket toward the controller; None if it is refused."""
         relay = self.relay
-        places = relay.slots[Transport.UDP]
-        place = places.find_slot(address[0], relay.now, is_stop)
-        if place is ClientSlot.NONE:
-            self._refuse(address, "is one client too many")
-            return None
         try:
-            upstream = self._new_socket(is_stop)
+            upstream, slot = open_upstream(
+                relay, Transport.UDP, address[0], is_stop, lambda: connect_datagrams(*self.controller)
+            )
+        except ClientDeniedError as error:
+            relay.spares.refill()
+            relay.deny(endpoint_of(address), str(error), "its datagrams are dropped")
+            return None
         except OSError as error:
             self._notify_unreachable(address, error)
             return None
-        if not relay.spares.refill():
-            place = ClientSlot.RESERVED
-            if not is_stop:
-                upstream.close()
-                self._refuse(address, f"cannot be accepted: {OUT_OF_DESCRIPTORS_TEXT}")
-                return None
         session = self._fresh_sessions[address] = UdpSession(self, address, upstream)
-        places.occupy(session, place, is_fresh=True)
+        relay.slots[Transport.UDP].occupy(session, slot, is_fresh=True)
         return session
-
-    def _refuse(self, address: SocketAddress, why: str) -> None:
-        self.relay.spares.refill()
-        self.relay.deny(endpoint_of(address), why, "its datagrams are dropped")
-
-    def _new_socket(self, is_stop: bool) -> socket.socket:
-        """Open a socket toward the controller. For a stop, end others to free a file descriptor.
-
-        Raises:
-            OSError: There is no route to the controller, or no file descriptor.
-        """
-        while True:
-            try:
-                return connect_datagrams(*self.controller)
-            except OSError as error:
-                if not is_stop or not is_out_of_descriptors(error) or not self.relay.free_descriptor():
-                    raise
 
     def _notify_unreachable(self, address: SocketAddress, error: OSError) -> None:
         self._unreachable_count += 1
@@ -238,7 +170,6 @@ class UdpSession:
         conversation: Conversation between the client and the controller.
         source: Network of the client; see `source_network`.
         last_heard: `Relay.now` when the client last sent something.
-        send_up: Sends a datagram to the controller.
     """
 
     __slots__ = (
@@ -247,11 +178,11 @@ class UdpSession:
         "_listener",
         "_relay",
         "_send_down",
+        "_send_up",
         "_upstream",
         "conversation",
         "last_heard",
         "number",
-        "send_up",
         "source",
     )
 
@@ -263,17 +194,16 @@ class UdpSession:
         self.conversation = client_conversation(client, listener.to, Transport.UDP)
         self.source = source_network(address[0])
         self.last_heard = relay.now
-        self.send_up = upstream.send
+        self._send_up = upstream.send
         self._upstream = upstream
         self._listener = listener
         self._relay = relay
         self._address = address
         self._send_down = listener.listening_socket.sendto
         self._dropped = 0
-        relay.watch(
-            upstream.fileno(), self._forwarding_handler() if relay.policy is None else self._ruled_handler()
-        )
-        ends = (
+        relay.watch(upstream.fileno(), _datagram_handler(listener, upstream, self))
+        ends = ClientEndpoints(
+            Transport.UDP,
             client,
             local_address_for(listener.listening_socket, address),
             endpoint_of(upstream.getsockname()),
@@ -287,29 +217,29 @@ class UdpSession:
         return "refused" if self._listener.refused else "open"
 
     def send(self, up: bool, data: bytes) -> int:
-        """Send a datagram. Return when, in ns since 1970; 0 if the system did not send it."""
-        left = time.time_ns()
-        try:
-            if up:
-                self.send_up(data)
-            else:
-                self._send_down(data, self._address)
-        except OSError as error:
-            left = self.retry_send_up(data, error) if up else self._count_send_failure(data, error)
+        """Send and count a datagram. Return when, in ns since 1970; 0 if the system did not send it."""
+        left = self.forward(up, data)
         if left:
             self._relay.counts[RelayCounter.LEFT_UP if up else RelayCounter.LEFT_DOWN] += 1
         return left
 
-    def retry_send_up(self, data: bytes, error: OSError) -> int:
-        """Send again if an earlier datagram caused the error. Return when in ns; 0 if not sent."""
-        if not isinstance(error, ConnectionRefusedError):
-            return self._count_send_failure(data, error)
-        self._notify_refused()
+    def forward(self, up: bool, data: bytes) -> int:
+        """Send a datagram. Return when, in ns since 1970; 0 if the system did not send it."""
         left = time.time_ns()
         try:
-            self.send_up(data)
-        except OSError as again:
-            return self._count_send_failure(data, again)
+            if up:
+                self._send_up(data)
+            else:
+                self._send_down(data, self._address)
+        except OSError as error:
+            if not up or not isinstance(error, ConnectionRefusedError):
+                return self._count_send_failure(data, error)
+            self.notify_refused()  # an earlier datagram was refused, so this one has not been sent yet
+            left = time.time_ns()
+            try:
+                self._send_up(data)
+            except OSError as again:
+                return self._count_send_failure(data, again)
         return left
 
     def send_closing_requests(self, requests: Sequence[bytes], until: float) -> int:
@@ -367,58 +297,7 @@ class UdpSession:
         """Count the datagrams that the system dropped. The listener removes silent clients."""
         self._count_drops()
 
-    def _forwarding_handler(self) -> Handler:
-        """Return a handler that forwards datagrams unchanged, with all it needs in local variables."""
-        receive, send, address, number = (
-            receive_function(self._upstream),
-            self._send_down,
-            self._address,
-            self.number,
-        )
-        ring, port, now = self._relay.ring, self._listener, time.time_ns
-        notes, note, flush = ring.pending_datagrams, ring.pending_datagrams.append, ring.flush
-
-        def take(_: int) -> None:
-            try:
-                data, control, _flags, _from = receive(LARGEST_DATAGRAM, ANCILLARY_SIZE)
-            except OSError as error:
-                self._on_receive_error(error)
-                return
-            left = now()
-            try:
-                send(data, address)
-            except OSError as error:
-                left = self._count_send_failure(data, error)
-            note((False, number, control, left, data))
-            if len(notes) >= BATCH_SIZE:
-                flush()
-            if port.refused:
-                port.refused = False
-
-        return take
-
-    def _ruled_handler(self) -> Handler:
-        """Return a handler that asks the rules first."""
-        receive, relay, port = receive_function(self._upstream), self._relay, self._listener
-
-        def take(_: int) -> None:
-            try:
-                data, control, _flags, _from = receive(LARGEST_DATAGRAM, ANCILLARY_SIZE)
-            except OSError as error:
-                self._on_receive_error(error)
-                return
-            port.refused = False
-            relay.counts[RelayCounter.CAME_DOWN] += 1
-            relay.apply_rules(self, False, data, kernel_timestamp(control, 0))
-
-        return take
-
-    def _on_receive_error(self, error: OSError) -> None:
-        """Report a refusal by ICMP. Any other error only means that there is no datagram."""
-        if isinstance(error, ConnectionRefusedError):
-            self._notify_refused()
-
-    def _notify_refused(self) -> None:
+    def notify_refused(self) -> None:
         """Report a refusal once, until the controller sends something again."""
         if not self._listener.refused:
             self._listener.refused = True
@@ -438,3 +317,45 @@ class UdpSession:
         dropped = dropped_datagrams(self._upstream)
         self._relay.counts[RelayCounter.LOST] += dropped - self._dropped
         self._dropped = dropped
+
+
+def _datagram_handler(
+    listener: UdpListener, sock: socket.socket, session: UdpSession | None = None
+) -> Handler:
+    """Return a handler that forwards the datagrams of a socket, or does what the rules say.
+
+    All that it needs is in local variables, because each datagram passes it.
+
+    Args:
+        listener: Listener of the clients.
+        sock: Socket to receive from.
+        session: Client for which this socket receives replies; None for the socket of the listener.
+    """
+    receive, known, up = receive_function(sock), listener.sessions.get, session is None
+    relay, ring, has_rules = listener.relay, listener.relay.ring, listener.relay.policy is not None
+    pending, append, flush = ring.pending_datagrams, ring.pending_datagrams.append, ring.flush
+    counter = RelayCounter.CAME_UP if up else RelayCounter.CAME_DOWN
+
+    def on_datagram(_: int) -> None:
+        try:
+            data, control, _flags, address = receive(LARGEST_DATAGRAM, ANCILLARY_SIZE)
+        except OSError as error:  # spurious event; on Windows, the closed port of an earlier client
+            if session is not None and isinstance(error, ConnectionRefusedError):
+                session.notify_refused()
+            return
+        client = session or known(address) or listener.session_for(address, data)
+        if client is None:
+            return
+        if up:
+            client.last_heard = relay.now
+        else:
+            listener.refused = False
+        if has_rules:
+            relay.counts[counter] += 1
+            relay.apply_rules(client, up, data, kernel_timestamp(control, 0))
+            return
+        append((up, client.number, control, client.forward(up, data), data))
+        if len(pending) >= BATCH_SIZE:
+            flush()
+
+    return on_datagram

@@ -37,8 +37,14 @@ def test_reads_a_file_to_its_end(tmp_path: Path, content: bytes, compressed: boo
         (b"\xd4", "this is no capture: it begins with d4, neither pcap nor pcapng"),
         (b"hello world", "this is no capture: it begins with 68 65 6c 6c, neither pcap nor pcapng"),
         (b"\x00" * 100, "this is no capture: it begins with 00 00 00 00, neither pcap nor pcapng"),
-        (b"\x28\xb5\x2f\xfd....", "compressed by zstd, which bcapscope does not read; it reads pcap and pcapng"),
-        (b"\xa1\xb2\xcd\x34....", "Kuznetzov's variant of pcap, which bcapscope does not read; it reads pcap and pcapng"),
+        (
+            b"\x28\xb5\x2f\xfd....",
+            "compressed by zstd, which bcapscope does not read; it reads pcap and pcapng",
+        ),
+        (
+            b"\xa1\xb2\xcd\x34....",
+            "Kuznetzov's variant of pcap, which bcapscope does not read; it reads pcap and pcapng",
+        ),
         (pcap()[:20], "the capture ends inside its header, after 20 bytes"),
         (gzip.compress(b"", mtime=0), "the file is empty"),
         (

@@ -181,7 +181,9 @@ def test_damage_is_named(damaged: bytes, why: str) -> None:
     packets, error = read_until_damage(BEFORE + damaged + tail)
     assert [packet[1] for packet in packets] == [b"good"]
     assert str(error).split(": ", 1)[1] == why
-    assert error.offset == len(BEFORE) + (len(section()) if why.startswith("a packet names interface 0") else 0)
+    assert error.offset == len(BEFORE) + (
+        len(section()) if why.startswith("a packet names interface 0") else 0
+    )
     assert str(error).startswith(f"the capture is damaged at byte {error.offset}, after 1 packets: ")
 
 

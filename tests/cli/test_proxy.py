@@ -25,6 +25,7 @@ from bcapscope.protocol.codec.frame import SMALLEST_FRAME, Frame, encode_frame
 from bcapscope.protocol.codec.variant import VT, Variant
 from bcapscope.protocol.retry.reserved_convention import ReservedConvention
 from bcapscope.proxy.control_client import ControlClient
+from bcapscope.proxy.control_messages import GetStats, ProxyStats
 from bcapscope.traffic.observation import Observation
 from tests.cli.proxying import PATIENCE, persistent_talk, proxy, recording, simulator, talk
 from tests.cli.run import run, run_here
@@ -147,7 +148,7 @@ def test_drops_retries_and_the_count_of_the_client_agree(
     (asked, heard), (passed, answered) = said(seen, port), said(seen, to)
     dropped = len(asked) - len(passed) + len(answered) - len(heard)
     assert dropped > POINTS // 20
-    assert f"struck {dropped} times" in told
+    assert f"injected {dropped} times" in told
     assert calls_of(path, port) == client.calls
     assert len(client.sent) == len(asked) == sum(tries for tries, _ in client.calls)
     assert len(client.sent) == dropped + len(heard)  # each that got through both ways was heard
@@ -180,7 +181,7 @@ def test_streams_with_faults(
             told = process.end(signal.SIGINT)
             port = process.port
         server.end(signal.SIGINT)
-    assert re.search(r"fault \S+: struck (once|\d+ times)", told), told
+    assert re.search(r"fault \S+: injected (once|\d+ times)", told), told
     seen = observed(path, {to, port})
     asked, answered = map(sound, said(seen, port))
     assert asked == [raw for each in talks for raw in each.sent]
@@ -385,7 +386,7 @@ def test_a_stop_that_is_held_when_the_proxy_ends_is_sent_and_a_motion_is_not() -
                 for raw in (move, halt):
                     client.sendto(raw, ("127.0.0.1", process.port))
                 until = time.monotonic() + PATIENCE
-                while control.request({"do": "stats"})["ruled"] < 2:
+                while control.request(GetStats(), ProxyStats).ruled < 2:
                     assert time.monotonic() < until
             told = process.end(signal.SIGINT)
         assert server.recv(4096) == halt

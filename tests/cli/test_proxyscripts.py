@@ -175,7 +175,7 @@ def test_memory_that_a_script_takes_has_a_limit(tmp_path: Path) -> None:
     with proxied("--script", script.path, "-q", "--script-memory", "100") as proxy:
         assert run(*CALL, str(proxy.port), "-e", "Robot_Execute CurJnt").code == 0
         said = proxy.end()
-    assert "Mine.request: MemoryError (mine.py line 6) (told once)" in said
+    assert "Mine.request: MemoryError (mine.py line 6) (reported once)" in said
     assert "switched off" not in said
 
 
@@ -186,7 +186,7 @@ def test_a_longer_time_can_be_given(tmp_path: Path) -> None:
         assert run(*CALL, str(proxy.port), "Robot_Halt").code == 0
         said = proxy.end()
     assert "switched off" not in said
-    assert re.search(r"Mine\.reply delayed messages by \d{3}\.\d ms \(told once\)", said)
+    assert re.search(r"Mine\.reply delayed messages by \d{3}\.\d ms \(reported once\)", said)
 
 
 def test_what_a_script_does_at_the_end_has_a_limit_and_a_second_ctrl_c_waits_for_nothing(

@@ -123,7 +123,7 @@ def test_what_goes_wrong_is_told_once_and_stops_nothing() -> None:
     addons.proxy_ended()
     assert [text.split(" (test_addons")[0] for text in told] == [
         "Broken.request: SystemExit",
-        "request: data is to be bytes; the message goes on as it came (told once)",
+        "request: data is to be bytes; the message goes on as it came (reported once)",
         "Broken.connected: RuntimeError: [/red]\x1b[2J",
         "Broken.done: KeyError: 'x'",
     ]
@@ -183,5 +183,5 @@ def test_a_slow_hook_is_told_once() -> None:
     addons.notify = told.append
     addons.run_message_hooks(WHO, message())
     addons.run_message_hooks(WHO, message())
-    assert told == ["Slow.request delayed messages by 2.5 ms (told once)"]
+    assert told == ["Slow.request delayed messages by 2.5 ms (reported once)"]
     assert addons.errors == 0

@@ -5,16 +5,20 @@ from __future__ import annotations
 import json
 from typing import Any
 
+import msgspec
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from bcapscope.protocol.codec.frame import Frame, encode_frame
 from bcapscope.protocol.codec.variant import VT, Variant
+from bcapscope.proxy import control_messages as control
 from bcapscope.proxy.control_api import ControlApi
+from bcapscope.proxy.control_messages import ProxyStats, RelayDelays
 from bcapscope.proxy.policy import SendAction
+from bcapscope.proxy.ring_buffer import DELAY_FIGURES, RelayCounter
 from tests.faults.traffic import MS, request
-from tests.proxy.test_rule_policy import UP, holding, rules, sent
+from tests.proxy.test_rule_policy import DOWN, UP, holding, rules, sent
 
 
 def ask(desk: ControlApi, at: int = 0, **question: object) -> dict[str, Any]:
@@ -35,10 +39,16 @@ def test_faults_are_listed_added_switched_and_removed() -> None:
     assert ask(desk, do="add", fault={"action": "delay", "time": "3ms"}) == {"ok": True, "name": "delay"}
     assert ask(desk, do="off", name="x") == {"ok": True, "name": "x"}
     listed = ask(desk, do="rules")["rules"]
-    assert [(rule["name"], rule["on"], rule["struck"], rule["rule"]) for rule in listed] == [
+    assert [(rule["name"], rule["on"], rule["injected"], rule["rule"]) for rule in listed] == [
         ("drop", True, 0, "drop 5%"),
         ("x", False, 0, "drop name x response"),
         ("delay", True, 0, "delay=3ms"),
+    ]
+    made.receive(1, DOWN, request(1), 0)
+    assert [(rule["name"], rule["injected"], rule["struck"]) for rule in ask(desk, do="rules")["rules"]] == [
+        ("drop", 0, 0),
+        ("x", 0, 0),
+        ("delay", 1, 1),  # under both its names
     ]
     assert listed[0]["fault"] == {"action": "drop", "probability": "5%"}
     assert ask(desk, do="on", name="x")["ok"]
@@ -72,6 +82,7 @@ def test_messages_are_held_listed_sent_on_edited_and_dropped() -> None:
         "waited_s": 1.5,
         "left_s": 3.5,
         "given_up": "its client has asked for something else since",
+        "retries": 0,
         "more": 0,
         "hex": request(1).hex(),
     }
@@ -102,18 +113,37 @@ def test_messages_are_held_for_no_time_if_so_wished() -> None:
 def test_figures_are_given() -> None:
     made = rules("drop", intercept=holding("serial == 5"))
     made.receive(1, UP, request(1), 0)
-    assert ask(ControlApi(made, lambda: {"clients": 1}), do="stats") == {
+    delays = RelayDelays(*range(1, 10))
+    stats = ask(ControlApi(made, lambda: {"clients": 1, "delays_ns": delays}), do="stats")
+    assert {name: value for name, value in stats.items() if value} == {
         "ok": True,
+        "injected": {"drop": 1},
         "struck": {"drop": 1},
-        "refused": 0,
-        "guard": False,
         "intercept": "serial == 5",
-        "held": 0,
-        "held_so_far": 0,
-        "addon_errors": 0,
-        "scripts": None,
         "clients": 1,
+        "delays_ns": msgspec.to_builtins(delays),
+        "held_up_ns": msgspec.to_builtins(delays),
     }
+    assert list(stats["held_up_ns"].items())[3::4] == [("most_up", 4), ("most_down", 8)]
+    assert (stats["refused"], stats["guard"], stats["held"], stats["scripts"]) == (0, False, 0, None)
+
+
+def test_each_figure_of_the_relay_has_its_field() -> None:
+    fields = ProxyStats.__struct_fields__
+    assert {count.name.lower() for count in RelayCounter} <= set(fields)
+    assert len(RelayDelays.__struct_fields__) == DELAY_FIGURES
+
+
+def test_a_request_is_written_as_documented() -> None:
+    lines: dict[control.ControlRequest, bytes] = {
+        control.SetIntercept("serial == 1", "60s"): b'{"do":"intercept","if":"serial == 1","patience":"60s"}',
+        control.SetIntercept(): b'{"do":"intercept"}',
+        control.EditHeld(3, rewrite="serial 7"): b'{"do":"edit","number":3,"rewrite":"serial 7"}',
+        control.ListHeld(): b'{"do":"held"}',
+    }
+    for message, line in lines.items():
+        assert control.encode_line(message) == line + b"\n"
+        assert control.decode_request(line) == message
 
 
 @pytest.mark.parametrize(

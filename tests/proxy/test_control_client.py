@@ -10,8 +10,10 @@ from contextlib import closing, contextmanager
 import orjson
 import pytest
 
-from bcapscope.proxy.control_api import LONGEST_LINE, ControlApi
+from bcapscope.proxy import control_messages as control
+from bcapscope.proxy.control_api import ControlApi
 from bcapscope.proxy.control_client import ControlClient, ControlRefused
+from bcapscope.proxy.control_messages import LONGEST_LINE
 from bcapscope.proxy.control_socket import ControlError, ControlServer
 from tests.proxy.test_control_socket import Watcher
 from tests.proxy.test_rule_policy import rules
@@ -23,18 +25,20 @@ def test_one_connection_serves_all_questions() -> None:
         closing(ControlServer("127.0.0.1:0", ControlApi(rules("drop")), watcher)) as server,
         closing(ControlClient(server.address)) as client,
     ):
-        assert [rule["name"] for rule in client.request({"do": "rules"})["rules"]] == ["drop"]
+        assert [rule.name for rule in client.request(control.ListFaults(), control.FaultsResponse).rules] == [
+            "drop"
+        ]
         with pytest.raises(ControlRefused, match="there is no fault 'x': drop") as refused:
-            client.request({"do": "on", "name": "x"})
+            client.request(control.EnableFault("x"), control.FaultResponse)
         assert orjson.loads(refused.value.line)["ok"] is False
-        assert client.request({"do": "off", "name": "drop"})["ok"]
+        assert client.request(control.DisableFault("drop"), control.FaultResponse).name == "drop"
 
 
 def test_nobody_is_there() -> None:
     with socket.create_server(("127.0.0.1", 0)) as free:
         address = f"127.0.0.1:{free.getsockname()[1]}"
     with closing(ControlClient(address)) as client, pytest.raises(ControlError, match="no proxy listens"):
-        client.request({"do": "stats"})
+        client.request(control.GetStats(), control.ProxyStats)
 
 
 @pytest.mark.parametrize(
@@ -56,7 +60,7 @@ def test_somebody_else_is_there(answer: bytes, reason: str) -> None:
     with _answering(answer) as address, closing(ControlClient(address)) as client:
         for _ in range(2):  # and it goes on: the proxy may come back
             with pytest.raises(ControlError, match=reason):
-                client.request({"do": "stats"})
+                client.request(control.GetStats(), control.ProxyStats)
 
 
 @contextmanager

@@ -16,7 +16,8 @@ from pathlib import Path
 import pytest
 
 from bcapscope.proxy import control_socket
-from bcapscope.proxy.control_api import LONGEST_LINE, ControlApi, ControlResponse
+from bcapscope.proxy.control_api import ControlApi, ControlResponse
+from bcapscope.proxy.control_messages import LONGEST_LINE
 from bcapscope.proxy.control_socket import (
     MAX_CONNECTIONS,
     ControlError,

@@ -8,7 +8,8 @@ import struct
 import pytest
 
 from bcapscope.protocol.codec.frame import Malformed, encode_frame
-from bcapscope.proxy.record_decoder import ClientEndpoints, RecordDecoder, read_endpoints
+from bcapscope.proxy.record_decoder import RecordDecoder
+from bcapscope.proxy.relay_session import ClientEndpoints, read_endpoints
 from bcapscope.proxy.ring_buffer import RingRecord, RingRecordKind
 from bcapscope.traffic.observation import ConnectionEnd, Direction, Endpoint, Observation, Transport
 
@@ -32,7 +33,7 @@ def seen(*records: RingRecord) -> list[tuple[Observation, str]]:
 
 def test_who_met_whom() -> None:
     ends = [Endpoint(host, port) for host, port in ENDS if isinstance(host, str) and isinstance(port, int)]
-    assert read_endpoints(opened("tcp")) == ClientEndpoints(Transport.TCP, *ends)
+    assert read_endpoints(opened("tcp").data) == ClientEndpoints(Transport.TCP, *ends)
 
 
 def test_requests_as_they_came_and_replies_as_they_left() -> None:

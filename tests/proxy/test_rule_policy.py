@@ -71,7 +71,7 @@ def test_a_fault_is_told_and_what_it_delays_comes_later() -> None:
     assert made.due() == 3 * MS
     assert made.pop_due_actions(3 * MS) == [SendAction(1, UP, request(1), "delay: delayed by 3 ms")]
     assert made.due() is None
-    assert list(made.report()) == ["fault delay: struck once", "fault drop: struck never"]
+    assert list(made.report()) == ["fault delay: injected once", "fault drop: injected never"]
 
 
 def test_a_lost_datagram_leaves_no_action() -> None:

@@ -254,6 +254,12 @@ def test_a_script_that_takes_too_long_is_switched_off() -> None:
     ]
 
 
+def test_an_empty_datagram_passes_without_its_script() -> None:
+    made, _, _ = switched_off(request(1))
+    made.pop_due_actions(100 * MS)
+    assert made.receive(1, UP, b"", 200 * MS).actions == [SendAction(1, UP, b"")]
+
+
 @pytest.mark.parametrize("transport", [Transport.UDP, Transport.TCP])
 def test_without_its_script_all_but_motion_passes(transport: Transport) -> None:
     made, _, _ = switched_off(request(1), transport=transport)

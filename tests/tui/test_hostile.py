@@ -16,14 +16,14 @@ from textual.widgets import Input
 from bcapscope.capture.socket_recording import SocketRecording
 from bcapscope.protocol.codec.frame import encode_frame
 from bcapscope.protocol.codec.variant import VT, Variant
-from bcapscope.proxy.control_answers import ClientStatus, FaultStatus, HeldStatus, ProxyStats
+from bcapscope.proxy.control_messages import ClientStatus, FaultStatus, HeldStatus
 from bcapscope.render.escape import printable
 from bcapscope.traffic.observation import Direction, Transport
 from bcapscope.tui.app import BcapApp, ScreenEntry
 from bcapscope.tui.control_char_filter import ControlCharFilter
 from bcapscope.tui.proxy_panel.message_editing import edited_message, proposed_edit
 from bcapscope.tui.proxy_panel.proxy_events import ProxyOutput, ProxyStateRead
-from bcapscope.tui.proxy_panel.proxy_state import ProxyState
+from bcapscope.tui.proxy_panel.shared_control_client import ProxyState
 from bcapscope.tui.screens.proxy_screen import ProxyScreen
 from bcapscope.tui.screens.traffic_screen import TrafficScreen
 from bcapscope.tui.tester.choice_row import ChoiceRow
@@ -31,6 +31,7 @@ from bcapscope.tui.tester.history_panel import HistoryLines
 from bcapscope.tui.traffic_processes.traffic_feed import TrafficFeed
 from tests.client.server import udp_server
 from tests.tui.pilot import drive, make, shown, until
+from tests.tui.proxy_panel.proxy_figures import figures
 from tests.tui.showing import read
 from tests.tui.showing import screen as traffic_screen
 from tests.tui.tester import answered, connected, finish, focus, make_tester, write
@@ -164,7 +165,7 @@ def standing(text: str) -> ProxyState:
                 2, *ends, None, None, None, 1.0, 59.0, text.encode("utf-16-le", "surrogatepass").hex()
             ),
         ],
-        ProxyStats({text: 1}, 0, True, text, 1, recording=text),
+        figures(injected={text: 1}, guard=True, intercept=text, held_so_far=1, recording=text),
     )
 
 

@@ -117,8 +117,9 @@ class RuleOptions:
             ControlError: the control socket cannot be created.
         """
         from bcapscope.proxy.control_api import ControlApi
+        from bcapscope.proxy.control_messages import RelayDelays
         from bcapscope.proxy.control_socket import ControlServer
-        from bcapscope.proxy.ring_buffer import DelayFigure, RelayCounter
+        from bcapscope.proxy.ring_buffer import RelayCounter
 
         rules.notify = relay.notify
         if rules.scripts is not None:
@@ -128,8 +129,8 @@ class RuleOptions:
 
         def figures() -> dict[str, object]:
             counts = {count.name.lower(): relay.counts[count] for count in RelayCounter}
-            held = {figure.name.lower(): relay.ring.figures[figure] for figure in DelayFigure}
-            return {"clients_now": len(relay.sessions), **counts, "held_up_ns": held, **state}
+            delays = RelayDelays(*relay.ring.figures)
+            return {"clients_now": len(relay.sessions), **counts, "delays_ns": delays, **state}
 
         def upstream(number: int) -> str:
             session = relay.sessions.get(number)

@@ -22,7 +22,7 @@ from bcapscope.render.escape import printable
 
 if TYPE_CHECKING:
     from bcapscope.live.child_process import ChildProcess
-    from bcapscope.proxy.control_answers import ProxyStats
+    from bcapscope.proxy.control_messages import ProxyStats
     from bcapscope.tui.screens.proxy_screen import ProxyScreen
     from bcapscope.tui.traffic_processes.traffic_feed import TrafficFeed
 
@@ -159,19 +159,15 @@ def _show_screens(feed: TrafficFeed | None, screen: ProxyScreen) -> None:
 
 def _read_figures(address: str) -> ProxyStats:
     """Return the figures of a proxy; exit if there is none."""
-    import msgspec
-
     from bcapscope.errors import BcapError
-    from bcapscope.proxy.control_answers import parse_stats
     from bcapscope.proxy.control_client import ControlClient
+    from bcapscope.proxy.control_messages import GetStats, ProxyStats
 
     client = ControlClient(address)
     try:
-        return parse_stats(client.request({"do": "stats"}))
+        return client.request(GetStats(), ProxyStats)
     except BcapError as error:
         print_stderr(printable(str(error)))
-    except msgspec.ValidationError:
-        print_stderr(f"the program on {printable(address)} is not a bcapscope proxy of this version")
     finally:
         client.close()
     sys.exit(ExitCode.UNREADABLE)

@@ -5,9 +5,7 @@ from __future__ import annotations
 import json
 import re
 
-from bcapscope.faults.fault import RewriteFault
-from bcapscope.faults.fault_notation import read_fault
-from bcapscope.faults.rewriter import Rewriter
+from bcapscope.faults.rewriter import rewrite_message
 from bcapscope.protocol.codec.frame import Frame, parse_datagram
 from bcapscope.render.notation_text import untyped_text
 from bcapscope.traffic.observation import Flow
@@ -32,13 +30,7 @@ def edited_message(data: bytes, flow: Flow, text: str) -> bytes:
         raise ValueError(say("proxy.edit.empty"))
     if _HEX.fullmatch(text):
         return _from_hex(text)
-    fault = read_fault(f"rewrite {text}")
-    if not isinstance(fault, RewriteFault):  # the line begins with the name of its action
-        raise ValueError(say("proxy.edit.empty"))
-    rewriter = Rewriter(fault)
-    made = b"".join(
-        rewriter.rewrite(item, flow) if isinstance(item, Frame) else item.raw for item in parse_datagram(data)
-    )
+    made = rewrite_message(data, flow, text)
     if made == data:
         raise ValueError(say("proxy.edit.same"))
     return made

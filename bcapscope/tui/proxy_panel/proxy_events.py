@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 from textual.message import Message
 
-from bcapscope.tui.proxy_panel.proxy_state import ProxyState
+from bcapscope.tui.proxy_panel.shared_control_client import ProxyState
 
 
 class ProxyStateRead(Message):

@@ -6,7 +6,7 @@ from typing import Generic, TypeVar
 
 from rich.cells import cell_len
 
-from bcapscope.proxy.control_answers import ClientStatus, FaultStatus, HeldStatus
+from bcapscope.proxy.control_messages import ClientStatus, FaultStatus, HeldStatus
 from bcapscope.render.escape import printable
 from bcapscope.tui.ink import INK
 from bcapscope.tui.widgets.lines import Lines
@@ -38,7 +38,6 @@ class ItemList(Lines, Generic[T]):
         raise NotImplementedError
 
     def show(self, items: list[T]) -> None:
-        """Show these items."""
         if items == self.items:
             return
         here = self.current_item
@@ -64,23 +63,18 @@ class ItemList(Lines, Generic[T]):
         return max(len(self.items), 1)
 
     def line(self, index: int) -> str:
-        """Return a line."""
         if index < len(self.items):
             return self.item_line(self.items[index])
         return f"{INK.dim} {say(self.EMPTY)}{INK.reset}"
 
 
 class ClientList(ItemList[ClientStatus]):
-    """Shows the connected clients."""
-
     EMPTY = "proxy.empty.clients"
 
     def key_of(self, item: ClientStatus) -> object:
-        """Return the client's number."""
         return item.number
 
     def header(self) -> str:
-        """Return the column header."""
         return (
             f" {_left_aligned(say('proxy.head.client'), 21)} {' ' * 4}"
             f" {_right_aligned(say('proxy.head.since'), 7)} {_right_aligned(say('proxy.head.up'), 8)}"
@@ -89,7 +83,6 @@ class ClientList(ItemList[ClientStatus]):
         )
 
     def item_line(self, item: ClientStatus) -> str:
-        """Return the line of a client."""
         heard = "" if item.heard_s is None else f"{item.heard_s:.1f} s"
         connected = _duration_text(item.since_s)
         text = f"{item.client:<21} {item.transport:<4} {connected:>7} {item.up:>8,} {item.down:>8,}"
@@ -115,21 +108,21 @@ class RuleList(ItemList[FaultStatus]):
     EMPTY = "proxy.empty.rules"
 
     def key_of(self, item: FaultStatus) -> object:
-        """Return the fault's name."""
         return item.name
 
     def header(self) -> str:
-        """Return the column header."""
-        name, struck = _left_aligned(say("proxy.head.rule"), 16), _right_aligned(say("proxy.head.struck"), 8)
-        return f"       {name} {struck}  {say('proxy.head.what')}"
+        name, injected = (
+            _left_aligned(say("proxy.head.rule"), 16),
+            _right_aligned(say("proxy.head.injected"), 8),
+        )
+        return f"       {name} {injected}  {say('proxy.head.what')}"
 
     def item_line(self, item: FaultStatus) -> str:
-        """Return the line of a fault."""
         state = f"{INK.good}●{INK.reset}" if item.on else f"{INK.dim}○{INK.reset}"
         word = _left_aligned(say("proxy.on" if item.on else "proxy.off"), 4)
-        struck = f"{INK.number}{item.struck:>8,}{INK.reset}"
+        count = f"{INK.number}{item.injected:>8,}{INK.reset}"
         name = _left_aligned(printable(item.name), 16)
-        return f" {state} {word}{INK.name}{name}{INK.reset} {struck}  {printable(item.rule)}"
+        return f" {state} {word}{INK.name}{name}{INK.reset} {count}  {printable(item.rule)}"
 
 
 class HeldList(ItemList[HeldStatus]):
@@ -138,18 +131,15 @@ class HeldList(ItemList[HeldStatus]):
     EMPTY = "proxy.empty.held"
 
     def key_of(self, item: HeldStatus) -> object:
-        """Return the message's number."""
         return item.number
 
     def header(self) -> str:
-        """Return the column header."""
         return (
             f" {_right_aligned('#', 4)} {_left_aligned(say('proxy.head.client'), 21)} {_left_aligned('', 8)}"
             f" {_right_aligned(say('proxy.head.left'), 7)}  {say('proxy.head.message')}"
         )
 
     def item_line(self, item: HeldStatus) -> str:
-        """Return the line of a message."""
         what = " ".join(filter(None, (item.function, item.command)))
         left = f"{item.left_s:.0f} s"
         text = f"{item.number:>4} {item.client:<21} {item.direction:<8} {left:>7}"
@@ -164,7 +154,6 @@ class ProxyLog(Lines):
         self._messages: list[str] = []
 
     def add_message(self, text: str) -> None:
-        """Add a line."""
         if len(self._messages) < _MAX_MESSAGES:
             self._messages.append(printable(text))
             if self.message_count == 1:
@@ -179,7 +168,6 @@ class ProxyLog(Lines):
 
     @property
     def message_count(self) -> int:
-        """Number of messages."""
         return len(self._messages)
 
     @property
@@ -188,7 +176,6 @@ class ProxyLog(Lines):
         return max(len(self._messages), 1)
 
     def line(self, index: int) -> str:
-        """Return a line."""
         if index < len(self._messages):
             return f" {self._messages[index]}"
         return f"{INK.dim} {say('proxy.empty.told')}{INK.reset}"

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
-from bcapscope.proxy.control_answers import ProxyStats, RelayDelays
+from msgspec.structs import astuple
+
+from bcapscope.proxy.control_messages import ProxyStats, RelayDelays
 from bcapscope.proxy.ring_buffer import SET_POINT_DEADLINE_NS
 from bcapscope.render.escape import printable
 from bcapscope.tui.ink import INK
@@ -13,18 +15,18 @@ from bcapscope.tui.words import say
 
 def summary_lines(figures: ProxyStats) -> list[str]:
     """Return at most five lines, with marks of `INK`."""
-    held = figures.held_up_ns
+    delays = figures.delays_ns
     passed, wrong = list(_traffic_counts(figures)), list(_problem_counts(figures))
     counts = [passed, wrong] if len(passed) > 1 else [passed + wrong]  # leaves room on narrow terminals
     lines = [
-        _delay_line("proxy.held.up", (held.p50_up, held.p99_up, held.p999_up, held.most_up)),
-        _delay_line("proxy.held.down", (held.p50_down, held.p99_down, held.p999_down, held.most_down)),
+        _delay_line("proxy.held.up", astuple(delays)[:4]),
+        _delay_line("proxy.held.down", astuple(delays)[4:8]),
         *(f" {' · '.join(each)}" for each in counts),
     ]
-    return lines + ([_slow_warning(held)] if held.slow else [])
+    return lines + ([_slow_warning(delays)] if delays.slow else [])
 
 
-def _delay_line(key: str, times: tuple[int, int, int, int]) -> str:
+def _delay_line(key: str, times: Sequence[int]) -> str:
     p50, p99, p999, most = (f"{INK.number}{time / 1000:,.0f}{INK.reset}" for time in times)
     return f" {say(key)}  p50 {p50}  p99 {p99}  p99.9 {p999}  {say('proxy.most')} {most} µs"
 
@@ -41,7 +43,7 @@ def _traffic_counts(figures: ProxyStats) -> Iterator[str]:
 def _problem_counts(figures: ProxyStats) -> Iterator[str]:
     if figures.are_scripts_off:
         yield f"{INK.problem}{say('proxy.script.off')}{INK.reset}"
-    yield say("proxy.faults", count=f"{sum(figures.struck.values()):,}")
+    yield say("proxy.faults", count=f"{sum(figures.injected.values()):,}")
     if figures.guard:
         yield say("proxy.refused", count=f"{figures.refused:,}")
     for key, count in (("lost", figures.lost + figures.full), ("denied", figures.denied)):
@@ -52,10 +54,10 @@ def _problem_counts(figures: ProxyStats) -> Iterator[str]:
         yield f"{INK.problem}{say('proxy.unwatched', count=f'{figures.unwatched:,}')}{INK.reset}"
 
 
-def _slow_warning(held: RelayDelays) -> str:
-    worst = max(held.most_up, held.most_down) / 1e6
+def _slow_warning(delays: RelayDelays) -> str:
+    worst = max(delays.most_up, delays.most_down) / 1e6
     text = say(
-        "proxy.slow", count=f"{held.slow:,}", limit=SET_POINT_DEADLINE_NS // 1_000_000, worst=f"{worst:.1f}"
+        "proxy.slow", count=f"{delays.slow:,}", limit=SET_POINT_DEADLINE_NS // 1_000_000, worst=f"{worst:.1f}"
     )
     return f"{INK.problem} {text}{INK.reset}"
 

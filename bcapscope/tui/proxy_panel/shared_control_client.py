@@ -3,54 +3,46 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Mapping
 
 import msgspec
 
-from bcapscope.proxy.control_answers import ClientStatus, ControlAnswer, FaultStatus, parse_list, parse_stats
+from bcapscope.proxy import control_messages as control
 from bcapscope.proxy.control_client import ControlClient
-from bcapscope.proxy.control_socket import ControlError
-from bcapscope.tui.proxy_panel.proxy_state import ProxyState
-from bcapscope.tui.words import say
+
+
+class ProxyState(msgspec.Struct, frozen=True):
+    """All responses to one poll."""
+
+    clients: list[control.ClientStatus]
+    rules: list[control.FaultStatus]
+    held: list[control.HeldStatus]
+    figures: control.ProxyStats
 
 
 class SharedControlClient:
-    """Sends one request at a time, from any thread."""
+    """Sends one request at a time, from any thread.
+
+    Its methods raise `ControlError` if the proxy does not respond or has another version, `ControlRefused` if
+    it refuses.
+    """
 
     def __init__(self, address: str) -> None:
-        """Store the address of the proxy's control socket."""
         self._client = ControlClient(address)
         self._lock = threading.Lock()
 
     def read_state(self) -> ProxyState:
-        """Query the proxy's state.
-
-        Raises:
-            ControlError: The proxy does not answer, or has another version.
-            ControlRefused: The proxy refused to answer.
-        """
         with self._lock:
-            ask = self._client.request
-            try:
-                return ProxyState(
-                    parse_list(ask({"do": "clients"}), "clients", ClientStatus),
-                    parse_list(ask({"do": "rules"}), "rules", FaultStatus),
-                    self._client.list_held(),
-                    parse_stats(ask({"do": "stats"})),
-                )
-            except msgspec.ValidationError as error:
-                raise ControlError(say("proxy.strange")) from error
+            request = self._client.request
+            return ProxyState(
+                request(control.ListClients(), control.ClientsResponse).clients,
+                request(control.ListFaults(), control.FaultsResponse).rules,
+                request(control.ListHeld(), control.HeldResponse).held,
+                request(control.GetStats(), control.ProxyStats),
+            )
 
-    def send_order(self, order: Mapping[str, object]) -> ControlAnswer:
-        """Send an order to the proxy; return its answer.
-
-        Raises:
-            ControlError: The proxy does not answer.
-            ControlRefused: The proxy refused the order.
-        """
+    def send_order(self, order: control.ControlRequest) -> None:
         with self._lock:
-            return self._client.request(order)
+            self._client.request(order, control.DoneResponse)
 
     def close(self) -> None:
-        """Close the connection."""
         self._client.close()

@@ -17,7 +17,7 @@ from bcapscope.errors import BcapError
 from bcapscope.faults.fault_notation import read_fault
 from bcapscope.live.child_process import ChildProcess
 from bcapscope.protocol.codec.frame import parse_datagram
-from bcapscope.proxy.control_answers import ControlAnswer, HeldStatus
+from bcapscope.proxy import control_messages as control
 from bcapscope.proxy.control_client import ControlRefused
 from bcapscope.render.escape import printable
 from bcapscope.traffic.observation import Observation
@@ -26,9 +26,8 @@ from bcapscope.tui.ink import INK
 from bcapscope.tui.proxy_panel.message_editing import edited_message, proposed_edit
 from bcapscope.tui.proxy_panel.proxy_events import OrderDone, ProxyOutput, ProxyStateRead
 from bcapscope.tui.proxy_panel.proxy_lists import ClientList, HeldList, ProxyLog, RuleList
-from bcapscope.tui.proxy_panel.proxy_state import ProxyState
 from bcapscope.tui.proxy_panel.proxy_summary import intercept_line, summary_lines
-from bcapscope.tui.proxy_panel.shared_control_client import SharedControlClient
+from bcapscope.tui.proxy_panel.shared_control_client import ProxyState, SharedControlClient
 from bcapscope.tui.screens.prompt import Prompt
 from bcapscope.tui.screens.views_screen import ViewsScreen, view_keys
 from bcapscope.tui.traffic_processes.traffic_feed import TrafficFeed
@@ -103,7 +102,6 @@ class ProxyScreen(ViewsScreen):
         self._shown_message: int | None = None
 
     def content(self) -> ComposeResult:
-        """Yield the summary, then the lists."""
         yield InkedText(id="summary")
         yield self.make_view_bar()
         yield Static(id="head")
@@ -149,7 +147,6 @@ class ProxyScreen(ViewsScreen):
 
     @work(thread=True, group="poll", exclusive=True)
     def _poll(self) -> None:
-        """Query the proxy's state."""
         if not self._has_ended:
             self.post_message(self._read_state())
 
@@ -161,10 +158,11 @@ class ProxyScreen(ViewsScreen):
             return ProxyStateRead(None, str(error))
 
     @work(thread=True, group="order")
-    def _send_order(self, order: Mapping[str, object], done: Callable[[ControlAnswer], None]) -> None:
-        """Send an order to the proxy; call `done` with its answer."""
+    def _send_order(self, order: control.ControlRequest, done: Callable[[], None] = lambda: None) -> None:
+        """Send an order to the proxy; call `done` once it is carried out."""
         try:
-            self.post_message(OrderDone(partial(done, self._control_client.send_order(order))))
+            self._control_client.send_order(order)
+            self.post_message(OrderDone(done))
         except ControlRefused as error:
             text = say("proxy.refusal", reason=printable(told(str(error))))
             self.post_message(OrderDone(partial(app_of(self).show_message, text, "error")))
@@ -173,12 +171,10 @@ class ProxyScreen(ViewsScreen):
         self.post_message(self._read_state())
 
     def on_order_done(self, message: OrderDone) -> None:
-        """Run the callback of the order."""
         message.stop()
         message.callback()
 
     def on_proxy_state_read(self, message: ProxyStateRead) -> None:
-        """Show the proxy's state."""
         message.stop()
         if self._has_ended:
             return
@@ -204,7 +200,6 @@ class ProxyScreen(ViewsScreen):
             self._feed.report_source_problem(reason)
 
     def on_proxy_output(self, message: ProxyOutput) -> None:
-        """Show a line of the proxy's output."""
         message.stop()
         if message.is_end:
             reason = printable(told(message.text)) or say("proxy.no_words")
@@ -222,17 +217,14 @@ class ProxyScreen(ViewsScreen):
 
     @property
     def clients(self) -> ClientList:
-        """The list of clients."""
         return self.query_one(ClientList)
 
     @property
     def rules(self) -> RuleList:
-        """The list of faults."""
         return self.query_one(RuleList)
 
     @property
     def held(self) -> HeldList:
-        """The list of held messages."""
         return self.query_one(HeldList)
 
     def show_state(self) -> None:
@@ -272,7 +264,7 @@ class ProxyScreen(ViewsScreen):
             self._change_line.set_text("")
             self._show_bytes(held, b"" if held is None else held.data)
 
-    def _show_bytes(self, held: HeldStatus | None, data: bytes) -> None:
+    def _show_bytes(self, held: control.HeldStatus | None, data: bytes) -> None:
         """Show a message in its present or edited form; only its first frame."""
         items = parse_datagram(data) if held is not None else ()
         if held is None or not items:
@@ -301,28 +293,25 @@ class ProxyScreen(ViewsScreen):
     # rules
 
     def action_switch(self) -> None:
-        """Switch the fault under the cursor on or off."""
         rule = self.rules.current_item
         if rule is not None:
-            self._send_order({"do": "off" if rule.on else "on", "name": rule.name}, _ignore_answer)
+            self._send_order(control.DisableFault(rule.name) if rule.on else control.EnableFault(rule.name))
 
     def action_remove(self) -> None:
-        """Remove the fault under the cursor."""
         rule = self.rules.current_item
         if rule is not None:
-            self._send_order({"do": "remove", "name": rule.name}, _ignore_answer)
+            self._send_order(control.RemoveFault(rule.name))
 
     def action_add(self) -> None:
-        """Focus the line for a new fault."""
         self.action_view("rules")
         self.set_focus(self.query_one("#fault"))
 
     @on(CheckedInput.Entered, "#fault-line")
     def _fault_entered(self, message: CheckedInput.Entered) -> None:
         if message.text:
-            self._send_order({"do": "add", "rule": message.text}, self._fault_added)
+            self._send_order(control.AddFault(message.text), self._fault_added)
 
-    def _fault_added(self, answer: ControlAnswer) -> None:
+    def _fault_added(self) -> None:
         self.query_one("#fault-line", CheckedInput).set_text("")
         self.set_focus(self.shown_list)
 
@@ -336,24 +325,21 @@ class ProxyScreen(ViewsScreen):
         prompt = Prompt(say("proxy.intercept.title"), say("proxy.intercept.hint"), known or "")
         answer = await self.app.push_screen_wait(prompt)
         if answer is not None:
-            wanted = {"if": answer.strip()} if answer.strip() else {}
-            self._send_order({"do": "intercept", **wanted}, _ignore_answer)
+            self._send_order(control.SetIntercept(answer.strip() or None))
 
     def action_forward(self) -> None:
-        """Forward the message under the cursor."""
-        self._send_decision("forward", "proxy.sent")
+        self._send_decision(control.ForwardHeld, "proxy.sent")
 
     def action_drop(self) -> None:
-        """Drop the message under the cursor."""
-        self._send_decision("drop", "proxy.dropped")
+        self._send_decision(control.DropHeld, "proxy.dropped")
 
-    def _send_decision(self, do: str, word: str, **more: object) -> None:
+    def _send_decision(self, decide: Callable[[int], control.ControlRequest], word: str) -> None:
         held = self.held.current_item
         if held is not None:
             text = say(word, number=held.number)
-            self._send_order({"do": do, "number": held.number, **more}, partial(self._decision_done, text))
+            self._send_order(decide(held.number), partial(self._decision_done, text))
 
-    def _decision_done(self, text: str, answer: ControlAnswer) -> None:
+    def _decision_done(self, text: str) -> None:
         self.query_one(ProxyLog).add_message(text)
         self.set_focus(self.shown_list)
 
@@ -392,8 +378,4 @@ class ProxyScreen(ViewsScreen):
     @on(CheckedInput.Entered, "#change-line")
     def _change_entered(self, message: CheckedInput.Entered) -> None:
         if isinstance(message.parsed, bytes):
-            self._send_decision("edit", "proxy.edited", hex=message.parsed.hex())
-
-
-def _ignore_answer(answer: ControlAnswer) -> None:
-    """Do nothing: the next poll updates the list."""
+            self._send_decision(partial(control.EditHeld, hex=message.parsed.hex()), "proxy.edited")

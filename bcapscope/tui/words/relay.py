@@ -69,7 +69,7 @@ PHRASES: dict[str, str] = {
     "add takes a rule in one line, or a fault as in a file": "add には 1 行のルール、またはファイルと同じ形の障害が必要です",
     "the proxy refused": "プロキシが拒否しました",
     # addons
-    "{text} (told once)": "{text} (一度だけ表示)",
+    "{text} (reported once)": "{text} (一度だけ表示)",
     "{word}: data is to be bytes; the message goes on as it came": "{word}: data は bytes である必要があります。メッセージはそのまま送られます",
     "{word} delayed messages by {n} ms": "{word} に {n} ms かかり、その間メッセージが待たされます",
     "script {name} is switched off: {clause}": "スクリプト {name} を停止しました: {clause}",

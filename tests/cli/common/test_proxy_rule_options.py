@@ -109,8 +109,8 @@ def test_drops_retries_and_the_clients_own_count_agree(tmp_path: Path) -> None:
     notes = Counter(note for frame in frames for note in frame.get("comments", ()))
     assert notes["up: dropped"] >= 3
     assert notes["down: dropped"] >= 3
-    assert f"fault up: struck {notes['up: dropped']} times" in said
-    assert f"fault down: struck {notes['down: dropped']} times" in said
+    assert f"fault up: injected {notes['up: dropped']} times" in said
+    assert f"fault down: injected {notes['down: dropped']} times" in said
     calls = recorded(path, "calls")
     assert sum(call["retries"] for call in calls if call["server"] == clients_side) == tally.retries
     # Each try was answered in time, answered late, or lost on one of the two ways.
@@ -207,7 +207,7 @@ def test_faults_come_and_go_while_it_runs() -> None:
         assert line.split() == [
             "on",
             "answer",
-            "struck",
+            "injected",
             "1",
             *["answer=E_FAIL", "if", "function", "==", "Controller_Connect"],
         ]
@@ -218,7 +218,7 @@ def test_faults_come_and_go_while_it_runs() -> None:
         assert ctl(proxy.control, "rules") == []
         figures = dict(line.split(": ", 1) for line in ctl(proxy.control, "stats"))
         assert int(figures["came up"]) > 0
-        assert (figures["guard"], figures["struck"], figures["intercept"]) == ("no", "none", "none")
+        assert (figures["guard"], figures["injected"], figures["intercept"]) == ("no", "none", "none")
         assert re.fullmatch(r"127.0.0.1:\d+ > 127.0.0.1:\d+", figures["listening"])
         first, _second = ctl(proxy.control, "clients")
         assert re.fullmatch(r"127.0.0.1:\d+ > 127.0.0.1:\d+ udp open  for .* s, \d+ up, \d+ down", first)
@@ -244,7 +244,9 @@ def test_a_script_that_goes_wrong_is_told_once_and_all_passes(tmp_path: Path) ->
         words = "-e", "Robot_Execute CurJnt", "-e", "Robot_Execute CurPos"
         assert run("call", "127.0.0.1", "-p", str(proxy.port), *words).code == 0
         said = proxy.end()
-    assert said.count("Mine.request: ZeroDivisionError: division by zero (mine.py line 3) (told once)") == 1
+    assert (
+        said.count("Mine.request: ZeroDivisionError: division by zero (mine.py line 3) (reported once)") == 1
+    )
     assert "done after None" in said
 
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 
 from bcapscope.messages import Language
-from bcapscope.proxy.control_answers import ProxyStats
 from bcapscope.tui.proxy_panel.proxy_summary import summary_lines
 from bcapscope.tui.words import speak
+from tests.tui.proxy_panel.proxy_figures import figures
 
 
 @pytest.mark.parametrize(
@@ -16,7 +16,7 @@ from bcapscope.tui.words import speak
 )
 def test_a_script_that_is_off_is_shown(language: Language, warning: str) -> None:
     def shown(scripts: str | None) -> str:
-        return "\n".join(summary_lines(ProxyStats({}, 0, False, None, 0, scripts=scripts)))
+        return "\n".join(summary_lines(figures(scripts=scripts)))
 
     speak(language)
     try:

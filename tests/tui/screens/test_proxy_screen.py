@@ -22,16 +22,17 @@ from bcapscope.messages import Language
 from bcapscope.protocol.codec.frame import Frame, encode_frame
 from bcapscope.protocol.codec.variant import VT, Variant
 from bcapscope.protocol.retry.requester import RetryPolicy
-from bcapscope.proxy.control_answers import ClientStatus, FaultStatus, HeldStatus, ProxyStats, RelayDelays
+from bcapscope.proxy.control_messages import ClientStatus, FaultStatus, HeldStatus, RelayDelays
 from bcapscope.traffic.observation import Direction, Transport
 from bcapscope.tui.app import BcapApp, ScreenEntry
 from bcapscope.tui.proxy_panel.proxy_events import ProxyStateRead
-from bcapscope.tui.proxy_panel.proxy_state import ProxyState
+from bcapscope.tui.proxy_panel.shared_control_client import ProxyState
 from bcapscope.tui.screens.proxy_screen import ProxyScreen
 from bcapscope.tui.screens.traffic_screen import TrafficScreen
 from bcapscope.tui.traffic_processes.traffic_feed import TrafficFeed
 from bcapscope.tui.widgets.view_bar import ViewBar
 from tests.tui.pilot import drive, make, picture, shown, until
+from tests.tui.proxy_panel.proxy_figures import figures
 from tests.tui.showing import screen as traffic_screen
 
 PICTURES = Path(__file__).parent.parent.parent.parent / "docs" / "pictures"
@@ -108,7 +109,7 @@ def test_a_rule_that_is_switched_off_lets_pass_and_clients_appear(
             await until(pilot, lambda: place.clients.items)
             assert place.clients.items[0].transport == "udp"
             await pilot.press("2")
-            await until(pilot, lambda: place.rules.items and place.rules.items[0].struck == 1)
+            await until(pilot, lambda: place.rules.items and place.rules.items[0].injected == 1)
             await pilot.press("space")
             await until(pilot, lambda: not place.rules.items[0].on)
             assert await ask(port, "Service_Start", "") == "answered"
@@ -319,18 +320,18 @@ def standing(slow: int = 0) -> ProxyState:
             HeldStatus(4, *ends, 64, "Robot_Execute", "slvChangeMode", 3.25, 56.75, message.hex()),
             HeldStatus(5, *ends, 64, "Robot_Execute", HOSTILE, 2.0, 58.0, hostile.hex()),
         ],
-        ProxyStats(
-            {"lossy": 123},
-            7,
-            True,
-            "function == Robot_Execute",
-            5,
+        figures(
+            injected={"lossy": 123},
+            refused=7,
+            guard=True,
+            intercept="function == Robot_Execute",
+            held_so_far=5,
             came_up=9012,
             left_up=8890,
             came_down=9000,
             left_down=9000,
             lost=slow,
-            held_up_ns=RelayDelays(
+            delays_ns=RelayDelays(
                 75_000,
                 120_000,
                 210_000,

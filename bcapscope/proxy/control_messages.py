@@ -1,0 +1,317 @@
+"""Requests to a running proxy, and its responses. Each is one line of JSON.
+
+    {"do": "rules"}                              the faults, their switches and counts
+    {"do": "add", "rule": "loss=5% request"}     one line, or "fault" as in a file
+    {"do": "remove", "name": "drop"}
+    {"do": "on", "name": "drop"}                 also off
+    {"do": "intercept", "if": "command == slvMove", "patience": "60s"}    without "if": hold nothing
+    {"do": "held"}                               the held messages
+    {"do": "forward", "number": 3}
+    {"do": "edit", "number": 3, "hex": "01 …"}   or "rewrite": "set arg[2][0]=10"
+    {"do": "drop", "number": 3}
+    {"do": "clients"}                            clients, and their connections to the controller
+    {"do": "stats"}
+
+A response has "ok": true and the result, or "ok": false and "error". The client checks its types and bounds,
+since any program may listen on the address.
+"""
+
+from __future__ import annotations
+
+import json
+from typing import Annotated, Any, TypeAlias, TypeVar
+
+import msgspec
+import orjson
+from msgspec import Meta
+from msgspec.structs import force_setattr
+
+from bcapscope.faults.document import convert_data
+from bcapscope.traffic.call_kind import CallKind
+from bcapscope.traffic.observation import Conversation, Direction, Endpoint, Flow, Transport
+
+T = TypeVar("T")
+
+JsonCount: TypeAlias = Annotated[int, Meta(ge=0, le=2**63 - 1)]
+JsonCode: TypeAlias = Annotated[int, Meta(ge=0, lt=2**32)]
+JsonEndpoint: TypeAlias = Annotated[str, Meta(pattern=r"^[ -~]+:[0-9]{1,5}\Z")]
+JsonHex: TypeAlias = Annotated[str, Meta(pattern=r"^([0-9A-Fa-f]{2} ?)*\Z")]
+Seconds: TypeAlias = Annotated[float, Meta(ge=-1e9, le=1e9)]
+
+LONGEST_LINE = 1 << 20
+"""Bytes. A message in hexadecimal has 1006 digits on UDP, and seldom more than 20,000 on TCP."""
+
+
+class _Request(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True, tag_field="do"):
+    pass
+
+
+class ListFaults(_Request, frozen=True, tag="rules"):
+    """List the faults: `FaultsResponse`."""
+
+
+class AddFault(_Request, frozen=True, tag="add"):
+    """Add a fault, given as one line (`rule`) or as in a file (`fault`): `FaultResponse`."""
+
+    rule: str = ""
+    fault: dict[str, Any] = {}
+
+
+class RemoveFault(_Request, frozen=True, tag="remove"):
+    """Remove a fault: `FaultResponse`."""
+
+    name: str
+
+
+class EnableFault(_Request, frozen=True, tag="on"):
+    """Switch a fault on: `FaultResponse`."""
+
+    name: str
+
+
+class DisableFault(_Request, frozen=True, tag="off"):
+    """Switch a fault off: `FaultResponse`."""
+
+    name: str
+
+
+class SetIntercept(_Request, frozen=True, tag="intercept", rename={"condition": "if"}):
+    """Hold messages that match another filter from now on, or none: `DoneResponse`.
+
+    Without `patience`, the longest time to hold a message stays as it is.
+    """
+
+    condition: str | None = None
+    patience: str | None = None
+
+
+class ListHeld(_Request, frozen=True, tag="held"):
+    """List the held messages: `HeldResponse`."""
+
+
+class ForwardHeld(_Request, frozen=True, tag="forward"):
+    """Send a held message on unchanged: `DoneResponse`."""
+
+    number: int
+
+
+class EditHeld(_Request, frozen=True, tag="edit"):
+    """Send a held message on with other bytes, or rewritten as by a fault: `DoneResponse`."""
+
+    number: int
+    hex: str = ""
+    rewrite: str = ""
+
+
+class DropHeld(_Request, frozen=True, tag="drop"):
+    """Drop a held message: `DoneResponse`."""
+
+    number: int
+
+
+class ListClients(_Request, frozen=True, tag="clients"):
+    """List the clients: `ClientsResponse`."""
+
+
+class GetStats(_Request, frozen=True, tag="stats"):
+    """Return the figures: `ProxyStats`."""
+
+
+FaultChange: TypeAlias = AddFault | RemoveFault | EnableFault | DisableFault
+HoldChange: TypeAlias = SetIntercept | ForwardHeld | EditHeld | DropHeld
+ControlRequest: TypeAlias = FaultChange | HoldChange | ListFaults | ListHeld | ListClients | GetStats
+
+
+class ErrorResponse(msgspec.Struct, frozen=True):
+    """The proxy refused a request; `error` is the reason. The client reads every response as one first."""
+
+    ok: bool
+    error: str = "the proxy refused"
+
+
+class DoneResponse(msgspec.Struct, frozen=True, kw_only=True):
+    """A request was carried out."""
+
+    ok: bool = True
+
+
+class FaultResponse(DoneResponse, frozen=True, kw_only=True):
+    """A fault was added or changed."""
+
+    name: str
+
+
+class FaultStatus(msgspec.Struct, frozen=True):
+    """A fault, and how often it was injected. `struck` is the old name of `injected`."""
+
+    name: str
+    on: bool
+    injected: JsonCount
+    rule: str
+    fault: dict[str, Any] = {}
+    struck: JsonCount = 0
+
+    def __post_init__(self) -> None:
+        force_setattr(self, "struck", self.injected)
+
+
+class FaultsResponse(DoneResponse, frozen=True, kw_only=True):
+    rules: list[FaultStatus]
+
+
+class ClientStatus(msgspec.Struct, frozen=True):
+    """A client: `up` and `down` count datagrams, or reads of a stream. Times are None for never."""
+
+    number: JsonCount
+    client: str
+    server: str
+    transport: str
+    upstream: str
+    since_s: Seconds
+    up: JsonCount
+    heard_s: Seconds | None
+    down: JsonCount
+    answered_s: Seconds | None
+
+
+class ClientsResponse(DoneResponse, frozen=True, kw_only=True):
+    clients: list[ClientStatus]
+
+
+class HeldStatus(msgspec.Struct, frozen=True):
+    """A held message. `given_up` says why its client no longer waits. `more` is the old name of `retries`."""
+
+    number: JsonCount
+    client: JsonEndpoint
+    server: JsonEndpoint
+    transport: Transport
+    direction: Direction
+    function_id: JsonCode | None
+    function: str | None
+    command: str | None
+    waited_s: Seconds
+    left_s: Seconds
+    hex: JsonHex
+    given_up: str = ""
+    retries: JsonCount = 0
+    more: JsonCount = 0
+
+    def __post_init__(self) -> None:
+        force_setattr(self, "more", self.retries)
+
+    @property
+    def data(self) -> bytes:
+        return bytes.fromhex(self.hex)
+
+    @property
+    def flow(self) -> Flow:
+        """Sender and receiver."""
+        ends = _endpoint(self.client), _endpoint(self.server)
+        return Flow(Conversation(*ends, self.transport, "the proxy"), self.direction)
+
+    @property
+    def call_kind(self) -> CallKind | None:
+        """The call that it requests or answers; None if unknown."""
+        return None if self.function_id is None else CallKind(self.function_id, self.command)
+
+
+class HeldResponse(DoneResponse, frozen=True, kw_only=True):
+    held: list[HeldStatus]
+
+
+class RelayDelays(msgspec.Struct, frozen=True):
+    """Delays in the relay of data forwarded unchanged, in ns; `slow` counts delays that are too long."""
+
+    p50_up: JsonCount = 0
+    p99_up: JsonCount = 0
+    p999_up: JsonCount = 0
+    most_up: JsonCount = 0
+    p50_down: JsonCount = 0
+    p99_down: JsonCount = 0
+    p999_down: JsonCount = 0
+    most_down: JsonCount = 0
+    slow: JsonCount = 0
+
+
+class ProxyStats(DoneResponse, frozen=True, kw_only=True):
+    """Figures of the proxy; those of the relay are described in `RelayCounter`.
+
+    `injected` counts how often each fault was injected. `struck` and `held_up_ns` are the old names of
+    `injected` and `delays_ns`.
+    """
+
+    injected: dict[str, JsonCount]
+    refused: JsonCount
+    guard: bool
+    intercept: str | None
+    held: JsonCount
+    held_so_far: JsonCount
+    addon_errors: JsonCount
+    scripts: str | None
+    clients_now: JsonCount = 0
+    came_up: JsonCount = 0
+    left_up: JsonCount = 0
+    came_down: JsonCount = 0
+    left_down: JsonCount = 0
+    bytes_up: JsonCount = 0
+    bytes_down: JsonCount = 0
+    full: JsonCount = 0
+    lost: JsonCount = 0
+    denied: JsonCount = 0
+    clients: JsonCount = 0
+    unwatched: JsonCount = 0
+    ruled: JsonCount = 0
+    delays_ns: RelayDelays = RelayDelays()
+    recording: str | None = None
+    listening: tuple[str, ...] = ()
+    struck: dict[str, JsonCount] = {}
+    held_up_ns: RelayDelays = RelayDelays()
+
+    def __post_init__(self) -> None:
+        force_setattr(self, "struck", self.injected)
+        force_setattr(self, "held_up_ns", self.delays_ns)
+
+    @property
+    def are_scripts_off(self) -> bool:
+        return self.scripts not in (None, "on")
+
+    @property
+    def ports(self) -> tuple[int, ...]:
+        return tuple(int(each.partition(" > ")[0].rpartition(":")[2]) for each in self.listening)
+
+
+def encode_line(message: ControlRequest | DoneResponse | ErrorResponse) -> bytes:
+    """Return a request or a response as a line."""
+    try:
+        return msgspec.json.encode(message) + b"\n"
+    except UnicodeEncodeError:  # lone surrogate, from the wire or a file name, which UTF-8 cannot encode
+        text = json.dumps(msgspec.to_builtins(message), ensure_ascii=False)
+        return text.encode("utf-8", "replace") + b"\n"
+
+
+def decode_request(line: bytes) -> ControlRequest:
+    """Read a request.
+
+    Raises:
+        JSONDecodeError: The line is no JSON. A program that sends such a line is not a control client.
+        DocumentError: It is no request; names the field.
+    """
+    request: ControlRequest = convert_data(orjson.loads(line), ControlRequest)
+    return request
+
+
+def decode_response(line: bytes, kind: type[T]) -> T:
+    """Read a response of a kind.
+
+    Raises:
+        ValueError: The line is no such response.
+    """
+    try:
+        return msgspec.json.decode(line, type=kind)
+    except RecursionError as error:
+        raise ValueError("lists inside lists without end") from error
+
+
+def _endpoint(text: str) -> Endpoint:
+    host, _, port = text.rpartition(":")
+    return Endpoint(host.strip("[]"), int(port))

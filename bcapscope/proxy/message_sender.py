@@ -1,0 +1,78 @@
+"""The last step of the rules: the guard, and replies in the controller's place."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from bcapscope.faults.reply_factory import ReplyFactory
+from bcapscope.faults.wire_message import WireMessage
+from bcapscope.protocol.codec.frame import Frame
+from bcapscope.protocol.tables.hresult import E_ACCESSDENIED
+from bcapscope.proxy.direction_state import DecisionBuilder, DirectionState
+from bcapscope.proxy.policy import SendAction
+from bcapscope.proxy.request_guard import RequestGuard
+from bcapscope.proxy.script_bypass import remove_motion
+from bcapscope.traffic.observation import Conversation, Direction, Flow
+
+
+class MessageSender:
+    """Sends messages on, and refuses requests.
+
+    Attributes:
+        guard: Refuses requests; None without a guard.
+        refused_requests: Number of requests refused by the guard or by `refuse_motion`.
+    """
+
+    def __init__(self, guard: RequestGuard | None) -> None:
+        self.guard = guard
+        self.refused_requests = 0
+        self._replies = ReplyFactory()
+
+    def on_message(self, flow: Flow, data: bytes) -> None:
+        """Learn from a message what replies look like."""
+        self._replies.on_message(flow, data)
+
+    def close_conversation(self, conversation: Conversation) -> None:
+        self._replies.close_conversation(conversation)
+
+    def send(self, state: DirectionState, data: bytes, note: str, work: DecisionBuilder) -> None:
+        """Send a message. A request goes through the guard first."""
+        direction = state.flow.direction
+        if self.guard is not None and direction is Direction.REQUEST:
+            data = self._apply_guard(self.guard, state, data, work)
+            if not data:
+                return
+        work.actions.append(SendAction(state.client, direction, data, note))
+
+    def refuse_motion(
+        self, state: DirectionState, message: WireMessage, note: str, work: DecisionBuilder
+    ) -> bytes:
+        """Refuse the motions in a request. Return the bytes of the rest."""
+        passing, refused = remove_motion(each.observation.item for each in message.annotated_frames)
+        if not refused:
+            return message.data
+        self.refused_requests += len(refused)
+        self.answer(state, refused, E_ACCESSDENIED, note, work)
+        work.notes.append(note)
+        return passing
+
+    def answer(
+        self, state: DirectionState, requests: Sequence[Frame], code: int, note: str, work: DecisionBuilder
+    ) -> None:
+        """Send the client a reply with a result code to each request."""
+        for request in requests:
+            raw = self._replies.make_reply(state.flow.conversation, request, code)
+            work.actions.append(SendAction(state.client, Direction.RESPONSE, raw, note))
+
+    def _apply_guard(
+        self, guard: RequestGuard, state: DirectionState, data: bytes, work: DecisionBuilder
+    ) -> bytes:
+        """Return what the guard lets pass of a request; the proxy answers the rest itself."""
+        passing, refused, dropped = guard.filter_frames(data)
+        for frame, why in refused:
+            self.refused_requests += 1
+            work.notes.append(f"guard: {why}, answered with E_ACCESSDENIED")
+            self.answer(state, (frame,), E_ACCESSDENIED, f"guard: {why}", work)
+        if dropped:
+            work.notes.append("guard: dropped bytes that are no frame")
+        return passing

@@ -1,0 +1,50 @@
+"""A slot, and a socket toward the controller, for a new client."""
+
+from __future__ import annotations
+
+import socket
+from collections.abc import Callable
+
+from bcapscope.errors import BcapError
+from bcapscope.proxy.admission import ClientSlot
+from bcapscope.proxy.relay import Relay
+from bcapscope.traffic.observation import Transport
+from bcapscope.transport.descriptors import OUT_OF_DESCRIPTORS_TEXT, is_out_of_descriptors
+
+
+class ClientDeniedError(BcapError):
+    """A new client gets no slot; the message continues a sentence that begins with the client."""
+
+
+def open_upstream(
+    relay: Relay, transport: Transport, host: str, is_stop: bool, open_socket: Callable[[], socket.socket]
+) -> tuple[socket.socket, ClientSlot]:
+    """Find a slot for a new client, and open its socket. Others may end for it.
+
+    Args:
+        relay: The relay.
+        transport: Transport of the client.
+        host: Address of the client.
+        is_stop: True if its first frame is a stop. For a stop, others end to free a file descriptor.
+        open_socket: Opens the socket toward the controller.
+
+    Raises:
+        ClientDeniedError: There is no slot, or no file descriptor would be left for a stop.
+        OSError: The socket cannot be opened.
+    """
+    slot = relay.slots[transport].find_slot(host, relay.now, is_stop)
+    if slot is ClientSlot.NONE:
+        raise ClientDeniedError("is one client too many")
+    while True:
+        try:
+            upstream = open_socket()
+            break
+        except OSError as error:
+            if not is_stop or not is_out_of_descriptors(error) or not relay.free_descriptor():
+                raise
+    if relay.spares.refill():
+        return upstream, slot
+    if not is_stop:
+        upstream.close()
+        raise ClientDeniedError(f"cannot be accepted: {OUT_OF_DESCRIPTORS_TEXT}")
+    return upstream, ClientSlot.RESERVED
