@@ -13,6 +13,7 @@ from bcapscope.capture.packet import Interface
 from bcapscope.capture.pcapng_writer import PacketPairEncoder
 from bcapscope.capture.rotating_recording import RotatingRecording, RotationLimits
 from bcapscope.capture.socket_recording import RAW_IP, Hop, SocketRecording
+from bcapscope.messages.os_errors import os_reason
 from bcapscope.proxy.relay_session import read_endpoints
 from bcapscope.proxy.ring_buffer import RingRecord, RingRecordKind, hole_sizes
 from bcapscope.render.escape import printable
@@ -249,7 +250,7 @@ class ProxyRecorder:
 
     def _give_up(self, error: OSError) -> None:
         self.failed = True
-        why = (error.strerror or str(error)).lower()
+        why = os_reason(error)
         self._warn(f"{printable(str(self._path))} is not written any more: {why}")
         self._close_file()
 

@@ -26,6 +26,8 @@ from bcapscope.live.standard_streams import choose_palette
 from bcapscope.live.terminal_writer import TerminalWriter
 from bcapscope.live.watcher_priority import WatcherUrgency, lower_priority, yield_function
 from bcapscope.messages import ENGLISH_WORDS
+from bcapscope.messages.message_codec import encode_message
+from bcapscope.messages.os_errors import os_reason
 from bcapscope.protocol.text_format import counted
 from bcapscope.proxy.record_decoder import RecordDecoder
 from bcapscope.proxy.ring_buffer import RelayCounter, RingReader, RingRecord, RingRecordKind
@@ -93,7 +95,7 @@ def watch_relay(memory: str, relay: Connection, options: ProxyOptions) -> bool:
         if options.record is not None:
             recorder = ProxyRecorder(options.record, options.ring, screen.write_message)
     except OSError as error:
-        relay.send_bytes((error.strerror or str(error)).lower().encode())
+        relay.send_bytes(encode_message(os_reason(error)))
         return False
     shared = SharedMemory(memory)
     assert shared.buf is not None

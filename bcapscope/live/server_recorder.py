@@ -19,6 +19,7 @@ from bcapscope.capture.append_log import write_all
 from bcapscope.capture.pcapng_writer import is_packet_block
 from bcapscope.capture.socket_recording import Address, SocketRecording
 from bcapscope.errors import FileWriteError
+from bcapscope.messages.os_errors import os_reason
 from bcapscope.protocol.text_format import counted
 from bcapscope.render.escape import printable
 
@@ -50,7 +51,7 @@ def create_capture(path: Path) -> BinaryIO | RawIOBase:
     try:
         return path.open("xb", buffering=0)
     except OSError as error:
-        raise FileWriteError(path, (error.strerror or str(error)).lower()) from None
+        raise FileWriteError(path, os_reason(error)) from None
 
 
 class _BlockBuffer(RawIOBase):
@@ -250,7 +251,7 @@ class ServerRecorder:
             self._failed = True
             with suppress(OSError):
                 self._file.truncate(size)  # so that it ends with a whole packet
-            self._warn(f"{self._name} is not written any more: {(error.strerror or str(error)).lower()}")
+            self._warn(f"{self._name} is not written any more: {os_reason(error)}")
             blocks.clear()
 
 

@@ -14,8 +14,8 @@ from typing import BinaryIO
 
 from msgspec import structs
 
-from bcapscope.client.controller_target import os_error_text
 from bcapscope.errors import BcapError
+from bcapscope.messages.os_errors import os_reason
 from bcapscope.player.blocking_caller import run_blocking
 from bcapscope.player.channel import Channel, open_channel
 from bcapscope.player.control_log import read_control_log, write_control_log
@@ -39,7 +39,7 @@ def main() -> None:
         try:
             record, log = (stack.enter_context(open_new_file(path)) for path in (plan.record, plan.log))
         except OSError as error:
-            desk.send(PlayEnded(PlayOutcome.UNWRITABLE, f"{error.filename}: {os_error_text(error)}"))
+            desk.send(PlayEnded(PlayOutcome.UNWRITABLE, f"{error.filename}: {os_reason(error)}"))
             desk.wait_until_sent()
             return
         desk.send(play(plan, desk, record, log))
@@ -63,7 +63,7 @@ def play(plan: PlayPlan, pipe: PlayerPipe, record: BinaryIO | None, log: BinaryI
             port = plan.aftermath.port if plan.aftermath else 0
             channel = open_channel(target.host, target.port, target.tcp, local_port=port)
         except OSError as error:
-            reason = f"{target}: {os_error_text(error)}"
+            reason = f"{target}: {os_reason(error)}"
             return PlayEnded(
                 PlayOutcome.UNANSWERED, reason, left=plan.aftermath is None, realtime=grade.realtime
             )
@@ -87,14 +87,14 @@ def write_files(
     try:
         recorder.save_capture(channel)
     except OSError as error:
-        reasons.append(f"the capture could not be written: {os_error_text(error)}")
+        reasons.append(f"the capture could not be written: {os_reason(error)}")
     try:
         if log is not None:
             records = read_records()
             write_control_log(log, records)
             ended = structs.replace(ended, logged=len(records))
     except (OSError, BcapError) as error:
-        reason = os_error_text(error) if isinstance(error, OSError) else str(error)
+        reason = os_reason(error) if isinstance(error, OSError) else str(error)
         reasons.append(f"the log could not be written: {reason}")
     if not reasons:
         return ended

@@ -14,11 +14,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from bcapscope.client.controller_target import os_error_text
 from bcapscope.client.object_opener import ObjectOpener
 from bcapscope.client.robot_halt import halt_robot
 from bcapscope.client.session import Session
 from bcapscope.errors import BcapError, CallTimeout, ControllerError
+from bcapscope.messages.os_errors import os_reason
 from bcapscope.player.arm_limits import ArmLimits, limits_for_arm, with_limits
 from bcapscope.player.blocking_caller import ABORT_CHECK_INTERVAL, BlockingCaller
 from bcapscope.player.channel import Channel
@@ -135,7 +135,7 @@ class PlaySession:
         except OSError as error:
             outcome, reason, self._cleanup.is_controller_gone = (
                 PlayOutcome.UNANSWERED,
-                os_error_text(error),
+                str(os_reason(error)),
                 True,
             )
         except BcapError as error:

@@ -19,6 +19,8 @@ from pathlib import Path
 
 import msgspec
 
+from bcapscope.messages.os_errors import os_reason
+
 FIFO_PRIORITY = 40
 """Above all ordinary programs, below the kernel's interrupt threads, which have 50 and deliver the
 replies."""
@@ -102,7 +104,7 @@ def _set_fifo_priority() -> str:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(FIFO_PRIORITY))
     except OSError as error:
         return (
-            f"no real-time priority ({(error.strerror or str(error)).lower()}), so that busy programs can "
+            f"no real-time priority ({os_reason(error)}), so that busy programs can "
             f"hold up set points; to give it, put the line `{_user()} - rtprio {FIFO_PRIORITY}` into "
             "/etc/security/limits.conf and log in again (`ulimit -r` then shows it), or run "
             f"`sudo setcap cap_sys_nice+ep {os.path.realpath(sys.executable)}`"

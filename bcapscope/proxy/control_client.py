@@ -11,6 +11,7 @@ import time
 from typing import TypeVar
 
 from bcapscope.errors import BcapError
+from bcapscope.messages.os_errors import os_reason
 from bcapscope.proxy import control_messages as control
 from bcapscope.proxy.control_socket import ControlError, connect_control
 
@@ -77,7 +78,7 @@ class ControlClient:
             raise ControlError(f"the proxy on {self._address} has ended") from error
         except OSError as error:
             self.close()
-            raise ControlError(f"{self._address}: {(error.strerror or str(error)).lower()}") from error
+            raise ControlError(f"{self._address}: {os_reason(error)}") from error
         except ValueError as error:
             self.close()
             raise ControlError(f"the program on {self._address} is not a bcapscope proxy") from error

@@ -2,28 +2,11 @@
 
 PHRASES: dict[str, str] = {
     # calls
-    "{text} was refused: {text2}, {text3}": "{text} は拒否されました: {text2}、{text3}",
-    "{text}; {n} ms between two set points: this machine was late by {n2} ms, the reply took {n3} ms": "{text}。二つの指令値の間隔は {n} ms: このマシンの遅れ {n2} ms、応答まで {n3} ms",
-    "{text} was not answered in time, {n} tries:": "{text} に時間内の応答がありません ({n} 回試行)",
-    "{text} was not answered in time, 1 try:": "{text} に時間内の応答がありません (1 回試行)",
-    "{text}; RC8 and COBOTTA want the provider CaoProv.DENSO.VRC, RC9 and COBOTTA PRO want CaoProv.DENSO.VRC9": "{text}。プロバイダは RC8・COBOTTA では CaoProv.DENSO.VRC、RC9・COBOTTA PRO では CaoProv.DENSO.VRC9",
-    "{text} would be a packet of {n} bytes, and UDP carries {n2}: connect over TCP, or send less": "{text} は {n} バイトになり、UDP の上限 {n2} バイトを超えます。TCP で接続するか、短くしてください",
-    "a call is under way, and b-CAP takes one after the other": "実行中の呼び出しがあります。b-CAP は一度に一つだけです",
     "{word} over UDP": "{word} (UDP)",
     "{word} over TCP": "{word} (TCP)",
-    "connection refused at {n} ms": "{n} ms に接続拒否",
-    "connection refused × {n} at {n2} … {n3} ms": "{n2} … {n3} ms に接続拒否 × {n}",
-    "{word} at {n} ms": "{n} ms に {word}",
-    "{word} × {n} at {n2} … {n3} ms": "{n2} … {n3} ms に {word} × {n}",
-    "serial {n}, reserved {n2}, sent at {n3} ms: {text}": "シリアル {n}、reserved {n2}、送信 {n3} ms: {text}",
-    "nothing came": "応答なし",
     "which {word}? Give its name, or open it before": "どの {word} ですか? 名前を指定するか、先に開いてください",
-    "the answer holds no list of names": "応答に名前の一覧がありません",
-    "the answer holds {text} instead of {text2}": "応答が {text2} ではなく {text} です",
-    "the answer holds a date that no calendar has, {n} days": "応答の日付 ({n} 日) は暦にありません",
     "no provider to try": "試すプロバイダがありません",
     # connections
-    "no answer": "応答がありません",
     "the peer closed the connection": "相手が接続を閉じました",
     "the connection broke: {text}": "接続が切れました: {text}",
     "the socket was closed": "ソケットが閉じられました",
@@ -179,9 +162,6 @@ PHRASES: dict[str, str] = {
     "exit code {n}": "終了コード {n}",
     "signal {n}": "シグナル {n}",
     "no plan came": "計画が届きませんでした",
-    "the controller does not tell a pose of type {word}": "コントローラが {word} 型の位置を返しません",
-    "{text}; the robot stands {n} from the first set point": "{text}。ロボットは最初の指令値から {n} 離れています",
-    "the robot stands {n} from the first set point and does not move": "ロボットは最初の指令値から {n} 離れて止まっています",
     # the player at work
     "{n} of {n2}": "{n} / {n2}",
     "set point": "指令値",

@@ -12,8 +12,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bcapscope.client.object_opener import PROVIDER_ADVICE
-from bcapscope.errors import Attempt, CallTimeout, ControllerError
 from bcapscope.player.arm_limits import UNKNOWN_ARM, with_limits
 from bcapscope.player.lateness import Spread
 from bcapscope.player.player_messages import (
@@ -110,12 +108,6 @@ def test_books_do_not_disagree() -> None:
 
 
 def messages() -> Iterator[str]:
-    attempt = Attempt(5, 0, 0)
-    yield str(
-        ControllerError("Controller_Connect", 0x80070057, "E_INVALIDARG", f"not allowed; {PROVIDER_ADVICE}")
-    )
-    yield str(CallTimeout("Robot_Halt", (attempt,))).partition("\n")[0]
-    yield attempt.describe(0)
     for text in ("i2:x", "bool:2", "empty:1", "empty[]:1", "variant:1"):
         with pytest.raises(ValueError, match=r".") as raised:
             parse_variant(text)
