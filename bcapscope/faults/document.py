@@ -20,6 +20,7 @@ from yaml.resolver import Resolver
 from bcapscope.faults.fault import ALIASES, AnyFault
 from bcapscope.faults.quantities import QUANTITIES
 from bcapscope.faults.yaml_events import YamlError, yaml_events
+from bcapscope.messages import Message
 from bcapscope.protocol.number_parsing import LONGEST_NUMBER
 from bcapscope.protocol.text_format import shortened
 from bcapscope.traffic.filter.tokens import nearest
@@ -159,7 +160,7 @@ class _Loader(Composer, SafeConstructor, Resolver):
     def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
         event = self.peek_event()
         if isinstance(event, yaml.AliasEvent):
-            raise YamlError("anchors are not read", event.start_mark)
+            raise YamlError(Message("yaml.anchors"), event.start_mark)
         return super().compose_node(parent, index)
 
     def construct_yaml_int(self, node: yaml.ScalarNode) -> int:
@@ -202,7 +203,7 @@ def _parse(text: str) -> tuple[yaml.Node | None, object]:
         root = loader.get_single_node()
         return root, None if root is None else loader.construct_document(root)
     except YamlError as error:
-        raise DocumentError((), error.line, error.problem) from error
+        raise DocumentError((), error.line, str(error)) from error
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark
         raise DocumentError((), mark.line + 1 if mark else 0, error.problem or "no YAML") from error

@@ -205,7 +205,7 @@ class ProxySupervisor:
         # the relay on the processor where it ran last, not on its waker's. That one should not sleep.
         with realtime_priority() as grade:
             if not grade.realtime:
-                self._send_to_watcher(grade.text.encode())
+                self._send_to_watcher(str(grade.text).encode())
             # Not earlier: it runs a trial in a thread. The thread's stack stays, and would be locked as well.
             if self._is_watched:
                 assert self._watcher is not None

@@ -15,7 +15,9 @@ from typing import BinaryIO
 from msgspec import structs
 
 from bcapscope.errors import BcapError
+from bcapscope.messages import Message
 from bcapscope.messages.os_errors import os_reason
+from bcapscope.messages.places import Enumeration
 from bcapscope.player.blocking_caller import run_blocking
 from bcapscope.player.channel import Channel, open_channel
 from bcapscope.player.control_log import read_control_log, write_control_log
@@ -39,7 +41,12 @@ def main() -> None:
         try:
             record, log = (stack.enter_context(open_new_file(path)) for path in (plan.record, plan.log))
         except OSError as error:
-            desk.send(PlayEnded(PlayOutcome.UNWRITABLE, f"{error.filename}: {os_reason(error)}"))
+            desk.send(
+                PlayEnded(
+                    PlayOutcome.UNWRITABLE,
+                    Message("file.not-written", path=error.filename, reason=os_reason(error)),
+                )
+            )
             desk.wait_until_sent()
             return
         desk.send(play(plan, desk, record, log))
@@ -63,7 +70,7 @@ def play(plan: PlayPlan, pipe: PlayerPipe, record: BinaryIO | None, log: BinaryI
             port = plan.aftermath.port if plan.aftermath else 0
             channel = open_channel(target.host, target.port, target.tcp, local_port=port)
         except OSError as error:
-            reason = f"{target}: {os_reason(error)}"
+            reason = Message("connection.failed", target=str(target), reason=os_reason(error))
             return PlayEnded(
                 PlayOutcome.UNANSWERED, reason, left=plan.aftermath is None, realtime=grade.realtime
             )
@@ -83,23 +90,25 @@ def write_files(
     read_records: Callable[[], Sequence[Value]],
 ) -> PlayEnded:
     """Write the recording, and the log that `read_records` returns; return how everything ended."""
-    reasons: list[str] = []
+    reasons: list[Message] = []
     try:
         recorder.save_capture(channel)
     except OSError as error:
-        reasons.append(f"the capture could not be written: {os_reason(error)}")
+        reasons.append(Message("play.capture-not-written", reason=os_reason(error)))
     try:
         if log is not None:
             records = read_records()
             write_control_log(log, records)
             ended = structs.replace(ended, logged=len(records))
     except (OSError, BcapError) as error:
-        reason = os_reason(error) if isinstance(error, OSError) else str(error)
-        reasons.append(f"the log could not be written: {reason}")
+        reason = os_reason(error) if isinstance(error, OSError) else error.message
+        reasons.append(Message("play.log-not-written", reason=reason))
     if not reasons:
         return ended
-    told = "; ".join((*reasons, *filter(None, (ended.reason,))))
-    return structs.replace(ended, outcome=PlayOutcome.UNWRITABLE, reason=told)
+    if ended.reason is not None:
+        reasons.append(ended.reason)
+    reason = reasons[0] if len(reasons) == 1 else Message("list.of", items=Enumeration(tuple(reasons)))
+    return structs.replace(ended, outcome=PlayOutcome.UNWRITABLE, reason=reason)
 
 
 def abort_on_order(pipe: PlayerPipe) -> Callable[[], None]:

@@ -31,7 +31,6 @@ from typing import NamedTuple, TypeAlias
 
 from bcapscope.errors import CallTimeout, ControllerError
 from bcapscope.messages import Message
-from bcapscope.messages.places import Duration
 from bcapscope.player.blocking_caller import BlockingCaller
 from bcapscope.player.lateness import Lateness
 from bcapscope.player.player_messages import PlayCounts, SetPointValues
@@ -288,7 +287,7 @@ class Pacer:
         """Make the error for a refused set point; where lateness may be the cause, it gives the times."""
         meaning = describe_hresult(code).meaning
         if code >> 16 == _MOTION_ERRORS and self._recent_gaps:
-            gap, late, reply = map(Duration, max(self._recent_gaps))
+            gap, late, reply = (f"{each / 1e6:.1f}" for each in max(self._recent_gaps))
             meaning = Message("play.refused-late", meaning=meaning, gap=gap, late=late, reply=reply)
         return ControllerError(_NAME, code, hresult_name(code), meaning)
 

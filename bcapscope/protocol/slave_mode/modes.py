@@ -10,6 +10,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import StrEnum
 
+from bcapscope.messages import Message
+
 PERIOD_MS = 8
 """Cycle time of the controller, ms: it consumes one set point per cycle."""
 
@@ -137,6 +139,14 @@ _KINDS: dict[Generation, dict[int, ModeKind]] = {
     Generation.RC8: {0x000: ModeKind.MODE_0, 0x100: ModeKind.MODE_1, 0x200: ModeKind.MODE_2},
 }
 _POSE_TYPES = {1: PoseType.P, 2: PoseType.J, 3: PoseType.T}
+
+
+def describe_mode(mode: SlaveMode) -> Message:
+    """Return the pose type of a mode and how the controller treats slvMove in it."""
+    behaviour = Message.from_table(f"slave-mode.{mode.kind.name.lower()}", _BEHAVIOURS[mode.kind].text)
+    if mode.pose_type is None:
+        return behaviour
+    return Message("slave-mode.described", pose=str(mode.pose_type), kind=str(mode.kind), behaviour=behaviour)
 
 
 def _make_mode(value: int, generation: Generation, kind: ModeKind, pose_type: PoseType | None) -> SlaveMode:
