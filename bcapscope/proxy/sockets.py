@@ -9,6 +9,7 @@ from contextlib import suppress
 from typing import Any, TypeAlias
 
 from bcapscope.errors import BcapError
+from bcapscope.messages import Message
 from bcapscope.messages.os_errors import os_reason
 from bcapscope.traffic.observation import Endpoint, Transport
 from bcapscope.transport.receive_timestamps import enable_receive_timestamps
@@ -61,8 +62,15 @@ def listen_on(endpoint: Endpoint, transport: Transport) -> socket.socket:
     except OSError as error:
         if sock is not None:
             sock.close()
-        where = f"{endpoint.host} {transport.upper()} port {endpoint.port}"
-        raise ProxyListenError(f"cannot listen on {where}: {os_reason(error)}") from None
+        raise ProxyListenError(
+            Message(
+                "listen.failed",
+                host=endpoint.host,
+                transport=transport.upper(),
+                port=endpoint.port,
+                reason=os_reason(error),
+            )
+        ) from None
     return sock
 
 
@@ -82,7 +90,9 @@ def resolve(endpoint: Endpoint, transport: Transport) -> tuple[int, SocketAddres
     try:
         family, _, _, _, address = socket.getaddrinfo(endpoint.host, endpoint.port, type=kind)[0]
     except (OSError, UnicodeError) as error:
-        raise UnreachableError(f"the controller {endpoint} cannot be reached: {os_reason(error)}") from None
+        raise UnreachableError(
+            Message("controller.unreachable", address=str(endpoint), reason=os_reason(error))
+        ) from None
     return family, address
 
 

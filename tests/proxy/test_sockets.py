@@ -40,7 +40,7 @@ def test_datagrams_have_times_and_lost_ones_are_counted() -> None:
     ],
 )
 def test_reasons(error: Exception, words: str) -> None:
-    assert os_reason(error) == words
+    assert str(os_reason(error)) == words
 
 
 def test_a_peer_that_has_vanished_is_noticed_within_minutes() -> None:

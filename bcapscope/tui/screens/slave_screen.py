@@ -49,7 +49,7 @@ from bcapscope.tui.tester.file_picker import FilePicker
 from bcapscope.tui.tester.playback_view import PlaybackView
 from bcapscope.tui.tester.tick_box import TickBox
 from bcapscope.tui.widgets.inked_text import InkedText
-from bcapscope.tui.words import reader_words, say, told
+from bcapscope.tui.words import error_words, reader_words, say, told
 
 _MODE_NUMBERS = (0x001, 0x002, 0x003, 0x101, 0x102, 0x103, 0x201, 0x202, 0x203)
 _MODES: tuple[tuple[str, SlaveModePacing | int], ...] = (
@@ -177,7 +177,7 @@ class SlaveScreen(BaseScreen):
         try:
             ready = await asyncio.to_thread(prepare_trajectory, wish, self._session.status.identity.type_name)
         except ValueError as error:  # a problem with the file or the limits
-            self._show_report([f"{INK.bad}{printable(told(str(error)))}{INK.reset}"])
+            self._show_report([f"{INK.bad}{printable(error_words(error))}{INK.reset}"])
             return
         self._prepared = ready
         lines = list(ready.summary_lines(INK, self.query_one("#before").size.width - 2))

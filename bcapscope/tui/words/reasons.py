@@ -82,6 +82,8 @@ PHRASES: dict[str, str] = {
     "slvMove is answered at once, the newest point wins and the last is held": "slvMove に即応答、最新の点が有効で、最後の点を保持",
     "slvMove is answered when its buffer of 3 has room; running empty while moving is an error": "3 個のバッファに空きがあるとき slvMove に応答。動作中に空になるとエラー",
     # the player at work
+    "{n} retries": "再送 {n}",
+    "{n} unanswered": "応答なし {n}",
     "{n} late reply": "遅れた応答 {n}",
     "{n} late replies": "遅れた応答 {n}",
     "connecting": "接続中",
