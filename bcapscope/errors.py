@@ -148,9 +148,9 @@ class CallTimeout(BcapError, TimeoutError):
             call: Name of the call, such as `Robot_Execute slvMove`.
             attempts: All attempts, in order; at least one.
         """
-        from bcapscope.messages.places import Count, Lines  # noqa: PLC0415 - `bcapscope --help` loads this
+        from bcapscope.messages.places import Count, IndentedLines  # noqa: PLC0415 - `bcapscope --help` loads this
 
-        log = Lines(tuple(attempt.describe(attempts[0].sent) for attempt in attempts))
+        log = IndentedLines(tuple(attempt.describe(attempts[0].sent) for attempt in attempts))
         super().__init__(
             Message("call.unanswered", call=call, attempts=Count(len(attempts), "attempt"), log=log)
         )

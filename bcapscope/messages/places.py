@@ -250,7 +250,7 @@ class Enumeration(Place):
 
 
 @dataclass(frozen=True, slots=True)
-class Lines(Place):
+class IndentedLines(Place):
     """Several messages, each on a line of its own below the sentence."""
 
     items: tuple[Message, ...]

@@ -6,13 +6,18 @@ import pytest
 
 from bcapscope.messages import Language, Message, MessageFormatter
 from bcapscope.messages.message_codec import decode_message, encode_message
-from bcapscope.messages.places import Count, Duration, Lines, Listing, WireText
+from bcapscope.messages.places import Count, Duration, IndentedLines, Listing, WireText
 
 MESSAGES = [
     Message("os.no-answer"),
     Message("call.one", text="text", number=3, share=0.5),
     Message.from_table("os.EACCES", "permission denied"),
-    Message("call.unanswered", call="x", attempts=Count(2, "attempt"), log=Lines((Message("os.no-answer"),))),
+    Message(
+        "call.unanswered",
+        call="x",
+        attempts=Count(2, "attempt"),
+        log=IndentedLines((Message("os.no-answer"),)),
+    ),
     Message("a.b", time=Duration(5), names=Listing(("a", Message("os.no-answer"))), wire=WireText("[red]")),
 ]
 
