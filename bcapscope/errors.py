@@ -31,6 +31,10 @@ class BcapError(Exception):
         return str(self.message)
 
 
+class InputError(BcapError, ValueError):
+    """Something that a person typed or wrote in a file makes no sense."""
+
+
 class LocalProtocolError(BcapError):
     """The caller asked to send something that b-CAP cannot express; nothing was sent."""
 
@@ -57,19 +61,19 @@ class ControllerError(BcapError):
     Attributes:
         hresult: Result code, unsigned.
         name: The vendor's symbol such as `E_HANDLE`; the code in hex if it has none.
-        meaning: Meaning of the code as text.
+        meaning: Meaning of the code.
     """
 
-    def __init__(self, call: str, hresult: int, name: str, meaning: str) -> None:
+    def __init__(self, call: str, hresult: int, name: str, meaning: Message) -> None:
         """Store the result and compose the message.
 
         Args:
             call: Name of the call, such as `Robot_Execute slvMove`.
             hresult: Result code, unsigned.
             name: The vendor's symbol, or the code in hex.
-            meaning: Meaning of the code as text.
+            meaning: Meaning of the code.
         """
-        super().__init__(f"{call} was refused: {name}, {meaning}")
+        super().__init__(Message("call.refused", call=call, name=name, meaning=meaning))
         self.hresult = hresult
         self.name = name
         self.meaning = meaning
@@ -80,11 +84,11 @@ class AttemptEvent(NamedTuple):
 
     Attributes:
         time: Time of the event, ns, on the clock of `Attempt.sent`.
-        description: Name of the result code, or the operating system's error text.
+        description: Name of the result code, or the operating system's error.
     """
 
     time: int
-    description: str
+    description: str | Message
 
 
 class Attempt(NamedTuple):
@@ -102,24 +106,32 @@ class Attempt(NamedTuple):
     sent: int
     events: tuple[AttemptEvent, ...] = ()
 
-    def describe(self, start: int) -> str:
-        """Return the attempt as one line of text; identical consecutive events are combined.
+    def describe(self, start: int) -> Message:
+        """Return the attempt as one line; identical consecutive events are combined.
 
         Args:
             start: Time that counts as 0 ms, ns, on the clock of `sent`.
         """
-        came = ", ".join(
-            _repeated_event_text(what, [(arrival.time - start) / 1e6 for arrival in same])
+        from bcapscope.messages.places import Enumeration  # noqa: PLC0415 - `bcapscope --help` loads this
+
+        came = tuple(
+            _repeated_event(what, [f"{(arrival.time - start) / 1e6:.3f}" for arrival in same])
             for what, same in groupby(self.events, attrgetter("description"))
         )
-        head = f"serial {self.serial}, reserved {self.reserved}, sent at {(self.sent - start) / 1e6:.3f} ms"
-        return f"{head}: {came or 'nothing came'}"
+        return Message(
+            "call.attempt",
+            serial=self.serial,
+            reserved=self.reserved,
+            sent=f"{(self.sent - start) / 1e6:.3f}",
+            events=Enumeration(came or (Message("call.attempt.nothing"),)),
+        )
 
 
-def _repeated_event_text(what: str, times: list[float]) -> str:
+def _repeated_event(what: str | Message, times: list[str]) -> Message:
     if len(times) == 1:
-        return f"{what} at {times[0]:.3f} ms"
-    return f"{what} × {len(times)} at {times[0]:.3f} … {times[-1]:.3f} ms"
+        return Message("call.attempt.event", what=what, time=times[0])
+    count = len(times)
+    return Message("call.attempt.events", what=what, count=count, first=times[0], last=times[-1])
 
 
 class CallTimeout(BcapError, TimeoutError):
@@ -136,9 +148,12 @@ class CallTimeout(BcapError, TimeoutError):
             call: Name of the call, such as `Robot_Execute slvMove`.
             attempts: All attempts, in order; at least one.
         """
-        count = "1 try" if len(attempts) == 1 else f"{len(attempts)} tries"
-        tries = "".join(f"\n  {attempt.describe(attempts[0].sent)}" for attempt in attempts)
-        super().__init__(f"{call} was not answered in time, {count}:{tries}")
+        from bcapscope.messages.places import Count, IndentedLines  # noqa: PLC0415 - `bcapscope --help` loads this
+
+        log = IndentedLines(tuple(attempt.describe(attempts[0].sent) for attempt in attempts))
+        super().__init__(
+            Message("call.unanswered", call=call, attempts=Count(len(attempts), "attempt"), log=log)
+        )
         self.attempts = attempts
 
 
@@ -160,11 +175,12 @@ class FileWriteError(BcapError):
     """A file, or a file-like target, cannot be written.
 
     Attributes:
-        path: Path as the caller gave it; escape it before you print it.
+        path: Path as the caller gave it, or what else cannot be made; escape it before you print it.
         reason: Why writing failed, in lower case.
     """
 
-    def __init__(self, path: Path, reason: str) -> None:
-        super().__init__(f"{path}: {reason}")
+    def __init__(self, path: Path | Message, reason: Message) -> None:
+        shown = path if isinstance(path, Message) else str(path)
+        super().__init__(Message("file.not-written", path=shown, reason=reason))
         self.path = path
         self.reason = reason

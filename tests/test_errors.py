@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from bcapscope.errors import Attempt, AttemptEvent, BcapError, CallTimeout, ControllerError
+from bcapscope.protocol.tables.hresult import describe_hresult
 
 
 def test_a_time_out_lists_every_try() -> None:
@@ -13,7 +14,7 @@ def test_a_time_out_lists_every_try() -> None:
     )
     error = CallTimeout("Robot_Execute slvMove", attempts)
     assert str(error).splitlines() == [
-        "Robot_Execute slvMove was not answered in time, 2 tries:",
+        "Robot_Execute slvMove was not answered in time, 2 attempts:",
         "  serial 7, reserved 0, sent at 0.000 ms: S_OK at 19.000 ms",
         "  serial 8, reserved 7, sent at 16.000 ms: nothing came",
     ]
@@ -25,12 +26,14 @@ def test_a_time_out_lists_every_try() -> None:
 def test_what_came_again_and_again_is_told_once() -> None:
     came = [AttemptEvent(each * 100_000_000, "S_EXECUTING") for each in range(1, 21)]
     attempt = Attempt(7, 0, 0, (*came, AttemptEvent(2_004_000_000, "S_OK")))
-    head, told = attempt.describe(0).split(": ")
+    head, told = str(attempt.describe(0)).split(": ")
     assert head == "serial 7, reserved 0, sent at 0.000 ms"
     assert told == "S_EXECUTING × 20 at 100.000 … 2000.000 ms, S_OK at 2004.000 ms"
 
 
 def test_a_refusal_tells_what_and_why() -> None:
-    error = ControllerError("Robot_Execute slvMove", 0x83500121, "0x83500121", "not in slave mode")
-    assert str(error) == "Robot_Execute slvMove was refused: 0x83500121, not in slave mode"
+    error = ControllerError(
+        "Robot_Execute slvMove", 0x83500121, "0x83500121", describe_hresult(0x83500121).meaning
+    )
+    assert str(error) == f"Robot_Execute slvMove was refused: 0x83500121, {describe_hresult(0x83500121).text}"
     assert error.hresult == 0x83500121

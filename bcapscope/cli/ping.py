@@ -17,12 +17,13 @@ from bcapscope.cli.common import options
 from bcapscope.cli.common.data_output import echo
 from bcapscope.cli.common.exit_codes import ExitCode
 from bcapscope.cli.common.target_options import ControllerTarget, exit_on_failure, target_options
-from bcapscope.client.controller_target import os_error_text
 from bcapscope.client.object_opener import ObjectOpener, read_variable_once
 from bcapscope.client.remote_objects import Controller, Robot
 from bcapscope.client.session import Session, open_target_session
 from bcapscope.errors import ControllerError
 from bcapscope.live.end_signals import run_interruptible
+from bcapscope.messages import Message
+from bcapscope.messages.os_errors import os_reason
 from bcapscope.protocol.codec.variant import VT, Variant
 from bcapscope.protocol.retry.requester import CallTimedOut
 from bcapscope.protocol.tables.function_table import ObjectClass
@@ -53,8 +54,8 @@ class _PingResult:
     is_answering: bool = False
     is_simulator: bool = False
     facts: dict[str, object] = field(default_factory=dict)
-    refusal: str | None = None
-    break_reason: str | None = None
+    refusal: Message | None = None
+    break_reason: Message | None = None
     round_trips: list[float] = field(default_factory=list)
     lost: int = 0
 
@@ -117,11 +118,11 @@ async def _ping(target: ControllerTarget, count: int, interval: float, found: _P
             found.is_simulator = await opener.is_simulator()
             await _read_facts(opener, found)
         except ControllerError as error:
-            found.refusal = str(error)
+            found.refusal = error.message
         try:
             await _measure(session, handle, count, interval, found)
         except ConnectionError as error:
-            found.break_reason = os_error_text(error)
+            found.break_reason = os_reason(error)
 
 
 async def _read_facts(opener: ObjectOpener, found: _PingResult) -> None:
@@ -162,10 +163,10 @@ def _lines(target: ControllerTarget, found: _PingResult) -> Iterator[str]:
     facts = "".join(f", {name} {printable(str(value))}" for name, value in found.facts.items())
     yield f"{target}: {kind}{facts}"
     if found.refusal is not None:
-        yield f"connection refused: {printable(found.refusal)}"
+        yield f"connection refused: {printable(str(found.refusal))}"
     yield f"{len(found.round_trips) + found.lost} calls, {found.lost} lost"
     if found.break_reason is not None:
-        yield f"ended early: {printable(found.break_reason)}"
+        yield f"ended early: {printable(str(found.break_reason))}"
     if spread is not None:
         yield (
             f"round trip, ms: p50 {spread.p50:.3f}, p90 {spread.p90:.3f}, p99 {spread.p99:.3f}, "
@@ -184,8 +185,8 @@ def _record(target: ControllerTarget, found: _PingResult) -> dict[str, object]:
         "port": target.port,
         "transport": "tcp" if target.tcp else "udp",
         "simulator": found.is_simulator,
-        "refused": found.refusal,
-        "broken": found.break_reason,
+        "refused": None if found.refusal is None else str(found.refusal),
+        "broken": None if found.break_reason is None else str(found.break_reason),
         "facts": {name: str(value) for name, value in found.facts.items()},
         "calls": len(found.round_trips) + found.lost,
         "lost": found.lost,

@@ -244,7 +244,7 @@ class _PreflightCheck:
         found = [preflight_run(stretch, with_limits(limits, self._limits)) for stretch in self.stretches]
         bad = [each for each in found if not each.is_playable]
         for each in bad or (found if shown and not self._quiet else ()):
-            print_stderr(each.trajectory.source.file_format)
+            print_stderr(str(each.trajectory.source.file_format))
             for line in self._renderer.lines(each):
                 print_stderr(line)
         if bad:

@@ -6,6 +6,7 @@ import asyncio
 from collections.abc import Callable, Sequence
 from typing import TypeAlias
 
+from bcapscope.messages import Message
 from bcapscope.protocol.codec.frame import Frame, Malformed, parse_datagram
 from bcapscope.protocol.codec.stream_splitter import StreamSplitter
 from bcapscope.protocol.codec.variant import Variant
@@ -40,7 +41,7 @@ class Caller:
         self._data_arrived: asyncio.Future[None] | None = None
         self._splitter = StreamSplitter()
         self._frames_seen = 0
-        self._lost_reason: str | None = None
+        self._lost_reason: Message | None = None
 
     def attach(self, link: Link, convention: ReservedConvention) -> None:
         """Use `link` from now on."""
@@ -103,7 +104,7 @@ class Caller:
 
     def close(self) -> None:
         self.link.close()
-        self.on_link_lost("the link was closed")
+        self.on_link_lost(Message("connection.link-closed"))
 
     def on_data(self, data: bytes) -> None:
         """Process bytes received over the link."""
@@ -118,11 +119,11 @@ class Caller:
         self._signal_data()
         self._after_input()
 
-    def on_send_error(self, text: str) -> None:
+    def on_send_error(self, reason: Message) -> None:
         """Record the system's error for the last packet."""
-        self._requester.record_send_error(text, self._clock.now())
+        self._requester.record_send_error(reason, self._clock.now())
 
-    def on_link_lost(self, reason: str) -> None:
+    def on_link_lost(self, reason: Message) -> None:
         """Fail the pending call and all later ones, because the link is lost."""
         self._lost_reason = reason
         if self._pending_call is not None and not self._pending_call.done():

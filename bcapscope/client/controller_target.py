@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import dataclass
 
 from bcapscope.client.retry_policies import DEFAULT_PORT, DEFAULT_RETRY_POLICIES, RetryPolicies
@@ -78,12 +77,3 @@ def split_host_port(text: str) -> tuple[str, str]:
         return host, behind.removeprefix(":")
     host, colon, port = text.rpartition(":")
     return (host, port) if colon and ":" not in host else (text, "")
-
-
-def os_error_text(error: OSError) -> str:
-    """Return the reason of a connection error, without the text that asyncio adds."""
-    if isinstance(error, TimeoutError):
-        return "no answer"
-    if error.errno is not None and error.errno > 0:
-        return os.strerror(error.errno).lower()
-    return str(error.strerror or error).lower()

@@ -13,6 +13,7 @@ from bcapscope.client.remote_object import RemoteObject, first_variant, handle_o
 from bcapscope.client.remote_objects import Controller, Robot
 from bcapscope.client.session import Session
 from bcapscope.errors import ControllerError
+from bcapscope.messages import Message
 from bcapscope.protocol.codec.variant import EMPTY, Variant
 from bcapscope.protocol.tables.function_table import ObjectClass
 from bcapscope.protocol.tables.hresult import E_INVALIDARG
@@ -27,11 +28,6 @@ DEFAULT_OBJECT_NAMES: Mapping[ObjectClass, str] = {
 }
 """Names of objects that most controllers have."""
 
-PROVIDER_ADVICE = (
-    "RC8 and COBOTTA want the provider CaoProv.DENSO.VRC, RC9 and COBOTTA PRO want CaoProv.DENSO.VRC9"
-)
-"""Advice when the controller refuses Controller_Connect. Sources: ShoheiKobata/orin_bcap_python_samples,
-DENSORobot/denso_robot_ros2 denso_robot_core (RC8), nkawa/Denso_CobottaPro900_MQTT_Control (VRC9)."""
 
 _UNKNOWN_PROVIDER_CODES = (E_INVALIDARG, 0x80000201)
 """Result codes for an unknown provider name: that of RC8, and the CAO engine's own (orin_bcap
@@ -132,7 +128,9 @@ class ObjectOpener:
         except ControllerError as error:
             if error.hresult != E_INVALIDARG:
                 raise
-            meaning = f"{error.meaning}; {PROVIDER_ADVICE}"
+            # The providers: ShoheiKobata/orin_bcap_python_samples, DENSORobot/denso_robot_ros2
+            # denso_robot_core (RC8), nkawa/Denso_CobottaPro900_MQTT_Control (VRC9).
+            meaning = Message("call.refused.provider", meaning=error.meaning)
             raise ControllerError("Controller_Connect", error.hresult, error.name, meaning) from error
 
     async def _connect_with(self, provider: str) -> int:

@@ -9,6 +9,7 @@ from typing import ClassVar, Self, TypeVar
 from bcapscope.client.session import Session
 from bcapscope.client.variant_values import date_of, plain_value
 from bcapscope.errors import RemoteProtocolError
+from bcapscope.messages import Message
 from bcapscope.protocol.codec.frame import Frame
 from bcapscope.protocol.codec.variant import Value, Variant, vt_name
 from bcapscope.protocol.tables.function_table import ObjectClass
@@ -22,7 +23,7 @@ def handle_of(reply: Frame) -> int:
     Raises:
         RemoteProtocolError: The reply has no handle.
     """
-    return expect_value(reply, int, "a handle")
+    return expect_value(reply, int, "reply.a-handle")
 
 
 def first_variant(reply: Frame) -> Variant | None:
@@ -35,13 +36,13 @@ def expect_value(reply: Frame, kind: type[R], wanted: str) -> R:
     """Return the value in a reply, without its type.
 
     Raises:
-        RemoteProtocolError: It is no `kind`; `wanted` names this kind.
+        RemoteProtocolError: It is no `kind`; `wanted` is the id of its name.
     """
     variant = first_variant(reply)
     if variant is not None and isinstance(variant.value, kind):
         return variant.value
-    found = "nothing" if variant is None else vt_name(variant.vt)
-    raise RemoteProtocolError(f"the answer holds {found} instead of {wanted}", reply.raw)
+    found = Message("reply.nothing") if variant is None else vt_name(variant.vt)
+    raise RemoteProtocolError(Message("reply.wrong-type", found=found, wanted=Message(wanted)), reply.raw)
 
 
 def required_variant(reply: Frame, name: str) -> Variant:
@@ -52,7 +53,7 @@ def required_variant(reply: Frame, name: str) -> Variant:
     """
     variant = first_variant(reply)
     if variant is None:
-        raise RemoteProtocolError(f"{name} has no value", reply.raw)
+        raise RemoteProtocolError(Message("reply.no-value", name=name), reply.raw)
     return variant
 
 
@@ -81,10 +82,10 @@ class RemoteObject:
         return await self.session.invoke(f"{self.owner}_{verb}", self.handle, *values)
 
     async def _invoke_int(self, verb: str) -> int:
-        return expect_value(await self._invoke(verb), int, "a number")
+        return expect_value(await self._invoke(verb), int, "reply.a-number")
 
     async def _invoke_text(self, verb: str, *values: object) -> str:
-        return expect_value(await self._invoke(verb, *values), str, "a string")
+        return expect_value(await self._invoke(verb, *values), str, "reply.a-string")
 
     async def _invoke_value(self, verb: str, *values: object) -> Value:
         variant = first_variant(await self._invoke(verb, *values))
@@ -100,14 +101,14 @@ class RemoteObject:
             texts = tuple(name for name in names if isinstance(name, str))
             if len(texts) == len(names):
                 return texts
-        raise RemoteProtocolError("the answer holds no list of names", reply.raw)
+        raise RemoteProtocolError(Message("reply.no-names"), reply.raw)
 
     async def _invoke_date(self, verb: str) -> datetime:
         reply = await self._invoke(verb)
-        days = expect_value(reply, float, "a date")
+        days = expect_value(reply, float, "reply.a-date")
         date = date_of(days)
         if date is None:
-            raise RemoteProtocolError(f"the answer holds a date that no calendar has, {days} days", reply.raw)
+            raise RemoteProtocolError(Message("reply.impossible-date", days=days), reply.raw)
         return date
 
     async def _invoke_handle(self, verb: str, *values: object) -> int:

@@ -235,7 +235,7 @@ class Robot(_DescribedObject, _ObjectWithVariables, _ExecutingObject):
 
     async def slv_get_mode(self) -> int:
         """Return the current slave mode."""
-        return expect_value(await self._invoke("Execute", "slvGetMode", None), int, "a mode")
+        return expect_value(await self._invoke("Execute", "slvGetMode", None), int, "reply.a-mode")
 
     async def slv_move(self, point: object) -> Value:
         """Send one set point; return the position of the robot. A Variant sets the type; a list becomes

@@ -135,7 +135,7 @@ class Session:
         name = call_name(function_id, arguments)
         if isinstance(settled, CallRefused):
             code = settled.reply.code
-            raise ControllerError(name, code, hresult_name(code), describe_hresult(code).text)
+            raise ControllerError(name, code, hresult_name(code), describe_hresult(code).meaning)
         raise CallTimeout(name, settled.attempts)
 
     async def invoke(self, name: str, *values: object) -> Frame:

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from datetime import datetime, timedelta
 
 from bcapscope.errors import LocalProtocolError
+from bcapscope.messages import Message
 from bcapscope.protocol.codec.variant import EMPTY, VT, Value, Variant, encode_variant
 from bcapscope.protocol.tables.function_table import Function, Param
 
@@ -34,7 +35,7 @@ def variant_of(value: object) -> Variant:
         return _array_variant(value)
     scalar = _scalar_variant(value)
     if scalar is None:
-        raise LocalProtocolError(f"b-CAP has no type for a {type(value).__name__}")
+        raise LocalProtocolError(Message("value.no-type", type=type(value).__name__))
     return scalar
 
 
@@ -78,8 +79,15 @@ def _typed_variant(function: Function, param: Param, value: object) -> Variant:
     try:
         encode_variant(variant)
     except LocalProtocolError:
-        wrong = f"{function.name}, {param.name}: {reprlib.repr(value)} is no {param.type}"
-        raise LocalProtocolError(wrong) from None
+        raise LocalProtocolError(
+            Message(
+                "value.wrong-type",
+                function=function.name,
+                param=param.name,
+                value=reprlib.repr(value),
+                type=param.type,
+            )
+        ) from None
     return variant
 
 

@@ -22,6 +22,7 @@ except ImportError:  # PyYAML was built without libyaml
 from bcapscope.faults.fault import ALIASES, AnyFault
 from bcapscope.faults.quantities import QUANTITIES
 from bcapscope.faults.yaml_events import YamlError, yaml_events
+from bcapscope.messages import Message
 from bcapscope.protocol.number_parsing import LONGEST_NUMBER
 from bcapscope.protocol.text_format import shortened
 from bcapscope.traffic.filter.tokens import nearest
@@ -174,7 +175,7 @@ def _check_events(text: str) -> None:
     """Check the nesting, and reject aliases, before anything is built."""
     for event in yaml_events(text):
         if isinstance(event, yaml.AliasEvent):
-            raise YamlError("anchors are not read", event.start_mark)
+            raise YamlError(Message("yaml.anchors"), event.start_mark)
 
 
 def _parse(text: str) -> tuple[yaml.Node | None, object]:
@@ -186,7 +187,7 @@ def _parse(text: str) -> tuple[yaml.Node | None, object]:
         root = loader.get_single_node()
         return root, None if root is None else loader.construct_document(root)
     except YamlError as error:
-        raise DocumentError((), error.line, error.problem) from error
+        raise DocumentError((), error.line, str(error)) from error
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark
         raise DocumentError((), mark.line + 1 if mark else 0, error.problem or "no YAML") from error

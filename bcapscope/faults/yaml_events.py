@@ -12,24 +12,25 @@ from typing import Any
 
 import yaml
 
+from bcapscope.errors import InputError
+from bcapscope.messages import Message
+
 MAX_LEVELS = 64
 """Limit of nesting levels."""
 
 _LOADER: type[yaml.BaseLoader] = getattr(yaml, "CBaseLoader", yaml.BaseLoader)
 
 
-class YamlError(ValueError):
+class YamlError(InputError):
     """The text is no YAML, or nested too deep.
 
     Attributes:
-        problem: The reason, one clause.
         line: Line from 1; 0 if unknown.
         column: Column from 1; 0 if unknown.
     """
 
-    def __init__(self, problem: str, mark: Any = None) -> None:
-        super().__init__(problem)
-        self.problem = problem
+    def __init__(self, reason: Message, mark: Any = None) -> None:
+        super().__init__(reason)
         self.line = mark.line + 1 if mark else 0
         self.column = mark.column + 1 if mark else 0
 
@@ -46,11 +47,11 @@ def yaml_events(data: bytes | str) -> Iterator[yaml.Event]:
             if isinstance(event, yaml.CollectionStartEvent):
                 depth += 1
                 if depth > MAX_LEVELS:
-                    raise YamlError(f"more than {MAX_LEVELS} levels", event.start_mark)
+                    raise YamlError(Message("yaml.too-deep", levels=MAX_LEVELS), event.start_mark)
             elif isinstance(event, yaml.CollectionEndEvent):
                 depth -= 1
             yield event
     except yaml.MarkedYAMLError as error:
-        raise YamlError(f"this is no YAML: {error.problem}", error.problem_mark) from error
+        raise YamlError(Message("yaml.invalid", reason=str(error.problem)), error.problem_mark) from error
     except (yaml.YAMLError, UnicodeError) as error:
-        raise YamlError(f"this is no YAML: {' '.join(str(error).split())}") from error
+        raise YamlError(Message("yaml.invalid", reason=" ".join(str(error).split()))) from error

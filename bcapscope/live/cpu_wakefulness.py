@@ -20,6 +20,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Protocol
 
+from bcapscope.messages.os_errors import os_reason
 from bcapscope.proxy.ring_buffer import RelayCounter
 
 BUSY_DATAGRAMS = 100
@@ -190,7 +191,7 @@ def low_latency_problem() -> str:
         os.close(os.open(_DEVICE, os.O_WRONLY))
     except OSError as error:
         return (
-            f"cannot write {_DEVICE}: {(error.strerror or str(error)).lower()}. Run the proxy as root, or "
+            f"cannot write {_DEVICE}: {os_reason(error)}. Run the proxy as root, or "
             "give your user write access with a udev rule (see docs/proxy.md)"
         )
     return ""

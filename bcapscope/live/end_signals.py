@@ -7,11 +7,12 @@ import signal
 import socket
 from collections.abc import Coroutine, Iterator
 from contextlib import contextmanager, suppress
-from pathlib import Path
 from types import FrameType
 from typing import Any, TypeVar
 
 from bcapscope.errors import FileWriteError
+from bcapscope.messages import Message
+from bcapscope.messages.os_errors import os_reason
 
 T = TypeVar("T")
 
@@ -79,7 +80,7 @@ def end_signal_socket() -> Iterator[socket.socket]:
     try:
         here, there = socket.socketpair()
     except OSError as error:
-        raise FileWriteError(Path("waiting for signals"), (error.strerror or str(error)).lower()) from None
+        raise FileWriteError(Message("proxy.part.signals"), os_reason(error)) from None
     with here, there:
         here.setblocking(False)
         there.setblocking(False)

@@ -14,7 +14,6 @@ from collections.abc import Callable
 from contextlib import suppress
 from multiprocessing import resource_tracker
 from multiprocessing.shared_memory import SharedMemory
-from pathlib import Path
 
 import msgspec
 
@@ -33,13 +32,15 @@ from bcapscope.live.proxy_options import (
 from bcapscope.live.standard_streams import print_stderr
 from bcapscope.live.terminal_writer import ERASE_LINE
 from bcapscope.live.watcher_priority import WatcherPriority, idle_priority_switch
+from bcapscope.messages import Message
+from bcapscope.messages.message_codec import decode_message, encode_message
+from bcapscope.messages.os_errors import os_reason
 from bcapscope.player.realtime import realtime_priority
 from bcapscope.proxy.listener_spec import ListenerSpec
 from bcapscope.proxy.listeners import open_listeners
 from bcapscope.proxy.policy import Policy
 from bcapscope.proxy.relay import Relay
 from bcapscope.proxy.ring_buffer import HEADER_SIZE, RingWriter
-from bcapscope.proxy.sockets import os_error_text
 from bcapscope.proxy.tcp_listener import TcpListener
 from bcapscope.proxy.udp_listener import UdpListener, UdpSession
 from bcapscope.render.escape import printable
@@ -111,7 +112,7 @@ class ProxySupervisor:
             self._watcher_pipe, self._watcher_end = self._context.Pipe()
         except OSError as error:
             self._release_memory()
-            raise FileWriteError(Path("the relay"), os_error_text(error)) from None
+            raise FileWriteError(Message("proxy.part.relay"), os_reason(error)) from None
         self._watcher: multiprocessing.process.BaseProcess | None = None
         self._is_watched = self._has_watcher_begun = False
         self.is_recording_incomplete = False
@@ -154,7 +155,7 @@ class ProxySupervisor:
             with end_signals_blocked():
                 watcher.start()
         except OSError as error:
-            raise FileWriteError(Path("the process that watches"), os_error_text(error)) from None
+            raise FileWriteError(Message("proxy.part.watcher"), os_reason(error)) from None
         self._watcher = watcher
         self._watcher_end.close()
         while wait_for_scripts is not None and not wait_for_scripts(_POLL_INTERVAL):
@@ -164,11 +165,17 @@ class ProxySupervisor:
         while not self._watcher_pipe.poll(_POLL_INTERVAL) and time.monotonic() < until:
             self._raise_if_ended()
         try:
-            answer = self._watcher_pipe.recv_bytes() if self._watcher_pipe.poll() else b"no answer"
+            answer = (
+                self._watcher_pipe.recv_bytes()
+                if self._watcher_pipe.poll()
+                else encode_message(Message("os.no-answer"))
+            )
         except (EOFError, OSError):
-            answer = b"the process that writes it has ended"
+            answer = encode_message(Message("proxy.writer-ended"))
         if answer != READY:
-            raise FileWriteError(self._options.record or Path("the recording"), answer.decode())
+            raise FileWriteError(
+                self._options.record or Message("proxy.part.recording"), decode_message(answer)
+            )
         self._is_watched = self._has_watcher_begun = True
         self._unlink_memory()
         if sys.platform != "win32":  # there a pipe cannot be waited for together with sockets
@@ -198,7 +205,7 @@ class ProxySupervisor:
         # the relay on the processor where it ran last, not on its waker's. That one should not sleep.
         with realtime_priority() as grade:
             if not grade.realtime:
-                self._send_to_watcher(grade.text.encode())
+                self._send_to_watcher(str(grade.text).encode())
             # Not earlier: it runs a trial in a thread. The thread's stack stays, and would be locked as well.
             if self._is_watched:
                 assert self._watcher is not None
@@ -403,7 +410,7 @@ def _shared_memory(size: int) -> SharedMemory:
             memory.unlink()
             raise
     except OSError as error:
-        raise FileWriteError(Path("shared memory"), os_error_text(error)) from None
+        raise FileWriteError(Message("proxy.part.memory"), os_reason(error)) from None
     assert memory.buf is not None
     memory.buf[:] = bytes(len(memory.buf))
     return memory

@@ -34,12 +34,13 @@ from bcapscope.live.standard_streams import choose_palette
 from bcapscope.live.terminal_writer import TerminalWriter
 from bcapscope.live.watcher_priority import WatcherUrgency, lower_priority, yield_function
 from bcapscope.messages import ENGLISH_WORDS
+from bcapscope.messages.message_codec import encode_message
+from bcapscope.messages.os_errors import os_reason
 from bcapscope.protocol.text_format import counted
 from bcapscope.proxy.record_decoder import RecordDecoder
 from bcapscope.proxy.ring_buffer import RelayCounter, RingReader, RingRecord, RingRecordKind
 from bcapscope.proxy.session_closer import SessionCloser
 from bcapscope.proxy.silence_monitor import SilenceMonitor
-from bcapscope.proxy.sockets import os_error_text
 from bcapscope.render.escape import printable
 from bcapscope.render.finding_text import finding_sentence, words_for
 from bcapscope.render.findings import FindingsRenderer
@@ -111,10 +112,10 @@ def watch_relay(memory: str, relay: Connection, options: ProxyOptions) -> bool:
                 keeps_packet_numbers=subscriber is not None,
             )
     except FileWriteError as error:
-        relay.send_bytes(error.reason.encode())
+        relay.send_bytes(encode_message(error.reason))
         return False
     except OSError as error:
-        relay.send_bytes(os_error_text(error).encode())
+        relay.send_bytes(encode_message(os_reason(error)))
         return False
     shared = SharedMemory(memory)
     assert shared.buf is not None

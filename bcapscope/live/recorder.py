@@ -7,6 +7,7 @@ from pathlib import Path
 
 from bcapscope.capture.rotating_recording import RotatingRecording, RotationLimits
 from bcapscope.errors import FileWriteError
+from bcapscope.messages.os_errors import os_reason
 from bcapscope.render.escape import printable
 
 
@@ -35,7 +36,7 @@ class Recorder:
         try:
             self._files = RotatingRecording(path, ring)
         except OSError as error:
-            raise FileWriteError(path, _reason(error)) from None
+            raise FileWriteError(path, os_reason(error)) from None
         self.packets = self._files.recording
         self.is_ring = ring is not None
         self.is_complete = True
@@ -86,8 +87,4 @@ class Recorder:
     def _give_up(self, error: OSError) -> None:
         self.is_complete = False
         self._files.close()
-        self.warn(f"{self.name} is not written any more: {_reason(error)}")
-
-
-def _reason(error: OSError) -> str:
-    return (error.strerror or str(error)).lower()
+        self.warn(f"{self.name} is not written any more: {os_reason(error)}")

@@ -3,16 +3,23 @@
 from __future__ import annotations
 
 import errno
+import os
 
 from bcapscope.messages.message import Message
 
 
-def os_reason(error: OSError) -> Message:
-    """Return why the operating system refused something, in lower case.
+def os_reason(error: Exception) -> Message:
+    """Return why the operating system refused something, in lower case, without Python's additions.
 
-    Errors of name resolution have no number of `errno`; their text is in English only.
+    A connection that was lost has its message already. Errors of name resolution have no number of `errno`;
+    their text is in English only.
     """
-    english = (error.strerror or str(error)).lower()
-    name = errno.errorcode.get(error.errno or 0)
-    is_resolver = type(error).__name__ in ("gaierror", "herror")
-    return Message.from_table("os.other" if name is None or is_resolver else f"os.{name}", english)
+    if error.args and isinstance(error.args[0], Message):
+        return error.args[0]
+    number = error.errno if isinstance(error, OSError) else None
+    if isinstance(error, TimeoutError) and number is None:
+        return Message("os.no-answer")
+    name = errno.errorcode.get(number or 0)
+    if number and name and type(error).__name__ not in ("gaierror", "herror"):
+        return Message.from_table(f"os.{name}", os.strerror(number).lower())
+    return Message.from_table("os.other", str(getattr(error, "strerror", None) or error).lower())

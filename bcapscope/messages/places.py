@@ -95,6 +95,22 @@ class HexNumber(Place):
 
 
 @dataclass(frozen=True, slots=True)
+class Measured(Place):
+    """A number with its unit and a chosen precision, such as `1234.56 deg`; unit "" for a bare number."""
+
+    value: float
+    unit: str = ""
+    digits: int = 6
+    type_name: ClassVar[str] = "measured"
+
+    def text(self, words: MessageFormatter) -> str:
+        return f"{self.value:.{self.digits}g} {self.unit}".rstrip()
+
+    def to_json(self) -> Json:
+        return {"type": "quantity", "value": self.value, "unit": self.unit}
+
+
+@dataclass(frozen=True, slots=True)
 class Count(Place):
     """A number of things, with the plural that the language wants.
 
@@ -237,6 +253,34 @@ class Listing(Place):
         if len(texts) < 2:
             return "".join(texts)
         return words("list.and", items=words("list.comma").join(texts[:-1]), last=texts[-1])
+
+    def to_json(self) -> Json:
+        return [str(each) for each in self.items]
+
+
+@dataclass(frozen=True, slots=True)
+class Enumeration(Place):
+    """Several messages in a row, all separated alike."""
+
+    items: tuple[Message, ...]
+    type_name: ClassVar[str] = "enumeration"
+
+    def text(self, words: MessageFormatter) -> str:
+        return words("list.comma").join(map(words.text, self.items))
+
+    def to_json(self) -> Json:
+        return [str(each) for each in self.items]
+
+
+@dataclass(frozen=True, slots=True)
+class IndentedLines(Place):
+    """Several messages, each on a line of its own below the sentence."""
+
+    items: tuple[Message, ...]
+    type_name: ClassVar[str] = "lines"
+
+    def text(self, words: MessageFormatter) -> str:
+        return "".join(f"\n  {words.text(each)}" for each in self.items)
 
     def to_json(self) -> Json:
         return [str(each) for each in self.items]

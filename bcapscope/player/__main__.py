@@ -15,8 +15,10 @@ from typing import BinaryIO
 from msgspec import structs
 
 from bcapscope.capture.rotating_recording import RotatingRecording
-from bcapscope.client.controller_target import os_error_text
 from bcapscope.errors import BcapError
+from bcapscope.messages import Message
+from bcapscope.messages.os_errors import os_reason
+from bcapscope.messages.places import Enumeration
 from bcapscope.player.blocking_caller import run_blocking
 from bcapscope.player.channel import Channel, open_channel
 from bcapscope.player.control_log import read_control_log, write_control_log
@@ -41,7 +43,12 @@ def main() -> None:
             recording = stack.enter_context(open_recording(plan.record))
             log = stack.enter_context(open_new_file(plan.log))
         except OSError as error:
-            desk.send(PlayEnded(PlayOutcome.UNWRITABLE, f"{error.filename}: {os_error_text(error)}"))
+            desk.send(
+                PlayEnded(
+                    PlayOutcome.UNWRITABLE,
+                    Message("file.not-written", path=error.filename, reason=os_reason(error)),
+                )
+            )
             desk.wait_until_sent()
             return
         desk.send(play(plan, desk, recording, log))
@@ -67,7 +74,7 @@ def play(
             port = plan.aftermath.port if plan.aftermath else 0
             channel = open_channel(target.host, target.port, target.tcp, local_port=port)
         except OSError as error:
-            reason = f"{target}: {os_error_text(error)}"
+            reason = Message("connection.failed", target=str(target), reason=os_reason(error))
             return PlayEnded(
                 PlayOutcome.UNANSWERED, reason, left=plan.aftermath is None, realtime=grade.realtime
             )
@@ -87,23 +94,25 @@ def write_files(
     read_records: Callable[[], Sequence[Value]],
 ) -> PlayEnded:
     """Write the recording, and the log that `read_records` returns; return how everything ended."""
-    reasons: list[str] = []
+    reasons: list[Message] = []
     try:
         recorder.save_capture(channel)
     except OSError as error:
-        reasons.append(f"the capture could not be written: {os_error_text(error)}")
+        reasons.append(Message("play.capture-not-written", reason=os_reason(error)))
     try:
         if log is not None:
             records = read_records()
             write_control_log(log, records)
             ended = structs.replace(ended, logged=len(records))
     except (OSError, BcapError) as error:
-        reason = os_error_text(error) if isinstance(error, OSError) else str(error)
-        reasons.append(f"the log could not be written: {reason}")
+        reason = os_reason(error) if isinstance(error, OSError) else error.message
+        reasons.append(Message("play.log-not-written", reason=reason))
     if not reasons:
         return ended
-    told = "; ".join((*reasons, *filter(None, (ended.reason,))))
-    return structs.replace(ended, outcome=PlayOutcome.UNWRITABLE, reason=told)
+    if ended.reason is not None:
+        reasons.append(ended.reason)
+    reason = reasons[0] if len(reasons) == 1 else Message("list.of", items=Enumeration(tuple(reasons)))
+    return structs.replace(ended, outcome=PlayOutcome.UNWRITABLE, reason=reason)
 
 
 def abort_on_order(pipe: PlayerPipe) -> Callable[[], None]:

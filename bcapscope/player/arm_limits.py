@@ -14,6 +14,8 @@ from dataclasses import dataclass, field, replace
 from math import inf
 from typing import TypeAlias
 
+from bcapscope.errors import InputError
+from bcapscope.messages import Message
 from bcapscope.protocol.number_parsing import parse_number
 from bcapscope.protocol.slave_mode.modes import PoseType
 from bcapscope.protocol.slave_mode.poses import AXES
@@ -34,7 +36,7 @@ MAX_LIMIT = 1e9
 _LIMIT = re.compile(
     r"\s*(?P<first>\w+)(?:\.\.(?P<last>\w+))?(?:\.(?P<what>speed|acceleration))?\s*=\s*(?P<value>.+)"
 )
-_EXAMPLES = "J1=-170..170, J1.speed=300 and J1..J3.acceleration=6000"
+_EXAMPLES = "J1=-170..170, J1.speed=300, J1..J3.acceleration=6000"
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +44,7 @@ class ArmLimits:
     """Limits of one arm.
 
     Attributes:
-        arm_name: Name of the arm, as text.
+        arm_name: Name of the arm.
         axes: By name (`J1`, `X`, ...): lowest, highest, speed a second, acceleration a second squared, in the
             unit of the axis; infinite if unknown. An axis may be missing.
         to_joints: Computes the joints of a pose of P or T type, so that limits of joints apply to it too. It
@@ -50,7 +52,7 @@ class ArmLimits:
         axis_count: Number of joints; None if unknown.
     """
 
-    arm_name: str
+    arm_name: Message
     axes: Mapping[str, AxisLimit] = field(default_factory=dict)
     to_joints: ToJoints | None = None
     axis_count: int | None = None
@@ -69,10 +71,10 @@ class ArmLimits:
         return name in self.axes
 
 
-UNKNOWN_ARM = ArmLimits("an unknown arm")
+UNKNOWN_ARM = ArmLimits(Message("arm.unknown"))
 
 SIMULATED_ARM = ArmLimits(
-    "the simulated arm",
+    Message("arm.simulated"),
     {axis.name: limit for axis, limit in zip(AXES[PoseType.J], AXIS_LIMITS, strict=False)},
     joints_of,
     AXIS_COUNT,
@@ -96,13 +98,13 @@ def with_limits(limits: ArmLimits, texts: Sequence[str]) -> ArmLimits:
             seconds. AXES is a name such as `J1` or `X`, or a range such as `J1..J3`.
 
     Raises:
-        ValueError: A text is no valid limit.
+        InputError: A text is no valid limit.
     """
     axes = dict(limits.axes)
     for typed in texts:
         found, text = _LIMIT.fullmatch(typed), shortened(typed, 60)
         if not found:
-            raise ValueError(f"{text!r} is no limit, {_EXAMPLES} are")
+            raise InputError(Message("limit.invalid", text=text, examples=_EXAMPLES))
         change = _parse_change(text, found["what"], found["value"])
         for name in _axis_range(text, found["first"], found["last"] or found["first"]):
             axes[name] = axes.get(name, _UNLIMITED)._replace(**change)
@@ -114,14 +116,14 @@ def _parse_change(text: str, what: str | None, value: str) -> dict[str, float]:
     read = [parse_number(each, -MAX_LIMIT, MAX_LIMIT) for each in ((low, high) if dots else (low,))]
     numbers = [number for number in read if number is not None]
     if len(numbers) != len(read) or len(numbers) != (1 if what else 2):
-        shown, kind = shortened(value, 40), "number" if what else "range"
-        raise ValueError(f"{text!r}: {shown!r} is no {kind}, {_EXAMPLES} are limits")
+        case = "limit.not-a-number" if what else "limit.not-a-range"
+        raise InputError(Message(case, text=text, value=shortened(value, 40), examples=_EXAMPLES))
     if what:
         if numbers[0] <= 0:
-            raise ValueError(f"{text!r}: {what} has to be above 0")
+            raise InputError(Message("limit.not-positive", text=text, what=what))
         return {what: numbers[0]}
     if numbers[0] >= numbers[1]:
-        raise ValueError(f"{text!r}: {low} is not below {high}")
+        raise InputError(Message("limit.empty-range", text=text, low=low, high=high))
     return {"low": numbers[0], "high": numbers[1]}
 
 
@@ -131,7 +133,7 @@ def _axis_range(text: str, first: str, last: str) -> tuple[str, ...]:
     try:
         start, stop = names.index(first.casefold()), names.index(last.casefold())
     except ValueError:
-        raise ValueError(f"{text!r}: axes are {', '.join(_NAMES)}") from None
+        raise InputError(Message("limit.no-axis", text=text, axes=", ".join(_NAMES))) from None
     if stop < start:
-        raise ValueError(f"{text!r}: {last} does not come after {first}")
+        raise InputError(Message("limit.axis-order", text=text, first=first, last=last))
     return _NAMES[start : stop + 1]

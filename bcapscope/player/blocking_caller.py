@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Coroutine, Sequence
 from typing import Any, TypeAlias, TypeVar
 
+from bcapscope.messages.os_errors import os_reason
 from bcapscope.player.channel import Channel
 from bcapscope.protocol.codec.frame import Frame, Malformed, parse_datagram
 from bcapscope.protocol.codec.stream_splitter import StreamSplitter
@@ -206,7 +207,7 @@ class BlockingCaller:
         except ConnectionRefusedError as error:
             if not link.datagrams:
                 raise
-            self._requester.record_send_error((error.strerror or str(error)).lower(), link.now())
+            self._requester.record_send_error(os_reason(error), link.now())
             return None
         finally:
             self.overslept += max(0, link.now() - end)

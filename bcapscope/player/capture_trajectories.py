@@ -14,6 +14,7 @@ from bcapscope.capture.packet import Packet
 from bcapscope.capture.packet_decoder import PacketDecoder
 from bcapscope.capture.role_detection import BCAP_PORTS
 from bcapscope.errors import CaptureError
+from bcapscope.messages import Message
 from bcapscope.player.column_layout import ReadOptions
 from bcapscope.player.trajectory import (
     MAX_POINTS,
@@ -25,7 +26,7 @@ from bcapscope.player.trajectory import (
 )
 from bcapscope.traffic.pipeline import Pipeline
 
-SOURCE_FORMAT = "set points in a capture"
+SOURCE_FORMAT = Message("trajectory.format.capture")
 
 
 @dataclass(slots=True)
@@ -74,18 +75,23 @@ def read_capture(
         if broken is not None:
             raise broken
         if extractor.set_points:
-            raise TrajectoryError(f"{extractor.set_points} set points, none of which can be played")
-        raise TrajectoryError("there are no set points (slvMove) in this capture")
-    notes = [f"left out: {count} {reason.message}" for reason, count in extractor.left_out.items()]
+            raise TrajectoryError(Message("trajectory.none-playable", count=extractor.set_points))
+        raise TrajectoryError(Message("trajectory.no-set-points"))
+    notes = [
+        Message("trajectory.note.left-out", count=count, reason=reason.message)
+        for reason, count in extractor.left_out.items()
+    ]
     if broken is not None:
-        notes.append(f"the capture breaks off: {broken}")
+        notes.append(Message("trajectory.note.breaks-off", reason=broken.message))
     source = replace(source, notes=(*source.notes, *notes))
     made = tuple(
         _make_trajectory(session, source, len(sessions) > 1) for _, session in sorted(sessions.items())
     )
     fitting = tuple(each for each in made if options.kind in (None, each.kind))
     if not fitting:
-        raise TrajectoryError(f"the set points are of type {made[0].kind}, not {options.kind}")
+        raise TrajectoryError(
+            Message("trajectory.other-kind", kind=str(made[0].kind), wanted=str(options.kind))
+        )
     return fitting
 
 
@@ -101,7 +107,7 @@ def _add_set_points(
             else:
                 session.odd_count += 1
         if len(session.numbers) > MAX_POINTS * width:
-            raise TrajectoryError(f"more than {MAX_POINTS} set points")
+            raise TrajectoryError(Message("trajectory.too-long", limit=MAX_POINTS))
 
 
 def _make_trajectory(
@@ -110,20 +116,29 @@ def _make_trajectory(
     known, axes = slave_session.trajectory, slave_session.trajectory.axes
     kind = known.mode.pose_type
     if kind is None or len(axes) < MIN_COLUMNS[kind]:
-        raise TrajectoryError(f"the set points of stay {known.session_number} are of no known type")
-    value = "mode not seen" if known.mode.value is None else f"mode 0x{known.mode.value:03X}"
-    part = f"stay {known.session_number}, {known.conversation.client}, {value}"
-    told = f"sent by {known.conversation.client}, {value}; each counts as one cycle, whenever it was sent"
-    notes = [*source.notes, told]
+        raise TrajectoryError(Message("trajectory.unknown-kind", number=known.session_number))
+    value = (
+        Message("trajectory.mode-not-seen")
+        if known.mode.value is None
+        else Message("trajectory.mode", mode=f"{known.mode.value:03X}")
+    )
+    part = Message(
+        "trajectory.part.session",
+        number=known.session_number,
+        client=str(known.conversation.client),
+        mode=value,
+    )
+    note = Message("trajectory.note.sent-by", client=str(known.conversation.client), mode=value)
+    notes = [*source.notes, note]
     if slave_session.odd_count:
-        notes.append(f"{slave_session.odd_count} with another number of axes left out")
+        notes.append(Message("trajectory.note.odd-axes", count=slave_session.odd_count))
     return Trajectory(
         kind=kind,
         points=np.frombuffer(slave_session.numbers, dtype=np.float64).reshape(-1, len(axes)).copy(),
         source=replace(
             source,
             file_format=SOURCE_FORMAT,
-            part=part if several else "",
+            part=part if several else None,
             columns=tuple(
                 Column(axis.name, place, "slvMove", axis.unit) for place, axis in enumerate(axes, 1)
             ),

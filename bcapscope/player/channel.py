@@ -11,6 +11,7 @@ import time
 from contextlib import suppress
 from typing import Protocol
 
+from bcapscope.messages import Message
 from bcapscope.transport.peer_link import Address, BaseLink
 from bcapscope.transport.receive_timestamps import (
     ANCILLARY_SIZE,
@@ -125,7 +126,7 @@ class SocketChannel:
                 self._set_arrival_time(control)
                 if data or self.datagrams:
                     return data
-                raise ConnectionResetError("the peer closed the connection")
+                raise ConnectionResetError(Message("connection.closed-by-peer"))
             rest = until - time.monotonic_ns()
             if rest <= 0:
                 return None

@@ -7,17 +7,18 @@ from collections.abc import Iterator
 import numpy as np
 
 from bcapscope.analysis.finding import Severity
+from bcapscope.messages import Message
+from bcapscope.messages.places import Count, Listing, Measured, Times
 from bcapscope.player.preflight_problem import (
     PreflightContext,
     PreflightProblem,
-    interval_text,
+    interval_ms,
     set_point_numbers,
 )
 from bcapscope.player.set_point_timing import find_gaps
 from bcapscope.player.smooth_curve import FIG_COLUMN, Array
 from bcapscope.protocol.slave_mode.modes import PERIOD_MS, PoseType
 from bcapscope.protocol.slave_mode.poses import AXES
-from bcapscope.protocol.text_format import counted
 
 SAME_INTERVAL = 0.01
 """Share by which equal intervals may differ."""
@@ -29,18 +30,21 @@ _RADIANS, _METRES = 6.3, 2.0  # smaller numbers look like radians or metres
 _UNIT = 0.01  # the length of a unit vector may differ from 1 by this much
 _USUAL_AXES = 6
 
-RESAMPLE_ADVICE = "resample it, which also gives it a smooth start and stop"
+RESAMPLE_ADVICE = Message("preflight.advice.resample")
+_CORRECT = Message("preflight.advice.correct-file")
 
 
 def check_finite(context: PreflightContext) -> Iterator[PreflightProblem]:
     """Look for NaN, infinity and absurd numbers."""
     points, count = set_point_numbers(~(np.abs(context.trajectory.points) <= LARGEST_NUMBER).all(axis=1))
     if count:
-        told = f"{counted(count, 'set point')} of {len(context.trajectory)}"
-        sentence = (
-            f"{told} {'holds' if count == 1 else 'hold'} NaN, infinity or a number beyond {LARGEST_NUMBER:g}"
+        fact = Message(
+            "preflight.not-finite",
+            points=Count(count, "set-point"),
+            total=len(context.trajectory),
+            limit=Measured(LARGEST_NUMBER),
         )
-        yield PreflightProblem("not-finite", Severity.ERROR, sentence, "put the file right", points, count)
+        yield PreflightProblem("not-finite", Severity.ERROR, fact, _CORRECT, points, count)
 
 
 def check_mode(context: PreflightContext) -> Iterator[PreflightProblem]:
@@ -49,9 +53,13 @@ def check_mode(context: PreflightContext) -> Iterator[PreflightProblem]:
     if mode_ is None or mode_.pose_type is kind:
         return
     fitting = mode_.value & ~0xF | {PoseType.P: 1, PoseType.J: 2, PoseType.T: 3}[kind]
-    told = f"takes {mode_.pose_type} type" if mode_.pose_type else "is off"
-    sentence = f"slave mode 0x{mode_.value:03X} {told}, the set points are of {kind} type"
-    yield PreflightProblem("mode", Severity.ERROR, sentence, f"choose mode 0x{fitting:03X}")
+    mode = f"0x{mode_.value:03X}"
+    if mode_.pose_type:
+        fact = Message("preflight.mode", mode=mode, accepted=str(mode_.pose_type), kind=str(kind))
+    else:
+        fact = Message("preflight.mode.off", mode=mode, kind=str(kind))
+    advice = Message("preflight.advice.mode", mode=f"0x{fitting:03X}")
+    yield PreflightProblem("mode", Severity.ERROR, fact, advice)
 
 
 def check_axes(context: PreflightContext) -> Iterator[PreflightProblem]:
@@ -65,16 +73,14 @@ def check_axes(context: PreflightContext) -> Iterator[PreflightProblem]:
             if place >= context.axis_count and trajectory.points[:, place].any()
         ]
         if moved:
-            axes = counted(context.axis_count, "axis", "axes")
-            sentence = f"the robot has {axes}, the file moves {_join_names(moved)}"
-            yield PreflightProblem(
-                "axes", Severity.ERROR, sentence, "make sure that the file is for this robot"
-            )
+            count = Count(context.axis_count, "axis")
+            fact = Message("preflight.axes.too-many", axes=count, moved=Listing(tuple(moved)))
+            yield PreflightProblem("axes", Severity.ERROR, fact, Message("preflight.advice.robot"))
     if trajectory.kind is PoseType.J:
         missing = missing[: max((context.axis_count or _USUAL_AXES) - len(trajectory.axes), 0)]
     if missing:
-        kept = "keeps what the robot has now" if len(missing) == 1 else "keep what the robot has now"
-        yield PreflightProblem("axes", Severity.NOTE, f"{_join_names(missing)}, not in the file, {kept}")
+        fact = Message("preflight.axes.missing", axes=Listing(tuple(missing)))
+        yield PreflightProblem("axes", Severity.NOTE, fact)
 
 
 def check_fig(context: PreflightContext) -> Iterator[PreflightProblem]:
@@ -85,14 +91,15 @@ def check_fig(context: PreflightContext) -> Iterator[PreflightProblem]:
     values = trajectory.points[:, column]
     points, count = set_point_numbers(np.diff(values) != 0, 2)
     if count:
-        sentence = f"Fig changes {counted(count, 'time')}, first from {values[points[0] - 2]:g} to "
-        sentence += f"{values[points[0] - 1]:g}: the arm cannot change its posture from one point to the next"
-        advice = "play the parts one by one, or as joints"
-        yield PreflightProblem("fig", Severity.WARNING, sentence, advice, points, count)
+        before, after = (Measured(float(values[points[0] - back])) for back in (2, 1))
+        fact = Message("preflight.fig-changes", changes=Times(count), before=before, after=after)
+        advice = Message("preflight.advice.parts")
+        yield PreflightProblem("fig", Severity.WARNING, fact, advice, points, count)
     points, count = set_point_numbers(values != np.round(values))
     if count:
-        sentence = f"Fig is no whole number in {counted(count, 'set point')}"
-        yield PreflightProblem("fig", Severity.ERROR, sentence, "check which column is Fig", points, count)
+        fact = Message("preflight.fig-not-whole", points=Count(count, "set-point"))
+        advice = Message("preflight.advice.fig-column")
+        yield PreflightProblem("fig", Severity.ERROR, fact, advice, points, count)
 
 
 def check_directions(context: PreflightContext) -> Iterator[PreflightProblem]:
@@ -105,25 +112,25 @@ def check_directions(context: PreflightContext) -> Iterator[PreflightProblem]:
     wrong |= np.abs((orientation * approach).sum(axis=1)) > _UNIT
     points, count = set_point_numbers(wrong)
     if count:
-        sentence = (
-            f"orientation and approach are no unit vectors at a right angle in {counted(count, 'set point')}"
-        )
-        yield PreflightProblem("directions", Severity.ERROR, sentence, "check the columns", points, count)
+        fact = Message("preflight.directions", points=Count(count, "set-point"))
+        advice = Message("preflight.advice.columns")
+        yield PreflightProblem("directions", Severity.ERROR, fact, advice, points, count)
 
 
 def check_cycle(context: PreflightContext) -> Iterator[PreflightProblem]:
     """Compare the time between slvMove with the controller's cycle time."""
-    mode_, taken = context.mode, PERIOD_MS / 1000
-    if mode_ is None or not mode_.pose_type or abs(context.period - taken) <= SAME_INTERVAL * taken:
+    mode_, cycle = context.mode, PERIOD_MS / 1000
+    if mode_ is None or not mode_.pose_type or abs(context.period - cycle) <= SAME_INTERVAL * cycle:
         return
-    whose = f"in slave mode 0x{mode_.value:03X} a set point is taken each {interval_text(taken)}"
-    advice = f"choose an interval of {interval_text(taken)}"
-    if context.period > taken and mode_.underflow_is_error:
-        sentence = f"{whose}, and slvMove goes only each {interval_text(context.period)}, which would end it"
-        yield PreflightProblem("cycle", Severity.ERROR, sentence, advice)
-    elif context.period < taken and not mode_.overwrites_waiting:
-        sentence = f"{whose}, so that this takes {taken / context.period:.3g} times as long"
-        yield PreflightProblem("cycle", Severity.WARNING, sentence, advice)
+    mode, advice = f"0x{mode_.value:03X}", Message("preflight.advice.interval", interval=interval_ms(cycle))
+    if context.period > cycle and mode_.underflow_is_error:
+        sent = interval_ms(context.period)
+        fact = Message("preflight.cycle.too-slow", mode=mode, cycle=interval_ms(cycle), interval=sent)
+        yield PreflightProblem("cycle", Severity.ERROR, fact, advice)
+    elif context.period < cycle and not mode_.overwrites_waiting:
+        factor = Measured(cycle / context.period, digits=3)
+        fact = Message("preflight.cycle.stretched", mode=mode, cycle=interval_ms(cycle), factor=factor)
+        yield PreflightProblem("cycle", Severity.WARNING, fact, advice)
 
 
 def check_interval(context: PreflightContext) -> Iterator[PreflightProblem]:
@@ -132,8 +139,9 @@ def check_interval(context: PreflightContext) -> Iterator[PreflightProblem]:
     if trajectory.period is not None:
         yield from _check_period(trajectory.period, context.period)
     elif trajectory.times is None:
-        sentence = f"the file does not tell the interval, {interval_text(context.period)} is assumed"
-        yield PreflightProblem("interval", Severity.WARNING, sentence, "give the interval if it is another")
+        fact = Message("preflight.interval.unknown", interval=interval_ms(context.period))
+        advice = Message("preflight.advice.give-interval")
+        yield PreflightProblem("interval", Severity.WARNING, fact, advice)
     elif len(trajectory) > 1:
         yield from _check_times(context, trajectory.times)
 
@@ -141,35 +149,35 @@ def check_interval(context: PreflightContext) -> Iterator[PreflightProblem]:
 def _check_period(found: float, wanted: float) -> Iterator[PreflightProblem]:
     if abs(found - wanted) <= SAME_INTERVAL * wanted:
         return
-    sentence = (
-        f"the set points are {interval_text(found)} apart and slvMove goes each {interval_text(wanted)}, "
+    fact = Message(
+        "preflight.interval",
+        file=interval_ms(found),
+        sent=interval_ms(wanted),
+        factor=Measured(found / wanted, digits=3),
     )
-    sentence += f"which would move the robot at {found / wanted:.3g} times the speed"
-    yield PreflightProblem("interval", Severity.ERROR, sentence, RESAMPLE_ADVICE)
+    yield PreflightProblem("interval", Severity.ERROR, fact, RESAMPLE_ADVICE)
 
 
 def _check_times(context: PreflightContext, times: Array) -> Iterator[PreflightProblem]:
     steps = np.diff(times)
     points, count = set_point_numbers(~(steps > 0), 2)
     if count:
-        sentence = f"the time of {counted(count, 'set point')} is not later than that of the one before"
-        yield PreflightProblem("time-order", Severity.ERROR, sentence, "put the file right", points, count)
+        fact = Message("preflight.time-order", points=Count(count, "set-point"))
+        yield PreflightProblem("time-order", Severity.ERROR, fact, _CORRECT, points, count)
         return
     usual = float(np.median(steps))
     points, count = set_point_numbers(find_gaps(times), 2)
     if count:
-        worst = float(steps.max())
-        sentence = f"{counted(count, 'gap')} in the times, the longest of {interval_text(worst)} where "
-        sentence += f"{interval_text(usual)} are usual"
-        advice = "make sure that nothing is missing there: resampling draws a smooth curve across"
-        yield PreflightProblem("gap", Severity.WARNING, sentence, advice, points, count)
+        longest = interval_ms(float(steps.max()))
+        fact = Message("preflight.gap", gaps=Count(count, "gap"), longest=longest, usual=interval_ms(usual))
+        advice = Message("preflight.advice.gap")
+        yield PreflightProblem("gap", Severity.WARNING, fact, advice, points, count)
     uneven = float(np.abs(steps - usual).max()) > SAME_INTERVAL * usual
     if uneven:
-        sentence = (
-            f"the times are {interval_text(float(steps.min()))} to {interval_text(float(steps.max()))} apart "
-        )
-        sentence += f"and slvMove goes each {interval_text(context.period)}"
-        yield PreflightProblem("interval", Severity.ERROR, sentence, RESAMPLE_ADVICE)
+        shortest, longest = interval_ms(float(steps.min())), interval_ms(float(steps.max()))
+        sent = interval_ms(context.period)
+        fact = Message("preflight.interval.uneven", shortest=shortest, longest=longest, sent=sent)
+        yield PreflightProblem("interval", Severity.ERROR, fact, RESAMPLE_ADVICE)
     else:
         yield from _check_period(usual, context.period)
 
@@ -183,13 +191,10 @@ def check_units(context: PreflightContext) -> Iterator[PreflightProblem]:
     if given & {"rad", "m"} or not np.ptp(rows, axis=0).any():
         return
     largest = float(np.abs(rows).max())
+    shown, advice = Measured(largest, digits=3), Message("preflight.advice.unit")
     if trajectory.kind is PoseType.J and largest < _RADIANS:
-        sentence = f"no joint goes beyond {largest:.3g}: these may be radians, and are taken as degrees"
-        yield PreflightProblem("units", Severity.WARNING, sentence, "tell the unit if it is another")
+        fact = Message("preflight.units.radians", largest=shown)
+        yield PreflightProblem("units", Severity.WARNING, fact, advice)
     if trajectory.kind is not PoseType.J and largest < _METRES:
-        sentence = f"X, Y and Z stay below {largest:.3g}: these may be metres, and are taken as mm"
-        yield PreflightProblem("units", Severity.WARNING, sentence, "tell the unit if it is another")
-
-
-def _join_names(names: list[str]) -> str:
-    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
+        fact = Message("preflight.units.metres", largest=shown)
+        yield PreflightProblem("units", Severity.WARNING, fact, advice)

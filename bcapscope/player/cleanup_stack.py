@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Awaitable, Callable
 
 from bcapscope.errors import BcapError, CallTimeout, ControllerError
+from bcapscope.messages import Message
 from bcapscope.player.channel import Channel
 from bcapscope.player.player_messages import CleanupTask, PendingCleanup, PlayerProblem
 from bcapscope.player.player_pipe import PlayerPipe
@@ -69,7 +70,7 @@ class CleanupStack:
             except BcapError as error:
                 busy = isinstance(error, ControllerError) and error.hresult == E_BUSY
                 if not busy or self._channel.now() >= give_up:
-                    self._pipe.send(PlayerProblem(f"while leaving: {error}"))
+                    self._pipe.send(PlayerProblem(Message("play.while-leaving", reason=error.message)))
                     return
             self._channel.wait_until(self._channel.now() + _BUSY_PAUSE)
 

@@ -7,6 +7,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 
+from bcapscope.errors import InputError
+from bcapscope.messages import Message
 from bcapscope.player.column_titles import (
     COUNTER,
     NUMBER,
@@ -66,20 +68,20 @@ class ColumnLayout:
     columns: tuple[Column, ...]
     time: Column | None = None
     counter: Column | None = None
-    notes: tuple[str, ...] = ()
+    notes: tuple[Message, ...] = ()
 
 
 def parse_columns(text: str) -> dict[str, int]:
     """Parse a description such as `time=1,J1..J6=2..7`: the column of each axis, from 1.
 
     Raises:
-        ValueError: The description is invalid.
+        InputError: The description is invalid.
     """
     columns: dict[str, int] = {}
     for part in text.split(","):
         for name, place in _column_pairs(part):
             if name in columns:
-                raise ValueError(f"{name} is told twice")
+                raise InputError(Message("columns.twice", name=name))
             columns[name] = place
     return columns
 
@@ -87,19 +89,23 @@ def parse_columns(text: str) -> dict[str, int]:
 def _column_pairs(part: str) -> Iterator[tuple[str, int]]:
     found = _PAIR.fullmatch(part)
     if not found:
-        raise ValueError(f"{part.strip()!r} tells no column; time=1,J1..J6=2..7 does")
+        raise InputError(Message("columns.invalid", text=f"{part.strip()!r}"))
     first, last = found[1].casefold(), (found[2] or found[1]).casefold()
     order = list(_NAMES)
     if first not in order or last not in order:
-        raise ValueError(f"{part.strip()!r}: names are {', '.join(_NAMES.values())}")
+        raise InputError(
+            Message("columns.no-name", text=f"{part.strip()!r}", names=", ".join(_NAMES.values()))
+        )
     names = order[order.index(first) : order.index(last) + 1]
     if not names:
-        raise ValueError(f"{part.strip()!r}: {found[2]} does not come after {found[1]}")
+        raise InputError(Message("columns.order", text=f"{part.strip()!r}", last=found[2], first=found[1]))
     begin, end = int(found[3]), int(found[4] or found[3])
     if not 0 < begin <= end:
-        raise ValueError(f"{part.strip()!r}: columns are counted from 1, and upwards")
+        raise InputError(Message("columns.from-one", text=f"{part.strip()!r}"))
     if end - begin + 1 != len(names):
-        raise ValueError(f"{part.strip()!r}: {len(names)} names for {end - begin + 1} columns")
+        raise InputError(
+            Message("columns.count", text=f"{part.strip()!r}", names=len(names), columns=end - begin + 1)
+        )
     yield from zip((_NAMES[name] for name in names), range(begin, end + 1), strict=True)
 
 
@@ -149,36 +155,42 @@ def layout_of_numbers(rows: Sequence[Sequence[float]], options: ReadOptions) -> 
     count = len(rows[0])
     if options.columns:
         return _layout_as_given(options, (), count)
-    advice = "tell the columns, such as time=1,J1..J6=2..7"
+    advice = Message("trajectory.advice.columns")
     kind = options.kind or (PoseType.J if 6 <= count <= 8 else None)
     if kind is None or not max(MIN_COLUMNS[kind], 6) <= count <= len(AXES[kind]):
-        size = f"{len(AXES[kind])} numbers a line" if kind else "6 to 8 numbers a line"
-        raise TrajectoryError(f"{count} numbers a line and no titles, where {size} are expected: {advice}", 1)
+        size = (
+            Message("trajectory.numbers-a-line", count=len(AXES[kind]))
+            if kind
+            else Message("trajectory.six-to-eight")
+        )
+        raise TrajectoryError(Message("trajectory.untitled-width", count=count, size=size, advice=advice), 1)
     if options.kind is None:
         doubt = _ambiguity(rows)
         if doubt:
-            raise TrajectoryError(f"{count} numbers a line without titles, {doubt}: {advice}, or the type", 1)
+            raise TrajectoryError(
+                Message("trajectory.untitled-doubt", count=count, doubt=doubt, advice=advice), 1
+            )
     columns = tuple(
         Column(axis.name, place, "", *_column_unit(axis, None, options))
         for place, axis in enumerate(AXES[kind][:count], 1)
     )
-    note = f"no titles: {count} numbers a line are taken as {columns[0].axis} to {columns[-1].axis}"
+    note = Message("trajectory.note.untitled", count=count, first=columns[0].axis, last=columns[-1].axis)
     return ColumnLayout(kind, columns, notes=(note,))
 
 
-def _ambiguity(rows: Sequence[Sequence[float]]) -> str:
-    """Return why numbers may not be joints; "" if they look like joints."""
+def _ambiguity(rows: Sequence[Sequence[float]]) -> Message | None:
+    """Return why numbers may not be joints; None if they look like joints."""
     first = [row[0] for row in rows]
     steps = [b - a for a, b in pairwise(first)]
     if len(steps) > 1 and steps[0] > 0 and max(steps) - min(steps) <= _EVEN * steps[0]:
         begins = first[0] == 0 or abs(first[0] - steps[0]) <= _EVEN * steps[0]
         if begins or len(rows[0]) > _USUAL_AXES:
-            return "the first of which may be a time or count the records"
+            return Message("trajectory.doubt.time")
     if len(rows[0]) != 7:
-        return ""
+        return None
     far = any(abs(value) > _HALF_TURN for row in rows for value in row[:3])
     posture = all(row[6] == rows[0][6] and row[6].is_integer() and abs(row[6]) <= _POSTURES for row in rows)
-    return "which may be X to Fig" if far and posture else ""
+    return Message("trajectory.doubt.position") if far and posture else None
 
 
 def _axis_columns(kind: PoseType, role: ColumnRole, read: Sequence[ColumnTitle | None]) -> list[int]:
@@ -223,20 +235,25 @@ def _extra_column(
 def _layout_as_given(options: ReadOptions, titles: Sequence[str], count: int) -> ColumnLayout:
     missing = [f"{name}={place}" for name, place in options.columns.items() if place > count]
     if missing:
-        raise TrajectoryError(f"there are {count} columns, so that there is none for {', '.join(missing)}", 1)
+        raise TrajectoryError(
+            Message("trajectory.missing-columns", count=count, missing=", ".join(missing)), 1
+        )
     kinds = [
         kind
         for kind in _PREFERENCE
         if options.kind in (None, kind) and _named_axis_count(kind, options.columns)
     ]
     if not kinds:
-        raise TrajectoryError(
-            "the columns that were told are no whole pose: J1 on, X to Rz, or X to Az are", 1
-        )
+        raise TrajectoryError(Message("trajectory.columns-no-pose"), 1)
     axes = AXES[kinds[0]][: _named_axis_count(kinds[0], options.columns)]
     spare = [name for name in options.columns if name not in (TIME, COUNTER, *(axis.name for axis in axes))]
     if spare:
-        raise TrajectoryError(f"{', '.join(spare)} do not belong to {axes[0].name} to {axes[-1].name}", 1)
+        raise TrajectoryError(
+            Message(
+                "trajectory.spare-columns", spare=", ".join(spare), first=axes[0].name, last=axes[-1].name
+            ),
+            1,
+        )
 
     def column(axis: Axis) -> Column:
         place = options.columns[axis.name] - 1
@@ -259,22 +276,22 @@ def _named_axis_count(kind: PoseType, columns: Mapping[str, int]) -> int:
     return count if count >= MIN_COLUMNS[kind] else 0
 
 
-def _role_notes(role: ColumnRole, read: Sequence[ColumnTitle | None]) -> Iterator[str]:
+def _role_notes(role: ColumnRole, read: Sequence[ColumnTitle | None]) -> Iterator[Message]:
     marked = any(title and title.role is ColumnRole.COMMANDED for title in read)
     if role is ColumnRole.MEASURED:
-        yield "these are measured values: there are no commanded ones"
+        yield Message("trajectory.note.measured")
     elif role is ColumnRole.UNMARKED and marked:
-        yield "these values are not marked as commanded, and may be measured"
+        yield Message("trajectory.note.unmarked")
 
 
-def _kind_notes(kind: PoseType, others: Sequence[PoseType]) -> Iterator[str]:
+def _kind_notes(kind: PoseType, others: Sequence[PoseType]) -> Iterator[Message]:
     if others:
-        yield f"type {kind} was chosen; type {' and '.join(others)} is there too"
+        yield Message("trajectory.note.kind", kind=str(kind), others=" and ".join(others))
 
 
 def _duplicate_notes(
     axes: Sequence[Axis], role: ColumnRole, read: Sequence[ColumnTitle | None]
-) -> Iterator[str]:
+) -> Iterator[Message]:
     """Yield a note for each axis that several columns name; the first of them is used."""
     for axis in axes:
         places = [
@@ -283,10 +300,11 @@ def _duplicate_notes(
             if title and title.role is role and title.axis == axis.name
         ]
         if len(places) > 1:
-            yield f"{axis.name} is in columns {', '.join(places)}, the first of which is taken"
+            yield Message("trajectory.note.duplicate", axis=axis.name, columns=", ".join(places))
 
 
-def list_titles(titles: Sequence[str]) -> str:
-    """Return the first few titles as text."""
-    more = f" and {len(titles) - _MAX_NAMED} more" if len(titles) > _MAX_NAMED else ""
-    return ", ".join(" ".join(title[:40].split()) for title in titles[:_MAX_NAMED]) + more
+def list_titles(titles: Sequence[str]) -> Message:
+    """Return the first few titles."""
+    named = ", ".join(" ".join(title[:40].split()) for title in titles[:_MAX_NAMED])
+    more = len(titles) - _MAX_NAMED
+    return Message("list.and-more", items=named, more=more) if more > 0 else Message.from_table("text", named)

@@ -9,6 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bcapscope.analysis.finding import Severity
+from bcapscope.messages import Message
+from bcapscope.messages.message import PlaceValue
+from bcapscope.messages.places import Count, Enumeration, Measured
 from bcapscope.player.arm_limits import MAX_ARM_SPEED
 from bcapscope.player.checks import RESAMPLE_ADVICE
 from bcapscope.player.preflight_problem import PreflightContext, PreflightProblem, set_point_numbers
@@ -21,7 +24,6 @@ from bcapscope.player.smooth_curve import (
 )
 from bcapscope.player.trajectory_motion import TrajectoryMotion, motions_of
 from bcapscope.protocol.slave_mode.poses import Axis
-from bcapscope.protocol.text_format import counted
 from bcapscope.simulator.kinematics import AxisLimit
 
 POSITION_TOLERANCE = 0.05
@@ -29,8 +31,8 @@ POSITION_TOLERANCE = 0.05
 
 _SLACK = 1.000001  # single-precision set points are rounded; rounding is no excess
 _DIRECTIONS = Axis("Ox..Az", "deg")
-_MOVE = "move there slowly first"
-_TOO_FAST, _SLOWER = "more than any arm does", "play it more slowly, or look for a jump there"
+_MOVE = Message("preflight.advice.move-there")
+_SLOWER, _POSITIONS = Message("preflight.advice.slower"), Message("preflight.advice.positions")
 _SLOW, _CRAWL = 0.1, 1.0  # below this share of the top speed, or these units a second, an end counts as rest
 
 
@@ -76,18 +78,16 @@ def check_limits(context: PreflightContext) -> Iterator[PreflightProblem]:
     for motion in _padded_motions(context):
         points, count = set_point_numbers(np.isnan(motion.rows[1 : len(context.trajectory) + 1]).any(axis=1))
         if count:
-            sentence = f"{context.limits.arm_name} does not reach {counted(count, 'set point')}"
-            yield PreflightProblem("reach", Severity.ERROR, sentence, "check the positions", points, count)
+            fact = Message("preflight.reach", arm=context.limits.arm_name, points=Count(count, "set-point"))
+            yield PreflightProblem("reach", Severity.ERROR, fact, _POSITIONS, points, count)
             continue
         for place in range(len(motion.axes)):
             yield from _check_axis_limits(context, motion, place)
     yield from _check_turning(context)
     names = [axis.name for axis in context.trajectory.axes if axis.unit]
     if not any(map(context.limits.has_limit, names)) and context.limits.to_joints is None:
-        sentence = "the limits of this arm are unknown: speeds are shown but not checked"
-        yield PreflightProblem(
-            "limits", Severity.NOTE, sentence, "give limits, such as J1=-170..170 or J1.speed=300"
-        )
+        fact, advice = Message("preflight.limits-unknown"), Message("preflight.advice.limits")
+        yield PreflightProblem("limits", Severity.NOTE, fact, advice)
 
 
 def check_rest(context: PreflightContext) -> Iterator[PreflightProblem]:
@@ -97,14 +97,14 @@ def check_rest(context: PreflightContext) -> Iterator[PreflightProblem]:
     if not len(speeds) or context.step is None:
         return
     floor = np.maximum(_SLOW * speeds.max(axis=0), _CRAWL)
-    for verb, row, number in (("begins", 0, 1), ("ends", -1, len(context.trajectory))):
+    ends = (("preflight.begins-at-speed", 0, 1), ("preflight.ends-at-speed", -1, len(context.trajectory)))
+    for id, row, number in ends:
         place = int(np.argmax(speeds[row] / floor))
         if speeds[row, place] > floor[place]:
             axis = motion.axes[place]
-            sentence = (
-                f"the trajectory {verb} at speed: {axis.name} at {speeds[row, place]:.4g} {axis.unit}/s"
-            )
-            yield PreflightProblem("rest", Severity.WARNING, sentence, RESAMPLE_ADVICE, (number,), 1)
+            speed = Measured(float(speeds[row, place]), f"{axis.unit}/s", 4)
+            fact = Message(id, axis=axis.name, speed=speed)
+            yield PreflightProblem("rest", Severity.WARNING, fact, RESAMPLE_ADVICE, (number,), 1)
             if context.loop:
                 return  # in a loop, the motion runs on at speed from round to round
 
@@ -116,20 +116,21 @@ def check_first_point(context: PreflightContext) -> Iterator[PreflightProblem]:
         return
     kind, axes, first = context.trajectory.kind, context.trajectory.axes, context.trajectory.points[0]
     far = [place for place, axis in enumerate(axes) if axis.unit and abs(away[place]) > POSITION_TOLERANCE]
-    named = [_offset_text(axes[place], away[place]) for place in far]
+    named = [_offset(axes[place], away[place]) for place in far]
     width = min(len(context.current_pose), len(axes))
     turned = float(
         direction_turns(kind, np.vstack((np.asarray(context.current_pose[:width]), first[:width])))[0]
     )
     if turned > POSITION_TOLERANCE:
-        named.append(_offset_text(_DIRECTIONS, turned))
+        named.append(_offset(_DIRECTIONS, turned))
     if named:
-        sentence = f"the first point is away from where the robot is: {', '.join(named)}"
-        yield PreflightProblem("first-point", Severity.WARNING, sentence, _MOVE, (1,), 1)
+        fact = Message("preflight.first-point", offsets=Enumeration(tuple(named)))
+        yield PreflightProblem("first-point", Severity.WARNING, fact, _MOVE, (1,), 1)
     if not matches_posture(kind, context.current_pose, first.tolist()):
         fig = FIG_COLUMN[kind]
-        sentence = f"the first point has Fig {first[fig]:g}, the robot has {context.current_pose[fig]:g} now"
-        yield PreflightProblem("first-point", Severity.WARNING, sentence, _MOVE, (1,), 1)
+        wanted, current = Measured(float(first[fig])), Measured(context.current_pose[fig])
+        fact = Message("preflight.first-point.fig", wanted=wanted, current=current)
+        yield PreflightProblem("first-point", Severity.WARNING, fact, _MOVE, (1,), 1)
 
 
 def first_point_offsets(context: PreflightContext) -> tuple[float, ...] | None:
@@ -158,17 +159,16 @@ def check_join(context: PreflightContext) -> Iterator[PreflightProblem]:
     most = np.maximum(np.abs(np.diff(motion.rows, axis=0)).max(axis=0), POSITION_TOLERANCE)
     far = [place for place in range(len(motion.axes)) if abs(back[place]) > most[place]]
     if far:
-        named = ", ".join(_offset_text(motion.axes[place], back[place]) for place in far)
-        sentence = f"the last point is away from the first, to which it returns in one step: {named}"
-        advice = "end where it begins, or play it once"
-        yield PreflightProblem("loop", Severity.ERROR, sentence, advice, (len(context.trajectory), 1), 2)
+        named = tuple(_offset(motion.axes[place], back[place]) for place in far)
+        fact, advice = Message("preflight.loop", offsets=Enumeration(named)), Message("preflight.advice.loop")
+        yield PreflightProblem("loop", Severity.ERROR, fact, advice, (len(context.trajectory), 1), 2)
 
 
 def check_movement(context: PreflightContext) -> Iterator[PreflightProblem]:
     """Note if nothing moves."""
     if not np.ptp(context.trajectory.points, axis=0).any():
-        count = counted(len(context.trajectory), "set point")
-        yield PreflightProblem("still", Severity.NOTE, f"nothing moves: {count}, all the same")
+        fact = Message("preflight.still", points=Count(len(context.trajectory), "set-point"))
+        yield PreflightProblem("still", Severity.NOTE, fact)
 
 
 def _own_motion(context: PreflightContext) -> TrajectoryMotion:
@@ -213,27 +213,36 @@ def _check_axis_limits(
     yield from _limit_problem(
         "range",
         outside,
-        f"{axis.name} goes from {values.min():.6g} to {values.max():.6g} {unit}, "
-        f"its limits are {limit.low:g} and {limit.high:g}",
-        "check the positions",
+        _POSITIONS,
+        "preflight.range",
+        axis=axis.name,
+        low=Measured(float(values.min())),
+        high=Measured(float(values.max()), unit),
+        low_limit=Measured(limit.low),
+        high_limit=Measured(limit.high),
     )
     if context.step is None:
         return
     speeds = np.abs(motion.speeds[:, place])
-    whose = f"its limit is {limit.speed:g}" if limit.speed != MAX_ARM_SPEED.get(unit) else _TOO_FAST
+    is_known = limit.speed != MAX_ARM_SPEED.get(unit)
     yield from _limit_problem(
         "speed",
         _mark_set_points(speeds > limit.speed * _SLACK, count),
-        f"{axis.name} reaches {speeds.max():.4g} {unit}/s, {whose}",
         _SLOWER,
+        "preflight.speed" if is_known else "preflight.speed.any-arm",
+        axis=axis.name,
+        speed=Measured(float(speeds.max()), f"{unit}/s", 4),
+        limit=Measured(limit.speed),
     )
     accelerations = np.abs(motion.accelerations[:, place])
     yield from _limit_problem(
         "acceleration",
         _mark_set_points(accelerations > limit.acceleration * _SLACK, count),
-        f"{axis.name} accelerates by {accelerations.max():.4g} {unit}/s², "
-        f"its limit is {limit.acceleration:g}",
-        f"play it more slowly, or {RESAMPLE_ADVICE}",
+        Message("preflight.advice.slower-or-resample"),
+        "preflight.acceleration",
+        axis=axis.name,
+        acceleration=Measured(float(accelerations.max()), f"{unit}/s²", 4),
+        limit=Measured(limit.acceleration),
     )
 
 
@@ -244,8 +253,14 @@ def _check_turning(context: PreflightContext) -> Iterator[PreflightProblem]:
     points, most = context.trajectory.points, MAX_ARM_SPEED[_DIRECTIONS.unit]
     after = points[:1] if context.loop else points[-1:]
     speeds = direction_turns(context.trajectory.kind, np.vstack((points[:1], points, after))) / context.step
-    told = f"{_DIRECTIONS.name} reaches {speeds.max():.4g} {_DIRECTIONS.unit}/s, {_TOO_FAST}"
-    yield from _limit_problem("speed", _mark_set_points(speeds > most, len(points)), told, _SLOWER)
+    yield from _limit_problem(
+        "speed",
+        _mark_set_points(speeds > most, len(points)),
+        _SLOWER,
+        "preflight.speed.any-arm",
+        axis=_DIRECTIONS.name,
+        speed=Measured(float(speeds.max()), f"{_DIRECTIONS.unit}/s", 4),
+    )
 
 
 def _mark_set_points(where: NDArray[np.bool_], count: int) -> NDArray[np.bool_]:
@@ -257,13 +272,13 @@ def _mark_set_points(where: NDArray[np.bool_], count: int) -> NDArray[np.bool_]:
 
 
 def _limit_problem(
-    check: str, where: NDArray[np.bool_], sentence: str, advice: str
+    check: str, where: NDArray[np.bool_], advice: Message, id: str, **places: PlaceValue
 ) -> Iterator[PreflightProblem]:
     points, count = set_point_numbers(where)
     if count:
-        told = f"{sentence}: {counted(count, 'set point')}"
-        yield PreflightProblem(check, Severity.ERROR, told, advice, points, count)
+        fact = Message(id, **places, points=Count(count, "set-point"))
+        yield PreflightProblem(check, Severity.ERROR, fact, advice, points, count)
 
 
-def _offset_text(axis: Axis, offset: float) -> str:
-    return f"{axis.name} {offset:+.4g} {axis.unit}"
+def _offset(axis: Axis, offset: float) -> Message:
+    return Message("preflight.offset", axis=axis.name, offset=f"{offset:+.4g} {axis.unit}")

@@ -30,6 +30,7 @@ from collections.abc import Callable
 from typing import NamedTuple, TypeAlias
 
 from bcapscope.errors import CallTimeout, ControllerError
+from bcapscope.messages import Message
 from bcapscope.player.blocking_caller import BlockingCaller
 from bcapscope.player.lateness import Lateness
 from bcapscope.player.player_messages import PlayCounts, SetPointValues
@@ -284,11 +285,10 @@ class Pacer:
 
     def _refusal_error(self, code: int) -> ControllerError:
         """Make the error for a refused set point; where lateness may be the cause, it gives the times."""
-        meaning = describe_hresult(code).text
+        meaning = describe_hresult(code).meaning
         if code >> 16 == _MOTION_ERRORS and self._recent_gaps:
-            length, late, reply = (each / 1e6 for each in max(self._recent_gaps))
-            meaning += f"; {length:.1f} ms between two set points: this machine was late by {late:.1f} ms, "
-            meaning += f"the reply took {reply:.1f} ms"
+            gap, late, reply = (f"{each / 1e6:.1f}" for each in max(self._recent_gaps))
+            meaning = Message("play.refused-late", meaning=meaning, gap=gap, late=late, reply=reply)
         return ControllerError(_NAME, code, hresult_name(code), meaning)
 
     def _await_late_reply(self, settled: CallTimedOut) -> Frame:

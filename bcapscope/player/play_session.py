@@ -14,11 +14,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from bcapscope.client.controller_target import os_error_text
 from bcapscope.client.object_opener import ObjectOpener
 from bcapscope.client.robot_halt import halt_robot
 from bcapscope.client.session import Session
 from bcapscope.errors import BcapError, CallTimeout, ControllerError
+from bcapscope.messages import Message
+from bcapscope.messages.os_errors import os_reason
+from bcapscope.messages.places import Measured
 from bcapscope.player.arm_limits import ArmLimits, limits_for_arm, with_limits
 from bcapscope.player.blocking_caller import ABORT_CHECK_INTERVAL, BlockingCaller
 from bcapscope.player.channel import Channel
@@ -65,11 +67,6 @@ _MODES = {
 }
 _KINDS = {PoseType.P: 1, PoseType.J: 2, PoseType.T: 3}
 
-_ALREADY_IN_SLAVE_MODE = (
-    "the robot is in slave mode 0x{:03X} already: another client moves it, or has not left it, "
-    "which Robot_Execute slvChangeMode 0 does"
-)
-
 YES, NO, CLEAR, AGAIN = "yes", "no", "clear", "again"
 """Answers to questions."""
 
@@ -79,11 +76,13 @@ class PlayAbortedError(Exception):
 
     Attributes:
         outcome: How the session ended.
+        reason: Why; None if the user asked for it.
     """
 
-    def __init__(self, outcome: PlayOutcome, reason: str) -> None:
-        super().__init__(reason)
+    def __init__(self, outcome: PlayOutcome, reason: Message | None) -> None:
+        super().__init__(outcome, reason)
         self.outcome = outcome
+        self.reason = reason
 
 
 class PlaySession:
@@ -118,7 +117,7 @@ class PlaySession:
 
     async def run(self) -> PlayEnded:
         """Carry out the plan; return how it ended."""
-        outcome, reason = PlayOutcome.DONE, ""
+        outcome, reason = PlayOutcome.DONE, None
         self._cleanup.push()
         try:
             if self._plan.aftermath is None:
@@ -127,19 +126,19 @@ class PlaySession:
                 await self._clean_up_after_crash(self._plan.aftermath)
             outcome = PlayOutcome.LOOKED if self._plan.look_only else PlayOutcome.DONE
         except PlayAbortedError as end:
-            outcome, reason = end.outcome, str(end)
+            outcome, reason = end.outcome, end.reason
         except ControllerError as error:
-            outcome, reason = PlayOutcome.REFUSED, str(error)
+            outcome, reason = PlayOutcome.REFUSED, error.message
         except CallTimeout as error:
-            outcome, reason = PlayOutcome.UNANSWERED, str(error)
+            outcome, reason = PlayOutcome.UNANSWERED, error.message
         except OSError as error:
             outcome, reason, self._cleanup.is_controller_gone = (
                 PlayOutcome.UNANSWERED,
-                os_error_text(error),
+                os_reason(error),
                 True,
             )
         except BcapError as error:
-            outcome, reason = PlayOutcome.FAILED, str(error)
+            outcome, reason = PlayOutcome.FAILED, error.message
         finally:
             await self._close_session()
         return self._make_ended(outcome, reason)
@@ -172,17 +171,15 @@ class PlaySession:
         Raises:
             PlayAbortedError: The user did not confirm.
         """
-        if self._ask(QuestionTopic.BEGIN, "Begin?", (NO, YES)) != YES:
-            raise PlayAbortedError(PlayOutcome.DECLINED, "nobody said that it may begin")
+        if self._ask(QuestionTopic.BEGIN, Message("play.question.begin"), (NO, YES)) != YES:
+            raise PlayAbortedError(PlayOutcome.DECLINED, Message("play.not-confirmed"))
         robot = self._robot
         if robot.is_simulator or self._plan.armed:
             return
         named = ", ".join(f"{name} {value}" for name, value in robot.facts.items())
-        text = f"A robot will move: {named or 'a controller that tells nothing of itself'}."
+        text = Message("play.question.arm", robot=named) if named else Message("play.question.arm-unknown")
         if self._ask(QuestionTopic.ARM, text, (NO, YES)) != YES:
-            raise PlayAbortedError(
-                PlayOutcome.UNARMED, "this is not the simulator, and nobody said that a robot may move"
-            )
+            raise PlayAbortedError(PlayOutcome.UNARMED, Message("play.not-armed"))
 
     async def _clean_up_after_crash(self, left: Aftermath) -> None:
         """Undo what a crashed player began, then report the errors that the controller shows."""
@@ -196,7 +193,7 @@ class PlaySession:
         await self._cleanup.clean_up_all()
         errors = () if self._cleanup.is_controller_gone else await self._robot.read_errors()
         if errors:
-            self._pipe.send(PlayerProblem("the motion was not ended in order", errors))
+            self._pipe.send(PlayerProblem(Message("play.motion-not-ended"), errors))
 
     async def _play_once(self, mode: SlaveMode, trajectory: Trajectory) -> None:
         """Prepare, play and clean up."""
@@ -223,7 +220,7 @@ class PlaySession:
         self._report_state(PlayState.PREPARING)
         mode = await robot.read_slave_mode()
         if mode:
-            raise PlayAbortedError(PlayOutcome.DECLINED, _ALREADY_IN_SLAVE_MODE.format(mode))
+            raise PlayAbortedError(PlayOutcome.DECLINED, Message("play.already-slave", mode=f"0x{mode:03X}"))
         await self._switch_on(CleanupTask.ROBSLAVE, await robot.is_robslave_ready(), robot.start_robslave)
         if robot.needs_take_arm:
             await cleanup.run_and_push(CleanupTask.ARM, robot.take_arm)
@@ -248,17 +245,15 @@ class PlaySession:
         if far <= POSITION_TOLERANCE and has_posture:
             return
         if not self._plan.may_approach:
-            fig = (
-                ""
-                if has_posture
-                else f", with Fig {first[FIG_COLUMN[kind]]:g} instead of {here[FIG_COLUMN[kind]]:g}"
-            )
-            text = (
-                f"The first set point is {far:.3g} (degrees or mm) from where the robot stands{fig}. "
-                f"Move there at {self._plan.approach:g}% of its speed?"
-            )
+            distance, percent = Measured(far, digits=3), Measured(self._plan.approach)
+            text = Message("play.question.approach", distance=distance, percent=percent)
+            if not has_posture:
+                fig, current = (Measured(each[FIG_COLUMN[kind]]) for each in (first, here))
+                text = Message(
+                    "play.question.approach-fig", distance=distance, percent=percent, fig=fig, current=current
+                )
             if self._ask(QuestionTopic.APPROACH, text, (NO, YES)) != YES:
-                raise PlayAbortedError(PlayOutcome.DECLINED, "the robot is not at the first set point")
+                raise PlayAbortedError(PlayOutcome.DECLINED, Message("play.not-at-start"))
         self._report_state(PlayState.APPROACHING)
         self._cleanup.push(CleanupTask.MOTION)
         try:
@@ -328,8 +323,8 @@ class PlaySession:
         """
         latest = error
         while True:
-            self._pipe.send(PlayerProblem(str(latest), await self._robot.read_errors()))
-            text = "Clear the error, or clear it and begin again: RobSlave, first set point, slave mode?"
+            self._pipe.send(PlayerProblem(latest.message, await self._robot.read_errors()))
+            text = Message("play.question.clear")
             answer = self._pipe.ask(PlayerQuestion(QuestionTopic.CLEAR, text, (NO, CLEAR, AGAIN)))
             if answer == NO:
                 raise error
@@ -350,7 +345,7 @@ class PlaySession:
         else:
             await self._session.close()
 
-    def _ask(self, topic: QuestionTopic, text: str, choices: tuple[str, ...]) -> str:
+    def _ask(self, topic: QuestionTopic, text: Message, choices: tuple[str, ...]) -> str:
         """Ask the user; return the answer.
 
         Raises:
@@ -393,7 +388,7 @@ class PlaySession:
     def _report_state(self, state: PlayState) -> None:
         self._pipe.send(PlayProgress(state))
 
-    def _make_ended(self, outcome: PlayOutcome, reason: str) -> PlayEnded:
+    def _make_ended(self, outcome: PlayOutcome, reason: Message | None) -> PlayEnded:
         pacer = self._pacer
         if pacer is None:
             return PlayEnded(outcome, reason, left=not self._cleanup.is_controller_gone)
@@ -409,7 +404,7 @@ class PlaySession:
 
 
 def _refuse_unconfirmed_call() -> None:
-    raise PlayAbortedError(PlayOutcome.UNARMED, "the start is not confirmed yet")
+    raise PlayAbortedError(PlayOutcome.UNARMED, Message("play.not-confirmed-yet"))
 
 
 def _slave_mode_for(plan: PlayPlan, generation: Generation) -> SlaveMode:
@@ -421,10 +416,12 @@ def _slave_mode_for(plan: PlayPlan, generation: Generation) -> SlaveMode:
     value = plan.mode if isinstance(plan.mode, int) else _MODES[plan.mode, generation] | _KINDS[plan.kind]
     mode = slave_mode_by_number(value, generation)
     if mode is None or mode.pose_type is None:
-        raise PlayAbortedError(PlayOutcome.UNFIT, f"{generation} has no slave mode 0x{value:03X}")
+        raise PlayAbortedError(
+            PlayOutcome.UNFIT, Message("play.no-such-mode", generation=str(generation), mode=f"{value:03X}")
+        )
     if mode.pose_type is not plan.kind:
-        reason = (
-            f"slave mode 0x{value:03X} takes {mode.pose_type} type, the set points are of {plan.kind} type"
+        reason = Message(
+            "preflight.mode", mode=f"0x{value:03X}", accepted=str(mode.pose_type), kind=str(plan.kind)
         )
         raise PlayAbortedError(PlayOutcome.UNFIT, reason)
     return mode
@@ -434,4 +431,4 @@ def _planned_trajectory(plan: PlayPlan, kind: PoseType, pose: SetPointValues) ->
     """Return the set points with all numbers that slvMove needs; None if the plan has none."""
     if not plan.points:
         return None
-    return Trajectory(kind, np.array(plan.points, dtype=np.float64), TrajectorySource("", "")).completed(pose)
+    return Trajectory(kind, np.array(plan.points, dtype=np.float64), TrajectorySource("")).completed(pose)

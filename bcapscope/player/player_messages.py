@@ -8,12 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from enum import StrEnum
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import msgspec
 
 from bcapscope.client.controller_target import DEFAULT_ROBOT, ROBSLAVE, ControllerTarget
 from bcapscope.messages import Message
+from bcapscope.messages.message_codec import message_from_data, message_to_data
 from bcapscope.player.lateness import Spread
 from bcapscope.protocol.slave_mode.modes import Generation, PoseType, SlaveMode, slave_mode_by_number
 
@@ -194,7 +195,7 @@ class RealtimeReport(msgspec.Struct, frozen=True, tag=True):
 
     realtime: bool
     locked: bool
-    text: str
+    text: Message
 
 
 class PlayCounts(msgspec.Struct, frozen=True):
@@ -286,7 +287,7 @@ class PlayerQuestion(msgspec.Struct, frozen=True, tag=True):
     """
 
     topic: QuestionTopic
-    text: str
+    text: Message
     choices: tuple[str, ...]
 
 
@@ -298,7 +299,7 @@ class PlayerProblem(msgspec.Struct, frozen=True, tag=True):
         errors: Errors that the controller shows, newest first: code and text.
     """
 
-    text: str
+    text: Message
     errors: tuple[tuple[int, str], ...] = ()
 
 
@@ -323,7 +324,7 @@ class PlayEnded(msgspec.Struct, frozen=True, tag=True):
 
     Attributes:
         outcome: How the player's work ended.
-        reason: Why, as text; empty if everything was done.
+        reason: Why; None if everything was done.
         lateness: Lateness of all set points, exact.
         cycle: Time between set points, ns, exact.
         counts: Counts about the set points.
@@ -335,7 +336,7 @@ class PlayEnded(msgspec.Struct, frozen=True, tag=True):
     """
 
     outcome: PlayOutcome
-    reason: str = ""
+    reason: Message | None = None
     lateness: Spread = Spread()
     cycle: Spread = Spread()
     counts: PlayCounts = PlayCounts()
@@ -357,7 +358,20 @@ PlayerMessage: TypeAlias = (
     | PlayEnded
 )
 
-encode_message = msgspec.json.Encoder().encode
-decode_message = msgspec.json.Decoder(PlayerMessage).decode
+
+def _to_data(value: object) -> object:
+    if isinstance(value, Message):
+        return message_to_data(value)
+    raise NotImplementedError(f"{type(value)} crosses no pipe")  # msgspec expects this for an unknown type
+
+
+def _from_data(kind: type, data: Any) -> object:
+    if kind is Message:
+        return message_from_data(data)
+    raise NotImplementedError(f"{kind} crosses no pipe")
+
+
+encode_message = msgspec.json.Encoder(enc_hook=_to_data).encode
+decode_message = msgspec.json.Decoder(PlayerMessage, dec_hook=_from_data).decode
 decode_plan = msgspec.json.Decoder(PlayPlan).decode
 decode_command = msgspec.json.Decoder(PlayerCommand).decode

@@ -12,6 +12,7 @@ import signal
 import time
 from types import FrameType
 
+from bcapscope.messages import Message
 from bcapscope.player.player_messages import (
     Order,
     PlayerCommand,
@@ -32,7 +33,7 @@ _SEND_TIMEOUT = 2.0
 _MAX_UNWRITTEN = 1 << 20
 """Bytes that may wait for a reader; messages beyond that are lost."""
 
-PARENT_GONE = "the program that started the player is gone"
+PARENT_GONE = Message("play.parent-gone")
 
 
 class PlayerPipe:
@@ -40,14 +41,14 @@ class PlayerPipe:
 
     Attributes:
         order: The most serious order so far; None if there is none.
-        reason: Reason for the order, as text.
+        reason: Reason for the order; None if there is none.
         order_count: Number of orders received.
     """
 
     def __init__(self, commands: int, messages: int) -> None:
         """Use the file descriptors of two pipes."""
         self.order: Order | None = None
-        self.reason = ""
+        self.reason: Message | None = None
         self.order_count = 0
         self._commands = commands
         self._messages = messages
@@ -134,7 +135,7 @@ class PlayerPipe:
         answer = self._answers.pop(0) if self._answers else ""
         return answer if answer in question.choices else question.choices[0]
 
-    def set_order(self, order: Order, reason: str) -> None:
+    def set_order(self, order: Order, reason: Message) -> None:
         """Set the order; a halt overrides a stop."""
         self.order_count += 1
         if self.order is not Order.HALT:
@@ -150,7 +151,7 @@ class PlayerPipe:
             if command.order is None:
                 self._answers.append(command.answer)
             else:
-                self.set_order(command.order, f"{command.order} was asked for")
+                self.set_order(command.order, Message("play.order", order=str(command.order)))
 
     def _flush(self) -> bool:
         """Write the pending bytes; return whether all are written."""
@@ -172,5 +173,9 @@ class PlayerPipe:
 
     def _on_signal(self, number: int, frame: FrameType | None) -> None:
         asked = number == signal.SIGUSR1
-        reason = f"{Order.HALT} was asked for" if asked else f"{signal.Signals(number).name} came"
+        reason = (
+            Message("play.order", order=str(Order.HALT))
+            if asked
+            else Message("play.signal", signal=signal.Signals(number).name)
+        )
         self.set_order(Order.HALT if asked or self.order is not None else Order.STOP, reason)

@@ -21,6 +21,8 @@ from typing import Self
 
 from msgspec import structs
 
+from bcapscope.messages import Message
+from bcapscope.messages.os_errors import os_reason
 from bcapscope.player.player_messages import (
     Aftermath,
     FrameMessage,
@@ -66,7 +68,7 @@ class PlayerProcess:
         self._plan = plan
         self._pending_cleanup = PendingCleanup((), "", 0)
         self._serial = 0
-        self._crash = ""
+        self._crash: Message | None = None
         self._ended: PlayEnded | None = None
         self._read_lock = threading.Lock()
         self._start(plan)
@@ -192,8 +194,12 @@ class PlayerProcess:
         assert self._process.stderr is not None
         words = self._process.stderr.read().decode(errors="replace").strip().splitlines()
         code = self._process.wait()
-        how = f"signal {-code}" if code < 0 else f"exit code {code}"
-        crash = f"the player ended with {how}" + (f": {words[-1]}" if words else "")
+        how = (
+            Message("play.crash.signal", number=-code) if code < 0 else Message("play.crash.code", code=code)
+        )
+        crash = Message("play.crash", how=how)
+        if words:
+            crash = Message("play.crash.why", how=how, why=words[-1])
         crashed = self._process
         is_owing = self._needs_cleanup
         try:
@@ -201,9 +207,9 @@ class PlayerProcess:
                 self._crash = crash
                 self._start(self._cleanup_plan())
                 _reap(crashed)
-                return PlayerProblem(f"{crash}: what it had begun is being ended")
+                return PlayerProblem(Message("play.cleaning-up", crash=crash))
         except OSError as error:
-            crash = f"{error.strerror or error}".lower()
+            crash = os_reason(error)
         self._ended = self._with_crash(PlayEnded(PlayOutcome.FAILED, crash, left=not is_owing))
         return self._ended
 
@@ -229,10 +235,11 @@ class PlayerProcess:
         """Add the crash, if any, to the last message."""
         if not self._crash:
             return ended
-        told = ": what it had begun was ended in order"
+        reason = Message("play.cleaned-up", crash=self._crash)
         if ended.outcome is not PlayOutcome.DONE or not ended.left:
-            told = f": what it had begun could not be ended ({ended.reason or 'no answer'})"
-        return structs.replace(ended, outcome=PlayOutcome.FAILED, reason=self._crash + told)
+            why = ended.reason or Message("os.no-answer")
+            reason = Message("play.not-cleaned-up", crash=self._crash, why=why)
+        return structs.replace(ended, outcome=PlayOutcome.FAILED, reason=reason)
 
 
 @contextmanager

@@ -9,6 +9,7 @@ from typing import TypeAlias
 import numpy as np
 
 from bcapscope.analysis.finding import Severity
+from bcapscope.messages import Message
 from bcapscope.player import checks, motion_checks
 from bcapscope.player.arm_limits import UNKNOWN_ARM, ArmLimits, limits_for_arm, with_limits
 from bcapscope.player.motion_checks import AxisFigures
@@ -54,7 +55,7 @@ class PreflightResult:
 
     trajectory: Trajectory
     period: float
-    arm_name: str
+    arm_name: Message
     problems: tuple[PreflightProblem, ...]
     axis_figures: tuple[AxisFigures, ...]
     first_point_offsets: tuple[float, ...] | None

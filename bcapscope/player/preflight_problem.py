@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from bcapscope.analysis.finding import Severity
+from bcapscope.messages import Message
+from bcapscope.messages.places import Measured
 from bcapscope.player.arm_limits import ArmLimits
 from bcapscope.player.trajectory import Trajectory
 from bcapscope.protocol.slave_mode.modes import PoseType, SlaveMode
@@ -25,16 +27,16 @@ class PreflightProblem:
     Attributes:
         check: Name of the check, such as `speed`.
         severity: An error forbids playing.
-        sentence: One sentence in plain English.
-        advice: What to do, one sentence; empty if there is nothing to do.
+        fact: What is wrong, one clause.
+        advice: What to do, one clause; None if there is nothing to do.
         points: Numbers of set points that show the problem, from 1, at most `MAX_NUMBERS`.
         count: Total number of such set points; 0 if the problem concerns no single ones.
     """
 
     check: str
     severity: Severity
-    sentence: str
-    advice: str = ""
+    fact: Message
+    advice: Message | None = None
     points: tuple[int, ...] = ()
     count: int = 0
 
@@ -68,8 +70,9 @@ class PreflightContext:
         """
         if self.limits.axis_count is not None or self.current_pose is None:
             return self.limits.axis_count
-        told = len(self.current_pose)
-        return told if self.trajectory.kind is PoseType.J and told < len(AXES[PoseType.J]) else None
+        reported = len(self.current_pose)
+        is_exact = self.trajectory.kind is PoseType.J and reported < len(AXES[PoseType.J])
+        return reported if is_exact else None
 
     @property
     def step(self) -> float | None:
@@ -91,6 +94,6 @@ def set_point_numbers(where: ArrayLike, first: int = 1) -> tuple[tuple[int, ...]
     return tuple((found[:MAX_NUMBERS] + first).tolist()), len(found)
 
 
-def interval_text(seconds: float) -> str:
-    """Return an interval as text in milliseconds."""
-    return f"{seconds * 1000:.6g} ms"
+def interval_ms(seconds: float) -> Measured:
+    """Return an interval in milliseconds."""
+    return Measured(seconds * 1000, "ms")

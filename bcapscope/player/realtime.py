@@ -19,6 +19,10 @@ from pathlib import Path
 
 import msgspec
 
+from bcapscope.messages import Message
+from bcapscope.messages.os_errors import os_reason
+from bcapscope.messages.places import Enumeration
+
 FIFO_PRIORITY = 40
 """Above all ordinary programs, below the kernel's interrupt threads, which have 50 and deliver the
 replies."""
@@ -43,12 +47,12 @@ class RealtimeGrant(msgspec.Struct, frozen=True):
     Attributes:
         realtime: Whether other programs cannot delay the player.
         locked: Whether the player's memory stays in place.
-        text: The same as text, with advice if something is missing.
+        text: The same, with advice if something is missing.
     """
 
     realtime: bool
     locked: bool
-    text: str
+    text: Message
 
 
 @contextmanager
@@ -67,7 +71,7 @@ def realtime_priority(is_wanted: bool = True, *, collect_garbage: bool = False) 
     gc.freeze()
     if not collect_garbage:
         gc.disable()
-    grade = _acquire() if is_wanted else RealtimeGrant(False, False, "real-time priority was not asked for")
+    grade = _acquire() if is_wanted else RealtimeGrant(False, False, Message("play.realtime.off"))
     if not grade.realtime:
         _set_time_slice(_TIME_SLICE)
     try:
@@ -86,28 +90,31 @@ def realtime_priority(is_wanted: bool = True, *, collect_garbage: bool = False) 
 def _acquire() -> RealtimeGrant:
     refused = _set_fifo_priority()
     locked = sys.platform == "linux" and _libc().mlockall(_MCL_CURRENT) == 0
-    if refused:
+    if refused is not None:
         return RealtimeGrant(False, locked, refused)
-    memory = "" if locked else "; memory is not locked, which `ulimit -l` can allow"
-    return RealtimeGrant(
-        True, locked, f"real-time priority (SCHED_FIFO {FIFO_PRIORITY}){_throttling_note()}{memory}"
-    )
+    parts = [Message("play.realtime.on", priority=FIFO_PRIORITY)]
+    if (note := _throttling_note()) is not None:
+        parts.append(note)
+    if not locked:
+        parts.append(Message("play.realtime.unlocked"))
+    return RealtimeGrant(True, locked, Message("list.of", items=Enumeration(tuple(parts))))
 
 
-def _set_fifo_priority() -> str:
-    """Take real-time priority; return why it was refused, or "" if it was granted."""
+def _set_fifo_priority() -> Message | None:
+    """Take real-time priority; return why it was refused, or None if it was granted."""
     if sys.platform != "linux":
-        return "no real-time priority: bcapscope can take it on Linux only"
+        return Message("play.realtime.linux-only")
     try:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(FIFO_PRIORITY))
     except OSError as error:
-        return (
-            f"no real-time priority ({(error.strerror or str(error)).lower()}), so that busy programs can "
-            f"hold up set points; to give it, put the line `{_user()} - rtprio {FIFO_PRIORITY}` into "
-            "/etc/security/limits.conf and log in again (`ulimit -r` then shows it), or run "
-            f"`sudo setcap cap_sys_nice+ep {os.path.realpath(sys.executable)}`"
+        return Message(
+            "play.realtime.refused",
+            reason=os_reason(error),
+            user=_user(),
+            priority=FIFO_PRIORITY,
+            python=os.path.realpath(sys.executable),
         )
-    return ""
+    return None
 
 
 def _set_time_slice(length: int) -> None:
@@ -119,15 +126,15 @@ def _set_time_slice(length: int) -> None:
         _libc().syscall(number, 0, attr, 0)
 
 
-def _throttling_note() -> str:
+def _throttling_note() -> Message | None:
     """Return a warning if the kernel limits real-time programs to less than half of the time."""
     try:
         runtime, period = (int(path.read_text()) for path in _THROTTLE_FILES)
     except (OSError, ValueError):
-        return ""
+        return None
     if runtime < 0 or runtime >= _NEEDED_SHARE * period:
-        return ""
-    return f"; {_THROTTLE_FILES[0]} allows it only {runtime} of {period} µs, which may hold up set points"
+        return None
+    return Message("play.realtime.throttled", file=str(_THROTTLE_FILES[0]), runtime=runtime, period=period)
 
 
 def _user() -> str:

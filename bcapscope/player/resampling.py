@@ -13,13 +13,15 @@ from math import ceil, inf, isfinite
 
 import numpy as np
 
+from bcapscope.errors import InputError
+from bcapscope.messages import Message
+from bcapscope.messages.places import Count, Measured
 from bcapscope.player.arm_limits import UNKNOWN_ARM, ArmLimits
 from bcapscope.player.set_point_timing import find_gaps
 from bcapscope.player.smooth_curve import Array, SmoothCurve
 from bcapscope.player.trajectory import MAX_POINTS, Trajectory, TrajectoryError
 from bcapscope.player.trajectory_motion import limit_excess
 from bcapscope.protocol.slave_mode.poses import Axis
-from bcapscope.protocol.text_format import counted
 
 DEFAULT_RAMP = 0.25
 """Default duration of a start or a stop, seconds."""
@@ -50,15 +52,17 @@ def resample(
 
     Raises:
         TrajectoryError: A number is not finite, times do not increase, or there would be too many set points.
-        ValueError: Period, speed or ramp is invalid.
+        InputError: Period, speed or ramp is invalid.
     """
     if not (
         isfinite(period) and period > 0 and isfinite(speed) and speed > 0 and isfinite(ramp) and ramp >= 0
     ):
-        raise ValueError(f"period {period:g} s, speed {speed:g}, ramp {ramp:g} s: numbers above 0 are needed")
+        raise InputError(
+            Message("resample.invalid", period=f"{period:g}", speed=f"{speed:g}", ramp=f"{ramp:g}")
+        )
     bad = np.flatnonzero(~np.isfinite(trajectory.points).all(axis=1))
     if len(bad):
-        raise TrajectoryError(f"set point {bad[0] + 1} is not finite")
+        raise TrajectoryError(Message("trajectory.not-finite", number=int(bad[0]) + 1))
     knots = _knots(trajectory, period)
     way = _TimeScale(float(knots[-1]), period, speed, ramp)
     if len(trajectory) == 1:
@@ -73,16 +77,17 @@ def resample(
     return Trajectory(trajectory.kind, points, source, period)
 
 
-def _resampling_notes(trajectory: Trajectory, period: float, speed: float, ramp: float) -> Iterator[str]:
+def _resampling_notes(trajectory: Trajectory, period: float, speed: float, ramp: float) -> Iterator[Message]:
     if trajectory.period is None and trajectory.times is None:
-        yield f"the file does not tell the interval, {period * 1000:.6g} ms is assumed"
-    yield f"resampled to {period * 1000:g} ms at {speed:.3g} of the speed, {ramp:.3g} s to start and stop"
+        yield Message("trajectory.note.assumed-interval", period=f"{period * 1000:.6g}")
+    yield Message(
+        "trajectory.note.resampled", period=f"{period * 1000:g}", speed=f"{speed:.3g}", ramp=f"{ramp:.3g}"
+    )
     if trajectory.period is None and trajectory.times is not None:
         count = int(find_gaps(trajectory.times).sum())
         if count:
             longest = float(np.diff(trajectory.times).max()) * 1000
-            told = f"{counted(count, 'gap')} in the times, the longest of {longest:.6g} ms"
-            yield f"{told}, drawn smoothly across"
+            yield Message("trajectory.note.gap", gaps=Count(count, "gap"), longest=Measured(longest, "ms"))
 
 
 def stop_after(
@@ -136,7 +141,7 @@ class _TimeScale:
     def __init__(self, end: float, period: float, speed: float, ramp: float) -> None:
         time = end / speed
         if not time / period < MAX_POINTS - ramp / period - 2:
-            raise TrajectoryError(f"{time:.3g} s in steps of {period:.3g} s are too many set points")
+            raise TrajectoryError(Message("resample.too-long", time=f"{time:.3g}", period=f"{period:.3g}"))
         self._ramp = ramp
         self._cycles = ceil((max(time, ramp) + ramp) / period - _ROUNDING) if end else 0
         self._period = period
@@ -164,7 +169,7 @@ def _knots(trajectory: Trajectory, period: float) -> Array:
         knots: Array = trajectory.times - trajectory.times[0]
         bad = np.flatnonzero(~(np.diff(knots) > 0) | ~np.isfinite(knots[1:]))
     if len(bad):
-        raise TrajectoryError(f"the time of set point {bad[0] + 2} is not later than that of the one before")
+        raise TrajectoryError(Message("trajectory.time-order", number=int(bad[0]) + 2))
     return knots
 
 

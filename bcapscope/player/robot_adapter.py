@@ -18,6 +18,8 @@ from bcapscope.client.object_opener import ObjectOpener
 from bcapscope.client.remote_object import required_variant
 from bcapscope.client.remote_objects import ONE_CYCLE, PTP, Controller, Robot, Task
 from bcapscope.errors import ControllerError, RemoteProtocolError
+from bcapscope.messages import Message
+from bcapscope.messages.places import Quantity
 from bcapscope.player.motion_checks import POSITION_TOLERANCE
 from bcapscope.player.player_messages import TYPE_NAME_FACT, CleanupTask, SetPointValues
 from bcapscope.player.smooth_curve import matches_posture, unwrap_rotations
@@ -105,7 +107,7 @@ class RobotAdapter:
         """
         row = pose_numbers(await self._read_pose_value(kind))
         if row is None or len(row) < 6 or not all(map(isfinite, row)):
-            raise RemoteProtocolError(f"the controller does not tell a pose of type {kind}", b"")
+            raise RemoteProtocolError(Message("play.no-pose", kind=kind), b"")
         return tuple(row[: len(AXES[kind])])
 
     async def read_slave_mode(self) -> int:
@@ -209,12 +211,14 @@ class RobotAdapter:
                 return
             still += 1
         if far > POSITION_TOLERANCE:
-            stands = f"the robot stands {far:.3g} from the first set point"
+            distance = Quantity(far)
             for code, _ in await self.read_errors():
                 if is_failure(code):
-                    meaning = f"{describe_hresult(code).text}; {stands}"
+                    meaning = Message(
+                        "play.approach-refused", meaning=describe_hresult(code).meaning, distance=distance
+                    )
                     raise ControllerError("Robot_Move", code, hresult_name(code), meaning)
-            raise RemoteProtocolError(f"{stands} and does not move", b"")
+            raise RemoteProtocolError(Message("play.no-motion", distance=distance), b"")
 
     async def set_formats(self, kind: PoseType) -> None:
         """Make slvMove carry a pose in both directions, whatever format an earlier client set.

@@ -8,6 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from bcapscope.messages import Message
+from bcapscope.messages.places import Measured
 from bcapscope.player.smooth_curve import Array
 
 CYCLES = (0.008, 0.001)
@@ -31,12 +33,12 @@ class SetPointTiming(NamedTuple):
     Attributes:
         period: Seconds between set points; None if uneven or unknown.
         times: Seconds from the first set point; None if the times have no meaning.
-        note: One clause; may be empty.
+        notes: What was assumed.
     """
 
     period: float | None
     times: Array | None
-    note: str = ""
+    notes: tuple[Message, ...] = ()
 
 
 def timing_from_due_times(times: Array) -> SetPointTiming:
@@ -64,10 +66,10 @@ def timing_from_send_times(times: Array) -> SetPointTiming:
     if cycle is None:
         return timing_from_due_times(times)
     longest = float(steps.max())
-    note = f"each set point counts as one cycle of {cycle * 1000:g} ms, whenever it was sent"
+    notes = [Message("trajectory.note.cycle", cycle=Measured(cycle * 1000, "ms"))]
     if longest > 2 * cycle:
-        note += f"; the longest pause between two was {longest * 1000:.3g} ms"
-    return SetPointTiming(cycle, None, note)
+        notes.append(Message("trajectory.note.pause", longest=Measured(longest * 1000, "ms", 3)))
+    return SetPointTiming(cycle, None, tuple(notes))
 
 
 def find_gaps(times: Array) -> NDArray[np.bool_]:

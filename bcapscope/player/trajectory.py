@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from bcapscope.errors import BcapError
+from bcapscope.errors import InputError
+from bcapscope.messages import Message
 from bcapscope.protocol.slave_mode.modes import PoseType
 from bcapscope.protocol.slave_mode.poses import AXES, SHORTEST_POSE, Axis
 
@@ -16,7 +17,7 @@ MAX_POINTS = 5_000_000
 """Most set points of a trajectory: eleven hours at 8 ms, and 320 MB."""
 
 
-class TrajectoryError(BcapError, ValueError):
+class TrajectoryError(InputError):
     """A file holds no valid trajectory.
 
     Attributes:
@@ -24,11 +25,15 @@ class TrajectoryError(BcapError, ValueError):
         column: Column of the fault, from 1; None if unknown.
     """
 
-    def __init__(self, message: str, line: int | None = None, column: int | None = None) -> None:
+    def __init__(self, reason: Message, line: int | None = None, column: int | None = None) -> None:
         """Make the message; the place comes first if it is known."""
-        places = (("line", line), ("column", column))
-        place = ", ".join(f"{noun} {number}" for noun, number in places if number is not None)
-        super().__init__(f"{place}: {message}" if place else message)
+        if line is not None and column is not None:
+            reason = Message("trajectory.at-line-column", line=line, column=column, reason=reason)
+        elif line is not None:
+            reason = Message("trajectory.at-line", line=line, reason=reason)
+        elif column is not None:
+            reason = Message("trajectory.at-column", column=column, reason=reason)
+        super().__init__(reason)
         self.line = line
         self.column = column
 
@@ -58,18 +63,18 @@ class TrajectorySource:
 
     Attributes:
         path: Path of the file, as the caller gave it.
-        file_format: Kind of the file, as text.
-        part: Which of several trajectories in the file; empty if there is only one.
+        file_format: Kind of the file, or the encoding of its text; None for no file.
+        part: Which of several trajectories in the file; None if there is only one.
         columns: One element per axis in the order of `Trajectory.axes`, then those of times and counter if
             any.
         notes: What was assumed, left out or converted, one clause each.
     """
 
     path: str
-    file_format: str
-    part: str = ""
+    file_format: Message | None = None
+    part: Message | None = None
     columns: tuple[Column, ...] = ()
-    notes: tuple[str, ...] = ()
+    notes: tuple[Message, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from bcapscope.messages import Message
 from bcapscope.player import set_point_timing
 from bcapscope.player.column_layout import ReadOptions, layout_of_titles, list_titles
 from bcapscope.player.smooth_curve import Array
@@ -28,7 +29,7 @@ MAX_VALUES = 1_500_000
 """Most values in a JSON or YAML file: 28 minutes of six joints and a time at 8 ms. A value takes up to 72
 bytes, so these take 110 MB."""
 
-TOO_MANY_VALUES = f"more than {MAX_VALUES} values, the limit for JSON and YAML: write a table (CSV)"
+TOO_MANY_VALUES = Message("trajectory.too-many-values", limit=MAX_VALUES)
 
 _DEEPEST, _MAX_TRAJECTORIES, _SHOWN = 8, 256, 40
 _DEGREES_PER_RADIAN = degrees(1.0)
@@ -60,15 +61,19 @@ def read_documents(
     found = [message for document in documents for message in _find_ros_messages(document, _DEEPEST, seen)]
     if not found:
         keys = [str(key) for document in documents if isinstance(document, dict) for key in document]
-        told = f", only {list_titles(keys)}" if keys else ""
-        raise TrajectoryError(f"there is no trajectory in it: no joint_names with points{told}")
+        if keys:
+            raise TrajectoryError(Message("trajectory.none-but", keys=list_titles(keys)))
+        raise TrajectoryError(Message("trajectory.none"))
     if len(found) > _MAX_TRAJECTORIES:
-        raise TrajectoryError(f"more than {_MAX_TRAJECTORIES} trajectories")
+        raise TrajectoryError(Message("trajectory.too-many", limit=_MAX_TRAJECTORIES))
     if options.kind not in (None, PoseType.J):
-        raise TrajectoryError(f"a JointTrajectory has joints, no type {options.kind}")
+        raise TrajectoryError(Message("trajectory.ros-kind", kind=str(options.kind)))
     several = len(found) > 1
     return tuple(
-        _read_ros(message, replace(source, part=f"trajectory {number}" if several else ""))
+        _read_ros(
+            message,
+            replace(source, part=Message("trajectory.part.number", number=number) if several else None),
+        )
         for number, message in enumerate(found, 1)
     )
 
@@ -76,28 +81,30 @@ def read_documents(
 def _read_extract(document: dict[str, Any], source: TrajectorySource, options: ReadOptions) -> Trajectory:
     titles, rows = document.get("columns"), document.get("rows")
     if not isinstance(titles, list) or not all(isinstance(title, str) for title in titles):
-        raise TrajectoryError("columns is no list of names")
+        raise TrajectoryError(Message("trajectory.columns-no-list"))
     if not isinstance(rows, list) or not rows:
-        raise TrajectoryError("rows is no list of set points")
+        raise TrajectoryError(Message("trajectory.rows-no-list"))
     layout = layout_of_titles(titles, options)
     if layout is None:
-        raise TrajectoryError(f"no columns of a pose among these: {list_titles(titles)}")
+        raise TrajectoryError(Message("trajectory.no-pose-columns", titles=list_titles(titles)))
     places = [column.position - 1 for column in layout.columns]
     names = [column.axis for column in layout.columns]
     points = _number_table(
         [_select_values(row, places, len(titles), number) for number, row in enumerate(rows, 1)], names
     )
     points *= [column.factor for column in layout.columns]
-    grid = document.get("interval_ms")
+    session, grid = document.get("stay"), document.get("interval_ms")
     known = _float(grid)
-    note = "each set point counts as one cycle, whenever it was sent"
+    note = Message("trajectory.note.one-cycle")
     return Trajectory(
         kind=layout.kind,
         points=points,
         source=replace(
             source,
-            file_format=f"set points of bcapscope extract, {source.file_format}",
-            part=f"stay {document['stay']}" if isinstance(document.get("stay"), int) else "",
+            file_format=Message("trajectory.format.extract", encoding=source.file_format or ""),
+            part=Message("trajectory.part.session-number", number=session)
+            if isinstance(session, int)
+            else None,
             columns=layout.columns,
             notes=(*source.notes, *layout.notes, note),
         ),
@@ -107,7 +114,7 @@ def _read_extract(document: dict[str, Any], source: TrajectorySource, options: R
 
 def _select_values(row: object, places: Sequence[int], width: int, number: int) -> list[object]:
     if not isinstance(row, list) or len(row) != width:
-        raise TrajectoryError(f"set point {number} is no list of {width} values")
+        raise TrajectoryError(Message("trajectory.row-no-list", number=number, width=width))
     return [row[place] for place in places]
 
 
@@ -132,15 +139,15 @@ def _find_ros_messages(node: object, deep: int, seen: set[int]) -> Iterator[dict
 def _read_ros(message: dict[str, Any], source: TrajectorySource) -> Trajectory:
     names, points = message["joint_names"], message["points"]
     if not names or not all(isinstance(name, str) for name in names):
-        raise TrajectoryError("joint_names is no list of names")
+        raise TrajectoryError(Message("trajectory.names-no-list"))
     if not 0 < len(points) <= MAX_POINTS:
-        raise TrajectoryError(f"{len(points)} points are no trajectory")
+        raise TrajectoryError(Message("trajectory.no-points", count=len(points)))
     order, notes = _joint_order(names)
     rows, seconds = [], []
     for number, point in enumerate(points, 1):
         positions = point.get("positions") if isinstance(point, dict) else None
         if not isinstance(positions, list) or len(positions) != len(names):
-            raise TrajectoryError(f"point {number} has no positions for {len(names)} joints")
+            raise TrajectoryError(Message("trajectory.no-positions", number=number, count=len(names)))
         rows.append([positions[place] for place in order])
         seconds.append(_seconds(point.get("time_from_start")))
     axes = [axis.name for axis in AXES[PoseType.J][: len(order)]]
@@ -150,7 +157,7 @@ def _read_ros(message: dict[str, Any], source: TrajectorySource) -> Trajectory:
     ]
     timed = None not in seconds
     if not timed and any(moment is not None for moment in seconds):
-        raise TrajectoryError(f"point {seconds.index(None) + 1} has no time_from_start, and others have")
+        raise TrajectoryError(Message("trajectory.no-time", number=seconds.index(None) + 1))
     found = (
         set_point_timing.timing_from_due_times(np.array(seconds, dtype=np.float64))
         if timed
@@ -163,16 +170,16 @@ def _read_ros(message: dict[str, Any], source: TrajectorySource) -> Trajectory:
         points=_number_table(rows, axes) * _DEGREES_PER_RADIAN,
         source=replace(
             source,
-            file_format=f"JointTrajectory, {source.file_format}",
+            file_format=Message("trajectory.format.ros", encoding=source.file_format or ""),
             columns=tuple(columns),
-            notes=(*source.notes, "radians were converted to degrees", *notes),
+            notes=(*source.notes, Message("trajectory.note.radians"), *notes),
         ),
         period=found.period,
         times=found.times,
     )
 
 
-def _joint_order(names: Sequence[str]) -> tuple[list[int], tuple[str, ...]]:
+def _joint_order(names: Sequence[str]) -> tuple[list[int], tuple[Message, ...]]:
     """Return the index in the message of J1, J2 and so on, by the numbers in the names or as listed, and
     notes.
 
@@ -184,14 +191,14 @@ def _joint_order(names: Sequence[str]) -> tuple[list[int], tuple[str, ...]]:
     count = sum(found is not None for found in numbers)
     if count and len(by_number) == count and sorted(by_number) == list(_AXIS_NUMBERS[:count]):
         others = [name for name, found in zip(names, numbers, strict=True) if not found]
-        left = (f"left out, having no number: {list_titles(others)}",) if others else ()
+        left = (Message("trajectory.note.unnumbered", names=list_titles(others)),) if others else ()
         return [by_number[number] for number in sorted(by_number)], left
     if count == len(names) == len(by_number) and all(number in _AXIS_NUMBERS for number in by_number):
-        told = ", ".join(f"J{number}" for number in sorted(by_number))
-        raise TrajectoryError(f"the names of the joints tell {told}, and J1 on are needed without a gap")
+        numbered = ", ".join(f"J{number}" for number in sorted(by_number))
+        raise TrajectoryError(Message("trajectory.joint-gap", names=numbered))
     if len(names) > len(_AXIS_NUMBERS):
-        raise TrajectoryError(f"{len(names)} joints, and no numbers in their names that tell J1 to J8")
-    return list(range(len(names))), (f"joints are taken in the order listed: {list_titles(names)}",)
+        raise TrajectoryError(Message("trajectory.joint-names", count=len(names)))
+    return list(range(len(names))), (Message("trajectory.note.listed-order", names=list_titles(names)),)
 
 
 def _seconds(value: object) -> float | None:
@@ -219,11 +226,13 @@ def _number_table(rows: Sequence[Sequence[object]], names: Sequence[str]) -> Arr
         TrajectoryError: A value is no number.
     """
     if len(rows) > MAX_POINTS:
-        raise TrajectoryError(f"more than {MAX_POINTS} set points")
+        raise TrajectoryError(Message("trajectory.too-long", limit=MAX_POINTS))
     table = np.array([[_float(value) for value in row] for row in rows], dtype=np.float64)
     for place in np.argwhere(np.isnan(table)).tolist():
         value = rows[place[0]][place[1]]
         if not (isinstance(value, float) or (isinstance(value, str) and value.strip().casefold() == "nan")):
-            told = repr(value[:_SHOWN]) if isinstance(value, str) else f"a {type(value).__name__}"
-            raise TrajectoryError(f"set point {place[0] + 1}: {told} is no number for {names[place[1]]}")
+            shown = repr(value[:_SHOWN]) if isinstance(value, str) else type(value).__name__
+            raise TrajectoryError(
+                Message("trajectory.value-no-number", number=place[0] + 1, value=shown, axis=names[place[1]])
+            )
     return table

@@ -23,6 +23,8 @@ from bcapscope.capture.pcap import MAGICS
 from bcapscope.capture.pcapng import MAGIC
 from bcapscope.capture.role_detection import BCAP_PORTS
 from bcapscope.errors import CaptureError
+from bcapscope.messages import Message
+from bcapscope.messages.os_errors import os_reason
 from bcapscope.player.capture_trajectories import read_capture
 from bcapscope.player.column_layout import ReadOptions
 from bcapscope.player.trajectory import Trajectory, TrajectoryError, TrajectorySource
@@ -42,13 +44,13 @@ LONGEST_LINE = 1 << 16
 _HEAD = 4096
 _YAML = (".yaml", ".yml")
 _FOREIGN = {
-    b"PK\x03\x04": "a ZIP archive or an Excel workbook: save the sheet as CSV",
-    b"\xd0\xcf\x11\xe0": "an old Excel workbook or another OLE file: save the sheet as CSV",
-    b"\x89MCAP": "an MCAP recording: write its trajectory as JSON or YAML",
-    b"SQLite format 3": "an SQLite database, such as a ROS 2 bag: write its trajectory as JSON or YAML",
-    b"#ROSBAG": "a ROS 1 bag: write its trajectory as JSON or YAML",
-    b"\x93NUMPY": "a NumPy array: write it with numpy.savetxt",
-    b"%PDF": "a PDF document",
+    b"PK\x03\x04": "trajectory.foreign.zip",
+    b"\xd0\xcf\x11\xe0": "trajectory.foreign.ole",
+    b"\x89MCAP": "trajectory.foreign.mcap",
+    b"SQLite format 3": "trajectory.foreign.sqlite",
+    b"#ROSBAG": "trajectory.foreign.rosbag",
+    b"\x93NUMPY": "trajectory.foreign.numpy",
+    b"%PDF": "trajectory.foreign.pdf",
 }
 _ENCODINGS = (("utf-8", "UTF-8"), ("cp932", "Shift-JIS (cp932)"))
 _BOM_ENCODINGS = (
@@ -83,30 +85,34 @@ def read_trajectories(
                 return read_project(Path(path), lambda file: _read_file(file, options, ports))
             return _read_file(Path(path), options, ports)
     except OSError as error:
-        raise TrajectoryError(f"cannot be read: {error.strerror or error}") from error
+        raise TrajectoryError(Message("trajectory.cannot-read", reason=os_reason(error))) from error
     except CaptureError as error:
-        raise TrajectoryError(str(error)) from error
+        raise TrajectoryError(error.message) from error
 
 
 def _read_file(path: Path, options: ReadOptions, ports: Collection[int]) -> tuple[Trajectory, ...]:
     with _open_regular_file(path) as stream:
         size = os.fstat(stream.fileno()).st_size
         if size > MAX_TABLE_SIZE:
-            raise TrajectoryError(f"larger than {MAX_TABLE_SIZE >> 20} MB")
+            raise TrajectoryError(Message("trajectory.too-large", size=MAX_TABLE_SIZE >> 20))
         head = stream.read(_HEAD)
         if not head:
-            raise TrajectoryError("the file is empty")
+            raise TrajectoryError(Message("trajectory.file-empty"))
         if head[:4] == MAGIC or head[:4] in MAGICS or head.startswith(GZIP_MAGIC):
             return _read_capture(path, options, ports)
         _refuse_foreign(head)
         stream.seek(0)
         if path.suffix.casefold() in _YAML:
             return read_documents(
-                list(read_yaml(_read_whole(stream, size))), TrajectorySource(str(path), "YAML"), options
+                list(read_yaml(_read_whole(stream, size))),
+                TrajectorySource(str(path), _encoding("YAML")),
+                options,
             )
         if head.lstrip(codecs.BOM_UTF8 + b" \t\r\n")[:1] == b"{" or path.suffix.casefold() == ".json":
             return read_documents(
-                _parse_json(_read_whole(stream, size)), TrajectorySource(str(path), "JSON"), options
+                _parse_json(_read_whole(stream, size)),
+                TrajectorySource(str(path), _encoding("JSON")),
+                options,
             )
         return _read_text(stream, path, head, options)
 
@@ -120,32 +126,30 @@ def _open_regular_file(path: Path) -> BinaryIO:
     """
     try:
         if not stat.S_ISREG(path.stat().st_mode):
-            raise TrajectoryError("this is no file")
+            raise TrajectoryError(Message("trajectory.no-file"))
         return path.open("rb")
     except ValueError as error:
         if isinstance(error, TrajectoryError):
             raise
-        raise TrajectoryError("this is no name of a file") from error
+        raise TrajectoryError(Message("trajectory.no-file-name")) from error
 
 
 def _read_capture(path: Path, options: ReadOptions, ports: Collection[int]) -> tuple[Trajectory, ...]:
     with open_capture(path) as capture:
-        return read_capture(capture, TrajectorySource(str(path), ""), options, ports)
+        return read_capture(capture, TrajectorySource(str(path)), options, ports)
 
 
 def _refuse_foreign(head: bytes) -> None:
-    for magic, told in _FOREIGN.items():
+    for magic, id in _FOREIGN.items():
         if head.startswith(magic):
-            raise TrajectoryError(f"this is {told}")
+            raise TrajectoryError(Message("trajectory.foreign", what=Message(id)))
     if b"\0" in head and not head.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
-        raise TrajectoryError("this is a binary file of a kind that is not known")
+        raise TrajectoryError(Message("trajectory.binary"))
 
 
 def _read_whole(stream: BinaryIO, size: int) -> bytes:
     if size > MAX_OBJECT_SIZE:
-        raise TrajectoryError(
-            f"larger than {MAX_OBJECT_SIZE >> 20} MB, the limit for JSON and YAML: write a table (CSV)"
-        )
+        raise TrajectoryError(Message("trajectory.document-too-large", size=MAX_OBJECT_SIZE >> 20))
     return stream.read(MAX_OBJECT_SIZE + 1)
 
 
@@ -155,7 +159,9 @@ def _parse_json(data: bytes) -> list[object]:
     try:
         return [orjson.loads(data.removeprefix(codecs.BOM_UTF8))]
     except orjson.JSONDecodeError as error:
-        raise TrajectoryError(f"this is no JSON: {error.msg}", error.lineno, error.colno) from error
+        raise TrajectoryError(
+            Message("trajectory.no-json", reason=error.msg), error.lineno, error.colno
+        ) from error
 
 
 def _read_text(stream: BinaryIO, path: Path, head: bytes, options: ReadOptions) -> tuple[Trajectory, ...]:
@@ -164,12 +170,18 @@ def _read_text(stream: BinaryIO, path: Path, head: bytes, options: ReadOptions) 
         stream.seek(0)
         text = io.TextIOWrapper(stream, encoding, newline="")
         try:
-            return read_table(_lines(text), TrajectorySource(str(path), name), options)
+            return read_table(_lines(text), TrajectorySource(str(path), _encoding(name)), options)
         except UnicodeError:
             continue
         finally:
             text.detach()
-    raise TrajectoryError(f"this is no text in {' or '.join(name for _, name in marked or _ENCODINGS)}")
+    raise TrajectoryError(
+        Message("trajectory.no-text", encodings=" or ".join((name for _, name in marked or _ENCODINGS)))
+    )
+
+
+def _encoding(name: str) -> Message:
+    return Message.from_table("text", name)
 
 
 def _lines(text: io.TextIOWrapper) -> Iterator[str]:
@@ -177,5 +189,5 @@ def _lines(text: io.TextIOWrapper) -> Iterator[str]:
     while line := text.readline(LONGEST_LINE + 1):
         number += 1
         if len(line) > LONGEST_LINE:
-            raise TrajectoryError(f"the line is longer than {LONGEST_LINE} characters", number)
+            raise TrajectoryError(Message("trajectory.long-line", limit=LONGEST_LINE), number)
         yield line

@@ -11,6 +11,8 @@ from itertools import chain, islice
 
 import numpy as np
 
+from bcapscope.messages import Message
+from bcapscope.messages.places import Count
 from bcapscope.player import set_point_timing
 from bcapscope.player.column_layout import (
     ColumnLayout,
@@ -31,7 +33,6 @@ from bcapscope.player.trajectory import (
     TrajectorySource,
 )
 from bcapscope.protocol.slave_mode.modes import PoseType
-from bcapscope.protocol.text_format import counted
 
 HEAD_LINES = 32
 """Lines to search for the titles."""
@@ -39,7 +40,6 @@ HEAD_LINES = 32
 _PLAIN_CELLS = 60
 _SPACES = re.compile(r"\s+")
 _RETURNED = "returned_"
-_SENT, _LOG, _TABLE = "set points of bcapscope extract", "control log", "table"
 _NUMBER = re.compile(
     r"\s*[+-]?(\d+[.,]?\d*|[.,]\d+)([eE][+-]?\d+)?\s*|\s*[+-]?(nan|inf|infinity)\s*", re.IGNORECASE
 )
@@ -82,7 +82,7 @@ def read_table(
     rows = _table_lines(chain(head, text), separator)
     first = list(islice(rows, HEAD_LINES))
     if not first:
-        raise TrajectoryError("there is nothing in it")
+        raise TrajectoryError(Message("trajectory.empty"))
     layout, skipped, titles = _find_layout(first, options)
     width = len(first[skipped - 1].cells) if titles else len(first[0].cells)
     numbers = _NumberTable(layout, width, separator == ";")
@@ -90,18 +90,29 @@ def read_table(
     columns = _without_empty(layout.columns, layout.kind, numbers.filled)
     notes = [*source.notes, *layout.notes]
     if skipped > 1:
-        notes.append(f"{counted(skipped - 1, 'line')} before the titles left out")
+        notes.append(Message("trajectory.note.skipped", lines=Count(skipped - 1, "line")))
     if len(columns) < len(layout.columns):
-        notes.append(f"{layout.columns[len(columns)].axis} and on are empty")
+        notes.append(Message("trajectory.note.empty-axes", axis=layout.columns[len(columns)].axis))
     sent = any(title.startswith(_RETURNED) for title in titles)
     logged = layout.counter is not None and layout.counter.axis == COUNTER
-    form = f"{_SENT if sent else _LOG if logged else _TABLE}, {source.file_format}"
+    form = (
+        "trajectory.format.extract"
+        if sent
+        else "trajectory.format.log"
+        if logged
+        else "trajectory.format.table"
+    )
     extra = [
         column
         for column in (layout.time, layout.counter)
         if column and numbers.column_values(column) is not None
     ]
-    whole = replace(source, file_format=form, columns=(*columns, *extra), notes=tuple(notes))
+    whole = replace(
+        source,
+        file_format=Message(form, encoding=source.file_format or ""),
+        columns=(*columns, *extra),
+        notes=tuple(notes),
+    )
     return tuple(_split_parts(numbers, len(columns), layout, whole, sent))
 
 
@@ -132,7 +143,7 @@ def _table_lines(lines: Iterable[str], separator: str) -> Iterator[TableLine]:
             if any(cells) and not cells[0].lstrip().startswith("#"):
                 yield TableLine(reader.line_num, cells)
     except csv.Error as error:
-        raise TrajectoryError(f"this is no table: {error}", reader.line_num) from None
+        raise TrajectoryError(Message("trajectory.no-table", reason=str(error)), reader.line_num) from None
 
 
 def _find_layout(first: Sequence[TableLine], options: ReadOptions) -> tuple[ColumnLayout, int, Sequence[str]]:
@@ -146,9 +157,13 @@ def _find_layout(first: Sequence[TableLine], options: ReadOptions) -> tuple[Colu
             layout = layout_of_titles(line.cells, options)
             if layout is not None:
                 return layout, place + 1, line.cells
-    wanted = f"type {options.kind}" if options.kind else "J1 on, or X to Rz"
-    told = list_titles([cell.strip() for cell in first[0].cells])
-    raise TrajectoryError(f"no columns for {wanted} among these: {told}", first[0].number)
+    wanted = (
+        Message("trajectory.wanted.kind", kind=str(options.kind))
+        if options.kind
+        else Message("trajectory.wanted.any")
+    )
+    found = list_titles([cell.strip() for cell in first[0].cells])
+    raise TrajectoryError(Message("trajectory.no-columns", wanted=wanted, titles=found), first[0].number)
 
 
 def _is_numeric(line: TableLine) -> bool:
@@ -206,9 +221,9 @@ class _NumberTable:
             numbers.extend(self._parse_row(line, count == 0))
             count += 1
             if count > MAX_POINTS:
-                raise TrajectoryError(f"more than {MAX_POINTS} set points", line.number)
+                raise TrajectoryError(Message("trajectory.too-long", limit=MAX_POINTS), line.number)
         if not count:
-            raise TrajectoryError("there are titles, but no numbers under them")
+            raise TrajectoryError(Message("trajectory.only-titles"))
         self._table = np.frombuffer(numbers, dtype=np.float64).reshape(count, len(self._columns)).copy()
 
     def _parse_row(self, line: TableLine, first: bool) -> Iterator[float]:
@@ -219,8 +234,8 @@ class _NumberTable:
             if first:
                 self._filled[place] = full
             elif full is not self._filled[place]:
-                told = "empty here and not before" if not full else "not empty here, but before"
-                raise TrajectoryError(f"{column.axis} is {told}", line.number, column.position)
+                case = "trajectory.filled-later" if full else "trajectory.filled-before"
+                raise TrajectoryError(Message(case, axis=column.axis), line.number, column.position)
             yield self._parse_number(cell, line.number, column) * column.factor if full else float("nan")
 
     def _parse_number(self, cell: str, line: int, column: Column) -> float:
@@ -231,7 +246,9 @@ class _NumberTable:
         except ValueError:
             pass
         shown = text.strip()[:_PLAIN_CELLS]
-        raise TrajectoryError(f"{shown!r} is no number for {column.axis}", line, column.position)
+        raise TrajectoryError(
+            Message("trajectory.no-number", value=f"{shown!r}", axis=column.axis), line, column.position
+        )
 
     def _cells(self, line: TableLine) -> list[str]:
         cells = line.cells
@@ -239,7 +256,8 @@ class _NumberTable:
             return cells[: self._width]
         if len(cells) != self._width:
             raise TrajectoryError(
-                f"{counted(len(cells), 'column')} where the lines before have {self._width}", line.number
+                Message("trajectory.other-width", columns=Count(len(cells), "column"), width=self._width),
+                line.number,
             )
         return cells
 
@@ -252,7 +270,9 @@ def _without_empty(columns: tuple[Column, ...], kind: PoseType, filled: Sequence
     """
     width = next((place for place, full in enumerate(filled) if not full), len(filled))
     if any(filled[width:]) or width < MIN_COLUMNS[kind]:
-        raise TrajectoryError(f"{columns[width].axis} is empty throughout", None, columns[width].position)
+        raise TrajectoryError(
+            Message("trajectory.empty-column", axis=columns[width].axis), None, columns[width].position
+        )
     return columns[:width]
 
 
@@ -275,9 +295,8 @@ def _split_parts(
     runs, step = set_point_timing.find_runs(counter)
     found = _counter_timing(layout.counter, step)
     for start, stop in runs:
-        part = f"records {start + 1} to {stop}" if len(runs) > 1 else ""
-        missing = "the counter jumps: records are missing between the parts" if part else ""
-        notes = tuple(note for note in (missing,) if note)
+        part = Message("trajectory.part.records", first=start + 1, last=stop) if len(runs) > 1 else None
+        notes = (Message("trajectory.note.counter-jumps"),) if part else ()
         piece = replace(source, part=part, notes=source.notes + notes)
         yield _make_trajectory(layout.kind, points[start:stop].copy(), piece, found)
 
@@ -287,13 +306,15 @@ def _counter_timing(column: Column | None, step: float | None) -> SetPointTiming
     if column is None or column.axis != COUNTER or step is None:
         return SetPointTiming(None, None)
     if step <= 1:
-        return SetPointTiming(None, None, "the counter counts records, not time")
+        return SetPointTiming(None, None, (Message("trajectory.note.counts-records"),))
     unit, period = ("ms", step / 1e3) if step < 1000 else ("µs", step / 1e6)
-    return SetPointTiming(period, None, f"the counter grows by {step:g}, which is taken as {unit}")
+    return SetPointTiming(
+        period, None, (Message("trajectory.note.counter-grows", step=f"{step:g}", unit=unit),)
+    )
 
 
 def _make_trajectory(
     kind: PoseType, points: Array, source: TrajectorySource, found: SetPointTiming
 ) -> Trajectory:
-    notes = (*source.notes, found.note) if found.note else source.notes
-    return Trajectory(kind, points, replace(source, notes=notes), found.period, found.times)
+    source = replace(source, notes=(*source.notes, *found.notes))
+    return Trajectory(kind, points, source, found.period, found.times)

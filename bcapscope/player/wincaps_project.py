@@ -15,8 +15,10 @@ from pathlib import Path
 from typing import TypeAlias
 
 from bcapscope.errors import BcapError
+from bcapscope.messages import Message
+from bcapscope.messages.os_errors import os_reason
+from bcapscope.messages.places import Count, Enumeration
 from bcapscope.player.trajectory import Trajectory, TrajectoryError
-from bcapscope.protocol.text_format import counted
 
 FileReader: TypeAlias = Callable[[Path], tuple[Trajectory, ...]]
 
@@ -57,14 +59,16 @@ def read_project(path: Path, read_file: FileReader) -> tuple[Trajectory, ...]:
     folder = path if path.is_dir() else path.parent
     found: list[Trajectory] = []
     seen: list[Path] = []
-    refused: list[str] = []
+    refused: list[Message] = []
     for file in _files(folder):
         seen.append(file)
         if len(found) < MAX_TRAJECTORIES and file.suffix.casefold() in _SUFFIXES:
             try:
                 found += _with_file_name(read_file(file), str(file.relative_to(folder)))
             except (BcapError, OSError) as error:
-                refused.append(f"{file.relative_to(folder)}: {error}")
+                reason = os_reason(error) if isinstance(error, OSError) else error.message
+                name = str(file.relative_to(folder))
+                refused.append(Message("file.not-written", path=name, reason=reason))
     if not found:
         raise TrajectoryError(_nothing_found(path, seen, refused))
     return tuple(found)
@@ -89,19 +93,31 @@ def _with_file_name(trajectories: Sequence[Trajectory], name: str) -> Iterator[T
     for trajectory in trajectories:
         source = trajectory.source
         if source.columns[0].name:
-            yield replace(trajectory, source=replace(source, part=f"{name} {source.part}".strip()))
+            yield replace(trajectory, source=replace(source, part=_part(name, source.part)))
 
 
-def _nothing_found(path: Path, seen: Sequence[Path], refused: Sequence[str]) -> str:
-    kind = (
-        "WINCAPS III project" if any(file.suffix.casefold() == ".wpj" for file in (path, *seen)) else "folder"
-    )
-    kinds = Counter(file.suffix.casefold() or "without suffix" for file in seen)
-    told = ", ".join(f"{count} {suffix}" for suffix, count in kinds.most_common(_MAX_KINDS))
-    rest = f" and {counted(len(kinds) - _MAX_KINDS, 'other kind')}" if len(kinds) > _MAX_KINDS else ""
-    reasons = f"; {'; '.join(refused[:_MAX_REASONS])}" if refused else ""
-    files = f"{counted(len(seen), 'file')} ({told}{rest}{reasons})" if seen else "nothing"
-    return (
-        f"this {kind} holds no control log that can be read, only {files}: "
-        "get the control log in WINCAPS III, export it as CSV, and give that file"
-    )
+def _part(name: str, part: Message | None) -> Message:
+    if part is None:
+        return Message.from_table("text", name)
+    return Message("trajectory.part.of-file", file=name, part=part)
+
+
+def _nothing_found(path: Path, seen: Sequence[Path], refused: Sequence[Message]) -> Message:
+    is_project = any(file.suffix.casefold() == ".wpj" for file in (path, *seen))
+    kind = "project" if is_project else "folder"
+    if not seen:
+        return Message(f"trajectory.no-log.{kind}.empty")
+    suffixes = Counter(file.suffix.casefold() for file in seen)
+    kinds = [
+        Message("project.files-of-kind", count=count, suffix=suffix)
+        if suffix
+        else Message("project.files-without-suffix", count=count)
+        for suffix, count in suffixes.most_common(_MAX_KINDS)
+    ]
+    if len(suffixes) > _MAX_KINDS:
+        kinds.append(Message("project.other-kinds", kinds=Count(len(suffixes) - _MAX_KINDS, "other-kind")))
+    files = Message("project.files", files=Count(len(seen), "file"), kinds=Enumeration(tuple(kinds)))
+    if refused:
+        reasons = Enumeration(tuple(refused[:_MAX_REASONS]))
+        return Message(f"trajectory.no-log.{kind}.refused", files=files, reasons=reasons)
+    return Message(f"trajectory.no-log.{kind}", files=files)

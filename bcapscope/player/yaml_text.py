@@ -12,6 +12,7 @@ from typing import Any
 import yaml
 
 from bcapscope.faults.yaml_events import YamlError, yaml_events
+from bcapscope.messages import Message
 from bcapscope.player.trajectory import TrajectoryError
 from bcapscope.player.trajectory_documents import MAX_VALUES, TOO_MANY_VALUES
 
@@ -32,7 +33,7 @@ def read_yaml(data: bytes) -> Iterator[object]:
             else:
                 builder.add_event(event)
     except YamlError as error:
-        raise TrajectoryError(error.problem, error.line or None, error.column or None) from error
+        raise TrajectoryError(error.message, error.line or None, error.column or None) from error
 
 
 class _DocumentBuilder:
@@ -55,7 +56,7 @@ class _DocumentBuilder:
             self._add_node(event.value, event)
         elif isinstance(event, yaml.AliasEvent):
             if event.anchor not in self._anchors:
-                raise TrajectoryError(f"this is no YAML: *{event.anchor} refers to nothing", _line(event))
+                raise TrajectoryError(Message("yaml.unknown-anchor", anchor=str(event.anchor)), _line(event))
             self._add_node(self._anchors[event.anchor], event)
         elif isinstance(event, yaml.CollectionStartEvent):
             node: list[Any] | dict[str, Any] = {} if isinstance(event, yaml.MappingStartEvent) else []

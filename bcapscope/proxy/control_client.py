@@ -11,6 +11,8 @@ import time
 from typing import TypeVar
 
 from bcapscope.errors import BcapError
+from bcapscope.messages import Message
+from bcapscope.messages.os_errors import os_reason
 from bcapscope.proxy import control_messages as control
 from bcapscope.proxy.control_socket import ControlError, connect_control
 
@@ -58,9 +60,7 @@ class ControlClient:
             return control.decode_response(line, kind)
         except ValueError as error:
             self.close()
-            raise ControlError(
-                f"the program on {self._address} is not a bcapscope proxy of this version"
-            ) from error
+            raise ControlError(Message("control.other-version", address=self._address)) from error
 
     def request_raw(self, request: control.ControlRequest) -> bytes:
         """Send a request and return the response as received, one line of JSON.
@@ -74,13 +74,15 @@ class ControlClient:
             head = control.decode_response(line, control.ErrorResponse)
         except ConnectionError as error:  # during the request; a failure to connect is a ControlError
             self.close()
-            raise ControlError(f"the proxy on {self._address} has ended") from error
+            raise ControlError(Message("control.ended", address=self._address)) from error
         except OSError as error:
             self.close()
-            raise ControlError(f"{self._address}: {(error.strerror or str(error)).lower()}") from error
+            raise ControlError(
+                Message("control.failed", address=self._address, reason=os_reason(error))
+            ) from error
         except ValueError as error:
             self.close()
-            raise ControlError(f"the program on {self._address} is not a bcapscope proxy") from error
+            raise ControlError(Message("control.not-a-proxy", address=self._address)) from error
         if not head.ok:
             raise ControlRefused(head.error, line)
         return line
@@ -105,9 +107,9 @@ class ControlClient:
             data = self._socket.recv(1 << 16)
             if not data:
                 self.close()
-                raise ControlError(f"the proxy on {self._address} ended before it answered")
+                raise ControlError(Message("control.ended-early", address=self._address))
             response += data
             if len(response) > limit:
                 self.close()
-                raise ControlError(f"the answer of the program on {self._address} exceeds {limit >> 20} MB")
+                raise ControlError(Message("control.too-long", address=self._address, size=limit >> 20))
         return bytes(response)

@@ -11,6 +11,8 @@ import time
 from contextlib import suppress
 
 from bcapscope.errors import BcapError
+from bcapscope.messages import Message
+from bcapscope.messages.os_errors import os_reason
 from bcapscope.proxy.control_api import ControlApi
 from bcapscope.proxy.control_messages import LONGEST_LINE
 from bcapscope.proxy.poller import READ, WRITE, DescriptorWatcher
@@ -52,8 +54,9 @@ class ControlServer:
         try:
             self._socket = _listen_at_path(address) if self._path else _listen_at_port(address)
         except (OSError, OverflowError) as error:
-            why = getattr(error, "strerror", None) or str(error)
-            raise ControlError(f"cannot listen for control on {address}: {why}") from error
+            raise ControlError(
+                Message("control.cannot-listen", address=address, reason=os_reason(error))
+            ) from error
         self.address = self._path or "%s:%d" % self._socket.getsockname()[:2]
         watcher.watch(self._socket.fileno(), self._on_acceptable)
 
@@ -179,8 +182,7 @@ def connect_control(address: str, timeout: float = 5.0) -> socket.socket:
             return socket.create_connection(_host_port(address), timeout)
         return _connect_unix(address, timeout)
     except (OSError, OverflowError) as error:
-        why = (getattr(error, "strerror", None) or str(error)).lower()
-        raise ControlError(f"no proxy listens for control on {address}: {why}") from error
+        raise ControlError(Message("control.no-proxy", address=address, reason=os_reason(error))) from error
 
 
 def _connect_unix(path: str, timeout: float) -> socket.socket:
@@ -204,11 +206,9 @@ def _listen_at_port(address: str) -> socket.socket:
     try:
         loopback = ipaddress.ip_address(host).is_loopback
     except ValueError:
-        raise ControlError(
-            f"{host} is no IP address; control is on loopback, such as 127.0.0.1:5999"
-        ) from None
+        raise ControlError(Message("control.no-address", host=host)) from None
     if not loopback:
-        raise ControlError(f"{host} is not loopback: who controls the proxy moves the robot")
+        raise ControlError(Message("control.not-loopback", host=host))
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     sock = socket.socket(family, socket.SOCK_STREAM)
     try:
@@ -242,19 +242,19 @@ def _remove_stale_socket(path: str) -> None:
     except FileNotFoundError:
         return
     if not stat.S_ISSOCK(mode):
-        raise ControlError(f"{path} is there already, and no socket")
+        raise ControlError(Message("control.no-socket", path=path))
     with _unix_socket(path) as probe:
         try:
             probe.connect(path)
         except OSError:
             os.unlink(path)
             return
-    raise ControlError(f"another proxy listens for control on {path}")
+    raise ControlError(Message("control.taken", path=path))
 
 
 def _unix_socket(path: str) -> socket.socket:
     if not hasattr(socket, "AF_UNIX"):
-        raise ControlError(f"there are no sockets such as {path} on this system; 127.0.0.1:5999 would do")
+        raise ControlError(Message("control.unsupported", path=path))
     return socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
 
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import TypeAlias
 
 from bcapscope.errors import BcapError
+from bcapscope.messages import Message
 from bcapscope.protocol.number_parsing import parse_integer
 from bcapscope.protocol.text_format import shortened
 from bcapscope.traffic.observation import Endpoint, Transport
@@ -64,18 +65,16 @@ def parse_listener_specs(
         ListenerSpecError: Something is missing, duplicated, or not an address.
     """
     if not listen:
-        raise ListenerSpecError("there is nothing to listen on: --listen HOST:PORT --to HOST:PORT")
+        raise ListenerSpecError(Message("listener.none"))
     if len(listen) != len(to):
-        raise ListenerSpecError(
-            f"each --listen needs its --to: there are {len(listen)} and {len(to)} of them"
-        )
+        raise ListenerSpecError(Message("listener.unpaired", listen=len(listen), to=len(to)))
     networks = tuple(map(_network, allow))
     listeners = []
     for own, controller in zip(listen, to, strict=True):
         address, transports = _address(own, transport)
         target = _endpoint(controller, "--to")
         if not target.port:
-            raise ListenerSpecError(f"--to {controller}: port 0 is nobody's")
+            raise ListenerSpecError(Message("listener.port-zero", address=controller))
         listeners.append(ListenerSpec(address, target, transports, networks))
     _check_conflicts(listeners)
     return tuple(listeners)
@@ -85,10 +84,12 @@ def _check_conflicts(listeners: Sequence[ListenerSpec]) -> None:
     taken: set[tuple[Endpoint, Transport]] = set()
     for listener in listeners:
         if (listener.listen, listener.to) in ((each.to, each.listen) for each in listeners):
-            raise ListenerSpecError(f"--listen {listener.listen} would send to itself")
+            raise ListenerSpecError(Message("listener.loop", address=str(listener.listen)))
         for transport in listener.transports:
             if listener.listen.port and (listener.listen, transport) in taken:
-                raise ListenerSpecError(f"--listen {listener.listen} is there twice for {transport.upper()}")
+                raise ListenerSpecError(
+                    Message("listener.twice", address=str(listener.listen), transport=transport.upper())
+                )
             taken.add((listener.listen, transport))
 
 
@@ -102,7 +103,7 @@ def _address(text: str, transport: str) -> tuple[Endpoint, tuple[Transport, ...]
     try:
         ipaddress.ip_address(host.partition("%")[0])
     except ValueError:
-        raise ListenerSpecError(f"--listen {text}: {host!r} is no IP address of this machine") from None
+        raise ListenerSpecError(Message("listener.no-own-address", address=text, host=f"{host!r}")) from None
     return Endpoint(host, endpoint.port), _TRANSPORTS[transport]
 
 
@@ -111,19 +112,24 @@ def _endpoint(text: str, option: str) -> Endpoint:
     host, colon, number = text.rpartition(":")
     if not colon:
         example = f"127.0.0.1:{text}" if text.isdecimal() else f"{text or '192.168.0.1'}:5007"
-        raise ListenerSpecError(f"{option} {text}: the port is missing, as in {example}")
+        raise ListenerSpecError(Message("listener.no-port", option=option, address=text, example=example))
     if host.startswith("[") and host.endswith("]"):
         host = host[1:-1]
     elif ":" in host:
         bare = _IPV6.issuperset(host.partition("%")[0])
-        why = "an IPv6 address stands in brackets, as in [::1]:5007" if bare else f"{host!r} is no host"
-        raise ListenerSpecError(f"{option} {text}: {why}")
+        why = Message("listener.brackets") if bare else Message("listener.no-host", host=f"{host!r}")
+        raise ListenerSpecError(Message("listener.invalid", option=option, address=text, reason=why))
     if not host or not host.isprintable() or any(char in " []/" for char in host):
-        raise ListenerSpecError(f"{option} {text}: {host!r} is no host")
+        raise ListenerSpecError(Message("listener.no-host-in", option=option, address=text, host=f"{host!r}"))
     port = parse_integer(number, 0, 0xFFFF)
     if port is None:
         raise ListenerSpecError(
-            f"{option} {shortened(text, 80)}: {shortened(number, 40)!r} is not a port from 0 to 65535"
+            Message(
+                "listener.bad-port",
+                option=option,
+                address=shortened(text, 80),
+                port=f"{shortened(number, 40)!r}",
+            )
         )
     return Endpoint(host, port)
 
@@ -132,4 +138,4 @@ def _network(text: str) -> Network:
     try:
         return ipaddress.ip_network(text)
     except ValueError as error:
-        raise ListenerSpecError(f"--allow {text}: no address and no network ({error})") from None
+        raise ListenerSpecError(Message("listener.bad-network", address=text, reason=str(error))) from None

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import socket
 import struct
 import sys
@@ -10,6 +9,8 @@ from contextlib import suppress
 from typing import Any, TypeAlias
 
 from bcapscope.errors import BcapError
+from bcapscope.messages import Message
+from bcapscope.messages.os_errors import os_reason
 from bcapscope.traffic.observation import Endpoint, Transport
 from bcapscope.transport.receive_timestamps import enable_receive_timestamps
 
@@ -61,8 +62,15 @@ def listen_on(endpoint: Endpoint, transport: Transport) -> socket.socket:
     except OSError as error:
         if sock is not None:
             sock.close()
-        where = f"{endpoint.host} {transport.upper()} port {endpoint.port}"
-        raise ProxyListenError(f"cannot listen on {where}: {os_error_text(error)}") from None
+        raise ProxyListenError(
+            Message(
+                "listen.failed",
+                host=endpoint.host,
+                transport=transport.upper(),
+                port=endpoint.port,
+                reason=os_reason(error),
+            )
+        ) from None
     return sock
 
 
@@ -83,7 +91,7 @@ def resolve(endpoint: Endpoint, transport: Transport) -> tuple[int, SocketAddres
         family, _, _, _, address = socket.getaddrinfo(endpoint.host, endpoint.port, type=kind)[0]
     except (OSError, UnicodeError) as error:
         raise UnreachableError(
-            f"the controller {endpoint} cannot be reached: {os_error_text(error)}"
+            Message("controller.unreachable", address=str(endpoint), reason=os_reason(error))
         ) from None
     return family, address
 
@@ -147,14 +155,6 @@ def local_address_for(sock: socket.socket, client: SocketAddress) -> Endpoint:
         probe.connect(client)
         return Endpoint(probe.getsockname()[0], own[1])
     return endpoint_of(own)
-
-
-def os_error_text(error: Exception) -> str:
-    """Return the system's text for an error, without Python's additions."""
-    number = error.errno if isinstance(error, OSError) else None
-    if number is not None and number > 0 and not isinstance(error, socket.gaierror):
-        return os.strerror(number).lower()
-    return str(getattr(error, "strerror", None) or error).lower()
 
 
 def should_report(count: int) -> bool:

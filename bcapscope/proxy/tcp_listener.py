@@ -5,10 +5,11 @@ from __future__ import annotations
 import errno
 import socket
 
+from bcapscope.messages.os_errors import os_reason
 from bcapscope.protocol.first_frame import first_frame_stops
 from bcapscope.proxy.listener_spec import ListenerSpec
 from bcapscope.proxy.relay import Relay
-from bcapscope.proxy.sockets import SocketAddress, endpoint_of, listen_on, os_error_text, resolve
+from bcapscope.proxy.sockets import SocketAddress, endpoint_of, listen_on, resolve
 from bcapscope.proxy.tcp_session import TcpSession
 from bcapscope.proxy.upstream import ClientDeniedError, open_upstream
 from bcapscope.traffic.observation import Transport
@@ -96,7 +97,7 @@ class TcpListener:
             self._refuse(client, address, str(error))
             return
         except OSError as error:
-            self._refuse(client, address, f"cannot be accepted: {os_error_text(error)}")
+            self._refuse(client, address, f"cannot be accepted: {os_reason(error)}")
             return
         server.setblocking(False)
         problem = server.connect_ex(self.controller[1])
@@ -114,5 +115,5 @@ class TcpListener:
         """Accept no clients for a while. Report it once, until a client can be accepted again."""
         if not self._is_pause_reported:
             self._is_pause_reported = True
-            self.relay.notify(f"cannot accept clients on {self.address} TCP: {os_error_text(error)}")
+            self.relay.notify(f"cannot accept clients on {self.address} TCP: {os_reason(error)}")
         self.relay.pause(self._socket.fileno())

@@ -7,11 +7,12 @@ import socket
 import time
 from contextlib import suppress
 
+from bcapscope.messages.os_errors import os_reason
 from bcapscope.proxy.poller import ERROR, HANG_UP, READ, WRITE
 from bcapscope.proxy.relay import Relay, client_conversation
 from bcapscope.proxy.relay_session import ClientEndpoints
 from bcapscope.proxy.ring_buffer import RelayCounter, RingRecordKind
-from bcapscope.proxy.sockets import SocketAddress, endpoint_of, keep_alive, os_error_text
+from bcapscope.proxy.sockets import SocketAddress, endpoint_of, keep_alive
 from bcapscope.traffic.observation import Endpoint, Transport
 from bcapscope.transport.first_frame_queue import source_network
 from bcapscope.transport.tcp_link import close_with_reset
@@ -130,7 +131,7 @@ class TcpSession:
         Args:
             problem: Error number of the system.
         """
-        text = os_error_text(OSError(problem, ""))
+        text = os_reason(OSError(problem, ""))
         self._relay.notify(f"{self.conversation.client}: no connection to {self._to} over TCP: {text}")
         self.close(True, "the controller cannot be reached")
 
@@ -383,7 +384,7 @@ class TcpSession:
             self._on_source_end(half)
             return
         who = "the client" if half.up else "the controller"
-        why = f"{who}: {os_error_text(OSError(problem, ''))}"
+        why = f"{who}: {os_reason(OSError(problem, ''))}"
         self._close(True, why, b"" if was_reset else why.encode())
 
     def _may_read(self, half: _HalfConnection) -> bool:

@@ -7,6 +7,7 @@ import time
 from collections.abc import Sequence
 from contextlib import suppress
 
+from bcapscope.messages.os_errors import os_reason
 from bcapscope.protocol.first_frame import first_frame_stops
 from bcapscope.protocol.tables.hresult import S_EXECUTING
 from bcapscope.proxy.listener_spec import ListenerSpec
@@ -21,7 +22,6 @@ from bcapscope.proxy.sockets import (
     endpoint_of,
     listen_on,
     local_address_for,
-    os_error_text,
     resolve,
     should_report,
 )
@@ -153,7 +153,7 @@ class UdpListener:
         self._unreachable_count += 1
         if should_report(self._unreachable_count):
             self.relay.notify(
-                f"{endpoint_of(address)}: the controller {self.to} cannot be reached: {os_error_text(error)}"
+                f"{endpoint_of(address)}: the controller {self.to} cannot be reached: {os_reason(error)}"
             )
 
     def _count_drops(self) -> None:
@@ -309,7 +309,7 @@ class UdpSession:
         relay.counts[RelayCounter.FULL] += 1
         if should_report(relay.counts[RelayCounter.FULL]):
             relay.notify(
-                f"{self.conversation.client}: {len(data)} bytes could not be sent: {os_error_text(error)}"
+                f"{self.conversation.client}: {len(data)} bytes could not be sent: {os_reason(error)}"
             )
         return 0
 

@@ -1,4 +1,4 @@
-"""What the player tells: who is there, one line while it plays, a summary at the end."""
+"""What the player reports: the controller, one line while it plays, a summary at the end."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ from collections.abc import Iterator
 
 import orjson
 
+from bcapscope.messages import ENGLISH_WORDS, Message, MessageFormatter
+from bcapscope.messages.places import Enumeration
 from bcapscope.player.lateness import Spread
 from bcapscope.player.player_messages import (
     ControllerInfo,
@@ -15,57 +17,37 @@ from bcapscope.player.player_messages import (
     PlayOutcome,
     PlayProgress,
 )
+from bcapscope.protocol.slave_mode.modes import describe_mode
 from bcapscope.protocol.tables.hresult import hresult_name
-from bcapscope.protocol.text_format import counted
 from bcapscope.render.escape import printable
-from bcapscope.render.tongue import Tongue, english
 
-_HEADLINES = {
-    PlayOutcome.DONE: "played to the end",
-    PlayOutcome.LOOKED: "looked at; nothing was moved",
-    PlayOutcome.STOPPED: "stopped on the way, at rest",
-    PlayOutcome.HALTED: "halted",
-    PlayOutcome.UNARMED: "not played",
-    PlayOutcome.DECLINED: "not played",
-    PlayOutcome.UNFIT: "not fit to play",
-    PlayOutcome.REFUSED: "ended by the controller",
-    PlayOutcome.UNANSWERED: "given up: no answer",
-    PlayOutcome.UNWRITABLE: "a file was not written",
-    PlayOutcome.FAILED: "failed",
-}
-_STOPPED_BEFORE = "stopped before the first set point"
-_COUNT_LABELS = {
-    "retries": ("retry", "retries"),
-    "late": ("late reply", "late replies"),
-    "unanswered": ("unanswered",) * 2,
-    "repeated": ("sent again since the buffer was full",) * 2,
-    "shifted": ("put off since we were late",) * 2,
-    "held": ("held back since the controller set no pace",) * 2,
-}
-"""How one of each and how several are told."""
+_COUNTS = ("retries", "late", "unanswered", "repeated", "shifted", "held")
 
-RETRIES_EXPECTED = (
-    "about three retries per set point are normal here: the reply waits for the controller's cycle of 8 ms, "
-    "and the time-out is 2 ms"
-)
+RETRIES_EXPECTED = Message("play.retries-expected")
 """DENSO Wave 2009, How to use the Slave mode: its values for Sync over UDP."""
 
 
-def controller_line(peer: ControllerInfo, tongue: Tongue = english) -> str:
-    """Tell who is there and which mode it will be."""
-    kind = "bcapscope's simulator, no robot moves" if peer.simulator else "a controller whose robot may move"
-    facts = [tongue(f"{name} {printable(value)}") for name, value in peer.facts.items()]
-    mode = peer.slave_mode
-    meaning = f": {tongue(mode.text)}" if mode else ""
-    entered = tongue(f"slave mode 0x{peer.mode:03X}")
-    return f"{', '.join((tongue(kind), peer.generation, *facts))}; {entered}{meaning}"
+def controller_line(peer: ControllerInfo, words: MessageFormatter = ENGLISH_WORDS) -> str:
+    """Describe the controller, and the slave mode that the player will use."""
+    kind = words("play.simulator" if peer.simulator else "play.controller")
+    facts = [
+        words(f"play.fact.{name.replace(' ', '-')}", value=printable(value))
+        for name, value in peer.facts.items()
+    ]
+    mode = f"0x{peer.mode:03X}"
+    known = peer.slave_mode
+    if known is None:
+        entered = words("play.mode", mode=mode)
+    else:
+        entered = words("play.mode.known", mode=mode, meaning=describe_mode(known))
+    return f"{', '.join((kind, peer.generation, *facts))}; {entered}"
 
 
-def trouble_lines(trouble: PlayerProblem) -> Iterator[str]:
-    """Tell what went wrong, and each error that the controller shows."""
-    yield printable(trouble.text)
+def trouble_lines(trouble: PlayerProblem, words: MessageFormatter = ENGLISH_WORDS) -> Iterator[str]:
+    """Yield what went wrong, and each error that the controller shows."""
+    yield from map(printable, words.text(trouble.text).splitlines())
     for code, text in trouble.errors:
-        yield f"  the controller shows {hresult_name(code)}: {printable(text)}"
+        yield f"  {words('play.shown-error', name=hresult_name(code), text=printable(text))}"
 
 
 def progress_line(progress: PlayProgress, width: int) -> str:
@@ -82,24 +64,27 @@ def progress_line(progress: PlayProgress, width: int) -> str:
     return "  ".join(parts)[:width]
 
 
-def play_summary_lines(ended: PlayEnded) -> Iterator[str]:
-    reason = f": {printable(ended.reason.splitlines()[0])}" if ended.reason else ""
-    unbegun = ended.outcome is PlayOutcome.STOPPED and not ended.index
-    yield f"{_STOPPED_BEFORE if unbegun else _HEADLINES[ended.outcome]}{reason}"
-    yield from (f"  {printable(line.strip())}" for line in ended.reason.splitlines()[1:])
+def play_summary_lines(ended: PlayEnded, words: MessageFormatter = ENGLISH_WORDS) -> Iterator[str]:
+    """Yield the summary."""
+    is_unbegun = ended.outcome is PlayOutcome.STOPPED and not ended.index
+    head = words("play.ended.stopped-before" if is_unbegun else f"play.ended.{ended.outcome}")
+    reason, *more = ("" if ended.reason is None else words.text(ended.reason)).splitlines() or ("",)
+    yield f"{head}: {printable(reason)}" if reason else head
+    yield from (f"  {printable(line.strip())}" for line in more)
     if ended.counts.sent:
-        counts = [(getattr(ended.counts, name), labels) for name, labels in _COUNT_LABELS.items()]
-        told = [counted(count, *labels) for count, labels in counts if count]
-        yield f"set points: {ended.counts.sent} sent, {', '.join(told) or 'each answered at its first try'}"
+        counts = [(name, getattr(ended.counts, name)) for name in _COUNTS]
+        parts = tuple(Message(f"play.count.{name}", count=count) for name, count in counts if count)
+        details = Enumeration(parts or (Message("play.count.first-attempts"),))
+        yield words("play.set-points", sent=ended.counts.sent, details=details)
         if ended.counts.retries and ended.retries_expected:
-            yield RETRIES_EXPECTED
-        priority = "with" if ended.realtime else "without"
-        yield f"lateness, ms: {_spread_text(ended.lateness)}, {priority} real-time priority"
-        yield f"from one set point to the next, ms: {_spread_text(ended.cycle)}"
+            yield words.text(RETRIES_EXPECTED)
+        id = "play.lateness.realtime" if ended.realtime else "play.lateness"
+        yield words(id, figures=_spread_text(ended.lateness))
+        yield words("play.intervals", figures=_spread_text(ended.cycle))
     if ended.logged:
-        yield f"{ended.logged} records of the controller's log saved"
+        yield words("play.logged", count=ended.logged)
     if not ended.left:
-        yield "the controller did not let us leave in order: it may hold this session, its arm or slave mode"
+        yield words("play.not-left")
 
 
 def play_summary_record(ended: PlayEnded) -> bytes:
@@ -108,7 +93,7 @@ def play_summary_record(ended: PlayEnded) -> bytes:
     return orjson.dumps(
         {
             "outcome": ended.outcome.value,
-            "reason": printable(ended.reason),
+            "reason": "" if ended.reason is None else printable(str(ended.reason)),
             "set_points": ended.index,
             **counts,
             "lateness_ms": _spread_record(ended.lateness),

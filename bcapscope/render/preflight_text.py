@@ -8,63 +8,71 @@ from math import isfinite
 import orjson
 
 from bcapscope.analysis.finding import Severity
+from bcapscope.messages import ENGLISH_WORDS, Message, MessageFormatter
+from bcapscope.messages.message import message_params
+from bcapscope.messages.places import Count, Measured
 from bcapscope.player.motion_checks import AxisFigures
 from bcapscope.player.preflight import PreflightResult
 from bcapscope.player.preflight_problem import PreflightProblem
 from bcapscope.player.trajectory import Column, Trajectory
-from bcapscope.protocol.text_format import counted
 from bcapscope.render.color_palette import PLAIN, Palette
 from bcapscope.render.columns import align_columns, wrap_text
 from bcapscope.render.escape import printable
-from bcapscope.render.tongue import Tongue, english
 
 NARROWEST, WIDEST = 40, 120
 """Columns that text is wrapped to at least and at most."""
 
 _LONGEST_TITLE = 40
 _LARGEST_SHOWN = 1e12
-_HEAD = ("axis", "unit", "from", "to", "step", "speed/s", "acceleration/s²", "fastest at")
+_HEAD = ("axis", "unit", "from", "to", "step", "speed", "acceleration", "fastest")
 
 
-def trajectory_line(number: int, trajectory: Trajectory, tongue: Tongue = english) -> str:
+def trajectory_line(number: int, trajectory: Trajectory, words: MessageFormatter = ENGLISH_WORDS) -> str:
     """Write one of several trajectories in a line, to choose from."""
-    part = printable(tongue(trajectory.source.part or "all of it"))
-    return f"{number}: {part}, {tongue(_size(trajectory))}"
+    part = trajectory.source.part or Message("trajectory.all")
+    return f"{number}: {printable(words.text(part))}, {words.text(_size(trajectory))}"
 
 
-def source_lines(trajectory: Trajectory, tongue: Tongue = english, width: int = WIDEST) -> Iterator[str]:
+def source_lines(
+    trajectory: Trajectory, words: MessageFormatter = ENGLISH_WORDS, width: int = WIDEST
+) -> Iterator[str]:
     """Yield what a file was read as: size, interval, the column of each axis with its unit, and notes."""
     source = trajectory.source
-    part = f", {printable(tongue(source.part))}" if source.part else ""
-    yield f"{printable(source.path)}: {printable(tongue(source.file_format))}{part}"
-    yield f"  {tongue(_size(trajectory))}, {tongue(_interval(trajectory))}"
+    texts = [words.text(each) for each in (source.file_format, source.part) if each is not None]
+    yield f"{printable(source.path)}: {printable(', '.join(texts))}"
+    yield f"  {words.text(_size(trajectory))}, {words.text(_interval(trajectory))}"
     if source.columns:
         rows = [
-            (tongue(column.axis), tongue(f"from {_place(column)}"), tongue(_unit(column)))
+            (
+                words("trajectory.time") if column.axis == "time" else column.axis,
+                words.text(_place(column)),
+                words("trajectory.unit", unit=column.unit) if column.unit else "",
+            )
             for column in source.columns
         ]
         yield from (f"  {line}" for line in align_columns(rows, "<<<"))
     for note in source.notes:
-        yield from (f"  {line}" for line in wrap_text(printable(tongue(note)), width - 2))
+        yield from (f"  {line}" for line in wrap_text(printable(words.text(note)), width - 2))
 
 
 class PreflightRenderer:
     """Writes a pre-flight as text."""
 
-    def __init__(self, palette: Palette = PLAIN, width: int = 100, tongue: Tongue = english) -> None:
+    def __init__(
+        self, palette: Palette = PLAIN, width: int = 100, words: MessageFormatter = ENGLISH_WORDS
+    ) -> None:
         self._palette = palette
         self._width = min(max(width, NARROWEST), WIDEST)
-        self._tongue = tongue
+        self._words = words
 
     def lines(self, preflight: PreflightResult) -> Iterator[str]:
-        """Yield a table of what each axis does, the findings, and one line that sums up."""
+        """Yield a table of what each axis does, the problems, and one line that sums up."""
         if preflight.axis_figures:
-            yield from align_columns(
-                [tuple(map(self._tongue, _HEAD)), *map(self._axis_cells, preflight.axis_figures)], "<<>>>>>>"
-            )
+            head = tuple(self._words(f"preflight.head.{name}") for name in _HEAD)
+            yield from align_columns([head, *map(self._axis_cells, preflight.axis_figures)], "<<>>>>>>")
             yield ""
-        for finding in preflight.problems:
-            yield from self._problem_lines(finding)
+        for problem in preflight.problems:
+            yield from self._problem_lines(problem)
         yield self._verdict_line(preflight)
 
     def _axis_cells(self, figures: AxisFigures) -> Sequence[str]:
@@ -74,33 +82,48 @@ class PreflightRenderer:
             _bounded_number(round(figures.low, 3) + 0.0, 3),
             _bounded_number(round(figures.high, 3) + 0.0, 3),
             _bounded_number(figures.step, 4),
-            self._tongue(_value_of_limit(figures.speed, figures.limit.speed)),
-            self._tongue(_value_of_limit(figures.acceleration, figures.limit.acceleration)),
+            self._value_of_limit(figures.speed, figures.limit.speed),
+            self._value_of_limit(figures.acceleration, figures.limit.acceleration),
             str(figures.fastest),
         )
 
+    def _value_of_limit(self, value: float, limit: float) -> str:
+        shown = _bounded_number(value, 1)
+        if not isfinite(limit):
+            return shown
+        return self._words("preflight.of-limit", value=shown, limit=_bounded_number(limit, 0))
+
     def _verdict_line(self, preflight: PreflightResult) -> str:
-        color, tongue = self._palette, self._tongue
-        count = tongue(counted(len(preflight.trajectory), "set point"))
-        size = (
-            f"{count}, {_bounded_number(preflight.seconds, 3)} s, {tongue(f'limits of {preflight.arm_name}')}"
+        color, words = self._palette, self._words
+        size = words(
+            "preflight.summary",
+            points=Count(len(preflight.trajectory), "set-point"),
+            seconds=_bounded_number(preflight.seconds, 3),
+            arm=preflight.arm_name,
         )
         if not preflight.is_playable:
-            return f"{color.bad}{tongue('not fit to play')}{color.reset}: {size}"
-        move = f", {tongue('after a slow Move to the first point')}" if preflight.needs_approach else ""
-        return f"{color.good}{tongue('fit to play')}{color.reset}{move}: {size}"
+            return f"{color.bad}{words('preflight.unfit')}{color.reset}: {size}"
+        move = f", {words('preflight.approach')}" if preflight.needs_approach else ""
+        return f"{color.good}{words('preflight.fit')}{color.reset}{move}: {size}"
 
-    def _problem_lines(self, finding: PreflightProblem) -> Iterator[str]:
-        color, tongue = self._palette, self._tongue
-        shade = color.problem if finding.severity is Severity.ERROR else color.name
-        head = f"{tongue(finding.severity)} {finding.check}:"
-        sentence = f"{printable(tongue(finding.sentence))}{tongue(_points(finding))}"
+    def _problem_lines(self, problem: PreflightProblem) -> Iterator[str]:
+        color, words = self._palette, self._words
+        shade = color.problem if problem.severity is Severity.ERROR else color.name
+        head = f"{words(f'severity.{problem.severity}')} {problem.check}:"
+        sentence = f"{printable(words.text(problem.fact))}{self._points(problem)}"
         first, *rest = wrap_text(f"{head} {sentence}", self._width - 2)
         yield f"{shade}{head}{color.reset}{first.removeprefix(head)}"
         yield from (f"  {line}" for line in rest)
-        if finding.advice:
-            advice = wrap_text(tongue(f"what to do: {finding.advice}"), self._width - 2)
+        if problem.advice is not None:
+            advice = wrap_text(words("preflight.advice", advice=problem.advice), self._width - 2)
             yield from (f"  {color.good}{line}{color.reset}" for line in advice)
+
+    def _points(self, problem: PreflightProblem) -> str:
+        if not problem.points or problem.count < 1:
+            return ""
+        more = ", …" if problem.count > len(problem.points) else ""
+        numbers = f"{', '.join(map(str, problem.points))}{more}"
+        return self._words("preflight.point" if problem.count == 1 else "preflight.points", numbers=numbers)
 
 
 def preflight_record(preflight: PreflightResult) -> bytes:
@@ -109,66 +132,55 @@ def preflight_record(preflight: PreflightResult) -> bytes:
     return orjson.dumps(
         {
             "path": printable(source.path),
-            "form": printable(source.file_format),
-            "part": printable(source.part),
+            "form": _text(source.file_format),
+            "part": _text(source.part),
             "type": trajectory.kind.value,
             "set_points": len(trajectory),
             "period_ms": None if trajectory.period is None else trajectory.period * 1000,
             "columns": [_column_record(column) for column in source.columns],
-            "notes": [printable(note) for note in source.notes],
+            "notes": [printable(str(note)) for note in source.notes],
             "cycle_ms": preflight.period * 1000,
             "seconds": preflight.seconds,
-            "limits_of": preflight.arm_name,
+            "limits_of": str(preflight.arm_name),
             "fit": preflight.is_playable,
             "needs_move": preflight.needs_approach,
             "distance": preflight.first_point_offsets,
             "axes": [_axis_record(figures) for figures in preflight.axis_figures],
-            "findings": [_problem_record(finding) for finding in preflight.problems],
+            "findings": [_problem_record(each) for each in preflight.problems],
         }
     )
 
 
-def _size(trajectory: Trajectory) -> str:
-    names = [axis.name for axis in trajectory.axes]
-    axes = names[0] if len(names) == 1 else f"{names[0]} to {names[-1]}"
-    return f"{counted(len(trajectory), 'set point')}, {trajectory.kind} type, {axes}"
+def _text(message: Message | None) -> str:
+    return "" if message is None else printable(str(message))
 
 
-def _interval(trajectory: Trajectory) -> str:
+def _size(trajectory: Trajectory) -> Message:
+    points, kind = Count(len(trajectory), "set-point"), str(trajectory.kind)
+    first, last = trajectory.axes[0].name, trajectory.axes[-1].name
+    if first == last:
+        return Message("trajectory.size.one", points=points, kind=kind, axis=first)
+    return Message("trajectory.size", points=points, kind=kind, first=first, last=last)
+
+
+def _interval(trajectory: Trajectory) -> Message:
     if trajectory.period is not None:
-        return f"one each {trajectory.period * 1000:.6g} ms"
-    return "interval not told" if trajectory.times is None else "with times that are not even"
+        return Message("trajectory.interval", interval=Measured(trajectory.period * 1000, "ms"))
+    return Message("trajectory.interval.none" if trajectory.times is None else "trajectory.interval.uneven")
 
 
-def _place(column: Column) -> str:
+def _place(column: Column) -> Message:
     title = printable(column.name[:_LONGEST_TITLE])
     if not column.position:
-        return f"field {title}"
-    return f"column {column.position}{f', {title}' if title else ''}"
-
-
-def _unit(column: Column) -> str:
-    return f"in {column.unit}" if column.unit else ""
-
-
-def _value_of_limit(value: float, limit: float) -> str:
-    return (
-        f"{_bounded_number(value, 1)} of {_bounded_number(limit, 0)}"
-        if isfinite(limit)
-        else _bounded_number(value, 1)
-    )
+        return Message("trajectory.field", title=title)
+    if title:
+        return Message("trajectory.column.titled", position=column.position, title=title)
+    return Message("trajectory.column", position=column.position)
 
 
 def _bounded_number(value: float, digits: int) -> str:
     """Write a number with so many digits behind the point, and what is absurd in no more columns."""
     return f"{value:.{digits}f}" if abs(value) < _LARGEST_SHOWN else f"{value:.3g}"
-
-
-def _points(finding: PreflightProblem) -> str:
-    if not finding.points or finding.count < 1:
-        return ""
-    more = ", …" if finding.count > len(finding.points) else ""
-    return f" (set point{'' if finding.count == 1 else 's'} {', '.join(map(str, finding.points))}{more})"
 
 
 def _column_record(column: Column) -> dict[str, object]:
@@ -195,12 +207,13 @@ def _axis_record(figures: AxisFigures) -> dict[str, object]:
     }
 
 
-def _problem_record(finding: PreflightProblem) -> dict[str, object]:
+def _problem_record(problem: PreflightProblem) -> dict[str, object]:
     return {
-        "check": finding.check,
-        "severity": finding.severity.value,
-        "sentence": printable(finding.sentence),
-        "advice": finding.advice,
-        "points": finding.points,
-        "count": finding.count,
+        "check": problem.check,
+        "severity": problem.severity.value,
+        "sentence": printable(str(problem.fact)),
+        "advice": "" if problem.advice is None else str(problem.advice),
+        "params": message_params(problem.fact),
+        "points": problem.points,
+        "count": problem.count,
     }

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 from bcapscope.client.object_opener import ObjectOpener
 from bcapscope.errors import BcapError, ControllerError
+from bcapscope.messages import Message
 from bcapscope.player.channel import Channel
 from bcapscope.player.motion_checks import POSITION_TOLERANCE
 from bcapscope.player.robot_adapter import RobotAdapter, pose_distance
@@ -163,15 +164,10 @@ class ScriptPlayer:
         try:
             here = await RobotAdapter(self._opener, self._pause).read_pose(kind)
         except ControllerError as error:
-            raise NotAtStartError(
-                f"slave mode was not entered, as nobody knows where the robot is: {error}"
-            ) from None
+            raise NotAtStartError(Message("replay.position-unknown", reason=error.message)) from None
         far = pose_distance(kind, here, goal)
         if far > POSITION_TOLERANCE:
-            raise NotAtStartError(
-                f"call {first.number}, the first set point, is {far:.3g} (degrees or mm) from where the "
-                "robot stands: slave mode was not entered; bring the robot there first"
-            )
+            raise NotAtStartError(Message("replay.not-at-start", call=first.number, distance=f"{far:.3g}"))
 
     def _pause(self, length: int) -> None:
         self._channel.wait_until(self._channel.now() + length)

@@ -10,9 +10,11 @@ import numpy as np
 
 from bcapscope.analysis.finding import Severity
 from bcapscope.errors import BcapError
+from bcapscope.messages import Message
+from bcapscope.messages.places import Count
 from bcapscope.player.arm_limits import ArmLimits
 from bcapscope.player.preflight import PreflightResult, run_preflight
-from bcapscope.player.preflight_problem import PreflightProblem, interval_text, set_point_numbers
+from bcapscope.player.preflight_problem import PreflightProblem, interval_ms, set_point_numbers
 from bcapscope.player.set_point_timing import find_gaps, timing_from_send_times
 from bcapscope.player.smooth_curve import Array
 from bcapscope.player.trajectory import MIN_COLUMNS, Trajectory, TrajectorySource
@@ -20,7 +22,6 @@ from bcapscope.protocol.codec.variant import integer_value
 from bcapscope.protocol.slave_mode.modes import PoseType, pose_type_of_mode
 from bcapscope.protocol.slave_mode.poses import AXES, pose_numbers
 from bcapscope.protocol.slave_mode.slvmove_values import parse_set_point
-from bcapscope.protocol.text_format import counted
 from bcapscope.replay.replay_script import ReplayScript, ScriptCall
 
 _SHORTEST = 0.001
@@ -95,9 +96,7 @@ def _run_of(kind: PoseType, calls: list[ScriptCall]) -> SetPointRun:
     rows = [_pose_numbers(line, kind) for line in calls]
     odd = next((line for line, row in zip(calls, rows, strict=True) if len(row) != len(rows[0])), None)
     if odd is not None:
-        raise UnreadableSetPointError(
-            f"call {odd.number}, a set point, has another number of axes than the first"
-        )
+        raise UnreadableSetPointError(Message("replay.axes-differ", call=odd.number))
     sent = np.asarray([line.offset for line in calls]) / 1e9
     timing = timing_from_send_times(sent)
     usual = float(np.median(np.diff(sent))) if len(sent) > 1 else _SHORTEST
@@ -106,7 +105,7 @@ def _run_of(kind: PoseType, calls: list[ScriptCall]) -> SetPointRun:
         Trajectory(
             kind,
             np.asarray(rows, dtype=np.float64),
-            TrajectorySource("", f"set points from call {calls[0].number} on"),
+            TrajectorySource("", Message("replay.run", call=calls[0].number)),
             period=timing.period or max(usual, _SHORTEST),
         ),
         tuple((sent - sent[0]).tolist()),
@@ -120,7 +119,7 @@ def _pose_numbers(call: ScriptCall, kind: PoseType) -> tuple[float, ...]:
         pose = parse_set_point(parameter, kind).pose
         row = None if pose is None else pose.values
     if row is None or len(row) < MIN_COLUMNS[kind]:
-        raise UnreadableSetPointError(f"call {call.number}, a set point, is no pose of type {kind}")
+        raise UnreadableSetPointError(Message("replay.no-pose", call=call.number, kind=str(kind)))
     return tuple(row[: len(AXES[kind])])
 
 
@@ -130,9 +129,11 @@ def _gap_findings(sent_at: Array) -> Iterator[PreflightProblem]:
     points, count = set_point_numbers(find_gaps(sent_at), 2)
     if count:
         steps = np.diff(sent_at)
-        sentence = (
-            f"{counted(count, 'pause')} between set points, "
-            f"the longest of {interval_text(float(steps.max()))} "
-            f"where {interval_text(float(np.median(steps)))} are usual"
+        fact = Message(
+            "preflight.pause",
+            pauses=Count(count, "pause"),
+            longest=interval_ms(float(steps.max())),
+            usual=interval_ms(float(np.median(steps))),
         )
-        yield PreflightProblem("gap", Severity.WARNING, sentence, "slave mode may end there", points, count)
+        advice = Message("preflight.advice.pause")
+        yield PreflightProblem("gap", Severity.WARNING, fact, advice, points, count)

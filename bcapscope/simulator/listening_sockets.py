@@ -5,6 +5,8 @@ from __future__ import annotations
 import socket
 
 from bcapscope.errors import BcapError
+from bcapscope.messages import Message
+from bcapscope.messages.os_errors import os_reason
 from bcapscope.transport.receive_timestamps import enable_receive_timestamps
 
 _RECEIVE_BUFFER = 4 << 20
@@ -55,6 +57,6 @@ def _bind(host: str, port: int, kind: socket.SocketKind) -> socket.socket:
         if sock is not None:
             sock.close()
         raise SimulatorListenError(
-            f"cannot listen on {host} {word} port {port}: {error.strerror or error}"
+            Message("listen.failed", host=host, transport=word, port=port, reason=os_reason(error))
         ) from error
     return sock

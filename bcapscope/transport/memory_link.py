@@ -7,6 +7,7 @@ import heapq
 from collections.abc import Callable, Iterable
 from typing import TypeAlias
 
+from bcapscope.messages import Message
 from bcapscope.transport.peer_link import Address, LinkReceiver
 
 NetworkModel: TypeAlias = Callable[[bytes], Iterable[float]]
@@ -63,7 +64,7 @@ class MemoryLink:
         self._far_end = None
         receiver, self.receiver = self.receiver, None
         if receiver is not None:
-            receiver.on_link_lost("the peer closed the connection")
+            receiver.on_link_lost(Message("connection.closed-by-peer"))
 
 
 def memory_link_pair(

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Protocol, TypeAlias
 
+from bcapscope.messages import Message
+
 Address: TypeAlias = tuple[str, int]
 """IP address as text, and port."""
 
@@ -14,10 +16,10 @@ class LinkReceiver(Protocol):
     def on_data(self, data: bytes) -> None:
         """Process a datagram, or the next bytes of a stream."""
 
-    def on_send_error(self, text: str) -> None:
+    def on_send_error(self, reason: Message) -> None:
         """Process the system's error for data that was sent; the link remains open."""
 
-    def on_link_lost(self, reason: str) -> None:
+    def on_link_lost(self, reason: Message) -> None:
         """Process the loss of the link; no data follows."""
 
 

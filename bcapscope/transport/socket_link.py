@@ -5,6 +5,8 @@ from __future__ import annotations
 import asyncio
 from typing import Generic, TypeVar
 
+from bcapscope.messages import Message
+from bcapscope.messages.os_errors import os_reason
 from bcapscope.transport.peer_link import Address, LinkReceiver
 
 T = TypeVar("T", bound=asyncio.BaseTransport)
@@ -14,10 +16,10 @@ class SocketLink(asyncio.BaseProtocol, Generic[T]):
     """This end of a socket connected to its peer; passes events to the receiver until `close`.
 
     Attributes:
-        end_reason: Reason passed to `on_link_lost` if the link ended without an error.
+        end_reason: Id of the reason passed to `on_link_lost` if the link ended without an error.
     """
 
-    end_reason = "the socket was closed"
+    end_reason = "connection.socket-closed"
 
     def __init__(self, receiver: LinkReceiver) -> None:
         self._receiver: LinkReceiver | None = receiver
@@ -42,15 +44,12 @@ class SocketLink(asyncio.BaseProtocol, Generic[T]):
         receiver, self._receiver = self._receiver, None
         if receiver is not None:
             receiver.on_link_lost(
-                self.end_reason if exc is None else f"the connection broke: {os_error_text(exc)}"
+                Message(self.end_reason)
+                if exc is None
+                else Message("connection.broke", reason=os_reason(exc))
             )
 
     def _address(self, which: str) -> Address:
         assert self._transport is not None
         host, port, *_ = self._transport.get_extra_info(which)
         return host, port
-
-
-def os_error_text(error: Exception) -> str:
-    """Return the operating system's error text in lower case."""
-    return str(error.strerror if isinstance(error, OSError) and error.strerror else error).lower()

@@ -15,7 +15,7 @@ class TcpLink(SocketLink[asyncio.Transport], asyncio.Protocol):
     """A TCP connection. asyncio sends small writes at once (TCP_NODELAY), which set points need."""
 
     datagrams = False
-    end_reason = "the peer closed the connection"
+    end_reason = "connection.closed-by-peer"
 
     def send(self, data: bytes) -> None:
         """Send the next bytes of the stream."""

@@ -7,8 +7,9 @@ import socket
 from collections.abc import Iterable
 from typing import Any, TypeAlias, cast
 
+from bcapscope.messages.os_errors import os_reason
 from bcapscope.transport.peer_link import LinkReceiver
-from bcapscope.transport.socket_link import SocketLink, os_error_text
+from bcapscope.transport.socket_link import SocketLink
 
 AddressInfo: TypeAlias = tuple[int, int, int, str, Any]
 """One address in the form of `socket.getaddrinfo`."""
@@ -42,7 +43,7 @@ class UdpLink(SocketLink[asyncio.DatagramTransport], asyncio.DatagramProtocol):
 
     def error_received(self, exc: Exception) -> None:
         if self._receiver is not None:
-            self._receiver.on_send_error(os_error_text(exc))
+            self._receiver.on_send_error(os_reason(exc))
 
 
 async def open_udp(host: str, port: int, receiver: LinkReceiver) -> UdpLink:

@@ -19,6 +19,7 @@ import numpy as np
 from textual.app import ComposeResult
 
 from bcapscope.client.controller_target import ControllerTarget
+from bcapscope.messages import Message
 from bcapscope.player.lateness import Spread
 from bcapscope.player.player_messages import PlayPlan
 from bcapscope.player.trajectory import Trajectory, TrajectorySource
@@ -63,7 +64,11 @@ class Watching(BaseScreen):
         await asyncio.sleep(2.0)
         await app.switch_mode("watching")
         stage, live = PlayerSlot(), self.query_one(PlaybackView)
-        trajectory = Trajectory(PoseType.J, np.array(self._plan.points), TrajectorySource("wave", "made up"))
+        trajectory = Trajectory(
+            PoseType.J,
+            np.array(self._plan.points),
+            TrajectorySource("wave", Message.from_table("text", "made up")),
+        )
         run = PlaybackRun(self._plan, trajectory)
         await stage.start_player(self._plan)
         while run.ended is None:

@@ -146,7 +146,7 @@ def test_whoever_is_no_simulator_needs_arming() -> None:
         (peer,) = server.peers.values()
     assert ran.code == 10, ran.out + ran.err
     assert "A robot will move: " in ran.err
-    assert "not played: this is not the simulator, and nobody said that a robot may move" in ran.out
+    assert "not played: this is not the simulator, and nobody confirmed that a robot may move" in ran.out
     assert "Robot_Execute" not in peer.functions
     assert peer.functions[-1] == "Service_Stop"
 
@@ -221,7 +221,7 @@ def test_ctrl_c_and_ctrl_z_bring_the_robot_to_rest(port: int, gentle: Path, keys
     terminal = Terminal(*words, "--move-to-start")
     terminal.until("playing 1")
     terminal.press(keys)
-    terminal.until("stopped on the way, at rest: stop was asked for")
+    terminal.until("stopped on the way, at rest: stop was requested")
     assert terminal.close() == 130
 
 
@@ -233,7 +233,7 @@ def test_the_host_is_typed_to_let_a_robot_move(tmp_path: Path, typed: str, code:
         terminal = Terminal("play", str(file), "127.0.0.1", "-p", str(server.port), "--mode", "async")
         terminal.until("Type 127.0.0.1 to confirm that this robot may move: ")
         terminal.press(f"{typed}\n")
-        terminal.until({0: "played to the end", 10: "not played", 130: "was asked for"}[code])
+        terminal.until({0: "played to the end", 10: "not played", 130: "was requested"}[code])
         assert terminal.close() == code
         (peer,) = server.peers.values()
     moved = [call for call in peer.executed if "slvMove" in call]

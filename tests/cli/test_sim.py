@@ -163,7 +163,7 @@ def test_a_port_in_use_is_one_sentence(tmp_path: Path) -> None:
         port = taken.getsockname()[1]
         ran = run("sim", "--port", str(port), "--record", tmp_path / "a.pcapng")
     assert (ran.code, ran.out, list(tmp_path.iterdir())) == (4, "", [])
-    assert ran.err == f"cannot listen on 127.0.0.1 TCP port {port}: Address already in use\n"
+    assert ran.err == f"cannot listen on 127.0.0.1 TCP port {port}: address already in use\n"
 
 
 def test_who_reaches_it_is_said() -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TypeAlias
 
+from bcapscope.messages import Message
 from bcapscope.protocol.codec.frame import Frame, parse_datagram
 from bcapscope.protocol.codec.stream_splitter import StreamSplitter
 from bcapscope.protocol.codec.variant import VT, Variant
@@ -59,11 +60,11 @@ class Peer:
             elif decision.kind is RequestKind.NEW:
                 self._execute(item)
 
-    def on_send_error(self, text: str) -> None:
-        raise AssertionError(text)
+    def on_send_error(self, reason: Message) -> None:
+        raise AssertionError(reason)
 
-    def on_link_lost(self, reason: str) -> None:
-        self.executed.append(("lost", reason))
+    def on_link_lost(self, reason: Message) -> None:
+        self.executed.append(("lost", str(reason)))
 
     def end(self) -> None:
         """End the call that is being executed without sending its answer."""

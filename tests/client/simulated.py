@@ -6,6 +6,7 @@ import asyncio
 from collections.abc import Iterable
 
 from bcapscope.capture.socket_recording import Address, SocketRecording
+from bcapscope.messages import Message
 from bcapscope.simulator.server_interfaces import ControllerModel
 from bcapscope.simulator.simulator import SimulatorOutput
 from bcapscope.transport.loop_clock import LoopClock
@@ -88,8 +89,8 @@ class _Socket:
     def on_data(self, data: bytes) -> None:
         self._controller.take(self._name, data)
 
-    def on_send_error(self, text: str) -> None:
-        raise AssertionError(text)
+    def on_send_error(self, reason: Message) -> None:
+        raise AssertionError(reason)
 
-    def on_link_lost(self, reason: str) -> None:
+    def on_link_lost(self, reason: Message) -> None:
         self._controller.hang_up(self._name)

@@ -57,7 +57,7 @@ def test_everything_is_opened_once() -> None:
 
 def test_a_provider_that_is_refused_is_told_what_to_do_about() -> None:
     async def act(opener: ObjectOpener) -> None:
-        with pytest.raises(ControllerError, match=r"RC9 and COBOTTA PRO want CaoProv\.DENSO\.VRC9"):
+        with pytest.raises(ControllerError, match=r"RC9 and COBOTTA PRO need CaoProv\.DENSO\.VRC9"):
             await opener.handle_for(ObjectClass.CONTROLLER)
 
     _play(act, Controller_Connect=(E_INVALIDARG, ()))

@@ -117,7 +117,7 @@ def test_answers_of_the_wrong_type(function: str, answer: tuple[Variant, ...]) -
 
     async def play(service: Service, peer: Peer) -> None:
         call: Any = getattr(_CLASSES[ObjectClass(owner)](service.session, 7), method)
-        with pytest.raises(RemoteProtocolError, match="the answer holds"):
+        with pytest.raises(RemoteProtocolError, match="the reply holds"):
             await call(*_sample_arguments(call))
 
     _run(play, {function: (S_OK, answer)})

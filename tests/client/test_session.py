@@ -386,7 +386,7 @@ def test_too_large_for_udp_leaves_the_session_usable() -> None:
         near, far = memory_link_pair()
         Peer(far)
         async with open_session(over_link(near)) as session:
-            with pytest.raises(LocalProtocolError, match="connect over TCP"):
+            with pytest.raises(LocalProtocolError, match="Connect over TCP"):
                 await session.invoke("Variable_PutValue", 7, bytes(500))
             await session.invoke("Variable_PutValue", 7, b"")
 

@@ -18,6 +18,7 @@ from bcapscope.faults.fault_injector import FaultInjector
 from bcapscope.live import proxy_supervisor
 from bcapscope.live.proxy_options import ProxyOptions, ViewOptions
 from bcapscope.live.proxy_supervisor import ProxySupervisor, _shared_memory
+from bcapscope.messages import Message
 from bcapscope.player.realtime import RealtimeGrant
 from bcapscope.proxy.addons import AddonClient
 from bcapscope.proxy.listener_spec import parse_listener_specs
@@ -106,7 +107,9 @@ class Diary:
 
 def test_scripts_are_told_of_the_end_after_all_clients_have_gone(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(
-        proxy_supervisor, "realtime_priority", lambda: nullcontext(RealtimeGrant(True, True, ""))
+        proxy_supervisor,
+        "realtime_priority",
+        lambda: nullcontext(RealtimeGrant(True, True, Message("play.realtime.off"))),
     )
     diary = Diary()
     here, there = socket.socketpair()

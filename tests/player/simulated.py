@@ -8,6 +8,7 @@ from math import cos, pi
 from random import Random
 
 from bcapscope.client.controller_target import ControllerTarget
+from bcapscope.messages import Message
 from bcapscope.player.blocking_caller import run_blocking
 from bcapscope.player.frame_recorder import FrameRecorder
 from bcapscope.player.play_session import YES, PlaySession
@@ -21,7 +22,7 @@ from bcapscope.player.player_messages import (
     SetPointValues,
     SlaveModePacing,
 )
-from bcapscope.player.player_pipe import PlayerPipe
+from bcapscope.player.player_pipe import PARENT_GONE, PlayerPipe
 from bcapscope.protocol.codec.frame import Frame
 from bcapscope.protocol.codec.variant import integer_value
 from bcapscope.protocol.tables.command_catalogue import call_name
@@ -134,7 +135,7 @@ class ScriptedPipe(PlayerPipe):
 
     def __init__(self, answers: Mapping[QuestionTopic, str] | None = None) -> None:
         self.order: Order | None = None
-        self.reason = ""
+        self.reason: Message | None = None
         self.order_count = 0
         self.told: list[PlayerMessage] = []
         self.asked: list[QuestionTopic] = []
@@ -146,7 +147,7 @@ class ScriptedPipe(PlayerPipe):
         self._polls += 1
         order = self.at_poll(self._polls)
         if order is not None:
-            self.set_order(order, "the script says so")
+            self.set_order(order, PARENT_GONE)
         return self.order
 
     def try_send(self, message: PlayerMessage) -> bool:

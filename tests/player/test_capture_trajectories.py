@@ -14,8 +14,9 @@ from bcapscope.player.column_layout import ReadOptions
 from bcapscope.player.trajectory import Trajectory, TrajectoryError, TrajectorySource
 from bcapscope.protocol.slave_mode.modes import PoseType
 from tests.cli.run import CAPTURES
+from tests.player.ways import texts
 
-NOWHERE = TrajectorySource("way.pcap", "")
+NOWHERE = TrajectorySource("way.pcap")
 
 
 def read(name: str, wishes: ReadOptions | None = None) -> tuple[Trajectory, ...]:
@@ -32,7 +33,7 @@ def test_a_stay() -> None:
         PoseType.J,
         0.008,
         SOURCE_FORMAT,
-        "",
+        None,
     )
     assert [column.unit for column in found.source.columns] == ["deg"] * 8
 
@@ -45,12 +46,16 @@ def test_retries_count_once() -> None:
 def test_what_was_refused_is_left_out_and_told() -> None:
     (found,) = read("slave-mode-lost.pcapng")
     assert len(found) == 30
-    assert "left out: 3 refused by the controller" in found.source.notes
+    assert "left out: 3 refused by the controller" in texts(found.source.notes)
 
 
 def test_each_stay_is_one_trajectory() -> None:
     found = read("exchanges.pcap")
-    assert [each.source.part.split(",")[0] for each in found] == ["stay 1", "stay 2", "stay 3"]
+    assert [str(each.source.part).split(",")[0] for each in found] == [
+        "slave-mode session 1",
+        "slave-mode session 2",
+        "slave-mode session 3",
+    ]
     assert [each.points.shape[1] for each in found] == [7, 8, 6]
 
 
@@ -78,7 +83,7 @@ def broken(count: int) -> Iterator[Packet]:
 def test_what_came_before_a_damage_is_kept() -> None:
     (found,) = read_capture(broken(200), NOWHERE, ReadOptions())
     assert 10 < len(found) < 100
-    assert "the capture breaks off: the file ends here" in found.source.notes
+    assert "the capture breaks off: the file ends here" in texts(found.source.notes)
 
 
 def test_a_capture_without_set_points_that_breaks_off() -> None:

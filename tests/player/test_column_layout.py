@@ -7,6 +7,7 @@ import pytest
 from bcapscope.player.column_layout import ReadOptions, layout_of_numbers, layout_of_titles, parse_columns
 from bcapscope.player.trajectory import TrajectoryError
 from bcapscope.protocol.slave_mode.modes import PoseType
+from tests.player.ways import texts
 
 JOINTS = [f"J{axis}" for axis in range(1, 7)]
 POSITION = ["X", "Y", "Z", "Rx", "Ry", "Rz", "Fig"]
@@ -70,16 +71,16 @@ def test_what_the_counter_is() -> None:
 def test_other_types_in_the_file_are_told() -> None:
     layout = layout_of_titles([*JOINTS, *POSITION], ReadOptions())
     assert layout is not None
-    assert layout.notes == ("type J was chosen; type P is there too",)
+    assert texts(layout.notes) == ("type J was chosen; type P is there too",)
 
 
 def test_values_that_may_be_measured_are_told() -> None:
     layout = layout_of_titles([*LOG, *POSITION], ReadOptions(PoseType.P))
     assert layout is not None
-    assert layout.notes[0] == "these values are not marked as commanded, and may be measured"
+    assert texts(layout.notes)[0] == "these values are not marked as commanded, and may be measured"
     layout = layout_of_titles(["J1 actual", "J2 actual"], ReadOptions())
     assert layout is not None
-    assert layout.notes == ("these are measured values: there are no commanded ones",)
+    assert texts(layout.notes) == ("these are measured values: there are no commanded ones",)
 
 
 @pytest.mark.parametrize(
@@ -109,12 +110,12 @@ def test_units(titles: list[str], wishes: ReadOptions, unit: str, factor: float)
 def test_an_axis_that_is_there_twice_is_told() -> None:
     layout = layout_of_titles(["J1", "J1 (command)", "J1", "J2"], ReadOptions())
     assert layout is not None
-    assert layout.notes == ()
+    assert texts(layout.notes) == ()
     layout = layout_of_titles(["J2", "J1", "a", "J1", "J2", "J1"], ReadOptions())
     assert layout is not None
-    assert layout.notes == (
-        "J1 is in columns 2, 4, 6, the first of which is taken",
-        "J2 is in columns 1, 5, the first of which is taken",
+    assert texts(layout.notes) == (
+        "J1 is in columns 2, 4, 6; the first of them is used",
+        "J2 is in columns 1, 5; the first of them is used",
     )
 
 
@@ -168,17 +169,17 @@ def test_columns_as_told() -> None:
 @pytest.mark.parametrize(
     ("text", "reason"),
     [
-        ("", "tells no column"),
-        ("J1", "tells no column"),
-        ("J1=x", "tells no column"),
+        ("", "names no column"),
+        ("J1", "names no column"),
+        ("J1=x", "names no column"),
         ("J1=0", "columns are counted from 1"),
         ("J9=1", "names are"),
         ("J3..J1=1..3", "J1 does not come after J3"),
         ("J1..J3=1..2", "3 names for 2 columns"),
         ("J1=3..1", "columns are counted from 1"),
-        ("J1=1,J1=2", "told twice"),
-        ("J1=1,", "tells no column"),
-        ("J1=99999", "tells no column"),
+        ("J1=1,J1=2", "given twice"),
+        ("J1=1,", "names no column"),
+        ("J1=99999", "names no column"),
     ],
 )
 def test_columns_that_make_no_sense(text: str, reason: str) -> None:
@@ -189,7 +190,7 @@ def test_columns_that_make_no_sense(text: str, reason: str) -> None:
 @pytest.mark.parametrize(
     ("told", "reason"),
     [
-        ("J1=7", "there are 6 columns, so that there is none for J1=7"),
+        ("J1=7", "there are 6 columns, so none for J1=7"),
         ("time=1", "no whole pose"),
         ("J2=1", "no whole pose"),
         ("J1=1,J3=2", "J3 do not belong to J1 to J1"),

@@ -15,11 +15,13 @@ from bcapscope.client.controller_target import ControllerTarget
 from bcapscope.client.remote_objects import Robot
 from bcapscope.client.retry_policies import DEFAULT_RETRY_POLICIES
 from bcapscope.client.session import Session
+from bcapscope.messages import Message
 from bcapscope.player import __main__ as process
 from bcapscope.player.blocking_caller import BlockingCaller, run_blocking
 from bcapscope.player.control_log import read_log_records
 from bcapscope.player.frame_recorder import FrameRecorder, open_recording
 from bcapscope.player.player_messages import Order, PlayEnded, PlayOutcome, PlayPlan
+from bcapscope.player.player_pipe import PARENT_GONE
 from bcapscope.player.realtime import RealtimeGrant
 from bcapscope.protocol.retry.reserved_convention import ReservedConvention
 from tests.player.simulated import TARGET, ScriptedPipe, Stage
@@ -35,7 +37,7 @@ def test_files_are_written_without_priority(tmp_path: Path, monkeypatch: pytest.
     def undisturbed(wanted: bool) -> Iterator[RealtimeGrant]:
         nonlocal urgent
         urgent = True
-        yield RealtimeGrant(True, True, "")
+        yield RealtimeGrant(True, True, Message("play.realtime.off"))
         urgent = False
 
     def flush(recording: RotatingRecording) -> None:
@@ -64,7 +66,7 @@ def test_an_order_ends_the_reading_of_the_log(ordered: bool, monkeypatch: pytest
 
     monkeypatch.setattr(Robot, "execute", execute)
     stage, desk, log = Stage(), ScriptedPipe(), io.BytesIO()
-    desk.set_order(Order.STOP, "while it played")
+    desk.set_order(Order.STOP, PARENT_GONE)
     desk.at_poll = lambda count: Order.HALT if ordered and count > 5 else None
     session, look = (
         Session(BlockingCaller(stage.channel, ReservedConvention.SEED), DEFAULT_RETRY_POLICIES),
@@ -80,6 +82,6 @@ def test_an_order_ends_the_reading_of_the_log(ordered: bool, monkeypatch: pytest
     assert stage.said[-1] == "Service_Stop"
     if ordered:
         told = "the log could not be written: nobody waited for it"
-        assert (ended.outcome, ended.reason, log.getvalue()) == (PlayOutcome.UNWRITABLE, told, b"")
+        assert (ended.outcome, str(ended.reason or ""), log.getvalue()) == (PlayOutcome.UNWRITABLE, told, b"")
     else:
         assert (ended.outcome, ended.logged, log.getvalue()[-9:]) == (PlayOutcome.STOPPED, 9, b"record 8\n")

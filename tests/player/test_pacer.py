@@ -115,9 +115,7 @@ def play(
     """Play points that are numbered from 0."""
     rows = np.zeros((POINTS, 8))
     rows[:, 0] = np.arange(POINTS)
-    course = SetPointSequence(
-        Trajectory(PoseType.J, rows, TrajectorySource("", "")), 0.008, UNKNOWN_ARM, 1, hold
-    )
+    course = SetPointSequence(Trajectory(PoseType.J, rows, TrajectorySource("")), 0.008, UNKNOWN_ARM, 1, hold)
     pace = (
         RetryPolicy(2 * MS, 0 if chosen.overwrites_waiting else 7)
         if controller.datagrams
@@ -163,7 +161,7 @@ def test_what_is_under_way_is_not_unanswered() -> None:
     seen: list[int] = []
     exchanger = BlockingCaller(Controller(), ReservedConvention.SEED)
     course = SetPointSequence(
-        Trajectory(PoseType.J, np.zeros((3, 8)), TrajectorySource("", "")), 0.008, UNKNOWN_ARM, 1, 0
+        Trajectory(PoseType.J, np.zeros((3, 8)), TrajectorySource("")), 0.008, UNKNOWN_ARM, 1, 0
     )
     move = SlvMoveCall(1, VT.R8, mode(0x002), RetryPolicy(2 * MS, 7), 8 * MS)
     pacer = Pacer(exchanger, move, course, lambda _: seen.append(pacer.counts.unanswered), 100)

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 import pytest
 
 from bcapscope.client.controller_target import ControllerTarget
+from bcapscope.messages import Message
 from bcapscope.player.player_messages import (
     Order,
     PlayEnded,
@@ -23,7 +24,7 @@ from bcapscope.player.player_messages import (
 )
 from bcapscope.player.player_pipe import PARENT_GONE, PlayerPipe
 
-QUESTION = PlayerQuestion(QuestionTopic.ARM, "really?", ("no", "yes"))
+QUESTION = PlayerQuestion(QuestionTopic.ARM, Message("play.question.begin"), ("no", "yes"))
 
 
 class Ends:
@@ -79,7 +80,7 @@ def test_orders_are_taken_as_they_come(ends: Ends) -> None:
     ends.order(PlayerCommand(Order.HALT))
     assert ends.desk.poll_order() is Order.HALT
     ends.order(PlayerCommand(Order.STOP))
-    assert (ends.desk.poll_order(), ends.desk.reason) == (Order.HALT, "halt was asked for")
+    assert (ends.desk.poll_order(), str(ends.desk.reason or "")) == (Order.HALT, "halt was requested")
 
 
 def test_an_order_in_two_pieces_is_one(ends: Ends) -> None:

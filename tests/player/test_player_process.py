@@ -121,7 +121,7 @@ def test_it_plays_and_tells(sim: Sim, tmp_path: Path) -> None:
                 if isinstance(message, PlayerQuestion):
                     player.answer("yes")
     ended = player.ended
-    assert (ended.outcome, ended.reason, ended.index) == (PlayOutcome.DONE, "", 100)
+    assert (ended.outcome, str(ended.reason or ""), ended.index) == (PlayOutcome.DONE, "", 100)
     assert messages[-1] is ended
     assert {type(message).__name__ for message in messages} >= {
         "RealtimeReport",
@@ -142,7 +142,10 @@ def test_a_stop_ends_it_in_order(sim: Sim) -> None:
         playing(player)
         player.stop()
     assert player.ended is not None
-    assert (player.ended.outcome, player.ended.reason) == (PlayOutcome.STOPPED, "stop was asked for")
+    assert (player.ended.outcome, str(player.ended.reason or "")) == (
+        PlayOutcome.STOPPED,
+        "stop was requested",
+    )
     assert player.ended.left
     assert not sim.machine.alarms.active
 
@@ -162,7 +165,10 @@ def test_a_halt_counts_that_comes_while_the_player_is_being_loaded(sim: Sim) -> 
         player.halt()
         until_ended(player)
     assert player.ended is not None
-    assert (player.ended.outcome, player.ended.reason) == (PlayOutcome.HALTED, "halt was asked for")
+    assert (player.ended.outcome, str(player.ended.reason or "")) == (
+        PlayOutcome.HALTED,
+        "halt was requested",
+    )
     assert player.ended.left
 
 
@@ -175,7 +181,10 @@ def test_signals_stop_it_too(sim: Sim, number: signal.Signals) -> None:
         stopping = until(player, PlayProgress, lambda message: message.state == "coming to rest")
         assert stopping.commanded
     assert player.ended is not None
-    assert (player.ended.outcome, player.ended.reason) == (PlayOutcome.STOPPED, f"{number.name} came")
+    assert (player.ended.outcome, str(player.ended.reason or "")) == (
+        PlayOutcome.STOPPED,
+        f"{number.name} was received",
+    )
 
 
 _PARENT = """
@@ -247,7 +256,7 @@ def test_a_tcp_port_where_nobody_listens() -> None:
     with PlayerProcess(PlayPlan(target=ControllerTarget("127.0.0.1", 1, tcp=True), mode=2)) as player:
         until_ended(player)
     assert player.ended is not None
-    assert player.ended.reason == "127.0.0.1:1 over TCP: connection refused"
+    assert str(player.ended.reason or "") == "127.0.0.1:1 over TCP: connection refused"
 
 
 def test_files_are_never_written_over(tmp_path: Path) -> None:
@@ -256,7 +265,10 @@ def test_files_are_never_written_over(tmp_path: Path) -> None:
     with PlayerProcess(PlayPlan(target=ControllerTarget("127.0.0.1", 1), mode=2, log=str(path))) as player:
         until_ended(player)
     assert player.ended is not None
-    assert (player.ended.outcome, player.ended.reason) == (PlayOutcome.UNWRITABLE, f"{path}: file exists")
+    assert (player.ended.outcome, str(player.ended.reason or "")) == (
+        PlayOutcome.UNWRITABLE,
+        f"{path}: file exists",
+    )
     assert path.read_text() == "mine"
 
 
@@ -266,7 +278,7 @@ def test_a_player_that_is_killed_is_told(sim: Sim) -> None:
         os.kill(player.pid, signal.SIGKILL)
         until_ended(player)
     assert player.ended is not None
-    assert player.ended.reason == "the player ended with signal 9"
+    assert str(player.ended.reason or "") == "the player ended with signal 9"
     assert player.ended.left
 
 
@@ -280,10 +292,13 @@ def test_what_a_player_had_begun_that_is_killed_is_ended_by_another(sim: Sim, tc
         assert player.pid != first
         player.halt()
         until_ended(player)
-    assert trouble.text == "the player ended with signal 9: what it had begun is being ended"
+    assert str(trouble.text) == "the player ended with signal 9. What it had begun is being ended"
     assert player.ended is not None
     assert (player.ended.outcome, player.ended.left) == (PlayOutcome.FAILED, True)
-    assert player.ended.reason == "the player ended with signal 9: what it had begun was ended in order"
+    assert (
+        str(player.ended.reason or "")
+        == "the player ended with signal 9. What it had begun was ended in order"
+    )
     all_is_let_go(sim)
 
 
@@ -296,7 +311,9 @@ def test_a_player_that_is_killed_beside_its_controller_is_told_too(sim: Sim) -> 
         until_ended(player)
     assert player.ended is not None
     assert not player.ended.left
-    assert player.ended.reason.startswith("the player ended with signal 9: what it had begun could not be")
+    assert str(player.ended.reason or "").startswith(
+        "the player ended with signal 9. What it had begun could not be"
+    )
 
 
 def test_a_player_that_hangs_is_killed_when_it_is_to_end(sim: Sim, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -312,7 +329,7 @@ def test_a_player_that_hangs_is_killed_when_it_is_to_end(sim: Sim, monkeypatch: 
     monkeypatch.setattr(player, "_start", start_patiently)
     os.kill(player.pid, signal.SIGSTOP)
     ended = player.close()
-    assert "signal 9" in ended.reason
+    assert "signal 9" in str(ended.reason or "")
     all_is_let_go(sim)
 
 

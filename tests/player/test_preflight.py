@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bcapscope.analysis.finding import Severity
+from bcapscope.messages import Message
 from bcapscope.player.arm_limits import SIMULATED_ARM, UNKNOWN_ARM, ArmLimits, with_limits
 from bcapscope.player.preflight import PreflightResult, run_preflight
 from bcapscope.player.preflight_problem import MAX_NUMBERS, PreflightProblem
@@ -89,7 +90,7 @@ FAULTS = [
     Fault(
         "not-finite",
         ERROR,
-        "2 set points of 251 hold NaN, infinity or a number beyond 1e+09",
+        "NaN, infinity or a number beyond 1e+09 in 2 set points of 251",
         (5, 9),
         2,
         run_preflight(way(changed(changed(JOINTS, 4, 0, np.nan), 8, 5, np.inf)), PERIOD),
@@ -108,20 +109,20 @@ FAULTS = [
         "the robot has 4 axes, the file moves J5 and J6",
         (),
         0,
-        run_preflight(way(JOINTS), PERIOD, ArmLimits("a SCARA", axis_count=4)),
+        run_preflight(way(JOINTS), PERIOD, ArmLimits(Message("arm.unknown"), axis_count=4)),
     ),
     Fault(
         "axes",
         NOTE,
-        "J7 and J8, not in the file, keep what the robot has now",
+        "not in the file, so kept where the robot is now: J7 and J8",
         (),
         0,
-        run_preflight(way(JOINTS), PERIOD, ArmLimits("a long arm", axis_count=8)),
+        run_preflight(way(JOINTS), PERIOD, ArmLimits(Message("arm.unknown"), axis_count=8)),
     ),
     Fault(
         "axes",
         NOTE,
-        "Fig, not in the file, keeps what the robot has now",
+        "not in the file, so kept where the robot is now: Fig",
         (),
         0,
         run_preflight(way(positions()[:, :6], PoseType.P), PERIOD),
@@ -129,7 +130,7 @@ FAULTS = [
     Fault(
         "fig",
         WARNING,
-        "Fig changes 1 time, first from 1 to 5: the arm cannot change its posture from one point to the next",
+        "Fig changes once, first from 1 to 5: the arm cannot change its posture from one point to the next",
         (101,),
         1,
         run_preflight(way(FIGS, PoseType.P), PERIOD),
@@ -161,8 +162,8 @@ FAULTS = [
     Fault(
         "cycle",
         ERROR,
-        "in slave mode 0x202 a set point is taken each 8 ms, and slvMove goes only each 16 ms, "
-        "which would end it",
+        "in slave mode 0x202 the controller takes a set point every 8 ms. With slvMove only every 16 ms, "
+        "slave mode would end",
         (),
         0,
         run_preflight(way(JOINTS, period=0.016), 0.016, mode=slave_mode_by_number(0x202)),
@@ -170,7 +171,7 @@ FAULTS = [
     Fault(
         "cycle",
         WARNING,
-        "in slave mode 0x002 a set point is taken each 8 ms, so that this takes 2 times as long",
+        "in slave mode 0x002 the controller takes a set point every 8 ms, so playing takes 2 times as long",
         (),
         0,
         run_preflight(way(JOINTS, period=0.004), 0.004, mode=slave_mode_by_number(0x002, Generation.RC7)),
@@ -178,7 +179,7 @@ FAULTS = [
     Fault(
         "interval",
         ERROR,
-        "the set points are 10 ms apart and slvMove goes each 8 ms, which would move the robot at 1.25 times "
+        "the set points are 10 ms apart, and slvMove is sent every 8 ms. The robot would move at 1.25 times "
         "the speed",
         (),
         0,
@@ -187,7 +188,7 @@ FAULTS = [
     Fault(
         "interval",
         WARNING,
-        "the file does not tell the interval, 8 ms is assumed",
+        "the file does not give the interval; 8 ms is assumed",
         (),
         0,
         run_preflight(way(JOINTS, period=None), PERIOD),
@@ -195,7 +196,7 @@ FAULTS = [
     Fault(
         "interval",
         ERROR,
-        "the times are 10 ms to 12 ms apart and slvMove goes each 8 ms",
+        "the times are 10 ms to 12 ms apart, and slvMove is sent every 8 ms",
         (),
         0,
         run_preflight(way([[0]] * 3, period=None, times=[0, 0.01, 0.022]), PERIOD),
@@ -331,7 +332,7 @@ FAULTS = [
     Fault(
         "units",
         WARNING,
-        "no joint goes beyond 1.53: these may be radians, and are taken as degrees",
+        "no joint goes beyond 1.53: these may be radians, and are read as degrees",
         (),
         0,
         run_preflight(way(np.radians(JOINTS) / 1.2), PERIOD),
@@ -339,7 +340,7 @@ FAULTS = [
     Fault(
         "units",
         WARNING,
-        "X, Y and Z stay below 0.784: these may be metres, and are taken as mm",
+        "X, Y and Z stay below 0.784: these may be metres, and are read as mm",
         (),
         0,
         run_preflight(way(positions() / [1000, 1000, 1000, 1, 1, 1, 1], PoseType.P), PERIOD),
@@ -359,7 +360,7 @@ FAULTS = [
 def test_a_fault_is_told(fault: Fault) -> None:
     findings = [each for each in fault.preflight.problems if each.check == fault.check]
     assert (fault.severity, fault.sentence, fault.points, fault.count) in [
-        (each.severity, each.sentence, each.points, each.count) for each in findings
+        (each.severity, str(each.fact), each.points, each.count) for each in findings
     ]
     assert fault.preflight.is_playable is all(each.severity is not ERROR for each in fault.preflight.problems)
 

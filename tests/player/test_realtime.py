@@ -44,9 +44,9 @@ def test_without_the_right_it_says_how_to_give_it(monkeypatch: pytest.MonkeyPatc
     monkeypatch.setenv("USER", "ann")
     with realtime_priority() as grade:
         assert not grade.realtime
-    assert grade.text.startswith("no real-time priority (operation not permitted)")
-    assert f"`ann - rtprio {FIFO_PRIORITY}`" in grade.text
-    assert "setcap cap_sys_nice+ep /" in grade.text
+    assert str(grade.text).startswith("no real-time priority (operation not permitted)")
+    assert f"`ann - rtprio {FIFO_PRIORITY}`" in str(grade.text)
+    assert "setcap cap_sys_nice+ep /" in str(grade.text)
 
 
 def slice_length() -> int:
@@ -82,4 +82,4 @@ def test_a_kernel_that_throttles_is_told(
     monkeypatch.setattr("bcapscope.player.realtime._THROTTLE_FILES", (runtime, period))
     monkeypatch.setattr(os, "sched_setscheduler", lambda *_: None)
     with realtime_priority() as grade:
-        assert ("allows it only 100000 of 1000000 µs" in grade.text) is throttled
+        assert ("allows it only 100000 of 1000000 µs" in str(grade.text)) is throttled

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from bcapscope.messages import Message
 from bcapscope.player.arm_limits import SIMULATED_ARM, ArmLimits
 from bcapscope.player.resampling import DEFAULT_RAMP, resample, stop_after
 from bcapscope.player.smooth_curve import Array
@@ -16,9 +17,11 @@ from bcapscope.player.trajectory import MAX_POINTS, Trajectory, TrajectoryError
 from bcapscope.player.trajectory_motion import limit_excess
 from bcapscope.protocol.slave_mode.modes import PoseType
 from bcapscope.simulator.kinematics import AxisLimit
-from tests.player.ways import PERIOD, swing, way
+from tests.player.ways import PERIOD, swing, texts, way
 
-GENTLE = ArmLimits("a gentle arm", {f"J{axis}": AxisLimit(-360, 360, 200, 1500) for axis in range(1, 9)})
+GENTLE = ArmLimits(
+    Message("arm.unknown"), {f"J{axis}": AxisLimit(-360, 360, 200, 1500) for axis in range(1, 9)}
+)
 
 
 @st.composite
@@ -91,14 +94,14 @@ def test_a_single_point_stays_one() -> None:
 
 def test_what_was_done_is_noted() -> None:
     found = resample(way(swing()), PERIOD, speed=0.5)
-    assert found.source.notes == ("resampled to 8 ms at 0.5 of the speed, 0.25 s to start and stop",)
+    assert texts(found.source.notes) == ("resampled to 8 ms at 0.5 of the speed, 0.25 s to start and stop",)
     found = resample(way([[0]] * 5, period=None, times=[0, 0.01, 0.02, 0.5, 0.51]), PERIOD)
-    assert found.source.notes[-1] == "1 gap in the times, the longest of 480 ms, drawn smoothly across"
+    assert texts(found.source.notes)[-1] == "1 gap in the times, the longest of 480 ms, drawn smoothly across"
 
 
 def test_an_interval_that_was_assumed_is_noted() -> None:
     found = resample(way([[0], [1], [2]], period=None), 0.008)
-    assert found.source.notes[0] == "the file does not tell the interval, 8 ms is assumed"
+    assert texts(found.source.notes)[0] == "the file does not give the interval; 8 ms is assumed"
 
 
 @pytest.mark.parametrize(

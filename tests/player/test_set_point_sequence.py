@@ -18,7 +18,7 @@ PERIOD = 0.008
 
 def course(points: int = 200, rounds: int = 1, hold: int = 2) -> SetPointSequence:
     """Make one."""
-    trajectory = Trajectory(PoseType.J, np.array(wave(points, 20.0)), TrajectorySource("", ""))
+    trajectory = Trajectory(PoseType.J, np.array(wave(points, 20.0)), TrajectorySource(""))
     return SetPointSequence(trajectory, PERIOD, UNKNOWN_ARM, rounds, hold)
 
 

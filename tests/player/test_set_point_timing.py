@@ -40,7 +40,7 @@ def test_sent_points_count_as_cycles_whenever_they_were_sent() -> None:
     assert (found.period, found.times) == (0.008, None)
     pause = timing_from_send_times(np.array([0, 0.001, 0.002, 0.003, 0.053]))
     assert pause.period == 0.001
-    assert "the longest pause between two was 50 ms" in pause.note
+    assert "the longest pause between two set points was 50 ms" in str(pause.notes[-1])
     assert timing_from_send_times(np.array([1.0])).period == 0.008
 
 

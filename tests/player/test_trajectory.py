@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from bcapscope.errors import BcapError
+from bcapscope.messages import Message
 from bcapscope.player.smooth_curve import Array
 from bcapscope.player.trajectory import TrajectoryError
 from bcapscope.protocol.slave_mode.modes import PoseType
@@ -89,7 +90,7 @@ def test_it_can_be_sent_to_another_process() -> None:
     ],
 )
 def test_errors_tell_the_place(line: int | None, column: int | None, text: str) -> None:
-    error = TrajectoryError("odd", line, column)
+    error = TrajectoryError(Message.from_table("text", "odd"), line, column)
     assert str(error) == text
     assert isinstance(error, BcapError)
     assert isinstance(error, ValueError)

@@ -9,12 +9,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from bcapscope.messages import Message
 from bcapscope.player.column_layout import ReadOptions
 from bcapscope.player.trajectory import Trajectory, TrajectoryError, TrajectorySource
 from bcapscope.player.trajectory_documents import EXTRACT_FORMAT, read_documents
 from bcapscope.protocol.slave_mode.modes import PoseType
+from tests.player.ways import texts
 
-JSON = TrajectorySource("way.json", "JSON")
+JSON = TrajectorySource("way.json", Message.from_table("text", "JSON"))
 
 
 def message(names: list[str], *points: tuple[object, object]) -> dict[str, Any]:
@@ -59,7 +61,7 @@ def test_durations(times: list[object], period: float | None) -> None:
 def test_radians_become_degrees() -> None:
     (trajectory,) = read(message(["j1", "j2"], ([math.pi, "-1.5"], 0)))
     assert trajectory.points[0].tolist() == pytest.approx([180.0, math.degrees(-1.5)])
-    assert "radians were converted to degrees" in trajectory.source.notes
+    assert "radians were converted to degrees" in texts(trajectory.source.notes)
     assert trajectory.source.columns[0].unit == "rad"
 
 
@@ -83,7 +85,7 @@ def test_joints_are_told_by_their_numbers(names: list[str], order: list[float]) 
 def test_messages_that_lie_deeper() -> None:
     one, two = message(["a"], ([1], 0)), message(["a"], ([2], 0))
     found = read({"goal": {"trajectory": one}}, [{"joint_trajectory": two}])
-    assert [trajectory.source.part for trajectory in found] == ["trajectory 1", "trajectory 2"]
+    assert [str(trajectory.source.part) for trajectory in found] == ["trajectory 1", "trajectory 2"]
 
 
 def test_what_is_referred_to_often_is_looked_at_once() -> None:
@@ -98,7 +100,7 @@ def test_what_extract_wrote() -> None:
     (trajectory,) = read(own())
     assert trajectory.points.tolist() == [[1, 2], [1.5, 2.5]]
     assert (trajectory.period, trajectory.times) == (0.008, None)
-    assert trajectory.source.part == "stay 3"
+    assert str(trajectory.source.part) == "slave-mode session 3"
     (trajectory,) = read(own(rows=[[0, "NaN", "-Infinity", None, None]], interval_ms=None))
     assert str(trajectory.points.tolist()) == "[[nan, -inf]]"
     assert trajectory.period is None
@@ -117,16 +119,16 @@ def test_what_extract_wrote() -> None:
         (message(["a"], ([1, 2], 0)), "point 1 has no positions for 1 joints"),
         (message(["a"], ([1], 0), (None, 0)), "point 2 has no positions for 1 joints"),
         (message(["a"], ([1], 0), ([1], None), ([1], 2)), "point 2 has no time_from_start, and others have"),
-        (message(["joint_3", "joint_4"], ([0, 0], 0)), "the names of the joints tell J3, J4, and J1 on are"),
-        (message(["a"], ([[]], 0)), "set point 1: a list is no number for J1"),
+        (message(["joint_3", "joint_4"], ([0, 0], 0)), "the joints are named J3, J4, but J1 on are"),
+        (message(["a"], ([[]], 0)), "set point 1: list is no number for J1"),
         (message(["a"], (["x" * 90], 0)), f"set point 1: '{'x' * 40}' is no number for J1"),
-        (message(["a"], ([True], 0)), "set point 1: a bool is no number for J1"),
+        (message(["a"], ([True], 0)), "set point 1: bool is no number for J1"),
         (message(list("abcdefghi"), ([0] * 9, 0)), "9 joints, and no numbers in their names"),
         (own(columns=None), "columns is no list of names"),
         (own(columns=["a"]), "no columns of a pose among these: a"),
         (own(rows=[]), "rows is no list of set points"),
         (own(rows=[[0]]), "set point 1 is no list of 5 values"),
-        (own(rows=[[0, None, 1, 1, 1]]), "set point 1: a NoneType is no number for J1"),
+        (own(rows=[[0, None, 1, 1, 1]]), "set point 1: NoneType is no number for J1"),
     ],
 )
 def test_what_is_none(document: object, error: str) -> None:

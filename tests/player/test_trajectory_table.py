@@ -9,13 +9,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from bcapscope.messages import Message
 from bcapscope.player.column_layout import ReadOptions, parse_columns
 from bcapscope.player.trajectory import Trajectory, TrajectoryError, TrajectorySource
 from bcapscope.player.trajectory_table import read_table
 from bcapscope.protocol.slave_mode.modes import PoseType
 from tests.player.test_column_layout import LOG, LONG_LOG
+from tests.player.ways import texts
 
-UTF8 = TrajectorySource("way.csv", "UTF-8")
+UTF8 = TrajectorySource("way.csv", Message.from_table("text", "UTF-8"))
 
 
 def read(text: str, wishes: ReadOptions | None = None) -> tuple[Trajectory, ...]:
@@ -57,7 +59,7 @@ def test_the_same_numbers_in_many_forms(text: str) -> None:
 def test_numbers_alone() -> None:
     (trajectory,) = read("1 2 3 4 5 6\n7 8 9 10 11 12\n")
     assert trajectory.points.shape == (2, 6)
-    assert trajectory.source.notes == ("no titles: 6 numbers a line are taken as J1 to J6",)
+    assert texts(trajectory.source.notes) == ("no titles: 6 numbers a line are read as J1 to J6",)
 
 
 def test_columns_are_told() -> None:
@@ -85,8 +87,8 @@ def test_a_log_gives_commanded_values(titles: list[str]) -> None:
     first = titles.index("[J1 - 指令値]")
     assert trajectory.points[0].tolist() == list(range(first, first + 32, 4))
     assert trajectory.period == 0.008
-    assert trajectory.source.file_format == "control log, UTF-8"
-    assert "the counter grows by 8, which is taken as ms" in trajectory.source.notes
+    assert str(trajectory.source.file_format) == "control log, UTF-8"
+    assert "the counter grows by 8, which is read as ms" in texts(trajectory.source.notes)
 
 
 def test_the_commanded_position_of_a_long_log() -> None:
@@ -94,7 +96,7 @@ def test_the_commanded_position_of_a_long_log() -> None:
     assert trajectory.kind is PoseType.P
     assert trajectory.points[0].tolist() == list(range(40, 47))
     assert trajectory.period is None
-    assert "the counter counts records, not time" in trajectory.source.notes
+    assert "the counter counts records, not time" in texts(trajectory.source.notes)
 
 
 def test_a_counter_in_microseconds() -> None:
@@ -104,15 +106,18 @@ def test_a_counter_in_microseconds() -> None:
 
 def test_a_log_with_records_missing_is_taken_apart() -> None:
     parts = read(log([8, 16, 24, 80, 88]))
-    assert [(len(part), part.source.part) for part in parts] == [(3, "records 1 to 3"), (2, "records 4 to 5")]
-    assert all("records are missing" in part.source.notes[-2] for part in parts)
+    assert [(len(part), str(part.source.part)) for part in parts] == [
+        (3, "records 1 to 3"),
+        (2, "records 4 to 5"),
+    ]
+    assert all("records are missing" in texts(part.source.notes)[-2] for part in parts)
     assert parts[1].points[0, 0] == 0.03
 
 
 def test_axes_that_are_empty_are_left_out() -> None:
     (trajectory,) = read("J1,J2,J3\n1,2,\n3,4,\n")
     assert trajectory.points.shape == (2, 2)
-    assert trajectory.source.notes == ("J3 and on are empty",)
+    assert texts(trajectory.source.notes) == ("J3 and on are empty",)
 
 
 def test_nan_is_left_to_the_pre_flight() -> None:

@@ -10,7 +10,8 @@ import time
 
 import pytest
 
-from bcapscope.proxy.sockets import dropped_datagrams, keep_alive, os_error_text, prepare_datagrams
+from bcapscope.messages.os_errors import os_reason
+from bcapscope.proxy.sockets import dropped_datagrams, keep_alive, prepare_datagrams
 from bcapscope.transport.receive_timestamps import ANCILLARY_SIZE, kernel_timestamp, receive_function
 from tests.proxy.relaying import datagrams
 
@@ -39,7 +40,7 @@ def test_datagrams_have_times_and_lost_ones_are_counted() -> None:
     ],
 )
 def test_reasons(error: Exception, words: str) -> None:
-    assert os_error_text(error) == words
+    assert str(os_reason(error)) == words
 
 
 def test_a_peer_that_has_vanished_is_noticed_within_minutes() -> None:

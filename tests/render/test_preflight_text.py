@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from bcapscope.messages import Message
 from bcapscope.player.arm_limits import SIMULATED_ARM, UNKNOWN_ARM
 from bcapscope.player.preflight import run_preflight
 from bcapscope.player.trajectory import Column, TrajectorySource
@@ -27,13 +28,13 @@ def test_what_a_log_was_read_as() -> None:
     shown = list(source_lines(replace(trajectory, source=replace(trajectory.source, path="log.csv"))))
     assert shown[:4] == [
         "log.csv: control log, Shift-JIS (cp932)",
-        "  251 set points, J type, J1 to J8, one each 8 ms",
+        "  251 set points, J type, J1 to J8, one every 8 ms",
         "  J1       from column 1, [J1 - 指令値]                        in deg",
         "  J2       from column 5, [J2 - 指令値]                        in deg",
     ]
     assert shown[-2:] == [
         "  counter  from column 37, [コントローラ起動時からのカウンタ]",
-        "  the counter grows by 8, which is taken as ms",
+        "  the counter grows by 8, which is read as ms",
     ]
 
 
@@ -42,14 +43,17 @@ def test_several_to_choose_from() -> None:
         trajectory_line(number, each)
         for number, each in enumerate(read_trajectories(CAPTURES / "two-robots.pcapng"), 1)
     ]
-    assert lines[0] == "1: stay 1, 192.168.0.10:50001, mode not seen, 12 set points, J type, J1 to J8"
+    assert (
+        lines[0]
+        == "1: slave-mode session 1, 192.168.0.10:50001, mode not seen, 12 set points, J type, J1 to J8"
+    )
     assert trajectory_line(1, way([[1]])) == "1: all of it, 1 set point, J type, J1"
 
 
 def test_intervals() -> None:
-    assert "one each 8 ms" in list(source_lines(way([[1], [2]])))[1]
-    assert "interval not told" in list(source_lines(way([[1], [2]], period=None)))[1]
-    assert "with times that are not even" in list(source_lines(way([[1], [2]], period=None, times=[0, 1])))[1]
+    assert "one every 8 ms" in list(source_lines(way([[1], [2]])))[1]
+    assert "interval not given" in list(source_lines(way([[1], [2]], period=None)))[1]
+    assert "with uneven times" in list(source_lines(way([[1], [2]], period=None, times=[0, 1])))[1]
 
 
 def test_a_pre_flight_that_is_fit() -> None:
@@ -65,8 +69,8 @@ def test_a_pre_flight_that_is_not() -> None:
     preflight = run_preflight(way(swing(degrees=40), period=0.01), PERIOD, current_pose=(9.0,) * 8)
     shown = list(PreflightRenderer(width=80).lines(preflight))
     assert shown[shown.index("") + 1 :] == [
-        "error interval: the set points are 10 ms apart and slvMove goes each 8 ms,",
-        "  which would move the robot at 1.25 times the speed",
+        "error interval: the set points are 10 ms apart, and slvMove is sent every 8",
+        "  ms. The robot would move at 1.25 times the speed",
         "  what to do: resample it, which also gives it a smooth start and stop",
         "warning first-point: the first point is away from where the robot is: J1 -9",
         "  deg, J2 -9 deg, J3 -9 deg, J4 -9 deg, J5 -9 deg, J6 -9 deg (set point 1)",
@@ -119,7 +123,8 @@ def test_json_has_all_of_it() -> None:
 
 def test_hostile_strings_are_shown_as_what_they_are() -> None:
     columns = (Column("J1", 1, HOSTILE, "deg"), Column("time", 0, HOSTILE))
-    source = TrajectorySource(HOSTILE, HOSTILE, HOSTILE, columns, (HOSTILE,))
+    text = Message.from_table("text", HOSTILE)
+    source = TrajectorySource(HOSTILE, text, text, columns, (text,))
     trajectory = replace(way([[1], [2]]), source=source)
     shown = "".join((*source_lines(trajectory), trajectory_line(1, trajectory)))
     assert shown.isprintable()

@@ -286,7 +286,7 @@ def test_what_one_sender_sends_too_fast_is_thrown_away_and_counted(server: Simul
 
 
 def test_a_port_in_use_is_said(server: SimulatorServer) -> None:
-    with pytest.raises(SimulatorListenError, match=f"port {server.address[1]}: Address already in use"):
+    with pytest.raises(SimulatorListenError, match=f"port {server.address[1]}: address already in use"):
         SimulatorServer(Simulator(PROFILES["rc8"]), *server.address)
 
 

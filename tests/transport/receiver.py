@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import asyncio
 
+from bcapscope.messages import Message
+
 
 class Notes:
     """Collects what happens, and lets others wait for it."""
@@ -14,8 +16,8 @@ class Notes:
     def on_data(self, data: bytes) -> None:
         self.told.put_nowait(("received", data))
 
-    def on_send_error(self, text: str) -> None:
-        self.told.put_nowait(("trouble", text))
+    def on_send_error(self, reason: Message) -> None:
+        self.told.put_nowait(("trouble", str(reason)))
 
-    def on_link_lost(self, reason: str) -> None:
-        self.told.put_nowait(("lost", reason))
+    def on_link_lost(self, reason: Message) -> None:
+        self.told.put_nowait(("lost", str(reason)))

@@ -11,8 +11,8 @@ import click
 
 from bcapscope.client.action_log import ActionLog, LoggedConnection, default_folder
 from bcapscope.client.armed_call_logger import ArmedCallLogger
-from bcapscope.client.controller_target import os_error_text
 from bcapscope.live.standard_streams import print_stderr
+from bcapscope.messages.os_errors import os_reason
 from bcapscope.render.escape import printable
 
 
@@ -29,7 +29,7 @@ def log_armed_calls(program: str, connection: LoggedConnection) -> Iterator[Arme
 
 
 def _warn_log_unwritable(path: Path, error: OSError) -> None:
-    reason = os_error_text(error)
+    reason = os_reason(error)
     print_stderr(
         printable(f"bcapscope: cannot write the action log {path}: {reason}. Calls are sent without it.")
     )

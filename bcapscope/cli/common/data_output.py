@@ -11,6 +11,7 @@ import click
 
 from bcapscope.cli.common.exit_codes import ExitCode
 from bcapscope.live.standard_streams import discard_stdout
+from bcapscope.messages.os_errors import os_reason
 
 _BATCH_CHARACTERS = 256 * 1024  # write after this many characters, however few the lines
 
@@ -21,7 +22,7 @@ class StdoutWriteError(click.ClickException):
     exit_code = ExitCode.UNWRITABLE
 
     def __init__(self, error: OSError) -> None:
-        super().__init__(f"cannot write to standard output: {(error.strerror or str(error)).lower()}")
+        super().__init__(f"cannot write to standard output: {os_reason(error)}")
 
 
 class DataOutput:

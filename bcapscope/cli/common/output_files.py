@@ -10,6 +10,8 @@ from typing import Self
 import click
 
 from bcapscope.errors import FileWriteError
+from bcapscope.messages import Message
+from bcapscope.messages.os_errors import os_reason
 
 force_option = click.option("--force", is_flag=True, help="Overwrite existing files.")
 
@@ -26,10 +28,10 @@ def check_output_path(path: Path, overwrite: bool | None = None) -> None:
     """
     is_there = os.path.exists(path)  # Path.exists raises for a name that is too long
     if is_there and not path.is_file():
-        raise FileWriteError(path, "exists and is not a regular file. Choose another path")
+        raise FileWriteError(path, Message("file.not-regular"))
     if is_there and not overwrite:
-        hint = "Choose another path" if overwrite is None else "Add --force to overwrite it"
-        raise FileWriteError(path, f"exists already. {hint}")
+        case = "file.exists" if overwrite is None else "file.exists.force"
+        raise FileWriteError(path, Message(case))
 
 
 class AtomicFile:
@@ -57,7 +59,7 @@ class AtomicFile:
                 self._mode = "ab"
                 file.write(data)
         except OSError as error:
-            raise FileWriteError(self._path, _error_text(error)) from None
+            raise FileWriteError(self._path, os_reason(error)) from None
 
     def commit(self, path: Path | None = None, overwrite: bool = False) -> None:
         """Rename the file to its name, or to `path` in the same directory; call it after the last write.
@@ -70,7 +72,7 @@ class AtomicFile:
         try:
             self._temporary.replace(path)
         except OSError as error:
-            raise FileWriteError(path, _error_text(error)) from None
+            raise FileWriteError(path, os_reason(error)) from None
 
     def __enter__(self) -> Self:
         return self
@@ -82,7 +84,3 @@ class AtomicFile:
         """Remove the file unless it was committed."""
         with suppress(OSError):  # it was committed, or never created
             self._temporary.unlink()
-
-
-def _error_text(error: OSError) -> str:
-    return (error.strerror or str(error)).lower()

@@ -189,7 +189,7 @@ class PlayRunner:
         elif isinstance(message, ControllerInfo):
             self._check_trajectory(message)
         elif isinstance(message, RealtimeReport) and not self._plan.look_only:
-            self._output.print_line(message.text)
+            self._output.print_line(printable(str(message.text)))
         elif isinstance(message, PlayerProblem):
             for line in trouble_lines(message):
                 self._output.print_line(line)
@@ -211,7 +211,7 @@ class PlayRunner:
                     else "Ctrl-C: bring the robot to rest; twice: halt it at once"
                 )
             return "yes" if self._is_fit else "no"
-        self._output.print_line(printable(call_kind.text))
+        self._output.print_line(printable(str(call_kind.text)))
         if not self._can_prompt:
             return call_kind.choices[0]
         self._keys.stop()

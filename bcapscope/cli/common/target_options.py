@@ -13,10 +13,11 @@ from click.core import ParameterSource
 
 from bcapscope.cli.common import options
 from bcapscope.cli.common.exit_codes import ExitCode
-from bcapscope.client.controller_target import ControllerTarget, os_error_text, split_host_port
+from bcapscope.client.controller_target import ControllerTarget, split_host_port
 from bcapscope.client.retry_policies import DEFAULT_PORT, DEFAULT_RETRY_POLICIES
 from bcapscope.errors import BcapError, CallTimeout, ControllerError, FileWriteError
 from bcapscope.live.standard_streams import print_stderr
+from bcapscope.messages.os_errors import os_reason
 from bcapscope.protocol.number_parsing import parse_integer
 from bcapscope.protocol.retry.reserved_convention import ReservedConvention, client_conventions
 from bcapscope.protocol.text_format import shortened
@@ -170,7 +171,7 @@ def exit_on_failure(target: ControllerTarget) -> Iterator[None]:
     except CallTimeout as error:
         _exit_with(f"{target}: {error}", ExitCode.UNANSWERED)
     except OSError as error:
-        _exit_with(f"{target}: {os_error_text(error)}", ExitCode.UNANSWERED)
+        _exit_with(f"{target}: {os_reason(error)}", ExitCode.UNANSWERED)
     except BcapError as error:
         _exit_with(str(error), ExitCode.USAGE)
 

@@ -21,6 +21,7 @@ from collections.abc import Callable, Sequence
 from functools import lru_cache
 
 from bcapscope.errors import LocalProtocolError, TooLargeError
+from bcapscope.messages import Message
 from bcapscope.protocol.codec import frame_template as layouts
 from bcapscope.protocol.codec.arguments import Argument, Problem
 from bcapscope.protocol.codec.checksum import crc16
@@ -263,13 +264,15 @@ def encode_frame(
             SOH, length, serial, reserved, code, len(arguments)
         )
     except struct.error as error:
-        raise LocalProtocolError(f"serial {serial}, reserved {reserved}, code {code}: {error}") from error
+        raise LocalProtocolError(
+            Message("frame.bad-header", serial=serial, reserved=reserved, code=code, reason=str(error))
+        ) from error
     raw = header + packed + b"\x04"
     if framing is not _PLAIN:
         raw = _apply_framing(raw, framing, reserved)
         length = max(length, len(raw))
     if length > LARGEST_FRAME:
-        raise TooLargeError(f"a frame of {length} bytes, {LARGEST_FRAME} is the most")
+        raise TooLargeError(Message("frame.too-large", size=length, limit=LARGEST_FRAME))
     return raw
 
 
@@ -315,10 +318,10 @@ def _apply_framing(plain: bytes, framing: Framing, reserved: int) -> bytes:
         checked = (len(plain) + 2).to_bytes(4, "little") + numbers + inner
         return plain[:1] + checked + crc16(checked).to_bytes(2, "little") + plain[-1:]
     if reserved != 1:
-        raise LocalProtocolError(f"reserved {reserved}: it is 1 in the framing of version 1")
+        raise LocalProtocolError(Message("frame.version-1-reserved", reserved=reserved))
     body = inner + b"\x00"
     if framing is Framing.VERSION_1_ZLIB:
         if len(inner) > LARGEST_UNPACKED:
-            raise TooLargeError(f"a compressed frame of {len(inner)} bytes, {LARGEST_UNPACKED} is the most")
+            raise TooLargeError(Message("frame.too-large", size=len(inner), limit=LARGEST_UNPACKED))
         body = len(inner).to_bytes(4, "little") + zlib.compress(inner) + b"\x01"
     return plain[:1] + (10 + len(body)).to_bytes(4, "little") + numbers + body + plain[-1:]

@@ -15,6 +15,7 @@ from functools import lru_cache
 from typing import NamedTuple, TypeAlias
 
 from bcapscope.errors import LocalProtocolError
+from bcapscope.messages import Message
 
 
 class VT(IntEnum):
@@ -168,7 +169,9 @@ def _encode(variant: Variant, depth: int) -> bytes:
             return _TYPE_COUNT.pack(vt, elements) + _encode_array(vt & ~ARRAY, value, depth)
         return _TYPE_COUNT.pack(vt, elements) + _encode_scalar(vt, value)
     except (struct.error, TypeError, ValueError, OverflowError, AttributeError) as error:
-        raise LocalProtocolError(f"{reprlib.repr(variant)} cannot be packed: {error}") from error
+        raise LocalProtocolError(
+            Message("value.not-packed", value=reprlib.repr(variant), reason=str(error))
+        ) from error
 
 
 @lru_cache(maxsize=256)

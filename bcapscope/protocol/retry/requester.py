@@ -15,6 +15,7 @@ from itertools import chain
 from typing import NamedTuple, TypeAlias
 
 from bcapscope.errors import Attempt, AttemptEvent, LocalProtocolError, TooLargeError
+from bcapscope.messages import Message
 from bcapscope.protocol.codec.frame import (
     LARGEST_UDP_FRAME,
     Frame,
@@ -196,12 +197,16 @@ class Requester:
             LocalProtocolError: A call is in progress, or the arguments cannot be encoded. Nothing is sent.
         """
         if self.call_in_progress:
-            raise LocalProtocolError("a call is under way, and b-CAP takes one after the other")
+            raise LocalProtocolError(Message("call.one-at-a-time"))
         raw = encode_frame(0, 0, function_id, arguments)
         if self.datagrams and len(raw) > LARGEST_UDP_FRAME:
             raise TooLargeError(
-                f"{function_name(function_id)} would be a packet of {len(raw)} bytes, and UDP carries "
-                f"{LARGEST_UDP_FRAME}: connect over TCP, or send less"
+                Message(
+                    "call.too-large-for-udp",
+                    call=function_name(function_id),
+                    size=len(raw),
+                    limit=LARGEST_UDP_FRAME,
+                )
             )
         self._request_bytes = raw
         self._policy = policy if self.datagrams else policy._replace(retries=0)
@@ -229,10 +234,10 @@ class Requester:
                 (CallRefused if is_failure(item.code) else CallAnswered)(item, self._attempt_snapshots())
             )
 
-    def record_send_error(self, text: str, now: int) -> None:
+    def record_send_error(self, reason: Message, now: int) -> None:
         """Record the system's error for the newest attempt, such as a closed port; retries continue."""
         if self.call_in_progress:
-            self._open_attempts[-1].events.append(AttemptEvent(now, text))
+            self._open_attempts[-1].events.append(AttemptEvent(now, reason))
 
     def handle_timeout(self, now: int) -> None:
         """Send a retry, or end the call, if the deadline of the newest attempt has passed."""

@@ -15,6 +15,7 @@ from enum import Enum, Flag
 from itertools import takewhile
 
 from bcapscope.errors import TooLargeError
+from bcapscope.messages import Message
 from bcapscope.protocol.codec.frame import LARGEST_FRAME, Frame, encode_frame, with_serial_and_reserved
 from bcapscope.protocol.codec.variant import Variant
 from bcapscope.protocol.retry.reserved_convention import ReplyReserved, ReservedConvention
@@ -223,7 +224,7 @@ class Responder:
         assert call is not None, "no call is being executed"
         raw = encode_frame(call.newest, call.reserved if self._echoes_reserved else 0, code, arguments)
         if len(raw) > self._largest:
-            raise TooLargeError(f"an answer of {len(raw)} bytes, {self._largest} is the most")
+            raise TooLargeError(Message("reply.too-large", size=len(raw), limit=self._largest))
         call.answer = raw
         self._running = None
         if self._retries:

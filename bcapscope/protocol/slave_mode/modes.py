@@ -146,6 +146,14 @@ _KINDS: dict[Generation, dict[int, ModeKind]] = {
 _POSE_TYPES = {1: PoseType.P, 2: PoseType.J, 3: PoseType.T}
 
 
+def describe_mode(mode: SlaveMode) -> Message:
+    """Return the pose type of a mode and how the controller treats slvMove in it."""
+    behaviour = Message.from_table(f"slave-mode.{mode.kind.name.lower()}", _BEHAVIOURS[mode.kind].text)
+    if mode.pose_type is None:
+        return behaviour
+    return Message("slave-mode.described", pose=str(mode.pose_type), kind=str(mode.kind), behaviour=behaviour)
+
+
 def _make_mode(value: int, generation: Generation, kind: ModeKind, pose_type: PoseType | None) -> SlaveMode:
     behaviour = _BEHAVIOURS[kind]
     text = f"{pose_type} type, {kind}: {behaviour.text}" if pose_type else behaviour.text

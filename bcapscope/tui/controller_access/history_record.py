@@ -5,14 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from enum import StrEnum
 
-from bcapscope.client.controller_target import os_error_text
 from bcapscope.client.handle_table import ObjectHandle
 from bcapscope.errors import Attempt, BcapError
+from bcapscope.messages.os_errors import os_reason
 from bcapscope.protocol.codec.frame import Frame
 from bcapscope.protocol.codec.variant import Variant
 from bcapscope.protocol.tables.hresult import describe_hresult, hresult_name
 from bcapscope.traffic.observation import Direction, Observation
-from bcapscope.tui.words import say, told
+from bcapscope.tui.words import reader_words, say, told
 
 
 class RecordOutcome(StrEnum):
@@ -91,9 +91,8 @@ class HistoryRecord:
 
 def error_text(error: BcapError | OSError) -> str:
     """Return an error in one line; the record of a call shows the attempts of a time-out."""
-    if isinstance(error, OSError) and not isinstance(error, BcapError):
-        return told(os_error_text(error))
-    return told(str(error).partition("\n")[0])
+    reason = error.message if isinstance(error, BcapError) else os_reason(error)
+    return reader_words().text(reason).partition("\n")[0]
 
 
 def failure_text(record: HistoryRecord) -> str:

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 
 from msgspec import structs
 
+from bcapscope.messages import Message
 from bcapscope.player.player_messages import (
     ControllerInfo,
     PlayEnded,
@@ -41,7 +42,7 @@ class PlaybackRun:
         samples: Elapsed seconds, set point and returned pose, for the latest readings.
         peer: The controller; None until it is known.
         preflight: Pre-flight check against that controller; None until then.
-        readiness: Real-time settings that the system allows, as text.
+        readiness: Real-time settings that the system allows; None until they are known.
         troubles: What went wrong.
         question: Question of the player that waits for an answer; None without one.
         ended: How the run ended; None while it runs.
@@ -55,7 +56,7 @@ class PlaybackRun:
     )
     peer: ControllerInfo | None = None
     preflight: PreflightResult | None = None
-    readiness: str = ""
+    readiness: Message | None = None
     troubles: list[PlayerProblem] = field(default_factory=list)
     question: PlayerQuestion | None = None
     ended: PlayEnded | None = None

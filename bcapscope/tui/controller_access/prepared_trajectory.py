@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from bcapscope.client.controller_target import ControllerTarget
+from bcapscope.messages import Message
 from bcapscope.player.arm_limits import limits_for_arm, with_limits
 from bcapscope.player.player_messages import PlayPlan, SlaveModePacing
 from bcapscope.player.preflight import PreflightResult, run_preflight
@@ -16,7 +17,7 @@ from bcapscope.player.trajectory_reader import read_trajectories
 from bcapscope.protocol.slave_mode.modes import PERIOD_MS
 from bcapscope.render.color_palette import Palette
 from bcapscope.render.preflight_text import PreflightRenderer, source_lines, trajectory_line
-from bcapscope.tui.words import told
+from bcapscope.tui.words import reader_words
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,14 +63,14 @@ class PreparedTrajectory:
 
     def summary_lines(self, palette: Palette, width: int) -> Iterator[str]:
         """Yield how the file was read, its content, and problems with playing it."""
-        yield from source_lines(self.trajectory, told, width)
+        yield from source_lines(self.trajectory, reader_words(), width)
         if len(self.all_trajectories) > 1:
             yield from (
-                f"  {trajectory_line(number, each, told)}"
+                f"  {trajectory_line(number, each, reader_words())}"
                 for number, each in enumerate(self.all_trajectories, 1)
             )
         yield ""
-        yield from PreflightRenderer(palette, width, told).lines(self.preflight)
+        yield from PreflightRenderer(palette, width, reader_words()).lines(self.preflight)
 
     def make_plan(self, target: ControllerTarget, robot: str, armed: bool, record: Path) -> PlayPlan:
         """Return the plan for the player.
@@ -108,7 +109,7 @@ def prepare_trajectory(settings: PlaybackSettings, type_name: str) -> PreparedTr
     """
     found = read_trajectories(settings.path)
     if not 1 <= settings.index <= len(found):
-        raise TrajectoryError(f"there are {len(found)} trajectories, and none has number {settings.index}")
+        raise TrajectoryError(Message("trajectory.no-such-number", count=len(found), number=settings.index))
     trajectory = found[settings.index - 1]
     if settings.always_resample or settings.speed != 1:
         trajectory = resample(trajectory, settings.interval / 1000, speed=settings.speed)

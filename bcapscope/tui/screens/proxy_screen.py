@@ -38,7 +38,7 @@ from bcapscope.tui.widgets.lines import Lines
 from bcapscope.tui.widgets.packet_view import PacketView
 from bcapscope.tui.widgets.plain_containers import PlainVertical, Switcher
 from bcapscope.tui.widgets.view_bar import ViewBar
-from bcapscope.tui.words import say, told
+from bcapscope.tui.words import error_words, say, told
 
 POLL_INTERVAL = 0.5
 """Seconds between two queries of the proxy's state."""
@@ -155,7 +155,7 @@ class ProxyScreen(ViewsScreen):
         try:
             return ProxyStateRead(self._control_client.read_state())
         except BcapError as error:
-            return ProxyStateRead(None, str(error))
+            return ProxyStateRead(None, error_words(error))
 
     @work(thread=True, group="order")
     def _send_order(self, order: control.ControlRequest, done: Callable[[], None] = lambda: None) -> None:
@@ -164,10 +164,10 @@ class ProxyScreen(ViewsScreen):
             self._control_client.send_order(order)
             self.post_message(OrderDone(done))
         except ControlRefused as error:
-            text = say("proxy.refusal", reason=printable(told(str(error))))
+            text = say("proxy.refusal", reason=printable(error_words(error)))
             self.post_message(OrderDone(partial(app_of(self).show_message, text, "error")))
         except BcapError as error:
-            self.post_message(ProxyStateRead(None, str(error)))
+            self.post_message(ProxyStateRead(None, error_words(error)))
         self.post_message(self._read_state())
 
     def on_order_done(self, message: OrderDone) -> None:

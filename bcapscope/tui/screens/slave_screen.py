@@ -49,7 +49,7 @@ from bcapscope.tui.tester.file_picker import FilePicker
 from bcapscope.tui.tester.playback_view import PlaybackView
 from bcapscope.tui.tester.tick_box import TickBox
 from bcapscope.tui.widgets.inked_text import InkedText
-from bcapscope.tui.words import reader_words, say, told
+from bcapscope.tui.words import error_words, reader_words, say
 
 _MODE_NUMBERS = (0x001, 0x002, 0x003, 0x101, 0x102, 0x103, 0x201, 0x202, 0x203)
 _MODES: tuple[tuple[str, SlaveModePacing | int], ...] = (
@@ -176,7 +176,7 @@ class SlaveScreen(BaseScreen):
         try:
             ready = await asyncio.to_thread(prepare_trajectory, wish, self._session.status.identity.type_name)
         except ValueError as error:  # a problem with the file or the limits
-            self._show_report([f"{INK.bad}{printable(told(str(error)))}{INK.reset}"])
+            self._show_report([f"{INK.bad}{printable(error_words(error))}{INK.reset}"])
             return
         self._prepared = ready
         lines = list(ready.summary_lines(INK, self.query_one("#before").size.width - 2))
@@ -328,10 +328,10 @@ class SlaveScreen(BaseScreen):
         if question.topic is QuestionTopic.ARM and self._session.arming.is_armed(self._session.now()):
             self._player_slot.answer_question("yes")
             return
-        facts = [told(line) for trouble in run.troubles[-1:] for line in trouble_lines(trouble)]
+        facts = [line for each in run.troubles[-1:] for line in trouble_lines(each, reader_words())]
         if question.topic is not QuestionTopic.CLEAR:
-            facts = [] if run.peer is None else [controller_line(run.peer, told)]
-        facts += ["", printable(told(question.text))]
+            facts = [] if run.peer is None else [controller_line(run.peer, reader_words())]
+        facts += ["", printable(reader_words().text(question.text))]
         choices = question.choices
         self._question_dialog = ChoiceDialog(facts, choices)
         self.app.push_screen(
@@ -344,8 +344,8 @@ class SlaveScreen(BaseScreen):
             self._question_dialog.dismiss(None)  # the run has ended, and with it the question
         if run.preflight is not None and not run.preflight.is_playable:
             width = self.query_one("#before").size.width - 2
-            self._show_report(list(PreflightRenderer(INK, width, told).lines(run.preflight)))
-        self._show_state(f"{INK.name}{told(next(play_summary_lines(run.ended)))}")
+            self._show_report(list(PreflightRenderer(INK, width, reader_words()).lines(run.preflight)))
+        self._show_state(f"{INK.name}{next(play_summary_lines(run.ended, reader_words()))}")
 
     def _set_playing(self, playing: bool) -> None:
         self.query_one("#start", Button).disabled = playing or self._prepared is None

@@ -23,7 +23,7 @@ from bcapscope.tui.traffic_processes.traffic_feed import TrafficFeed
 from bcapscope.tui.widgets.checked_input import CheckedInput
 from bcapscope.tui.widgets.finding_page import FindingPage
 from bcapscope.tui.widgets.lines import Lines
-from bcapscope.tui.words import say, told
+from bcapscope.tui.words import error_words, say, told
 
 _FRAME_ACTIONS = frozenset({"filter", "partner", "call", "mark", "note", "clock", "goto", "follow"})
 _CLOCKS = (TimeFormat.RELATIVE, TimeFormat.DELTA, TimeFormat.UTC)
@@ -333,7 +333,7 @@ class TrafficScreen(TrafficViews):
         try:
             feed = TrafficFeed(path=path, ports=self.feed.job.ports)
         except TemporaryFolderError as error:
-            app_of(self).show_message(printable(told(str(error))), "error")
+            app_of(self).show_message(printable(error_words(error)), "error")
         else:
             self.replace_feed(feed, Path(path).name)
 

@@ -24,7 +24,7 @@ from bcapscope.tui.tester.saved_list import SavedList
 from bcapscope.tui.tester.tick_box import TickBox
 from bcapscope.tui.tester.watch_list import WatchList
 from bcapscope.tui.widgets.inked_text import InkedText
-from bcapscope.tui.words import say, told
+from bcapscope.tui.words import reader_words, say
 
 VIEWS = ("sent", "received", "history", "watch", "saved")
 """Names of the views, in their order."""
@@ -91,7 +91,7 @@ class PacketPane(Vertical):
             attempts = record.attempts
             start = attempts[0].sent if attempts else 0
             lines = [
-                f"{INK.dim}{number}{INK.reset} {printable(told(each.describe(start)))}"
+                f"{INK.dim}{number}{INK.reset} {printable(reader_words().text(each.describe(start)))}"
                 for number, each in enumerate(attempts, 1)
             ]
             if len(lines) > _MAX_ATTEMPT_LINES:

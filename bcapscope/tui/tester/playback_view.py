@@ -22,7 +22,7 @@ from bcapscope.render.slave_run_charts import (
 from bcapscope.tui.controller_access.playback_run import PlaybackRun
 from bcapscope.tui.ink import INK
 from bcapscope.tui.widgets.inked_text import InkedText
-from bcapscope.tui.words import reader_words, say, told
+from bcapscope.tui.words import reader_words, say
 
 _MIN_CHART_ROWS = 6
 """Minimum height of a chart in rows."""
@@ -90,7 +90,7 @@ class PlaybackView(Container, can_focus=True):
         progress = run.progress
         width = self.query_one("#figures").size.width
         if run.ended is not None:
-            yield from _wrapped_lines(play_summary_lines(run.ended), INK.name, width)
+            yield from _wrapped_lines(play_summary_lines(run.ended, reader_words()), INK.name, width)
             yield from _wrapped_lines(
                 [say("tester.recorded", path=printable(run.plan.record or ""))], INK.dim, width
             )
@@ -98,15 +98,15 @@ class PlaybackView(Container, can_focus=True):
             yield progress_bar(progress, max(1, width - 2), INK)
             yield from run_figure_lines(progress, run.buffer_margin, INK, reader_words())
         for trouble in run.troubles[-3:]:
-            yield from _wrapped_lines(trouble_lines(trouble), INK.bad, width)
+            yield from _wrapped_lines(trouble_lines(trouble, reader_words()), INK.bad, width)
         if progress is not None and progress.cycle:
             yield ""
             yield from cycle_histogram_lines(progress, INK)
-        if run.readiness:
-            yield from _wrapped_lines([run.readiness], INK.dim, width)
+        if run.readiness is not None:
+            yield from _wrapped_lines([printable(reader_words().text(run.readiness))], INK.dim, width)
 
 
 def _wrapped_lines(lines: Iterable[str], ink: str, width: int) -> Iterator[str]:
-    """Translate lines into the language of the labels, and wrap them."""
+    """Wrap lines."""
     for line in lines:
-        yield from (f"{ink}{part}{INK.reset}" for part in wrap_text(told(line.strip()), max(20, width - 2)))
+        yield from (f"{ink}{part}{INK.reset}" for part in wrap_text(line.strip(), max(20, width - 2)))

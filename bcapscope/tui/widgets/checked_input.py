@@ -10,8 +10,9 @@ from textual.containers import Horizontal, Vertical
 from textual.message import Message
 from textual.widgets import Input, Static
 
+from bcapscope.errors import BcapError
 from bcapscope.render.escape import printable
-from bcapscope.tui.words import told
+from bcapscope.tui.words import error_words, told
 
 
 class CheckedInput(Vertical):
@@ -85,7 +86,7 @@ class CheckedInput(Vertical):
         try:
             made = self._parse(text) if text else None
         except ValueError as wrong:
-            self._show_problem(str(wrong))
+            self._show_problem(error_words(wrong) if isinstance(wrong, BcapError) else str(wrong))
             return
         self._show_problem("")
         self.post_message(message(self, text, made))

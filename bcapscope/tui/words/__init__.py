@@ -12,6 +12,7 @@ from collections.abc import Mapping
 from functools import lru_cache
 from types import MappingProxyType
 
+from bcapscope.errors import BcapError
 from bcapscope.messages import Language, MessageFormatter, language_of
 from bcapscope.messages.message import PlaceValue
 from bcapscope.render.tongue import Tongue, english
@@ -79,6 +80,11 @@ def say(key: str, /, **values: PlaceValue) -> str:
 def reader_words() -> MessageFormatter:
     """Return the formatter in the language of all that is said."""
     return MessageFormatter(_Speaker.language)
+
+
+def error_words(error: Exception) -> str:
+    """Return an error in the language of the labels, as far as it carries a message."""
+    return reader_words().text(error.message) if isinstance(error, BcapError) else told(str(error))
 
 
 def told(sentence: str) -> str:

@@ -7,6 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bcapscope.errors import Attempt, AttemptEvent, LocalProtocolError
+from bcapscope.messages import Message
 from bcapscope.protocol.codec.frame import Frame, Malformed, encode_frame, parse_datagram
 from bcapscope.protocol.codec.variant import VT, Variant
 from bcapscope.protocol.retry.requester import (
@@ -25,6 +26,7 @@ from bcapscope.protocol.retry.reserved_convention import ReservedConvention
 from bcapscope.protocol.tables.hresult import E_HANDLE, S_BUF_FULL, S_EXECUTING, S_OK
 
 MS = 1_000_000
+_UNREACHABLE = Message("connection.link-closed")
 PACE = RetryPolicy(2 * MS, 3)
 _UDP = [ReservedConvention.SEED, ReservedConvention.OWN, ReservedConvention.CHAIN]
 
@@ -174,12 +176,10 @@ def test_what_nobody_asked_for_is_told() -> None:
 
 def test_what_the_system_says_is_kept_with_the_try() -> None:
     requester = _calling(pace=RetryPolicy(2 * MS, 0))
-    requester.record_send_error("port unreachable", MS)
+    requester.record_send_error(_UNREACHABLE, MS)
     requester.handle_timeout(2 * MS)
-    assert requester.drain_events() == [
-        CallTimedOut((Attempt(1, 0, 0, (AttemptEvent(MS, "port unreachable"),)),))
-    ]
-    requester.record_send_error("port unreachable", 3 * MS)
+    assert requester.drain_events() == [CallTimedOut((Attempt(1, 0, 0, (AttemptEvent(MS, _UNREACHABLE),)),))]
+    requester.record_send_error(_UNREACHABLE, 3 * MS)
     assert requester.drain_events() == []
 
 

@@ -12,26 +12,21 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bcapscope.client.object_opener import PROVIDER_ADVICE
-from bcapscope.errors import Attempt, CallTimeout, ControllerError
-from bcapscope.player.arm_limits import UNKNOWN_ARM, with_limits
+from bcapscope.messages import Language, MessageFormatter
 from bcapscope.player.lateness import Spread
 from bcapscope.player.player_messages import (
     ControllerInfo,
-    PlayCounts,
-    PlayEnded,
-    PlayOutcome,
+    PlayProgress,
+    PlayState,
 )
-from bcapscope.player.preflight import run_preflight
-from bcapscope.player.preflight_problem import PreflightProblem
 from bcapscope.protocol.codec.variant_notation import parse_variant
 from bcapscope.protocol.slave_mode.modes import MODES
 from bcapscope.protocol.tables.command_table import COMMAND_ROWS
-from bcapscope.render.play_text import controller_line, play_summary_lines
+from bcapscope.render.play_text import controller_line
+from bcapscope.render.slave_run_charts import run_figure_lines
 from bcapscope.tui import words
-from bcapscope.tui.words import PHRASES, told
+from bcapscope.tui.words import PHRASES, reader_words, told
 from bcapscope.tui.words.phrases import KINDS, LONGEST, Phrasebook
-from tests.player.ways import PERIOD, swing, way
 from tests.tui.words.english import left_over
 
 pytestmark = pytest.mark.usefixtures("speaking_japanese")
@@ -107,19 +102,9 @@ def test_books_do_not_disagree() -> None:
 
 
 def messages() -> Iterator[str]:
-    attempt = Attempt(5, 0, 0)
-    yield str(
-        ControllerError("Controller_Connect", 0x80070057, "E_INVALIDARG", f"not allowed; {PROVIDER_ADVICE}")
-    )
-    yield str(CallTimeout("Robot_Halt", (attempt,))).partition("\n")[0]
-    yield attempt.describe(0)
     for text in ("i2:x", "bool:2", "empty:1", "empty[]:1", "variant:1"):
         with pytest.raises(ValueError, match=r".") as raised:
             parse_variant(text)
-        yield str(raised.value)
-    for text in ("J1", "J1=a..b", "J1.speed=0", "J1=3..2", "J9=1..2", "J1.speed=x"):
-        with pytest.raises(ValueError, match=r".") as raised:
-            with_limits(UNKNOWN_ARM, [text])
         yield str(raised.value)
     yield from (mode.text for mode in MODES if mode.pose_type)
 
@@ -148,38 +133,21 @@ def test_what_else_the_tester_shows() -> None:
     assert [text for text in messages() if not is_japanese(text)] == []
 
 
-@pytest.mark.parametrize("outcome", PlayOutcome)
-def test_how_the_player_ended(outcome: PlayOutcome) -> None:
-    ended = PlayEnded(
-        outcome,
-        "stop was asked for",
-        Spread(),
-        Spread(),
-        PlayCounts(5, retries=1, late=2),
-        left=False,
-        retries_expected=True,
+def test_the_player_at_work() -> None:
+    progress = PlayProgress(PlayState.PLAYING, 50, 100, 0.4, 0.4, Spread(50, 1000, 2000, 3000, 4000))
+    assert all(
+        JAPANESE.search(line) for line in run_figure_lines(progress, (1, 8.0, 3.4), words=reader_words())
     )
-    assert [line for line in play_summary_lines(ended) if not is_japanese(line.strip())] == []
 
 
 def test_who_is_there_before_anything_moves() -> None:
     facts = {"type name": "VS-068, no answer", "type": "10", "version": "3.0.0"}
-    assert controller_line(ControllerInfo(False, "RC7", facts, 0x002, (0.0,), 0.0), told) == (
+    assert controller_line(
+        ControllerInfo(False, "RC7", facts, 0x002, (0.0,), 0.0), MessageFormatter(Language.JAPANESE)
+    ) == (
         "ロボットが動く可能性のあるコントローラ, RC7, 型式名 VS-068, no answer, 型式番号 10, "
         "バージョン 3.0.0; スレーブモード 0x002: J 型、Sync: slvMove は取り込まれたとき応答、遅れるとエラー"
     )
-
-
-def findings() -> Iterator[PreflightProblem]:
-    yield from run_preflight(way(swing(degrees=40)), PERIOD).problems
-    yield from run_preflight(way(swing(degrees=400)), PERIOD / 3, current_pose=[1.0] * 6, loop=True).problems
-    yield from run_preflight(way(swing(degrees=0)), PERIOD, with_limits(UNKNOWN_ARM, ["J1=1..2"])).problems
-
-
-@pytest.mark.parametrize("finding", list(findings()), ids=lambda finding: finding.check)
-def test_the_preflight(finding: PreflightProblem) -> None:
-    assert is_japanese(finding.sentence)
-    assert not finding.advice or is_japanese(finding.advice)
 
 
 WHOLE = Phrasebook(PHRASES)

@@ -20,6 +20,7 @@ from bcapscope.analysis.slave.slave_session import SlaveSession
 from bcapscope.analysis.statistics.call_statistics import StatisticsBuilder
 from bcapscope.capture.capture_file import CaptureFile
 from bcapscope.capture.packet_decoder import PacketDecoder
+from bcapscope.messages import Language, MessageFormatter
 from bcapscope.player.preflight import run_preflight
 from bcapscope.player.resampling import resample
 from bcapscope.player.trajectory import TrajectoryError
@@ -41,6 +42,8 @@ from tests.cli.run import CAPTURES
 from tests.render.scenes import ROBOT, observe
 from tests.tui.words.english import left_over, untold
 
+WORDS = MessageFormatter(Language.JAPANESE)
+
 pytestmark = pytest.mark.usefixtures("speaking_japanese")
 
 JAPANESE = re.compile("[ぁ-んァ-ヶ一-龥]")
@@ -48,25 +51,18 @@ JAPANESE = re.compile("[ぁ-んァ-ヶ一-龥]")
 RULES = [each.name for each in pkgutil.iter_modules(rules.__path__, f"{rules.__name__}.")]
 ROOMS = {
     "analysis": "finding_collector",
-    "capture": "byte_source capture_file growing_capture live_capture packet_decoder pcap pcapng",
-    "faults": "fault_effects fault_injector fault_notation quantities yaml_events",
-    "player": "capture_trajectories checks motion_checks player_process realtime resampling "
-    "robot_adapter set_point_timing trajectory_documents trajectory_reader trajectory_table "
-    "wincaps_project yaml_text",
+    "capture": "packet_decoder",
+    "faults": "fault_effects fault_injector fault_notation quantities",
     "protocol": "codec.arguments codec.frame_content codec.stream_splitter",
     "proxy": "control_api control_client intercept relay request_guard script_process script_queue "
     "session_closer silence_monitor tcp_session udp_listener",
-    "render": "frame_line preflight_text result_advice statistics_text",
+    "render": "frame_line result_advice statistics_text",
     "traffic": "filter.compiler filter.tokens",
 }
 MODULES = (*RULES, *(f"bcapscope.{room}.{name}" for room, names in ROOMS.items() for name in names.split()))
 """Those whose sentences a screen shows."""
 
 UNSEEN = {
-    "bcapscope.player.realtime": [
-        "` into /etc/security/limits.conf and log in again (`ulimit -r` then shows it), or run "
-        "`sudo setcap cap_sys_nice+ep "
-    ],  # is there, but for the command
     "bcapscope.protocol.codec.frame_content": ["serial line"],  # a name
     "bcapscope.proxy.request_guard": [
         "there is no function or command ",
@@ -143,7 +139,7 @@ def test_why_a_file_is_no_trajectory(name: str, tmp_path: Path) -> None:
     (tmp_path / name).write_bytes(FILES[name])
     with pytest.raises(TrajectoryError) as raised:
         read_trajectories(tmp_path / name)
-    assert JAPANESE.search(told(str(raised.value))), str(raised.value)
+    assert JAPANESE.search(WORDS.text(raised.value.message)), str(raised.value)
 
 
 def test_why_there_is_no_file_or_project(tmp_path: Path) -> None:
@@ -151,7 +147,7 @@ def test_why_there_is_no_file_or_project(tmp_path: Path) -> None:
     for path in (tmp_path, tmp_path / "none.csv", "\0"):
         with pytest.raises(TrajectoryError) as raised:
             read_trajectories(path)
-        assert JAPANESE.search(told(str(raised.value))), str(raised.value)
+        assert JAPANESE.search(WORDS.text(raised.value.message)), str(raised.value)
 
 
 @pytest.mark.parametrize(
@@ -167,7 +163,7 @@ def test_how_a_file_was_read_and_its_preflight(content: bytes, tmp_path: Path) -
     (tmp_path / "a.csv").write_bytes(content)
     (trajectory,) = read_trajectories(tmp_path / "a.csv")
     made = resample(trajectory, 0.008)
-    lines = [*source_lines(made, told), *PreflightRenderer(tongue=told).lines(run_preflight(made, 0.008))]
+    lines = [*source_lines(made, WORDS), *PreflightRenderer(words=WORDS).lines(run_preflight(made, 0.008))]
     checks = re.compile(r"^.*a\.csv|\b[a-z-]+:")  # the name of a check stays as it is
     assert {line: left for line in lines if (left := left_over(checks.sub("", line)))} == {}
 
