@@ -113,6 +113,7 @@ PHRASES: dict[str, str] = {
     "set points: {n} sent, {text}": "指令値: {n} 個送信、{text}",
     "each answered at its first try": "すべて最初の送信で応答",
     "{n} retries": "再送 {n}",
+    "{n} retry": "再送 {n}",
     "about three retries per set point are normal here: the reply waits for the controller's cycle of 8 ms, and the time-out is 2 ms": "ここでは指令値 1 個につき約 3 回の再送が正常です。応答はコントローラの 8 ms 周期を待ち、タイムアウトは 2 ms です",
     "{n} late reply": "遅れた応答 {n}",
     "{n} late replies": "遅れた応答 {n}",
