@@ -104,7 +104,7 @@ def test_a_closed_port_is_told_by_the_attempts() -> None:
     settled = run_blocking(exchanger.perform_call(19, (), QUICK))
     exchanger.close()
     assert isinstance(settled, CallTimedOut)
-    assert [arrival.description for arrival in settled.attempts[0].events] == ["connection refused"]
+    assert [str(arrival.description) for arrival in settled.attempts[0].events] == ["connection refused"]
 
 
 def test_a_stream_in_pieces_and_its_end() -> None:

@@ -4,6 +4,8 @@ PHRASES: dict[str, str] = {
     # frames
     "first byte is {word}, a frame begins with 01": "先頭のバイトが {word} です (フレームは 01 で始まります)",
     "there are no bytes, a frame begins with 01": "バイトがありません (フレームは 01 で始まります)",
+    "{n} byte": "{n} バイト",
+    "{n} bytes": "{n} バイト",
     "{n} byte, a frame has {n2} at least": "{n} バイトしかありません (フレームは {n2} バイト以上)",
     "{n} bytes, a frame has {n2} at least": "{n} バイトしかありません (フレームは {n2} バイト以上)",
     "length is {n}, there are {n2} bytes": "長さの値は {n} ですが、{n2} バイトあります",

@@ -84,6 +84,8 @@ PHRASES: dict[str, str] = {
     # the player at work
     "{n} retries": "再送 {n}",
     "{n} unanswered": "応答なし {n}",
+    "{n} retry": "再送 {n}",
+    "about three retries per set point are normal here: the reply waits for the controller's cycle of 8 ms, and the time-out is 2 ms": "ここでは指令値 1 個につき約 3 回の再送が正常です。応答はコントローラの 8 ms 周期を待ち、タイムアウトは 2 ms です",
     "{n} late reply": "遅れた応答 {n}",
     "{n} late replies": "遅れた応答 {n}",
     "connecting": "接続中",

@@ -151,4 +151,5 @@ PHRASES: dict[str, str] = {
     "nothing is within {name}": "{name} の範囲に値はありません",
     "{name} is no argument, such as arg[2][0]": "{name} は引数ではありません (例 arg[2][0])",
     "no JSON: {name}": "JSON ではありません: {name}",
+    "{clause} and {clause2}": "{clause}、{clause2}",
 }
