@@ -424,7 +424,7 @@ def _refusals(rows: Sequence[StatisticsRow]) -> Iterator[ReportTable]:
 
 
 def _damaged_row(each: DamagedFrame, start: int) -> list[object]:
-    reasons = "; ".join(problem.reason for problem in each.problems)
+    reasons = "; ".join(str(problem.reason) for problem in each.problems)
     missing = f"{counted(each.missing_bytes, 'byte')} missing in the capture" if each.missing_bytes else ""
     return [
         each.frame,

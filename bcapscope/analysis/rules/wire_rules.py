@@ -249,5 +249,5 @@ def _is_cut_by_closing(observation: Observation | FrameObservation, problems: Se
 
 
 def _problem_reasons(problems: Sequence[Problem]) -> str:
-    text = "; ".join(problem.reason for problem in problems)
+    text = "; ".join(str(problem.reason) for problem in problems)
     return text if len(text) <= _LONGEST_REASON else text[:_LONGEST_REASON] + "…"

@@ -11,6 +11,7 @@ import click
 from bcapscope.cli.common import options
 from bcapscope.cli.common.capture_reader import CaptureReader
 from bcapscope.live.standard_streams import choose_palette
+from bcapscope.messages import MessageFormatter
 from bcapscope.render.color_palette import Palette
 from bcapscope.traffic.filter.compiler import Filter
 from bcapscope.traffic.filter.field_table import RecordKind
@@ -26,6 +27,7 @@ class FigureArguments:
         window: length of a window in nanoseconds; None for the whole time.
         call_filter: selects calls; None for all.
         palette: colours of the text.
+        words: language of the text.
     """
 
     reader: CaptureReader
@@ -33,6 +35,7 @@ class FigureArguments:
     window: int | None
     call_filter: Filter | None
     palette: Palette
+    words: MessageFormatter
 
 
 def figure_command(json_help: str) -> Callable[[Callable[[FigureArguments], None]], Callable[..., None]]:
@@ -49,6 +52,7 @@ def figure_command(json_help: str) -> Callable[[Callable[[FigureArguments], None
         @options.window
         @options.filter_option(RecordKind.CALL)
         @options.color
+        @options.language
         @wraps(run)
         def command(
             *,
@@ -58,8 +62,11 @@ def figure_command(json_help: str) -> Callable[[Callable[[FigureArguments], None
             window: int | None,
             wanted: Filter | None,
             color: str,
+            words: MessageFormatter,
         ) -> None:
-            run(FigureArguments(CaptureReader(paths, ports), as_json, window, wanted, choose_palette(color)))
+            palette = choose_palette(color)
+            reader = CaptureReader(paths, ports, words=words)
+            run(FigureArguments(reader, as_json, window, wanted, palette, words))
 
         return command
 

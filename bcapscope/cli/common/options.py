@@ -126,7 +126,7 @@ def _words(context: click.Context, parameter: click.Parameter, value: str | None
 language = click.option(
     "--lang",
     "words",
-    type=click.Choice([*Language]),
+    type=click.Choice([each.value for each in Language]),
     callback=_words,
     help="Language of the text, en or ja. By default from LC_ALL, LC_MESSAGES or LANG. "
     "JSON and CSV stay English.",

@@ -135,11 +135,12 @@ class TrafficReader:
 
     def _load_diagnosis(self) -> RunningDiagnosis:
         if self._diagnosis is None:
-            from bcapscope.messages import Language  # noqa: PLC0415 - likewise
+            from bcapscope.messages import Language, MessageFormatter  # noqa: PLC0415 - likewise
             from bcapscope.tui.traffic_processes.running_diagnosis import RunningDiagnosis  # noqa: PLC0415 - see _buffer_until_loaded
             from bcapscope.tui.words import tongue  # noqa: PLC0415 - likewise
 
-            self._diagnosis = RunningDiagnosis(tongue(Language(self._job.language)))
+            language = Language(self._job.language)
+            self._diagnosis = RunningDiagnosis(MessageFormatter(language), tongue(language))
             for seen in self._undiagnosed:
                 self._on_observation(seen)
             self._undiagnosed.clear()

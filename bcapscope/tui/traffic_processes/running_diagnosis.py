@@ -6,7 +6,7 @@ from bcapscope.analysis.diagnosis import Diagnosis
 from bcapscope.analysis.finding import Finding, TrafficTotals
 from bcapscope.analysis.slave.slave_session import SlaveSession
 from bcapscope.analysis.statistics.call_statistics import StatisticsBuilder
-from bcapscope.messages import Language, MessageFormatter
+from bcapscope.messages import ENGLISH_WORDS, Language, MessageFormatter
 from bcapscope.render.escape import printable
 from bcapscope.render.finding_text import finding_sentence, words_for
 from bcapscope.render.slave_session_text import slave_session_lines
@@ -23,12 +23,14 @@ MAX_LINES = 20_000
 class RunningDiagnosis:
     """Collects calls; `snapshot` returns the analysis at any time."""
 
-    def __init__(self, tongue: Tongue = english) -> None:
+    def __init__(self, words: MessageFormatter = ENGLISH_WORDS, tongue: Tongue = english) -> None:
         """Start without calls.
 
         Args:
-            tongue: Language of the rendered lines; findings stay in English.
+            words: Language of the statistics.
+            tongue: Language of the lines about slave-mode sessions.
         """
+        self._words = words
         self._tongue = tongue
         self._diagnosis = Diagnosis(on_slave_session=self._on_slave_session)
         self._statistics = StatisticsBuilder()
@@ -53,7 +55,7 @@ class RunningDiagnosis:
         session_lines = self._slave_session_lines.copy()
         for session in self._diagnosis.remaining_sessions(ended):
             self._add_slave_session(session, session_lines)
-        lines = [] if statistics is None else list(statistics_lines(statistics, INK, self._tongue))
+        lines = [] if statistics is None else list(statistics_lines(statistics, INK, self._words))
         return TrafficAnalysis(findings, totals, session_lines, lines)
 
     def _on_slave_session(self, session: SlaveSession) -> None:

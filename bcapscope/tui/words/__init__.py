@@ -14,6 +14,7 @@ from types import MappingProxyType
 
 from bcapscope.messages import Language, MessageFormatter, language_of
 from bcapscope.messages.message import PlaceValue
+from bcapscope.protocol.tables.table_text import table_message
 from bcapscope.render.tongue import Tongue, english
 from bcapscope.tui.words import (
     calls,
@@ -81,6 +82,11 @@ def say(key: str, /, **values: PlaceValue) -> str:
 def reader_words() -> MessageFormatter:
     """Return the formatter in the language of all that is said."""
     return MessageFormatter(_Speaker.language)
+
+
+def table_text(english: str) -> str:
+    """Return a text of the protocol's tables."""
+    return reader_words().text(table_message(english))
 
 
 def told(sentence: str) -> str:

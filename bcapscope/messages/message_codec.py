@@ -1,0 +1,78 @@
+"""Messages as JSON, to send them to another process that shows them in the reader's language."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import fields
+from functools import cache
+from typing import cast
+
+import orjson
+
+from bcapscope.messages import places
+from bcapscope.messages.message import Json, Message, Place, PlaceValue
+
+
+def message_to_data(message: Message) -> dict[str, Json]:
+    """Return a message as objects and lists of JSON."""
+    data: dict[str, Json] = {"id": message.id}
+    if message.places:
+        data["places"] = {name: _to_data(value) for name, value in message.places.items()}
+    if message.english is not None:
+        data["english"] = message.english
+    return data
+
+
+def message_from_data(data: Mapping[str, Json]) -> Message:
+    """Return the message of `message_to_data`.
+
+    Raises:
+        KeyError, TypeError: The data is something else.
+    """
+    given = cast("Mapping[str, Json]", data.get("places", {}))
+    values = {name: cast("PlaceValue", _from_data(value)) for name, value in given.items()}
+    id, english = cast("str", data["id"]), cast("str | None", data.get("english"))
+    return Message(id, **values) if english is None else Message.from_table(id, english, **values)
+
+
+def encode_message(message: Message) -> bytes:
+    """Return a message as one line of JSON."""
+    return orjson.dumps(message_to_data(message))
+
+
+def decode_message(line: bytes) -> Message:
+    """Return the message of `encode_message`."""
+    return message_from_data(orjson.loads(line))
+
+
+def _to_data(value: object) -> Json:
+    if isinstance(value, Message):
+        return message_to_data(value)
+    if isinstance(value, Place):
+        return {
+            "type": value.type_name,
+            "fields": [_to_data(getattr(value, each.name)) for each in fields(value)],  # type: ignore[arg-type]
+        }
+    if isinstance(value, tuple):
+        return [_to_data(each) for each in value]
+    return cast("Json", value)
+
+
+def _from_data(data: Json) -> object:
+    if isinstance(data, list):
+        return tuple(map(_from_data, data))
+    if not isinstance(data, dict):
+        return data
+    if "id" in data:
+        return message_from_data(data)
+    kind = _place_types()[cast("str", data["type"])]
+    return kind(*map(_from_data, cast("list[Json]", data["fields"])))
+
+
+@cache
+def _place_types() -> dict[str, type[Place]]:
+    return {
+        each.type_name: each
+        for each in vars(places).values()
+        if isinstance(each, type) and issubclass(each, Place) and each is not Place
+    }
