@@ -66,3 +66,15 @@ def test_the_messages_of_extract_follow_the_language(tmp_path: Path) -> None:
 def test_the_environment_chooses_the_language(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("LC_ALL", "ja_JP.UTF-8")
     assert run_here("calls", RETRIES).out == run_here("calls", RETRIES, "--lang", "ja").out
+
+
+def test_a_report_is_in_the_language_of_its_reader(tmp_path: Path) -> None:
+    pages = {}
+    for language in ("en", "ja"):
+        path = tmp_path / f"{language}.html"
+        assert run_here("report", LOST, "-o", path, "--lang", language).code == 0
+        pages[language] = path.read_text("utf-8")
+    assert '<html lang="en"' in pages["en"]
+    assert '<html lang="ja"' in pages["ja"]
+    assert "検出事項" in pages["ja"]
+    assert "検出事項" not in pages["en"]
