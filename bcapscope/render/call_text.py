@@ -148,6 +148,8 @@ class CallRenderer:
 
     def _call_frames(self, call: Call) -> str:
         """Return the numbers of a call's frames: requests, then the replies behind an arrow."""
+        if call.is_plain and call.reply is not None:  # nearly all calls
+            return self._frames_text.format(call.request.number, call.reply.number)
         requests = ",".join(str(seen.number) for seen in call.attempts)
         replies = [*call.late_replies, *call.lost_replies, *([call.reply] if call.reply else [])]
         if not replies:

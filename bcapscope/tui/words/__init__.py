@@ -17,13 +17,10 @@ from bcapscope.messages.message import PlaceValue
 from bcapscope.protocol.tables.table_text import table_message
 from bcapscope.render.tongue import Tongue, english
 from bcapscope.tui.words import (
-    calls,
-    commands,
     figures,
     files,
     findings,
     frames,
-    meanings,
     preflight,
     reading,
     reasons,
@@ -35,13 +32,10 @@ from bcapscope.tui.words import (
 from bcapscope.tui.words.phrases import Phrasebook
 
 _BOOKS = (
-    calls,
-    commands,
     figures,
     files,
     findings,
     frames,
-    meanings,
     preflight,
     reading,
     reasons,
