@@ -13,6 +13,7 @@ from pathlib import Path
 import msgspec
 
 from bcapscope.capture.append_log import AppendLogReader, AppendLogWriter, CachedFileReader
+from bcapscope.messages.message_codec import decode_message, encode_message
 from bcapscope.protocol.codec.frame import Frame, Malformed, Problem
 from bcapscope.traffic.call_kind import CallKind
 from bcapscope.traffic.filter.getters import AnnotatedFrame
@@ -123,8 +124,10 @@ class ObservationStoreWriter:
 
 
 def _encode_rare_fields(missing: int, problems: Sequence[Problem], comments: Sequence[str]) -> bytes:
-    told = [(problem.offset, encode_text(problem.code), encode_text(problem.reason)) for problem in problems]
-    rest: _RareFields = (missing, told, [encode_text(comment) for comment in comments])
+    coded = [
+        (problem.offset, encode_text(problem.code), encode_message(problem.reason)) for problem in problems
+    ]
+    rest: _RareFields = (missing, coded, [encode_text(comment) for comment in comments])
     return _encode(rest)
 
 
@@ -203,5 +206,7 @@ class ObservationStore:
 
 def _decode_rare_fields(data: bytes) -> tuple[int, tuple[Problem, ...], tuple[str, ...]]:
     missing, problems, comments = _rare_fields_decoder.decode(data)
-    told = tuple(Problem(offset, decode_text(code), decode_text(reason)) for offset, code, reason in problems)
-    return missing, told, tuple(map(decode_text, comments))
+    decoded = tuple(
+        Problem(offset, decode_text(code), decode_message(reason)) for offset, code, reason in problems
+    )
+    return missing, decoded, tuple(map(decode_text, comments))

@@ -16,6 +16,7 @@ from bcapscope.capture.tcp_reassembly import read_segment
 from bcapscope.capture.udp_conversations import UdpConversations
 from bcapscope.capture.undecided_conversation import TimedItem
 from bcapscope.errors import CaptureError
+from bcapscope.messages import Message
 from bcapscope.protocol.codec.frame import EOT, SMALLEST_FRAME, SOH, Frame, Malformed, Problem
 from bcapscope.traffic.observation import Conversation, Flow, Observation
 
@@ -209,5 +210,5 @@ class PacketDecoder:
 
 def _truncation_problem(there: int, size: int, cut: bool) -> Problem:
     there, size = there - _UDP_HEADER_SIZE, size - _UDP_HEADER_SIZE
-    who = "the capture kept" if cut else "the packet holds"
-    return Problem(there, "cut", f"{who} {there} of the datagram's {size} bytes")
+    case = "problem.cut.by-capture" if cut else "problem.cut.in-packet"
+    return Problem(there, "cut", Message(case, kept=there, size=size))

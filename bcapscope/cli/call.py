@@ -22,6 +22,7 @@ from bcapscope.client.session import open_target_session
 from bcapscope.errors import CallTimeout
 from bcapscope.live.end_signals import run_interruptible
 from bcapscope.live.standard_streams import choose_palette, print_stderr
+from bcapscope.messages import MessageFormatter
 from bcapscope.protocol.codec.variant import Variant
 from bcapscope.protocol.retry.requester import CallRefused, CallTimedOut, RequesterOutcome
 from bcapscope.protocol.tables.command_catalogue import call_name
@@ -55,7 +56,7 @@ class _ScriptFile(click.File):
     short_help="Call functions of a controller.", context_settings={"ignore_unknown_options": True}
 )
 @target_options
-@click.argument("words", nargs=-1, metavar="[FUNCTION [ARG]...]", type=click.UNPROCESSED)
+@click.argument("typed", nargs=-1, metavar="[FUNCTION [ARG]...]", type=click.UNPROCESSED)
 @click.option(
     "-e",
     "--exec",
@@ -84,16 +85,18 @@ class _ScriptFile(click.File):
 @click.option("--hex", "dump", is_flag=True, help="Show a hex dump of each call's packets below it.")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object per call, with its reply.")
 @options.color
+@options.language
 def command(
     *,
     target: ControllerTarget,
-    words: tuple[str, ...],
+    typed: tuple[str, ...],
     more: tuple[str, ...],
     script: TextIO | None,
     arm: bool,
     dump: bool,
     as_json: bool,
     color: str,
+    words: MessageFormatter,
     **named: str | None,
 ) -> None:
     """Call functions of a controller, such as `Robot_Execute slvGetMode`.
@@ -112,7 +115,7 @@ def command(
     if dump and as_json:
         raise click.UsageError("--hex and --json exclude each other")
     reader = PlannedCallParser(target, named["variable"])
-    requests = [reader.parse(words)] if words else []
+    requests = [reader.parse(typed)] if typed else []
     requests += reader.parse_script(more)
     if script is not None:
         requests += reader.parse_script(iter(partial(script.readline, LONGEST_LINE + 1), ""))
@@ -120,7 +123,7 @@ def command(
         raise click.UsageError("no function given. Give FUNCTION, --exec or --script")
     names = {owner: given for owner in _NAMED if (given := _given_name(named, owner)) is not None}
     check_owners(requests, {*DEFAULT_OBJECT_NAMES, *names})
-    calls = _CallRunner(target, names, arm, _AnswerPrinter(dump, as_json, color))
+    calls = _CallRunner(target, names, arm, _AnswerPrinter(dump, as_json, color, words))
     with exit_on_failure(target):
         try:
             code = run_interruptible(calls.run(requests))
@@ -137,11 +140,12 @@ def _given_name(named: Mapping[str, str | None], owner: ObjectClass) -> str | No
 class _AnswerPrinter:
     """Prints replies, with the packets of the call below if wanted."""
 
-    def __init__(self, dump: bool, as_json: bool, color: str) -> None:
+    def __init__(self, dump: bool, as_json: bool, color: str, words: MessageFormatter) -> None:
         self._dump = dump
         self._as_json = as_json
         self._palette = choose_palette(color)
-        self._renderer = ReplyRenderer(self._palette)
+        self._words = words
+        self._renderer = ReplyRenderer(self._palette, words)
         self.packets: list[Observation] = []
 
     def print_answer(
@@ -170,7 +174,8 @@ class _AnswerPrinter:
     def _packet_lines(self) -> Iterator[str]:
         for seen in self.packets:
             sent = seen.flow.direction is Direction.REQUEST
-            yield f"  {'sent to' if sent else 'received from'} {seen.flow.dst if sent else seen.flow.src}"
+            peer = str(seen.flow.dst if sent else seen.flow.src)
+            yield f"  {self._words('call.packet.sent' if sent else 'call.packet.received', peer=peer)}"
             yield from (f"  {line}" for line in hexdump(seen.item.raw, palette=self._palette))
 
 

@@ -12,7 +12,8 @@ from bcapscope.cli.common import options
 from bcapscope.cli.common.call_reading import read_items
 from bcapscope.cli.common.capture_reader import CaptureReader
 from bcapscope.live.standard_streams import choose_palette, print_stderr
-from bcapscope.protocol.text_format import counted
+from bcapscope.messages import MessageFormatter
+from bcapscope.messages.places import Count
 from bcapscope.render.call_record import CallRecordRenderer
 from bcapscope.render.call_text import CallRenderer, session_text
 from bcapscope.render.timestamp import TimeFormat
@@ -35,6 +36,7 @@ _MAX_SESSIONS_LISTED = 8
 @options.filter_option(RecordKind.CALL)
 @options.time_format
 @options.color
+@options.language
 def command(
     *,
     paths: tuple[str, ...],
@@ -45,6 +47,7 @@ def command(
     wanted: Filter | None,
     clock: str,
     color: str,
+    words: MessageFormatter,
 ) -> None:
     """Show the calls in captures: each request with its retries, notices and reply.
 
@@ -56,19 +59,19 @@ def command(
     """
     if tree and as_json:
         raise click.UsageError("--tree and --json exclude each other")
-    reading = CaptureReader(paths, ports, interface)
+    reading = CaptureReader(paths, ports, interface, words=words)
     calls = _ShownCalls(reading, wanted)
     if as_json:
         lines: Iterable[str] | Iterable[bytes] = starmap(CallRecordRenderer().record, calls.calls())
     else:
-        renderer = CallRenderer(TimeFormat(clock), choose_palette(color))
+        renderer = CallRenderer(TimeFormat(clock), choose_palette(color), words=words)
         reading.on_first_time = renderer.set_time_origin
         lines = starmap(renderer.line, calls.all_items())
         if tree:
             lines = chain.from_iterable(starmap(renderer.tree, calls.all_items()))
     reading.output.write_lines(lines, reading.show_progress)
     reading.print_summary()
-    calls.print_summary()
+    calls.print_summary(words)
     sys.exit(reading.exit_code)
 
 
@@ -105,15 +108,13 @@ class _ShownCalls(PipelineSubscriber):
             if isinstance(item, Call):
                 yield item, subject
 
-    def print_summary(self) -> None:
+    def print_summary(self, words: MessageFormatter) -> None:
         """Print stray replies, and sessions that left objects behind, to stderr."""
         if self._stray_count:
-            count = counted(self._stray_count, "reply", "replies")
-            print_stderr(f"{count} to no open call; first: frame {self._first_stray}")
+            replies = Count(self._stray_count, "reply")
+            print_stderr(words("calls.strays", replies=replies, frame=self._first_stray))
         unclean = [session for session in self._handles.sessions() if not session.is_clean]
         for session in unclean[:_MAX_SESSIONS_LISTED]:
-            print_stderr(session_text(session))
+            print_stderr(session_text(session, words))
         if len(unclean) > _MAX_SESSIONS_LISTED:
-            print_stderr(
-                f"… and {len(unclean) - _MAX_SESSIONS_LISTED} more sessions that did not release everything"
-            )
+            print_stderr(words("calls.more-sessions", n=len(unclean) - _MAX_SESSIONS_LISTED))

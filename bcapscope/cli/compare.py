@@ -16,6 +16,7 @@ from bcapscope.cli.common.call_reading import read_to_end
 from bcapscope.cli.common.capture_reader import CaptureReader
 from bcapscope.cli.common.exit_codes import ExitCode
 from bcapscope.live.standard_streams import choose_palette, print_stderr
+from bcapscope.messages import MessageFormatter
 from bcapscope.render.comparison_text import comparison_lines, comparison_record
 from bcapscope.render.escape import printable
 from bcapscope.traffic.filter.compiler import Filter
@@ -33,8 +34,16 @@ _path = click.Path(allow_dash=True)
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
 @options.filter_option(RecordKind.CALL)
 @options.color
+@options.language
 def command(
-    *, good: str, bad: str, ports: tuple[int, ...], as_json: bool, wanted: Filter | None, color: str
+    *,
+    good: str,
+    bad: str,
+    ports: tuple[int, ...],
+    as_json: bool,
+    wanted: Filter | None,
+    color: str,
+    words: MessageFormatter,
 ) -> None:
     """Compare two captures by the figures of `stats` and `slave` and the findings of `diagnose`.
 
@@ -47,7 +56,7 @@ def command(
     """
     if good == bad == "-":
         raise click.UsageError("both captures are standard input (-): give a file for one of them")
-    readings = [CaptureReader([path], ports) for path in (good, bad)]
+    readings = [CaptureReader([path], ports, words=words) for path in (good, bad)]
     named = list(zip((good, bad), readings, strict=True))
     first, second = (_read_side(path, reading, wanted) for path, reading in named)
     for path, reading in named:
@@ -60,7 +69,7 @@ def command(
         if as_json:
             output.write_lines([comparison_record(found, first, second)], pause)
         else:
-            output.write_lines(comparison_lines(found, first, second, choose_palette(color)), pause)
+            output.write_lines(comparison_lines(found, first, second, choose_palette(color), words), pause)
     sys.exit(code)
 
 

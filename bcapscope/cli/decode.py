@@ -14,6 +14,7 @@ import click
 from bcapscope.cli.common import options
 from bcapscope.cli.common.capture_reader import CaptureReader
 from bcapscope.live.standard_streams import choose_palette
+from bcapscope.messages import MessageFormatter
 from bcapscope.render.color_palette import Palette
 from bcapscope.render.csv_table import CsvTableRenderer
 from bcapscope.render.frame_line import FrameLineRenderer
@@ -60,6 +61,7 @@ def _format_option(style: FrameFormat, text: str) -> Callable[[F], F]:
 @options.filter_option(RecordKind.FRAME)
 @options.time_format
 @options.color
+@options.language
 def command(
     *,
     paths: tuple[str, ...],
@@ -72,6 +74,7 @@ def command(
     wanted: Filter | None,
     clock: str,
     color: str,
+    words: MessageFormatter,
 ) -> None:
     """Decode the frames of captures, one line each.
 
@@ -91,7 +94,7 @@ def command(
         raise click.UsageError("--full has no effect without --tree: add --tree")
     if dump and style in (FrameFormat.CSV, FrameFormat.JSON):
         raise click.UsageError("--hex works with lines and --tree only: leave out --csv and --json")
-    reading = CaptureReader(paths, ports, interface, text)
+    reading = CaptureReader(paths, ports, interface, text, words)
     if style is FrameFormat.JSON:
         lines: Iterable[str] | Iterable[bytes] = _render_frames(reading, wanted, FrameRecordRenderer().record)
     elif style is FrameFormat.CSV:
@@ -100,12 +103,11 @@ def command(
         lines = chain([table.header()], rows)
     else:
         colors = choose_palette(color)
-        line = FrameLineRenderer(TimeFormat(clock), colors, brief=text is not None)
+        line = FrameLineRenderer(TimeFormat(clock), colors, brief=text is not None, words=words)
         reading.on_first_time = line.set_time_origin
         if style is FrameFormat.TREE:
-            lines = _with_details(
-                _frames_with_context(reading, wanted), line, FrameTreeRenderer(colors, full, dump).lines
-            )
+            tree = FrameTreeRenderer(colors, full, dump, words)
+            lines = _with_details(_frames_with_context(reading, wanted), line, tree.lines)
         elif dump:
             dumped = partial(_hexdump_lines, colors)
             lines = _with_details(_frames_with_context(reading, wanted), line, dumped)

@@ -50,7 +50,7 @@ def command(
 
     Exit codes: 0: everything was read, with or without findings; the others as for `decode`.
     """
-    reading = CaptureReader(paths, ports)
+    reading = CaptureReader(paths, ports, words=words)
     diagnosis = _diagnose(reading, wanted)
     findings, totals = diagnosis.findings(reading.ended_at), diagnosis.totals(reading.ended_at)
     if as_json:

@@ -23,7 +23,8 @@ from bcapscope.cli.common.exit_codes import ExitCode
 from bcapscope.cli.common.output_files import AtomicFile, check_output_path, force_option
 from bcapscope.live.end_signals import interrupt_on_end_signals
 from bcapscope.live.standard_streams import print_stderr
-from bcapscope.protocol.text_format import counted
+from bcapscope.messages import Message, MessageFormatter
+from bcapscope.messages.places import Count
 from bcapscope.render.escape import printable
 from bcapscope.render.trajectory_file import CsvTrajectoryWriter, JsonTrajectoryWriter
 from bcapscope.traffic.filter.compiler import Filter
@@ -52,6 +53,7 @@ _WRITERS: dict[str, Callable[[CapturedTrajectory], TrajectoryWriter]] = {
 )
 @options.filter_option(RecordKind.CALL)
 @force_option
+@options.language
 def command(
     *,
     paths: tuple[str, ...],
@@ -60,6 +62,7 @@ def command(
     client: str | None,
     wanted: Filter | None,
     force: bool,
+    words: MessageFormatter,
 ) -> None:
     """Write the set points of slave mode (slvMove) with the poses that the controller returned.
 
@@ -79,8 +82,8 @@ def command(
             f"{printable(str(output))} does not end in .csv or .json", param_hint="--output"
         )
     interrupt_on_end_signals()
-    files = _TrajectoryFiles(output, force)
-    reading = CaptureReader(paths, ports)
+    files = _TrajectoryFiles(output, force, words)
+    reading = CaptureReader(paths, ports, words=words)
     test = None if wanted is None else wanted.bind(CALL_GETTERS)
     trajectories = TrajectoryExtractor(test, None if client is None else _is_by_client(client))
     with files:
@@ -92,7 +95,7 @@ def command(
     for line in written:
         print_stderr(line)
     if trajectories.set_points or reading.exit_code is not ExitCode.UNREADABLE:
-        _print_left_out(trajectories, client, bool(written))
+        _print_left_out(trajectories, client, bool(written), words)
     sys.exit(reading.exit_code if written or reading.exit_code else ExitCode.NO_DATA)
 
 
@@ -106,17 +109,19 @@ def _read_pieces(reader: CaptureReader, trajectories: TrajectoryExtractor) -> It
     yield from trajectories.ready
 
 
-def _print_left_out(trajectories: TrajectoryExtractor, client: str | None, some: bool) -> None:
-    by_whom = "" if client is None else f" by {printable(client)}"
+def _print_left_out(
+    trajectories: TrajectoryExtractor, client: str | None, some: bool, words: MessageFormatter
+) -> None:
+    suffix, whose = ("", {}) if client is None else (".by-client", {"client": printable(client)})
     if not trajectories.set_points:
-        print_stderr(f"no set points (slvMove){by_whom} found, so no trajectory was written")
+        print_stderr(words(f"extract.no-set-points{suffix}", **whose))
         return
     reasons = [f"{count} {reason.message}" for reason, count in trajectories.left_out.items()]
     if reasons:
-        print_stderr(f"left out: {', '.join(reasons)}")
+        print_stderr(words("extract.left-out", reasons=words("list.comma").join(reasons)))
     if not some:
-        count = counted(trajectories.set_points, "set point")
-        print_stderr(f"{count}{by_whom} found, but none is part of a trajectory")
+        count = Count(trajectories.set_points, "set-point")
+        print_stderr(words(f"extract.no-trajectory{suffix}", set_points=count, **whose))
 
 
 class _TrajectoryFile(NamedTuple):
@@ -144,8 +149,9 @@ class _Tally:
 class _TrajectoryFiles(ExitStack):
     """The files of all sessions; a single file has no number, so names are decided at the end."""
 
-    def __init__(self, path: Path, overwrite: bool) -> None:
+    def __init__(self, path: Path, overwrite: bool, words: MessageFormatter) -> None:
         super().__init__()
+        self._words = words
         self._path = path
         self._overwrite = overwrite
         self._outputs: dict[int, _TrajectoryFile] = {}
@@ -166,7 +172,7 @@ class _TrajectoryFiles(ExitStack):
         for number, output in sorted(self._outputs.items()):
             path = self._name(number if several else None)
             output.file.commit(path, self._overwrite)
-            summaries.append(f"{printable(str(path))}: {_file_summary(output)}")
+            summaries.append(f"{printable(str(path))}: {self._words.text(_file_summary(output))}")
         return summaries
 
     def _open(self, trajectory: CapturedTrajectory) -> _TrajectoryFile:
@@ -183,12 +189,19 @@ class _TrajectoryFiles(ExitStack):
         return self._path if number is None else self._path.with_stem(f"{self._path.stem}-{number}")
 
 
-def _file_summary(output: _TrajectoryFile) -> str:
+def _file_summary(output: _TrajectoryFile) -> Message:
     trajectory, tally = output.trajectory, output.tally
     mode, conversation = trajectory.mode, trajectory.conversation
-    ends = printable(f"{conversation.client} > {conversation.server} {conversation.transport}")
-    seconds = (tally.last - trajectory.start) / 1e9
-    value = "mode not seen" if mode.value is None else f"mode 0x{mode.value:03X}"
-    missing = f", {tally.unanswered} without a reply" if tally.unanswered else ""
-    points = f"{counted(tally.points, 'set point')} in {seconds:.3f} s{missing}"
-    return f"{points}, {mode.pose_type} type, {value}, {ends}"
+    seconds = f"{(tally.last - trajectory.start) / 1e9:.3f}"
+    points = Message("extract.points", points=Count(tally.points, "set-point"), seconds=seconds)
+    if tally.unanswered:
+        points = Message("extract.points.unanswered", points=points, unanswered=tally.unanswered)
+    return Message(
+        "extract.file",
+        points=points,
+        pose=str(mode.pose_type),
+        mode=Message("extract.mode-unseen")
+        if mode.value is None
+        else Message("extract.mode", mode=f"0x{mode.value:03X}"),
+        ends=printable(f"{conversation.client} > {conversation.server} {conversation.transport}"),
+    )

@@ -23,6 +23,7 @@ from bcapscope.live.proxy_options import ProxyOptions, TrafficFormat, ViewOption
 from bcapscope.live.proxy_supervisor import ProxySupervisor
 from bcapscope.live.server_runner import reachability_text
 from bcapscope.live.standard_streams import print_stderr
+from bcapscope.messages import MessageFormatter
 from bcapscope.proxy.control_socket import ControlError
 from bcapscope.proxy.listener_spec import ListenerSpec, ListenerSpecError, parse_listener_specs
 from bcapscope.proxy.script_protocol import ScriptError
@@ -130,6 +131,7 @@ def _warn_no_low_latency(context: click.Context, parameter: click.Parameter, wan
 )
 @options.time_format
 @options.color
+@options.language
 @click.option("-q", "--quiet", is_flag=True, help="Do not show the traffic.")
 @rule_options
 @attended_option
@@ -151,6 +153,7 @@ def command(
     wanted: str,
     clock: str,
     color: str,
+    words: MessageFormatter,
     quiet: bool,
     rules: RuleOptions,
     attended: bool,
@@ -179,7 +182,7 @@ def command(
     if ring is not None and record is None:
         raise click.UsageError("--ring needs --record FILE.pcapng")
     shown = None if quiet else RecordKind.CALL if calls else RecordKind.FRAME
-    look = ViewOptions(shown, form or TrafficFormat.LINE, wanted, TimeFormat(clock))
+    look = ViewOptions(shown, form or TrafficFormat.LINE, wanted, TimeFormat(clock), words.language)
     try:
         listeners = parse_listener_specs(listen, to, transport, allow)
         look.compiled_filter()

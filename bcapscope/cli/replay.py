@@ -31,12 +31,13 @@ from bcapscope.errors import BcapError
 from bcapscope.live.end_signals import interrupt_on_end_signals
 from bcapscope.live.server_runner import ServerRunner, reachability_text
 from bcapscope.live.standard_streams import choose_palette, print_stderr
+from bcapscope.messages import Message, MessageFormatter
+from bcapscope.messages.places import Count
 from bcapscope.player.arm_limits import SIMULATED_ARM, UNKNOWN_ARM, ArmLimits, with_limits
 from bcapscope.player.blocking_caller import BlockingCaller, FrameCallback, ignore_frame, run_blocking
 from bcapscope.player.channel import Channel, open_channel
 from bcapscope.player.realtime import realtime_priority
 from bcapscope.protocol.guard import needs_arming
-from bcapscope.protocol.text_format import counted
 from bcapscope.render.escape import printable
 from bcapscope.render.preflight_text import PreflightRenderer
 from bcapscope.render.replay_text import ReplayRenderer
@@ -114,6 +115,7 @@ _MAX_LISTED = 8
 @click.option("--json", "as_json", is_flag=True, help="As client: print one JSON object per call.")
 @click.option("-q", "--quiet", is_flag=True, help="Do not print calls; as client, print only differences.")
 @options.color
+@options.language
 def command(
     *,
     capture: str,
@@ -132,6 +134,7 @@ def command(
     as_json: bool,
     quiet: bool,
     color: str,
+    words: MessageFormatter,
 ) -> None:
     """Play one side of a recording: make the client's calls to HOST, or answer clients as the controller did.
 
@@ -156,9 +159,9 @@ def command(
         raise click.UsageError("--as client needs a controller: give HOST")
     if side == "server" and target.host:
         raise click.UsageError("--as server takes no HOST: leave it out. --listen sets the address")
-    script = _choose_script(CaptureReader([capture], ()), wanted, client)
+    script = _choose_script(CaptureReader([capture], (), words=words), wanted, client, words)
     if side == "server":
-        serving = ServerRunner(quiet=quiet, record=record)
+        serving = ServerRunner(quiet=quiet, record=record, words=words)
         standin = RecordedController(script, serving.log.on_call, delays=not no_delay)
         with exit_if_not_listening(), serving.listen(standin, listen, target.port) as server:
             host, port = server.address
@@ -167,12 +170,12 @@ def command(
                 f"{reachability_text(host)}"
             )
             serving.serve(server)
-        if not serving.close(_served_text(serving.log.call_count, standin.unknown_calls)):
+        if not serving.close(_served_text(serving.log.call_count, standin.unknown_calls, words)):
             sys.exit(ExitCode.UNWRITABLE)
         return
     flight = _PreflightCheck(script, limits, color, quiet)
     flight.check(UNKNOWN_ARM)
-    stage = _ReplayRunner(script, flight, keep_going, anywhere, _ReplayPrinter(as_json, quiet, color))
+    stage = _ReplayRunner(script, flight, keep_going, anywhere, _ReplayPrinter(as_json, quiet, color, words))
     with exit_on_failure(target):
         interrupt_on_end_signals()
         with realtime_priority():
@@ -180,13 +183,15 @@ def command(
         sys.exit(code)
 
 
-def _choose_script(reader: CaptureReader, wanted: Filter | None, client: str | None) -> ReplayScript:
+def _choose_script(
+    reader: CaptureReader, wanted: Filter | None, client: str | None, words: MessageFormatter
+) -> ReplayScript:
     scripts = scripts_of(read_filtered_calls(reader, wanted))
     reader.print_summary()
     if client is not None:
         scripts = tuple(script for script in scripts if client in _client_names(script))
     if not scripts:
-        print_stderr("no calls to play found")
+        print_stderr(words("replay.no-calls"))
         sys.exit(reader.exit_code or ExitCode.NO_DATA)
     if len(scripts) > 1:
         listed = ", ".join(
@@ -202,18 +207,20 @@ def _client_names(script: ReplayScript) -> tuple[str, str]:
     return printable(str(end)), printable(end.host)
 
 
-def _served_text(calls: int, unknown: int) -> str:
-    missing = f", {unknown} of them not in the recording" if unknown else ""
-    return f"{counted(calls, 'call')}{missing}"
+def _served_text(calls: int, unknown: int, words: MessageFormatter) -> str:
+    if unknown:
+        return words("replay.served.unknown", calls=Count(calls, "call"), unknown=unknown)
+    return words.plural("count.call", calls)
 
 
 class _ReplayPrinter:
     """Prints the result of each call."""
 
-    def __init__(self, as_json: bool, quiet: bool, color: str) -> None:
+    def __init__(self, as_json: bool, quiet: bool, color: str, words: MessageFormatter) -> None:
         self._as_json = as_json
         self._quiet = quiet
-        self._renderer = ReplayRenderer(choose_palette(color))
+        self.words = words
+        self._renderer = ReplayRenderer(choose_palette(color), words)
 
     def __call__(self, played: PlayedCall) -> None:
         if self._as_json:
@@ -312,10 +319,15 @@ class _ReplayRunner:
         return self._keep_going or not played.failed
 
     def _print_summary(self) -> None:
-        of = len(self._script.calls)
-        calls = counted(of, "call") if self._calls == of else f"{self._calls} of {counted(of, 'call')}"
-        result = "all as recorded" if not self._different else f"{self._different} with another result"
-        print_stderr(f"{calls} made, {result}; at most {self._most_late_ns / 1e6:.1f} ms later than recorded")
+        words, total = self._print_played.words, Count(len(self._script.calls), "call")
+        calls = Message("replay.calls.all", calls=total)
+        if self._calls != total.number:
+            calls = Message("replay.calls.some", made=self._calls, calls=total)
+        result = Message("replay.result.same")
+        if self._different:
+            result = Message("replay.result.differs", n=self._different)
+        late = f"{self._most_late_ns / 1e6:.1f}"
+        print_stderr(words("replay.summary", calls=calls, result=result, late=late))
 
 
 async def _is_simulator(target: ControllerTarget) -> bool:

@@ -17,6 +17,7 @@ from bcapscope.cli.common.exit_codes import ExitCode
 from bcapscope.cli.common.output_files import AtomicFile, check_output_path, force_option
 from bcapscope.live.end_signals import interrupt_on_end_signals
 from bcapscope.live.standard_streams import print_stderr
+from bcapscope.messages import MessageFormatter
 from bcapscope.traffic.filter.compiler import Filter
 from bcapscope.traffic.filter.field_table import RecordKind
 from bcapscope.traffic.filter.getters import CALL_GETTERS
@@ -31,8 +32,15 @@ _NEEDED = ("jinja2", "plotly")
 @options.ports
 @options.filter_option(RecordKind.CALL)
 @force_option
+@options.language
 def command(
-    *, paths: tuple[str, ...], output: Path, ports: tuple[int, ...], wanted: Filter | None, force: bool
+    *,
+    paths: tuple[str, ...],
+    output: Path,
+    ports: tuple[int, ...],
+    wanted: Filter | None,
+    force: bool,
+    words: MessageFormatter,
 ) -> None:
     """Write a report about captures: one HTML page that needs no network and no other file.
 
@@ -59,15 +67,14 @@ def command(
     to_stdout = str(output) == STDIN
     if not to_stdout:
         check_output_path(output, force)
-    reading = CaptureReader(paths, ports)
+    reading = CaptureReader(paths, ports, words=words)
     report_data = _read_report_data(reading, wanted)
     reading.print_summary()
     if report_data is None:
-        print_stderr("no b-CAP found, so no report was written")
+        print_stderr(words("report.no-bcap"))
         sys.exit(reading.exit_code or ExitCode.NO_DATA)
-    page = report_page(report_data, _capture_names(paths), __version__, _remarks(reading, wanted)).encode(
-        "utf-8"
-    )
+    names, remarks = _capture_names(paths, words), _remarks(reading, wanted, words)
+    page = report_page(report_data, names, __version__, remarks, words).encode()
     if to_stdout:
         reading.output.write_lines([page.removesuffix(b"\n")], reading.show_progress)
     else:
@@ -83,15 +90,15 @@ def _read_report_data(reader: CaptureReader, wanted: Filter | None) -> ReportDat
     return builder.report_data(reader.ended_at)
 
 
-def _capture_names(paths: Sequence[str]) -> list[str]:
+def _capture_names(paths: Sequence[str], words: MessageFormatter) -> list[str]:
     """Return the names of the captures without their folders, which are private to the user."""
-    return ["standard input" if path == STDIN else Path(path).name for path in paths]
+    return [words("reading.stdin") if path == STDIN else Path(path).name for path in paths]
 
 
-def _remarks(reader: CaptureReader, wanted: Filter | None) -> list[str]:
+def _remarks(reader: CaptureReader, wanted: Filter | None, words: MessageFormatter) -> list[str]:
     remarks = []
     if wanted is not None:
-        remarks.append(f"This page covers only calls that match this filter: {wanted.expression}")
+        remarks.append(words("report.filtered", filter=wanted.expression))
     if reader.exit_code is not ExitCode.OK:
-        remarks.append("A capture is damaged or incomplete. This page covers everything before the damage.")
+        remarks.append(words("report.incomplete"))
     return remarks

@@ -18,6 +18,7 @@ from bcapscope.cli.common.scenario_options import choose_scenario, list_scenario
 from bcapscope.cli.common.serving import exit_if_not_listening
 from bcapscope.live.server_runner import ServerRunner, reachability_text
 from bcapscope.live.standard_streams import print_stderr
+from bcapscope.messages import MessageFormatter
 from bcapscope.simulator.profile import PROFILES, NoArgument
 from bcapscope.simulator.scenario import ProfileName, Scenario, ServerDefect
 from bcapscope.simulator.scenario_runner import ScenarioRunner
@@ -100,6 +101,7 @@ _HELP = (
 )
 @click.option("-q", "--quiet", is_flag=True, help="Do not print the calls.")
 @attended_option
+@options.language
 def command(
     *,
     profile: str | None,
@@ -112,6 +114,7 @@ def command(
     record: str | None,
     quiet: bool,
     attended: bool,
+    words: MessageFormatter,
 ) -> None:
     """Simulate a DENSO controller: answer b-CAP clients over UDP and TCP until Ctrl-C.
 
@@ -126,7 +129,7 @@ def command(
     6: the recording cannot be written, or is incomplete.
     """
     played = _played_scenario(scenario, profile, defects, no_argument)
-    serving = ServerRunner(quiet=quiet, record=record)
+    serving = ServerRunner(quiet=quiet, record=record, words=words)
     now = time.monotonic_ns()
     start = played.initial_state(epoch=time.time_ns() - now)
     simulator = Simulator(played.controller_profile, start, now, serving.log.on_call)

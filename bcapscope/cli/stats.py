@@ -31,7 +31,9 @@ def command(arguments: FigureArguments) -> None:
         reading.output.write_lines(map(statistics_record, found), reading.show_progress)
     else:
         lines = (
-            line for statistics in found for line in (*statistics_lines(statistics, arguments.palette), "")
+            line
+            for statistics in found
+            for line in (*statistics_lines(statistics, arguments.palette, arguments.words), "")
         )
         reading.output.write_lines(lines, reading.show_progress)
     reading.print_summary()

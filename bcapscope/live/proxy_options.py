@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Protocol
 import msgspec
 
 from bcapscope.capture.rotating_recording import RotationLimits
+from bcapscope.messages import Language
 from bcapscope.render.timestamp import TimeFormat
 from bcapscope.traffic.filter.compiler import Filter, compile_filter
 from bcapscope.traffic.filter.field_table import RecordKind
@@ -67,12 +68,14 @@ class ViewOptions:
         form: Format of each.
         expression: Filter expression that chooses them; "" for all.
         time_format: Format of times.
+        language: Language of the text.
     """
 
     shown: RecordKind | None
     form: TrafficFormat = TrafficFormat.LINE
     expression: str = ""
     time_format: TimeFormat = TimeFormat.RELATIVE
+    language: Language = Language.ENGLISH
 
     def compiled_filter(self) -> Filter | None:
         """Compile the expression; None for all.

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import TypeAlias
 
 from bcapscope.live.proxy_options import TrafficFormat, ViewOptions
+from bcapscope.messages import MessageFormatter
 from bcapscope.render.call_record import CallRecordRenderer
 from bcapscope.render.call_text import CallRenderer
 from bcapscope.render.color_palette import Palette
@@ -27,7 +28,7 @@ class ProxyView:
 
     def __init__(self, options: ViewOptions, palette: Palette) -> None:
         """Prepare the renderers and the filter that the options call for."""
-        wanted = options.compiled_filter()
+        wanted, words = options.compiled_filter(), MessageFormatter(options.language)
         self._questions = RecentRequests()
         self._records = CallRecordRenderer()
         self._has_begun = False
@@ -36,13 +37,15 @@ class ProxyView:
         self._wants_frame: Callable[[AnnotatedFrame], bool] = lambda told: True
         self._wants_call: Callable[[Call], bool] = lambda call: True
         if options.shown is RecordKind.FRAME:
-            lines = FrameLineRenderer(options.time_format, palette)
+            lines = FrameLineRenderer(options.time_format, palette, words=words)
             self._set_time_origin: Callable[[int], None] = lines.set_time_origin
-            self._frame_renderer = _frame_renderer_for(options.form, lines, palette)
+            self._frame_renderer = _frame_renderer_for(
+                options.form, lines, FrameTreeRenderer(palette, words=words)
+            )
             if wanted is not None:
                 self._wants_frame = wanted.bind(FRAME_GETTERS)
         elif options.shown is RecordKind.CALL:
-            calls = CallRenderer(options.time_format, palette)
+            calls = CallRenderer(options.time_format, palette, words=words)
             self._set_time_origin = calls.set_time_origin
             self._call_renderer = _call_renderer_for(options.form, calls, self._records)
             if wanted is not None:
@@ -78,18 +81,17 @@ class ProxyView:
 
 
 def _frame_renderer_for(
-    form: TrafficFormat, line: FrameLineRenderer, palette: Palette
+    form: TrafficFormat, line: FrameLineRenderer, tree: FrameTreeRenderer
 ) -> Callable[[AnnotatedFrame], RenderedLines]:
     if form is TrafficFormat.JSON:
         record = FrameRecordRenderer().record
         return lambda told: iter((record(*told),))
     if form is TrafficFormat.LINE:
         return lambda told: iter((line.line(*told),))
-    tree = FrameTreeRenderer(palette, False, False).lines
 
     def lines(told: AnnotatedFrame) -> Iterator[str]:
         yield line.line(*told)
-        for detail in tree(told.observation, told.call_kind):
+        for detail in tree.lines(told.observation, told.call_kind):
             yield f"       {detail}"
         yield ""
 

@@ -16,6 +16,7 @@ from bcapscope.live.background_recorder import BackgroundRecorder
 from bcapscope.live.end_signals import end_signal_socket, interrupt_on_end_signals
 from bcapscope.live.recorder import Recorder
 from bcapscope.live.terminal_writer import TerminalWriter
+from bcapscope.messages import ENGLISH_WORDS, MessageFormatter
 from bcapscope.player.realtime import realtime_priority
 from bcapscope.render.simulator_log import call_log_line, refusal_line
 from bcapscope.simulator.call_executor import CallReport
@@ -45,16 +46,17 @@ class ServerRunner:
         print_message: Writes a message to stderr without blocking.
     """
 
-    def __init__(self, *, quiet: bool, record: str | None) -> None:
+    def __init__(self, *, quiet: bool, record: str | None, words: MessageFormatter = ENGLISH_WORDS) -> None:
         """Set up the output.
 
         Args:
             quiet: Print no line per call.
             record: File for the capture of the traffic. None for no capture.
+            words: Language of the call log.
         """
         self._terminal = TerminalWriter()
         self.print_message = self._terminal.write_message
-        self.log = ServerCallLog(not quiet, self._terminal)
+        self.log = ServerCallLog(not quiet, self._terminal, words)
         self._recording_path = record
         self._recorder: BackgroundRecorder | None = None
 
@@ -123,9 +125,10 @@ class ServerCallLog:
 
     _FLUSH_AFTER_NS = 20_000_000
 
-    def __init__(self, wanted: bool, terminal: TerminalWriter) -> None:
+    def __init__(self, wanted: bool, terminal: TerminalWriter, words: MessageFormatter) -> None:
         self.call_count = 0
         self._wanted = wanted
+        self._words = words
         self._terminal = terminal
         self._pending: list[tuple[Peer, CallReport] | str] = []
         self._lines: list[str] = []
@@ -160,5 +163,7 @@ class ServerCallLog:
 
     def _format_pending(self) -> None:
         if self._pending:
-            told, self._pending = self._pending, []
-            self._lines += [each if isinstance(each, str) else call_log_line(*each) for each in told]
+            pending, self._pending = self._pending, []
+            self._lines += [
+                each if isinstance(each, str) else call_log_line(*each, self._words) for each in pending
+            ]

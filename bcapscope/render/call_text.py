@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 
+from bcapscope.messages import ENGLISH_WORDS, Message, MessageFormatter
 from bcapscope.protocol.tables.function_table import FUNCTIONS, ObjectClass, function_name
 from bcapscope.protocol.tables.hresult import S_EXECUTING, describe_hresult, hresult_name, is_failure
-from bcapscope.protocol.text_format import counted, display_width
+from bcapscope.protocol.text_format import display_width
 from bcapscope.render.color_palette import PLAIN, Palette
 from bcapscope.render.escape import printable, quoted
 from bcapscope.render.line_template import LONGEST_STRING
 from bcapscope.render.timestamp import TimeFormat, timestamp_writer
-from bcapscope.render.tongue import Tongue, english
 from bcapscope.traffic.call import Call, CallFrame, FrameRole, StrayReply
 from bcapscope.traffic.call_kind import CallKind
 from bcapscope.traffic.call_verdict import CallVerdict, Outcome
@@ -35,7 +35,7 @@ class CallRenderer:
         time_format: TimeFormat = TimeFormat.RELATIVE,
         palette: Palette = PLAIN,
         write_endpoints: Callable[[Flow], str] | None = None,
-        tongue: Tongue = english,
+        words: MessageFormatter = ENGLISH_WORDS,
     ) -> None:
         """Choose the looks.
 
@@ -43,12 +43,18 @@ class CallRenderer:
             time_format: Format of the times, such as relative or absolute.
             palette: colours.
             write_endpoints: writes who spoke to whom, harmless; addresses and transport unless given.
-            tongue: of the words.
+            words: language of the reader.
         """
         self._write_endpoints = write_endpoints or _addresses
         self._write_time = timestamp_writer(time_format)
         self._palette = palette
-        self._tongue = tongue
+        self._words = words
+        # One line per call: what does not change is looked up once.
+        self._roles = {role: words(f"frame.role.{role.replace(' ', '-')}") for role in FrameRole}
+        self._labels = {name: words(f"call.label.{name}") for name in ("frame", "serial", "reserved", "at")}
+        self._frame_text = words("call.frame", requests="{0}")
+        self._frames_text = words("call.frames", requests="{0}", replies="{1}")
+        self._meanings: dict[int, str] = {}
 
     def set_time_origin(self, time: int) -> None:
         """Count relative times from `time`, not from the first line."""
@@ -72,8 +78,7 @@ class CallRenderer:
         )
         if call.latency is not None:
             text += f"  {color.number}{milliseconds(call.latency)} ms{color.reset}"
-        frames = self._tongue(call_frames_text(call))
-        return f"{text}{self._remarks_text(call)}  {color.dim}{frames}{color.reset}"
+        return f"{text}{self._remarks_text(call)}  {color.dim}{self._call_frames(call)}{color.reset}"
 
     def tree(self, call: Call | StrayReply, subject: TrackedObject | None = None) -> Iterator[str]:
         """Write the line of a call and under it every frame, with the time since the frame before."""
@@ -94,21 +99,21 @@ class CallRenderer:
             previous_time: when the frame before it was seen.
             call: whose it is.
         """
-        seen, color, tongue = event.observation, self._palette, self._tongue
-        role = tongue(event.role)
+        seen, color, labels = event.observation, self._palette, self._labels
+        role = self._roles[event.role]
         since, elapsed = seen.time - previous_time, seen.time - call.request.time
         frame = seen.item
         text = (
-            f"{role}{' ' * (_ROLE_WIDTH - display_width(role))} {tongue('frame')} {seen.number:<6}"
-            f" {tongue('serial')} {frame.serial:>5}  reserved {frame.reserved:>5}"
+            f"{role}{' ' * (_ROLE_WIDTH - display_width(role))} {labels['frame']} {seen.number:<6}"
+            f" {labels['serial']} {frame.serial:>5}  {labels['reserved']} {frame.reserved:>5}"
             f"  {color.number}+{milliseconds(since)} ms{color.reset}"
-            f" {tongue('at')} {milliseconds(elapsed)} ms"
+            f" {labels['at']} {milliseconds(elapsed)} ms"
         )
         if seen.flow.direction is Direction.RESPONSE:
             text += f"  {self._result_text(frame.code)}"
-        return text + (
-            f"  {color.problem}{tongue('discarded')}{color.reset}" if event.role is FrameRole.LATE else ""
-        )
+        if event.role is FrameRole.LATE:
+            text += f"  {color.problem}{self._words('call.discarded')}{color.reset}"
+        return text
 
     def _function_text(self, call_kind: CallKind) -> str:
         color = self._palette
@@ -123,42 +128,62 @@ class CallRenderer:
             return self._result_text(call.hresult)
         outcome = call.outcome
         shade = color.bad if outcome is Outcome.UNANSWERED else color.dim
-        return f"{shade}{self._tongue(CallVerdict[outcome.name])}{color.reset}"
+        return f"{shade}{self._verdict(CallVerdict[outcome.name])}{color.reset}"
 
     def _result_text(self, code: int) -> str:
         color = self._palette
         name = hresult_name(code)
         if is_failure(code):
-            return f"{color.bad}{name} ({self._tongue(describe_hresult(code).text)}){color.reset}"
+            return f"{color.bad}{name} ({self._meaning(code)}){color.reset}"
         return f"{color.dim if code == S_EXECUTING else color.good}{name}{color.reset}"
+
+    def _meaning(self, code: int) -> str:
+        text = self._meanings.get(code)
+        if text is None:
+            text = self._meanings[code] = self._words.text(describe_hresult(code).meaning)
+        return text
+
+    def _verdict(self, verdict: CallVerdict) -> str:
+        return self._words(f"call.verdict.{verdict.replace(' ', '-')}")
+
+    def _call_frames(self, call: Call) -> str:
+        """Return the numbers of a call's frames: requests, then the replies behind an arrow."""
+        if call.is_plain and call.reply is not None:  # nearly all calls
+            return self._frames_text.format(call.request.number, call.reply.number)
+        requests = ",".join(str(seen.number) for seen in call.attempts)
+        replies = [*call.late_replies, *call.lost_replies, *([call.reply] if call.reply else [])]
+        if not replies:
+            return self._frame_text.format(requests)
+        numbers = sorted(seen.number for seen in replies)
+        return self._frames_text.format(requests, ",".join(map(str, numbers)))
 
     def _remarks_text(self, call: Call) -> str:
         if call.is_plain:
             return ""
-        parts = []
+        parts, words = [], self._words
         if call.retries:
-            parts.append(counted(call.retries, "retry", "retries"))
+            parts.append(words.plural("count.retry", call.retries))
         if call.verdict not in _PLAIN_VERDICTS:
-            parts.append(str(call.verdict))
+            parts.append(self._verdict(call.verdict))
         if call.notices:
-            parts.append(f"{len(call.notices)} S_EXECUTING")
+            parts.append(words("call.notices", n=len(call.notices)))
         if call.duplicates:
-            parts.append(counted(len(call.duplicates), "duplicate"))
+            parts.append(words.plural("count.duplicate", len(call.duplicates)))
         if not call.first_attempt_seen:
-            parts.append("first try not seen")
+            parts.append(words("call.first-attempt-not-seen"))
         color = self._palette
-        return f"  {color.problem}{', '.join(map(self._tongue, parts))}{color.reset}" if parts else ""
+        return f"  {color.problem}{words('list.comma').join(parts)}{color.reset}" if parts else ""
 
     def _stray_line(self, stray: StrayReply) -> str:
         seen, color = stray.observation, self._palette
+        serial = seen.item.serial
         if stray.may_answer_evicted:
-            whose = "may answer a call that was not followed to the end"
+            what = self._words("call.stray.evicted", serial=serial)
         elif stray.call_number is None:
-            whose = "answers no request that was seen"
+            what = self._words("call.stray", serial=serial)
         else:
-            whose = f"too late for call {stray.call_number}"
-        what = self._tongue(f"reply with serial {seen.item.serial} {whose}")
-        frame = self._tongue(f"frame {seen.number}")
+            what = self._words("call.stray.late", serial=serial, call=stray.call_number)
+        frame = self._frame_text.format(seen.number)
         return (
             f"{'-':>6} {self._write_time(seen.time)} "
             f"{color.dim}{self._write_endpoints(seen.flow)}{color.reset}"
@@ -171,24 +196,30 @@ def _addresses(flow: Flow) -> str:
     return printable(f"{flow.src_text} > {flow.dst_text} {flow.conversation.transport}")
 
 
-def session_text(session: ServiceSession) -> str:
-    """Say how a session ended and what it left behind."""
+_SESSION_ENDINGS = {
+    SessionEnding.STOPPED: "session.ended.stopped",
+    SessionEnding.RESTARTED: "session.ended.restarted",
+}
+
+
+def session_text(session: ServiceSession, words: MessageFormatter = ENGLISH_WORDS) -> str:
+    """Return how a session ended and what it left behind."""
+    return printable(words.text(_session_message(session)))
+
+
+def _session_message(session: ServiceSession) -> Message:
     conversation = session.conversation
-    ending = {
-        SessionEnding.STOPPED: "ended by Service_Stop",
-        SessionEnding.RESTARTED: "begun anew without Service_Stop",
-    }
-    text = (
-        f"{conversation.client} > {conversation.server}: {ending.get(session.ending, 'no Service_Stop seen')}"
-    )
+    client, server = str(conversation.client), str(conversation.server)
+    end = Message(_SESSION_ENDINGS.get(session.ending, "session.ended.unseen"), client=client, server=server)
     if not session.unreleased:
-        return text
-    names = [
-        f"{thing.kind} {printable(thing.name[:LONGEST_STRING]) or thing.handle}"
-        for thing in session.unreleased[:_MAX_NAMED]
-    ]
-    more = len(session.unreleased) - len(names)
-    return f"{text}; not released: {', '.join(names)}{f' and {more} more' if more else ''}"
+        return end
+    objects = ", ".join(
+        f"{each.kind} {each.name[:LONGEST_STRING] or each.handle}" for each in session.unreleased[:_MAX_NAMED]
+    )
+    more = len(session.unreleased) - _MAX_NAMED
+    if more <= 0:
+        return Message("session.unreleased", end=end, objects=objects)
+    return Message("session.unreleased.more", end=end, objects=objects, more=more)
 
 
 def _subject_text(call: Call, subject: TrackedObject | None) -> str:
@@ -206,11 +237,3 @@ def _subject_text(call: Call, subject: TrackedObject | None) -> str:
 def milliseconds(nanoseconds: int) -> str:
     """Write a duration in milliseconds, to the microsecond."""
     return f"{nanoseconds / _MILLISECOND:.3f}"
-
-
-def call_frames_text(call: Call) -> str:
-    """Write the numbers of a call's frames: requests, then the replies behind an arrow."""
-    asked = ",".join(str(seen.number) for seen in call.attempts)
-    replies = [*call.late_replies, *call.lost_replies, *([call.reply] if call.reply else [])]
-    answered = ",".join(str(seen.number) for seen in sorted(replies, key=lambda seen: seen.number))
-    return f"frames {asked} > {answered}" if answered else f"frame {asked}"

@@ -5,30 +5,33 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from bcapscope.capture.capture_counts import CaptureCounts
-from bcapscope.protocol.text_format import counted
+from bcapscope.messages import ENGLISH_WORDS, Message, MessageFormatter
+from bcapscope.messages.places import Count
 
 
-def capture_counts_text(counts: CaptureCounts) -> str:
-    """Say how many frames were found, and what else was met."""
-    return f"{counted(counts.frames, 'frame')} in {counted(counts.packets, 'packet')}" + "".join(
-        f"; {text}" for text in _problem_texts(counts)
+def capture_counts_text(counts: CaptureCounts, words: MessageFormatter = ENGLISH_WORDS) -> str:
+    """Return how many frames were found, and what else the packets held."""
+    return words("list.semicolon").join(map(words.text, _messages(counts)))
+
+
+def _messages(counts: CaptureCounts) -> Iterator[Message]:
+    yield Message(
+        "counts.frames", frames=Count(counts.frames, "frame"), packets=Count(counts.packets, "packet")
     )
-
-
-def _problem_texts(counts: CaptureCounts) -> Iterator[str]:
     if counts.malformed:
-        yield f"{counts.malformed} malformed"
+        yield Message("counts.malformed", n=counts.malformed)
     if counts.gaps:
-        yield f"{counted(counts.gaps, 'gap')} of {counted(counts.missing, 'byte')} in all"
-    if counts.not_bcap + counts.not_ip:
-        yield f"{counted(counts.not_bcap + counts.not_ip, 'packet')} of other protocols"
+        yield Message("counts.gaps", gaps=Count(counts.gaps, "gap"), missing=Count(counts.missing, "byte"))
+    foreign = counts.not_bcap + counts.not_ip
+    if foreign:
+        yield Message("counts.foreign", packets=Count(foreign, "packet"))
     if counts.cut:
-        yield f"{counted(counts.cut, 'packet')} cut short by the capture"
+        yield Message("counts.cut", packets=Count(counts.cut, "packet"))
     if counts.broken:
-        yield f"{counted(counts.broken, 'packet')} with damaged headers"
+        yield Message("counts.broken", packets=Count(counts.broken, "packet"))
     if counts.fragments_lost:
-        yield f"{counted(counts.fragments_lost, 'datagram')} with missing fragments"
+        yield Message("counts.fragments", datagrams=Count(counts.fragments_lost, "datagram"))
     if counts.contradictions:
-        yield f"{counted(counts.contradictions, 'TCP segment')} sent again with other bytes"
+        yield Message("counts.contradictions", segments=Count(counts.contradictions, "tcp-segment"))
     for link, count in sorted(counts.unknown_links.items()):
-        yield f"{counted(count, 'packet')} of link type {link}, which is not known here"
+        yield Message("counts.unknown-link", packets=Count(count, "packet"), link=link)

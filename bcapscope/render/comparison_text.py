@@ -16,9 +16,9 @@ from bcapscope.analysis.capture_comparison import (
 )
 from bcapscope.analysis.finding import Finding, Severity
 from bcapscope.analysis.statistics.call_statistics import OTHER_KINDS
-from bcapscope.messages import ENGLISH_WORDS
+from bcapscope.messages import ENGLISH_WORDS, MessageFormatter
+from bcapscope.messages.places import Count
 from bcapscope.protocol.tables.function_table import function_name
-from bcapscope.protocol.text_format import counted
 from bcapscope.render.color_palette import PLAIN, Palette
 from bcapscope.render.columns import align_columns, wrap_text
 from bcapscope.render.escape import printable
@@ -31,65 +31,52 @@ MAX_ROWS = 40
 """Rows of a table for people; JSON has all."""
 
 _WIDTH = 96
-_FIGURE_NAMES = {
-    "calls": "calls",
-    "calls_per_s": "calls",
-    "line_time_share": "line time",
-    "retried_share": "retried",
-    "late_replies_per_call": "late replies per call",
-    "refused_share": "refused",
-    "unanswered_share": "unanswered",
-    "not_followed_share": "not followed to the end",
-    "exit": "ended by",
-    "set_points": "set points",
-    "late_for_timeout_share": "late for the time-out",
-    "gaps": "gaps longer than the buffer lasts",
-    "predicted_underflows": "underflows by the model",
-    "reported_underflows": "underflows reported",
-    "reported_overflows": "overflows reported",
-    "retries_per_set_point": "retries per set point",
-}
 
 
 def comparison_lines(
-    comparison: CaptureComparison, good: ComparedCapture, bad: ComparedCapture, palette: Palette = PLAIN
+    comparison: CaptureComparison,
+    good: ComparedCapture,
+    bad: ComparedCapture,
+    palette: Palette = PLAIN,
+    words: MessageFormatter = ENGLISH_WORDS,
 ) -> Iterator[str]:
-    """Write what differs, notable things first.
+    """Yield the differences between two captures as text, notable ones first.
 
     Args:
         comparison: of the two.
         good: the first capture.
         bad: the second.
         palette: colours.
+        words: language of the reader.
     """
-    heads = [(name, printable(side.name), _size(side)) for name, side in (("good", good), ("bad", bad))]
+    sides = (("compare.good", good), ("compare.bad", bad))
+    heads = [(words(name), printable(side.name), _size(side, words)) for name, side in sides]
     yield from align_columns(heads, "<<<")
     if not comparison.is_notable:
-        yield from ("", f"{palette.good}nothing notable differs{palette.reset}")
-    yield from _captioned_lines("notable", _notable(comparison), palette)
-    yield from _captioned_lines("findings", _rule_lines(comparison.rules, good, bad, palette), palette)
-    yield from _captioned_lines(
-        f"asked only in {printable(good.name)}", _one_sided_rows(comparison.only_good), palette
-    )
-    yield from _captioned_lines(
-        f"asked only in {printable(bad.name)}", _one_sided_rows(comparison.only_bad), palette
-    )
+        yield from ("", f"{palette.good}{words('compare.nothing-notable')}{palette.reset}")
+    yield from _captioned_lines(words("compare.notable"), _notable(comparison, words), palette)
+    rules = _rule_lines(comparison.rules, good, bad, palette, words)
+    yield from _captioned_lines(words("compare.findings"), rules, palette)
+    for side, lone in ((good, comparison.only_good), (bad, comparison.only_bad)):
+        caption = words("compare.only-in", capture=printable(side.name))
+        yield from _captioned_lines(caption, _one_sided_rows(lone, words), palette)
     others = [each for each in comparison.differences if not each.notable]
-    yield from _captioned_lines("other differences", _rows(others), palette)
+    yield from _captioned_lines(words("compare.others"), _rows(others, words), palette)
 
 
-def _size(side: ComparedCapture) -> str:
+def _size(side: ComparedCapture, words: MessageFormatter) -> str:
     statistics = side.statistics
     if statistics is None:
-        return "no calls"
-    seconds = (statistics.end - statistics.start) / 1e9
+        return words("compare.no-calls")
+    seconds = f"{(statistics.end - statistics.start) / 1e9:.3f}"
+    calls = Count(statistics.total.figures.calls, "call")
     counts = {severity: 0 for severity in Severity}
     for finding in side.findings:
         counts[finding.severity] += 1
-    found = [counted(count, severity.value) for severity, count in counts.items() if count]
-    return f"{counted(statistics.total.figures.calls, 'call')} in {seconds:.3f} s; " + (
-        ", ".join(found) or "nothing found"
-    )
+    found = [words.plural(f"count.{severity.value}", count) for severity, count in counts.items() if count]
+    if not found:
+        return words("compare.size.no-findings", calls=calls, seconds=seconds)
+    return words("compare.size", calls=calls, seconds=seconds, findings=words("list.comma").join(found))
 
 
 def _captioned_lines(caption: str, lines: Iterable[str], palette: Palette) -> Iterator[str]:
@@ -100,26 +87,27 @@ def _captioned_lines(caption: str, lines: Iterable[str], palette: Palette) -> It
         yield from (f"  {line}" for line in lines)
 
 
-def _table(rows: Sequence[tuple[str, ...]], sides: str) -> Iterator[str]:
+def _table(rows: Sequence[tuple[str, ...]], sides: str, words: MessageFormatter) -> Iterator[str]:
     yield from align_columns(rows[:MAX_ROWS], sides)
     if len(rows) > MAX_ROWS:
-        yield f"… and {len(rows) - MAX_ROWS} more"
+        yield words("stats.more", n=len(rows) - MAX_ROWS)
 
 
-def _notable(comparison: CaptureComparison) -> Iterator[str]:
+def _notable(comparison: CaptureComparison, words: MessageFormatter) -> Iterator[str]:
     first, second = comparison.session_counts
     if first != second:
-        yield f"stays in slave mode: {first} → {second}"
-    yield from _rows([each for each in comparison.differences if each.notable])
+        yield words("compare.sessions", good=first, bad=second)
+    yield from _rows([each for each in comparison.differences if each.notable], words)
 
 
-def _rows(differences: Sequence[Difference]) -> Iterator[str]:
+def _rows(differences: Sequence[Difference], words: MessageFormatter) -> Iterator[str]:
     rows = []
     for each in differences:
-        good, bad = _value(each.figure, each.good), _value(each.figure, each.bad)
+        good, bad = _value(each.figure, each.good, words), _value(each.figure, each.bad, words)
         if good != bad:
-            rows.append((_subject(each.subject), _figure(each.figure), good, "→", bad, _ratio(each)))
-    return _table(rows, "<<><<<")
+            subject, figure = _subject(each.subject, words), _figure(each.figure, words)
+            rows.append((subject, figure, good, "→", bad, _ratio(each)))
+    return _table(rows, "<<><<<", words)
 
 
 def _ratio(each: Difference) -> str:
@@ -129,20 +117,24 @@ def _ratio(each: Difference) -> str:
     return f"× {ratio:.3g}" if ratio >= 1 else f"÷ {1 / ratio:.3g}"
 
 
-def _subject(subject: CallKind | int | None) -> str:
+def _subject(subject: CallKind | int | None, words: MessageFormatter) -> str:
     if subject is None:
-        return "all calls"
-    return f"slave mode, stay {subject}" if isinstance(subject, int) else call_kind_text(subject)
+        return words("compare.all-calls")
+    if isinstance(subject, int):
+        return words("compare.session", n=subject)
+    return call_kind_text(subject, words)
 
 
-def _figure(figure: str) -> str:
-    """Name a figure for people: `latency p99` for `latency_ms.p99`."""
-    return _FIGURE_NAMES.get(figure) or figure.replace("_ms.", " ")
+def _figure(figure: str, words: MessageFormatter) -> str:
+    """Return the name of a figure, such as `latency p99` for `latency_ms.p99`."""
+    name, _, statistic = figure.partition("_ms.")
+    text = words(f"compare.figure.{name.replace('_', '-')}")
+    return f"{text} {statistic}" if statistic else text
 
 
-def _value(figure: str, value: Value) -> str:
+def _value(figure: str, value: Value, words: MessageFormatter) -> str:
     if value is None:
-        return "none"
+        return words("compare.none")
     if isinstance(value, str):
         return value
     if figure.endswith("_share"):
@@ -155,19 +147,25 @@ def _value(figure: str, value: Value) -> str:
 
 
 def _rule_lines(
-    rules: Sequence[RuleDifference], good: ComparedCapture, bad: ComparedCapture, palette: Palette
+    rules: Sequence[RuleDifference],
+    good: ComparedCapture,
+    bad: ComparedCapture,
+    palette: Palette,
+    words: MessageFormatter,
 ) -> Iterator[str]:
     for each in rules:
         shade = palette.problem if each.severity is Severity.ERROR else palette.name
         counts = f"{len(each.good)} → {len(each.bad)}"
         side, findings = (bad, each.bad) if len(each.bad) > len(each.good) else (good, each.good)
-        sentence = finding_sentence(findings[0], words_for(ENGLISH_WORDS, side.totals))
-        yield f"{counts}  {shade}{each.severity}{palette.reset} {each.rule}"
+        sentence = finding_sentence(findings[0], words_for(words, side.totals))
+        severity = words(f"severity.{each.severity}")
+        yield f"{counts}  {shade}{severity}{palette.reset} {each.rule}"
         yield from (f"       {line}" for line in wrap_text(printable(sentence), _WIDTH))
 
 
-def _one_sided_rows(lone: Sequence[UnmatchedKind]) -> Iterator[str]:
-    return _table([(str(each.call_count), call_kind_text(each.call_kind)) for each in lone], "><")
+def _one_sided_rows(lone: Sequence[UnmatchedKind], words: MessageFormatter) -> Iterator[str]:
+    rows = [(str(each.call_count), call_kind_text(each.call_kind, words)) for each in lone]
+    return _table(rows, "><", words)
 
 
 def comparison_record(comparison: CaptureComparison, good: ComparedCapture, bad: ComparedCapture) -> bytes:

@@ -4,29 +4,30 @@ from __future__ import annotations
 
 from itertools import islice
 
+from bcapscope.messages import ENGLISH_WORDS, MessageFormatter
 from bcapscope.protocol.codec.variant import VT, Value, vt_name
 from bcapscope.protocol.dissection.frame_field import HRESULT, FrameField
 from bcapscope.protocol.tables.hresult import describe_hresult, hresult_name
-from bcapscope.protocol.text_format import counted
 from bcapscope.render.escape import quoted
 from bcapscope.render.number import currency_text, date_text, single_text
-from bcapscope.render.tongue import Tongue, english
 
 LONGEST_STRING = 60
 """Characters of a string that are shown unless all are asked for."""
 
 
-def value_text(value: Value, vt: int, longest: int | None = LONGEST_STRING, tongue: Tongue = english) -> str:
+def value_text(
+    value: Value, vt: int, longest: int | None = LONGEST_STRING, words: MessageFormatter = ENGLISH_WORDS
+) -> str:
     """Write one value; "" for none, for bytes and for arrays.
 
     Args:
         value: the value.
         vt: its type; the flag of an array is of no account.
         longest: characters of a string to show; None for all.
-        tongue: for the words.
+        words: language of the reader.
     """
     if isinstance(value, str):
-        return _string_text(value, longest, tongue)
+        return _string_text(value, longest, words)
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, float):
@@ -34,14 +35,14 @@ def value_text(value: Value, vt: int, longest: int | None = LONGEST_STRING, tong
     if not isinstance(value, int):
         return ""
     if vt == VT.CY:
-        return f"{value}, {tongue(f'as currency {currency_text(value)}')}"
+        return f"{value}, {words('field.currency', value=currency_text(value))}"
     return f"{value} {hresult_name(value)}" if vt == VT.ERROR else str(value)
 
 
-def _string_text(text: str, longest: int | None, tongue: Tongue) -> str:
+def _string_text(text: str, longest: int | None, words: MessageFormatter) -> str:
     if longest is None or len(text) <= longest:
         return quoted(text)
-    return f"{quoted(text[:longest])}… {tongue(f'{len(text) - longest} more characters')}"
+    return f"{quoted(text[:longest])}… {words.plural('count.more-character', len(text) - longest)}"
 
 
 def _float_text(value: float, vt: int) -> str:
@@ -51,44 +52,46 @@ def _float_text(value: float, vt: int) -> str:
     return f"{value!r}, {date}" if date else repr(value)
 
 
-def field_meaning(field: FrameField, longest: int | None = LONGEST_STRING, tongue: Tongue = english) -> str:
+def field_meaning(
+    field: FrameField, longest: int | None = LONGEST_STRING, words: MessageFormatter = ENGLISH_WORDS
+) -> str:
     """Say in one line what a field holds; "" where its name says all.
 
     Args:
         field: the field.
         longest: characters of a string to show; None for all.
-        tongue: for the words; what is from the wire, and names, are the same in any.
+        words: language of the reader; names and what is from the wire are the same in each.
     """
     text = (
-        _variant_meaning(field, longest, tongue)
+        _variant_meaning(field, longest, words)
         if field.vt is not None
-        else _frame_field_meaning(field, tongue)
+        else _frame_field_meaning(field, words)
     )
     if field.unit:
         text += f" {field.unit}"
-    return f"{text}, {tongue(field.text)}" if field.text and field.vt is not None else text
+    return f"{text}, {words.place_text(field.text, '')}" if field.text and field.vt is not None else text
 
 
-def _frame_field_meaning(field: FrameField, tongue: Tongue) -> str:
+def _frame_field_meaning(field: FrameField, words: MessageFormatter) -> str:
     """Describe one of the frame's own fields."""
     value = field.value
     if isinstance(value, bytes):
-        return tongue(counted(len(value), "byte")) + (f", {field.text}" if field.text else "")
+        return words.plural("count.byte", len(value)) + (f", {field.text}" if field.text else "")
     if field.name == "type" or value is None:
-        return field.text
+        return str(field.text)
     if field.name == HRESULT and isinstance(value, int):
-        return f"{field.text}, {tongue(describe_hresult(value).text)}"
+        return f"{field.text}, {words.text(describe_hresult(value).meaning)}"
     return f"{value} {field.text}".rstrip()
 
 
-def _variant_meaning(field: FrameField, longest: int | None, tongue: Tongue) -> str:
+def _variant_meaning(field: FrameField, longest: int | None, words: MessageFormatter) -> str:
     """Describe a value: with its type where the field holds all of a VARIANT, alone where only its data."""
     value, vt = field.value, field.vt or 0
-    text = value_text(value, vt, longest, tongue)
+    text = value_text(value, vt, longest, words)
     if isinstance(value, tuple):
-        text = tongue(counted(len(value), "element"))
+        text = words.plural("count.element", len(value))
     elif isinstance(value, bytes):
-        text = tongue(counted(len(value), "byte"))
+        text = words.plural("count.byte", len(value))
     if field.name == "data" and isinstance(value, str):
         return ""  # its characters come next
     has_type = any(child.name == "type" for child in islice(field.children, 2))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from functools import partial
 
+from bcapscope.messages import ENGLISH_WORDS, MessageFormatter
 from bcapscope.protocol.codec.arguments import Problem
 from bcapscope.protocol.codec.frame import Frame, Framing, Malformed
 from bcapscope.protocol.codec.frame_template import FrameTemplate, numbers_of_arguments
@@ -15,7 +16,6 @@ from bcapscope.render.color_palette import PLAIN, Palette
 from bcapscope.render.escape import printable
 from bcapscope.render.line_template import LONGEST_STRING, LineTemplate, LineTemplateBuilder
 from bcapscope.render.timestamp import TimeFormat, timestamp_writer
-from bcapscope.render.tongue import Tongue, english
 from bcapscope.traffic.call_kind import CallKind
 from bcapscope.traffic.observation import Direction, Flow, Observation
 
@@ -35,7 +35,7 @@ class FrameLineRenderer:
         palette: Palette = PLAIN,
         brief: bool = False,
         write_endpoints: Callable[[Flow], str] | None = None,
-        tongue: Tongue = english,
+        words: MessageFormatter = ENGLISH_WORDS,
     ) -> None:
         """Choose the looks.
 
@@ -44,12 +44,12 @@ class FrameLineRenderer:
             palette: colours.
             brief: leave problems and comments to `remarks`.
             write_endpoints: writes who spoke to whom, harmless; addresses, transport and kind unless given.
-            tongue: of the words.
+            words: language of the reader.
         """
         self._palette = palette
         self._write_endpoints = write_endpoints or _addresses
         self._is_brief = brief
-        self._tongue = tongue
+        self._words = words
         self._write_time = timestamp_writer(time_format)
         self._templates: dict[tuple[Flow, FrameTemplate, CallKind | None], LineTemplate] = {}
 
@@ -95,7 +95,7 @@ class FrameLineRenderer:
             yield f"{color.problem}!! {self._reason(problem)}{color.reset} (at {problem.offset})"
 
     def _reason(self, problem: Problem) -> str:
-        return printable(self._tongue(problem.reason))
+        return printable(self._words.text(problem.reason))
 
     def _make_template(self, key: tuple[Flow, FrameTemplate, CallKind | None], frame: Frame) -> LineTemplate:
         if len(self._templates) >= MAX_TEMPLATES:
@@ -129,7 +129,7 @@ class FrameLineRenderer:
         color = self._palette
         name = hresult_name(code)
         if is_failure(code):
-            return f" {color.bad}{name} ({self._tongue(describe_hresult(code).text)}){color.reset}"
+            return f" {color.bad}{name} ({self._words.text(describe_hresult(code).meaning)}){color.reset}"
         return f" {color.dim if code == S_EXECUTING else color.good}{name}{color.reset}"
 
     def _odd_template(self, flow: Flow, frame: Frame, call_kind: CallKind | None) -> LineTemplate:
@@ -147,7 +147,7 @@ class FrameLineRenderer:
         reasons = "; ".join(map(self._reason, item.problems))
         shown = item.raw[:MAX_RAW_BYTES].hex(" ")
         left = len(item.raw) - MAX_RAW_BYTES
-        more = f" … {self._tongue(f'{left} more bytes')}" if left > 0 else ""
+        more = f" … {self._words.plural('count.more-byte', left)}" if left > 0 else ""
         ends = self._endpoints_text(observation.flow).replace("%%", "%")
         head = f"{observation.number:>6} {self._write_time(observation.time)} {ends} {'-':>5} {'-':>5}"
         if self._is_brief:

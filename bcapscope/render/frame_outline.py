@@ -10,14 +10,13 @@ from enum import Enum
 from itertools import islice
 from typing import NamedTuple
 
-from bcapscope.messages import Message
+from bcapscope.messages import ENGLISH_WORDS, Message, MessageFormatter
 from bcapscope.protocol.codec.arguments import Problem
 from bcapscope.protocol.codec.frame import Malformed
 from bcapscope.protocol.dissection.frame_field import HRESULT, FrameField, envelope_fields, frame_fields
 from bcapscope.protocol.tables.hresult import describe_hresult, is_failure
 from bcapscope.render.escape import printable
 from bcapscope.render.field_meaning import LONGEST_STRING, field_meaning
-from bcapscope.render.tongue import Tongue, english
 from bcapscope.traffic.call_kind import CallKind
 from bcapscope.traffic.observation import Direction, Observation
 
@@ -62,12 +61,12 @@ class FrameSection(NamedTuple):
     """A run of bytes and the fields that stand in it.
 
     Attributes:
-        caption: what stands above it; "" for nothing.
+        caption: line above the bytes, if any.
         body: the bytes that the offsets of the fields mean.
         fields: its fields.
     """
 
-    caption: str
+    caption: Message | None
     body: bytes
     fields: tuple[FrameField, ...]
 
@@ -84,62 +83,66 @@ def frame_sections(observation: Observation, call_kind: CallKind | None) -> tupl
         # Of a hole in a stream there is nothing but the problem to show.
         size = len(item.raw)
         name, value = ("bytes", item.raw) if size else ("no bytes", None)
-        return (FrameSection("", item.raw, (FrameField(name, 0, size, value, problems=item.problems),)),)
+        return (FrameSection(None, item.raw, (FrameField(name, 0, size, value, problems=item.problems),)),)
     is_request = observation.flow.direction is Direction.REQUEST
     function_id, command = call_kind or (None, None)
     whole = frame_fields(item, is_request, function_id, command)
     wire = envelope_fields(item)
     if not wire:
-        return (FrameSection("", item.raw, whole),)
-    inner = FrameSection("unpacked, the first 9 bytes and EOT as above:", item.body, whole[4:-1])
-    return (FrameSection("", item.raw, wire), inner)
+        return (FrameSection(None, item.raw, whole),)
+    inner = FrameSection(Message("field.unpacked"), item.body, whole[4:-1])
+    return (FrameSection(None, item.raw, wire), inner)
 
 
-def field_rows(section: FrameSection, full: bool = False, tongue: Tongue = english) -> Iterator[FieldRow]:
+def field_rows(
+    section: FrameSection, full: bool = False, words: MessageFormatter = ENGLISH_WORDS
+) -> Iterator[FieldRow]:
     """Yield the rows of a section in the order of its bytes, lazily.
 
     Args:
         section: one of `frame_sections`.
         full: every character and every element, not only the first of many.
-        tongue: for what is said of a field; its name is the same in any.
+        words: language of the reader; names of fields are the same in each.
     """
     for field in section.fields:
-        yield from _rows_of_field(field, 0, full, tongue)
+        yield from _rows_of_field(field, 0, full, words)
 
 
-def _rows_of_field(field: FrameField, depth: int, full: bool, tongue: Tongue) -> Iterator[FieldRow]:
+def _rows_of_field(field: FrameField, depth: int, full: bool, words: MessageFormatter) -> Iterator[FieldRow]:
     kind = FieldRowKind.FIELD if field.children else FieldRowKind.LEAF
     failed = is_failure(field.value) if field.name == HRESULT and isinstance(field.value, int) else None
-    text = field_meaning(field, None if full else LONGEST_STRING, tongue)
+    text = field_meaning(field, None if full else LONGEST_STRING, words)
     yield FieldRow(kind, depth, field.start, field.stop, field.name, text, failed)
     if kind is FieldRowKind.LEAF:
-        yield from _rows_of_problems(field.start, field.stop, field.problems, depth, tongue)
-    yield from _rows_of_children(field, depth + 1, full, tongue)
+        yield from _rows_of_problems(field.start, field.stop, field.problems, depth, words)
+    yield from _rows_of_children(field, depth + 1, full, words)
     if failed is not None and isinstance(field.value, int):
         found = describe_hresult(field.value)
         for note in filter(None, (found.advice, Message("hresult.guess") if found.is_guess else None)):
-            yield FieldRow(FieldRowKind.NOTE, depth + 1, field.start, field.start, "", str(note))
+            yield FieldRow(FieldRowKind.NOTE, depth + 1, field.start, field.start, "", words.text(note))
 
 
-def _rows_of_children(field: FrameField, depth: int, full: bool, tongue: Tongue) -> Iterator[FieldRow]:
+def _rows_of_children(
+    field: FrameField, depth: int, full: bool, words: MessageFormatter
+) -> Iterator[FieldRow]:
     count = len(field.value) if isinstance(field.value, tuple) and field.name == "data" else 0
     if full or count <= MAX_ELEMENTS:
         for child in field.children:
-            yield from _rows_of_field(child, depth, full, tongue)
+            yield from _rows_of_field(child, depth, full, words)
         return
     start = field.start
     for child in islice(field.children, MAX_ELEMENTS):
-        yield from _rows_of_field(child, depth, full, tongue)
+        yield from _rows_of_field(child, depth, full, words)
         start = child.stop
-    more = f"… {tongue(f'{count - MAX_ELEMENTS} more')}"
+    more = words("field.more", n=count - MAX_ELEMENTS)
     yield FieldRow(FieldRowKind.LEAF, depth, start, field.stop, more, "")
     for problem in field.problems:
         if problem.offset >= start:
-            yield from _rows_of_problems(problem.offset, problem.offset + 1, (problem,), depth, tongue)
+            yield from _rows_of_problems(problem.offset, problem.offset + 1, (problem,), depth, words)
 
 
 def _rows_of_problems(
-    start: int, stop: int, problems: Iterable[Problem], depth: int, tongue: Tongue
+    start: int, stop: int, problems: Iterable[Problem], depth: int, words: MessageFormatter
 ) -> Iterator[FieldRow]:
     for problem in problems:
-        yield FieldRow(FieldRowKind.PROBLEM, depth, start, stop, "", tongue(printable(problem.reason)))
+        yield FieldRow(FieldRowKind.PROBLEM, depth, start, stop, "", printable(words.text(problem.reason)))

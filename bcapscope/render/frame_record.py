@@ -264,7 +264,7 @@ def _make_record_template(
 
 
 def _problems(problems: tuple[Problem, ...]) -> bytes:
-    return orjson.dumps([problem._asdict() for problem in problems])
+    return orjson.dumps([{**problem._asdict(), "reason": str(problem.reason)} for problem in problems])
 
 
 def _raw(raw: bytes) -> bytes:

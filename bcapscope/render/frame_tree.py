@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from bcapscope.messages import ENGLISH_WORDS, MessageFormatter
 from bcapscope.render.color_palette import PLAIN, Palette
 from bcapscope.render.frame_outline import FieldRow, FieldRowKind, FrameSection, field_rows, frame_sections
 from bcapscope.render.hexdump import Highlight, hexdump
@@ -24,17 +25,25 @@ class FrameTreeRenderer:
     Lines stay under 100 columns unless a text from the wire, or a reason, is longer.
     """
 
-    def __init__(self, palette: Palette = PLAIN, full: bool = False, dump: bool = False) -> None:
+    def __init__(
+        self,
+        palette: Palette = PLAIN,
+        full: bool = False,
+        dump: bool = False,
+        words: MessageFormatter = ENGLISH_WORDS,
+    ) -> None:
         """Choose what is shown.
 
         Args:
             palette: colours.
             full: every byte, every character and every element, not only the first of many.
             dump: a hexdump under each tree, with the bytes that have problems in the palette's style.
+            words: language of the reader.
         """
         self._palette = palette
         self._full = full
         self._dump = dump
+        self._words = words
 
     def lines(self, observation: Observation, call_kind: CallKind | None) -> Iterator[str]:
         """Write the tree of one item, line by line.
@@ -44,13 +53,13 @@ class FrameTreeRenderer:
             call_kind: for a reply, the request that it answers, where that was seen.
         """
         for section in frame_sections(observation, call_kind):
-            if section.caption:
-                yield f"{self._palette.dim}{section.caption}{self._palette.reset}"
+            if section.caption is not None:
+                yield f"{self._palette.dim}{self._words.text(section.caption)}{self._palette.reset}"
             yield from self._section(section)
 
     def _section(self, section: FrameSection) -> Iterator[str]:
         page = _TreeSection(self._palette, self._full, section.body)
-        for row in field_rows(section, self._full):
+        for row in field_rows(section, self._full, self._words):
             yield from page.row_lines(row)
         if self._dump and section.body:
             yield ""

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import orjson
 
+from bcapscope.messages import ENGLISH_WORDS, MessageFormatter
 from bcapscope.protocol.retry.requester import CallTimedOut
 from bcapscope.protocol.tables.command_catalogue import call_name
 from bcapscope.protocol.tables.function_table import function_name
@@ -22,9 +23,10 @@ if TYPE_CHECKING:  # what makes calls reads a clock, and nothing here does
 class ReplayRenderer:
     """Writes calls as they were answered now, and beside that what was recorded where it is another thing."""
 
-    def __init__(self, palette: Palette = PLAIN) -> None:
+    def __init__(self, palette: Palette = PLAIN, words: MessageFormatter = ENGLISH_WORDS) -> None:
         self._palette = palette
-        self._answers = ReplyRenderer(palette)
+        self._words = words
+        self._answers = ReplyRenderer(palette, words)
 
     def line(self, played: PlayedCall) -> str:
         """Write a line: number, call, result, values, time, and what differs from the recording."""
@@ -32,16 +34,19 @@ class ReplayRenderer:
         name = call_name(line.kind.function_id, played.arguments)
         number = f"{color.number}{line.number:>6}{color.reset} "
         if isinstance(played.result, CallTimedOut):
-            text = f"{color.name}{printable(name)}{color.reset}  {color.bad}no answer{color.reset}"
+            no_answer = self._words("replay.no-answer")
+            text = f"{color.name}{printable(name)}{color.reset}  {color.bad}{no_answer}{color.reset}"
         else:
             settled = played.result
             text = self._answers.line(
                 name, line.kind.function_id, settled.reply, settled.elapsed, settled.attempts
             )
         if played.differs:
-            return f"{number}{text}  {color.problem}recorded: {_recorded_text(line)}{color.reset}"
-        remark = f"  {color.dim}recorded: other values{color.reset}" if played.values_differ else ""
-        return f"{number}{text}{remark}"
+            recorded = self._words("replay.recorded", result=self._recorded_text(line))
+            return f"{number}{text}  {color.problem}{recorded}{color.reset}"
+        if played.values_differ:
+            text += f"  {color.dim}{self._words('replay.recorded.other-values')}{color.reset}"
+        return f"{number}{text}"
 
     def record(self, played: PlayedCall) -> bytes:
         """Write a JSON object."""
@@ -64,8 +69,7 @@ class ReplayRenderer:
             }
         )
 
-
-def _recorded_text(line: ScriptCall) -> str:
-    if line.hresult is None:
-        return "no answer"
-    return f"{hresult_name(line.hresult)}, {describe_hresult(line.hresult).text}"
+    def _recorded_text(self, line: ScriptCall) -> str:
+        if line.hresult is None:
+            return self._words("replay.no-answer")
+        return f"{hresult_name(line.hresult)}, {self._words.text(describe_hresult(line.hresult).meaning)}"

@@ -5,26 +5,26 @@ from __future__ import annotations
 from functools import partial
 
 from bcapscope.errors import Attempt
+from bcapscope.messages import ENGLISH_WORDS, MessageFormatter
+from bcapscope.messages.places import Count
 from bcapscope.protocol.codec.frame import Frame
 from bcapscope.protocol.codec.frame_template import numbers_of_arguments
 from bcapscope.protocol.tables.argument_names import result_param
 from bcapscope.protocol.tables.hresult import describe_hresult, hresult_name, is_failure
-from bcapscope.protocol.text_format import counted
 from bcapscope.render.color_palette import PLAIN, Palette
 from bcapscope.render.escape import printable
 from bcapscope.render.frame_record import FrameRecordRenderer
 from bcapscope.render.line_template import LineTemplateBuilder
-from bcapscope.render.tongue import Tongue, english
 from bcapscope.traffic.call_kind import CallKind
 from bcapscope.traffic.observation import Observation
 
 
 class ReplyRenderer:
-    """Writes answers, with the time that they took and the tries that were needed."""
+    """Writes answers, with the time that they took and the number of retries."""
 
-    def __init__(self, palette: Palette = PLAIN, tongue: Tongue = english) -> None:
+    def __init__(self, palette: Palette = PLAIN, words: MessageFormatter = ENGLISH_WORDS) -> None:
         self._palette = palette
-        self._tongue = tongue
+        self._words = words
         self._records = FrameRecordRenderer()
 
     def line(
@@ -36,24 +36,22 @@ class ReplyRenderer:
             name: of the call, such as `Robot_Execute slvMove`.
             function_id: of the call.
             reply: as it came.
-            took_ns: nanoseconds from the first try.
-            attempts: all tries.
+            took_ns: nanoseconds from the first attempt.
+            attempts: all attempts.
         """
         color = self._palette
         builder = LineTemplateBuilder(f"{color.name}{printable(name)}{color.reset} ".replace("%", "%%"))
         result = hresult_name(reply.code)
         if is_failure(reply.code):
-            builder.add_text(
-                f"{color.bad}{result} ({self._tongue(describe_hresult(reply.code).text)}){color.reset}"
-            )
+            meaning = self._words.text(describe_hresult(reply.code).meaning)
+            builder.add_text(f"{color.bad}{result} ({meaning}){color.reset}")
         else:
             builder.add_text(f"{color.good}{result}{color.reset}")
         builder.add_arguments(reply.arguments, partial(result_param, function_id))
         retries = len(attempts) - 1
         builder.add_text(f"  {color.dim}{took_ns / 1e6:.3f} ms{color.reset}")
         if retries:
-            tries = f"after {counted(retries, 'retry', 'retries')}"
-            builder.add_text(f" {self._tongue(tries)}")
+            builder.add_text(f" {self._words('call.after-retries', retries=Count(retries, 'retry'))}")
         return builder.build().fill((), numbers_of_arguments(reply.arguments))
 
     def record(

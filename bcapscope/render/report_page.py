@@ -17,13 +17,24 @@ from markupsafe import Markup
 from plotly.offline import get_plotlyjs
 
 from bcapscope.analysis.report_data import ReportData
-from bcapscope.protocol.text_format import counted
+from bcapscope.messages import ENGLISH_WORDS, MessageFormatter
+from bcapscope.messages.places import Count
 from bcapscope.render import report_calls, report_sections
 from bcapscope.render.escape import printable
 
+_LABELS = (
+    *("title", "skip", "theme", "auto", "light", "dark", "contents", "pictures", "findings", "follows-from"),
+    *("advice", "frame", "frames", "source", "no-finding", "session", "output", "no-script"),
+)
+"""Words of the template."""
+
 
 def report_page(
-    report_data: ReportData, captures: Sequence[str], version: str, remarks: Sequence[str] = ()
+    report_data: ReportData,
+    captures: Sequence[str],
+    version: str,
+    remarks: Sequence[str] = (),
+    words: MessageFormatter = ENGLISH_WORDS,
 ) -> str:
     """Write the page.
 
@@ -32,6 +43,7 @@ def report_page(
         captures: Names of the files.
         version: Version of bcapscope.
         remarks: Sentences about the reading of the captures, such as that one is damaged.
+        words: Language of the page; captions of pictures are English.
     """
     statistics, strays = report_data.statistics, report_data.stray_replies
     timeline = report_calls.timeline_picture(report_data) if report_data.timelines else None
@@ -44,18 +56,20 @@ def report_page(
     template = template_environment().get_template("report.html")
     return template.render(
         captures=", ".join(captures),
-        version=version,
+        footer=words("report.footer", version=version),
         remarks=remarks,
-        titles=_titles(report_data),
-        verdict=report_sections.overall_verdict(report_data),
-        period=report_sections.period_text(report_data),
-        tiles=report_sections.summary_tiles(report_data),
-        findings=report_sections.finding_views(report_data),
+        language=words.language.value,
+        label={name: words(f"report.label.{name}") for name in _LABELS},
+        titles=_titles(report_data, words),
+        verdict=report_sections.overall_verdict(report_data, words),
+        period=report_sections.period_text(report_data, words),
+        tiles=report_sections.summary_tiles(report_data, words),
+        findings=report_sections.finding_views(report_data, words),
         slave_sessions=report_sections.slave_session_table(report_data),
-        call_tables=list(report_sections.call_tables(report_data)),
-        verdicts=report_sections.verdict_table(report_data),
-        stray_replies=counted(strays, "reply", "replies") if strays else "",
-        damage=report_sections.damage_table(report_data),
+        call_tables=list(report_sections.call_tables(report_data, words)),
+        verdicts=report_sections.verdict_table(report_data, words),
+        stray_replies=words("report.strays", replies=Count(strays, "reply")) if strays else "",
+        damage=report_sections.damage_table(report_data, words),
         timeline=timeline,
         drawn_sessions=sessions,
         latencies=latencies,
@@ -79,21 +93,18 @@ def template_environment() -> Environment:
     )
 
 
-def _titles(report_data: ReportData) -> dict[str, str]:
+def _titles(report_data: ReportData, words: MessageFormatter) -> dict[str, str]:
     """Return the titles of the sections that have content."""
     titles = {
-        "summary": ("Summary", True),
-        "findings": ("Findings", True),
-        "timeline-section": ("Session timeline", report_data.timelines),
-        "slave": ("Slave mode", report_data.slave_sessions),
-        "calls": ("Calls", report_data.statistics is not None),
-        "retries": (
-            "Retries and lost replies",
-            report_data.verdicts or report_data.retry_chains or report_data.stray_replies,
-        ),
-        "damage": ("Damaged frames", report_data.damaged_frames),
+        "summary": True,
+        "findings": True,
+        "timeline-section": report_data.timelines,
+        "slave": report_data.slave_sessions,
+        "calls": report_data.statistics is not None,
+        "retries": report_data.verdicts or report_data.retry_chains or report_data.stray_replies,
+        "damage": report_data.damaged_frames,
     }
-    return {name: title for name, (title, present) in titles.items() if present}
+    return {name: words(f"report.title.{name}") for name, present in titles.items() if present}
 
 
 def _script_text(code: str) -> str:

@@ -10,17 +10,15 @@ from bcapscope.analysis.report_data import DamagedFrame, ReportData
 from bcapscope.analysis.slave.notable_set_points import SetPointFact
 from bcapscope.analysis.slave.slave_session import ExitReason, SlaveSession
 from bcapscope.analysis.statistics.call_statistics import OTHER_KINDS, CallFigures, StatisticsRow
-from bcapscope.messages import ENGLISH_WORDS
-from bcapscope.messages.places import Times, duration_text
+from bcapscope.messages import ENGLISH_WORDS, MessageFormatter
+from bcapscope.messages.places import Count, Duration, Times
 from bcapscope.protocol.tables.hresult import describe_hresult, hresult_name
-from bcapscope.protocol.text_format import counted
 from bcapscope.render import report_slave_sessions
 from bcapscope.render.finding_text import finding_sentence, words_for
 from bcapscope.render.report_figure import Picture
 from bcapscope.render.slave_session_text import slave_session_lines
 from bcapscope.render.statistics_text import call_kind_text
 from bcapscope.render.timestamp import utc_text
-from bcapscope.traffic.call_verdict import CallVerdict
 from bcapscope.traffic.observation import Conversation
 
 MAX_DRAWN = 6
@@ -33,6 +31,10 @@ MAX_SLOW = 10
 """Set points in the table of the slowest."""
 
 _DEEPEST = 4
+_FIGURE_COLUMNS = (
+    *("calls", "per-s", "line-time", "median", "p99", "longest"),
+    *("retried", "refused", "unanswered"),
+)
 _SIGNS = {Severity.ERROR: "✖", Severity.WARNING: "▲", Severity.NOTE: "●"}
 _EXIT_TEXTS = {
     ExitReason.LEFT: "left by slvChangeMode 0, as it should be",
@@ -44,17 +46,6 @@ _EXIT_TEXTS = {
     ExitReason.DISCONNECTED: "by the client's release or disconnection",
     ExitReason.SILENT: "the client sent no more set points, and did not leave slave mode",
     ExitReason.CAPTURE_ENDED: "the capture ended first",
-}
-_VERDICT_TEXTS = {
-    CallVerdict.UNANSWERED: "no reply to any try was seen, and the client went on",
-    CallVerdict.CAPTURE_ENDED: "no reply was seen before the capture ended",
-    CallVerdict.NOT_FOLLOWED: "more was open than is kept, so that nobody looked for its reply any more",
-    CallVerdict.EXECUTED_TWICE: "the controller did it more than once: replies differ, or handles "
-    "are missing",
-    CallVerdict.REPLY_LATE: "a reply came after the client had asked again or gone on, and was discarded",
-    CallVerdict.REPLY_LOST: "a reply was seen here, and the client asked again all the same",
-    CallVerdict.REQUEST_LOST: "the controller was at work on a later try and on none before",
-    CallVerdict.CANNOT_TELL: "asked again, and nothing seen here tells whether requests or replies were lost",
 }
 _GOOD_EXITS = (ExitReason.LEFT, ExitReason.CAPTURE_ENDED, ExitReason.CHANGED)
 
@@ -100,6 +91,7 @@ class FindingView(NamedTuple):
         finding: The finding.
         sentence: What happened.
         advice: What to do; "" for nothing.
+        severity: Name of its severity.
     """
 
     number: int
@@ -108,6 +100,7 @@ class FindingView(NamedTuple):
     finding: Finding
     sentence: str
     advice: str
+    severity: str
 
 
 class SlaveSessionView(NamedTuple):
@@ -128,50 +121,52 @@ class SlaveSessionView(NamedTuple):
     lines: Sequence[str]
 
 
-def summary_tiles(report_data: ReportData) -> list[tuple[str, str]]:
+def summary_tiles(report_data: ReportData, words: MessageFormatter) -> list[tuple[str, str]]:
     """Return names and values of the main figures."""
     seen, statistics = report_data.totals, report_data.statistics
     tiles = [("frames", f"{seen.frames:,}"), ("calls", f"{seen.calls:,}"), ("clients", f"{seen.clients:,}")]
-    tiles.append(("lasting", duration_text(report_data.end - report_data.start)))
+    tiles.append(("lasting", Duration(report_data.end - report_data.start).text(words)))
     if statistics is not None:
         total = statistics.total.figures
         tiles += [
-            ("calls sent again", f"{total.retried_calls:,}"),
+            ("retried", f"{total.retried_calls:,}"),
             ("refused", f"{total.refused:,}"),
-            ("never answered", f"{total.unanswered:,}"),
+            ("unanswered", f"{total.unanswered:,}"),
         ]
-    tiles.append(
-        ("stays in slave mode", f"{len(report_data.slave_sessions) + report_data.slave_sessions_left_off:,}")
-    )
-    tiles.append(("damaged frames", f"{report_data.damaged_count:,}"))
-    return tiles
+    tiles.append(("sessions", f"{len(report_data.slave_sessions) + report_data.slave_sessions_left_off:,}"))
+    tiles.append(("damaged", f"{report_data.damaged_count:,}"))
+    return [(words(f"report.tile.{name}"), value) for name, value in tiles]
 
 
-def period_text(report_data: ReportData) -> str:
+def period_text(report_data: ReportData, words: MessageFormatter) -> str:
     """Return the sentence with the first and the last time."""
-    return f"From {_moment(report_data.start)} to {_moment(report_data.end)}."
+    return words("report.period", start=_moment(report_data.start), end=_moment(report_data.end))
 
 
-def overall_verdict(report_data: ReportData) -> OverallVerdict:
+def overall_verdict(report_data: ReportData, words: MessageFormatter) -> OverallVerdict:
     """Return the number of findings of each severity, and the first of them."""
     counts = {severity: 0 for severity in Severity}
     for finding in report_data.findings:
         counts[finding.severity] += 1
-    listed = ", ".join(counted(count, severity.value) for severity, count in counts.items() if count)
+    listed = words("list.comma").join(
+        words.plural(f"count.{severity.value}", count) for severity, count in counts.items() if count
+    )
     if counts[Severity.ERROR] or counts[Severity.WARNING]:
         kind = "error" if counts[Severity.ERROR] else "warning"
-        words = words_for(ENGLISH_WORDS, report_data.totals)
-        return OverallVerdict(kind, f"{listed}.", finding_sentence(report_data.findings[0], words))
-    return OverallVerdict("good", "No problem found" + (f"; {listed}." if listed else "."))
+        sentence = finding_sentence(report_data.findings[0], words_for(words, report_data.totals))
+        return OverallVerdict(kind, words("report.counts", counts=listed), sentence)
+    if not listed:
+        return OverallVerdict("good", words("report.no-problem"))
+    return OverallVerdict("good", words("report.no-problem.notes", counts=listed))
 
 
-def finding_views(report_data: ReportData) -> list[FindingView]:
+def finding_views(report_data: ReportData, words: MessageFormatter) -> list[FindingView]:
     """Return all findings, each consequence after its cause."""
     depths: list[int] = []
     for finding in report_data.findings:
         cause = finding.consequence_of
         depths.append(0 if cause is None else depths[cause - 1] + 1)
-    words = words_for(ENGLISH_WORDS, report_data.totals)
+    words = words_for(words, report_data.totals)
     return [
         FindingView(
             number,
@@ -180,6 +175,7 @@ def finding_views(report_data: ReportData) -> list[FindingView]:
             finding,
             finding_sentence(finding, words),
             words.text(finding.advice),
+            words(f"severity.{finding.severity}"),
         )
         for number, (finding, depth) in enumerate(zip(report_data.findings, depths, strict=True), 1)
     ]
@@ -208,48 +204,56 @@ def session_views(report_data: ReportData) -> list[SlaveSessionView]:
     ]
 
 
-def call_tables(report_data: ReportData) -> Iterator[ReportTable]:
+def call_tables(report_data: ReportData, words: MessageFormatter) -> Iterator[ReportTable]:
     """Yield the tables of calls: by client, by command, and refused ones."""
     statistics = report_data.statistics
     if statistics is None:
         return
     yield _figures_table(
-        "Calls by client.",
-        ("client", "e"),
+        "client",
+        "e",
         [(row.conversation, row.figures) for row in statistics.clients],
+        words,
     )
     yield _figures_table(
-        "Calls by command, all clients together.",
-        ("command", "t"),
-        [(call_kind_text(row.call_kind or OTHER_KINDS), row.figures) for row in statistics.kinds],
+        "command",
+        "t",
+        [(call_kind_text(row.call_kind or OTHER_KINDS, words), row.figures) for row in statistics.kinds],
+        words,
     )
-    yield from _refusals(statistics.kinds)
+    yield from _refusals(statistics.kinds, words)
 
 
-def verdict_table(report_data: ReportData) -> ReportTable:
+def verdict_table(report_data: ReportData, words: MessageFormatter) -> ReportTable:
     """Return the table of calls with trouble, by verdict."""
     return ReportTable(
-        "Calls that were not just answered or refused, by what they suffered as far as this capture tells.",
-        ("what", "calls", "meaning"),
+        words("report.verdicts"),
+        _header(("what", "calls", "meaning"), words),
         "tnt",
         [
-            (verdict.value, f"{count:,}", _VERDICT_TEXTS.get(verdict, ""))
+            (words(f"call.verdict.{name}"), f"{count:,}", words(f"report.verdict.{name}"))
             for verdict, count in report_data.verdicts.items()
+            for name in [verdict.replace(" ", "-")]
         ],
     )
 
 
-def damage_table(report_data: ReportData) -> ReportTable:
+def damage_table(report_data: ReportData, words: MessageFormatter) -> ReportTable:
     """Return the table of the first damaged frames."""
     found = report_data.damaged_frames
-    rest = report_data.damaged_count - len(found)
+    caption = words("report.damage")
+    if report_data.damaged_count > len(found):
+        caption = words("report.damage.first", shown=len(found), total=report_data.damaged_count)
     return ReportTable(
-        "Frames that are not as b-CAP has them, and holes in the capture"
-        + (f"; the first {len(found)} of {report_data.damaged_count}." if rest else "."),
-        ("frame", "at, s", "from", "bytes", "begins with", "what is wrong"),
+        caption,
+        _header(("frame", "at", "from", "bytes", "begins-with", "problem"), words),
         "nntnct",
-        [_damaged_row(each, report_data.start) for each in found],
+        [_damaged_row(each, report_data.start, words) for each in found],
     )
+
+
+def _header(columns: Sequence[str], words: MessageFormatter) -> list[str]:
+    return [words(f"report.column.{name}") for name in columns]
 
 
 def drawn_slave_sessions(slave_sessions: Sequence[SlaveSession]) -> list[SlaveSession]:
@@ -378,17 +382,15 @@ def _slow_row(fact: SetPointFact, start: int) -> list[object]:
 
 
 def _figures_table(
-    caption: str, first: tuple[str, str], rows: Sequence[tuple[object, CallFigures]]
+    subject: str, kind: str, rows: Sequence[tuple[object, CallFigures]], words: MessageFormatter
 ) -> ReportTable:
-    """Return a table of figures; `first` is heading and kind of the first column."""
-    header = (
-        *(first[0], "calls", "per s", "line time", "median ms", "99% ms", "longest ms"),
-        *("sent again", "refused", "never answered"),
-    )
+    """Return a table of figures by `client` or `command`, whose column is of this kind."""
+    header = _header((subject, *_FIGURE_COLUMNS), words)
+    caption = words(f"report.calls-by-{subject}")
     if len(rows) > MAX_ROWS:
-        caption += f" The first {MAX_ROWS} of {len(rows)}."
+        caption = words("report.first-rows", caption=caption, shown=MAX_ROWS, total=len(rows))
     cells = [(name, *_figures(figures)) for name, figures in rows[:MAX_ROWS]]
-    return ReportTable(caption, header, first[1] + "n" * (len(header) - 1), cells)
+    return ReportTable(caption, header, kind + "n" * len(_FIGURE_COLUMNS), cells)
 
 
 def _figures(figures: CallFigures) -> Iterator[str]:
@@ -407,33 +409,35 @@ def _figures(figures: CallFigures) -> Iterator[str]:
     )
 
 
-def _refusals(rows: Sequence[StatisticsRow]) -> Iterator[ReportTable]:
+def _refusals(rows: Sequence[StatisticsRow], words: MessageFormatter) -> Iterator[ReportTable]:
     refused = [
         (
             f"{count:,}",
             hresult_name(code),
-            call_kind_text(row.call_kind or OTHER_KINDS),
-            describe_hresult(code).text,
-            describe_hresult(code).advice or "",
+            call_kind_text(row.call_kind or OTHER_KINDS, words),
+            words.text(found.meaning),
+            "" if found.advice is None else words.text(found.advice),
         )
         for row in rows
         for code, count in row.figures.refusal_codes
+        for found in [describe_hresult(code)]
     ]
     if refused:
-        header = ("times", "result", "of", "meaning", "what to do")
-        yield ReportTable("What the controller refused, and why.", header, "ncttt", refused[:MAX_ROWS])
+        header = _header(("times", "result", "call", "meaning", "advice"), words)
+        yield ReportTable(words("report.refusals"), header, "ncttt", refused[:MAX_ROWS])
 
 
-def _damaged_row(each: DamagedFrame, start: int) -> list[object]:
-    reasons = "; ".join(problem.reason for problem in each.problems)
-    missing = f"{counted(each.missing_bytes, 'byte')} missing in the capture" if each.missing_bytes else ""
+def _damaged_row(each: DamagedFrame, start: int, words: MessageFormatter) -> list[object]:
+    reasons = [words.text(problem.reason) for problem in each.problems]
+    if each.missing_bytes:
+        reasons.insert(0, words("report.missing", bytes=Count(each.missing_bytes, "byte")))
     return [
         each.frame,
         _seconds_since(each.time, start),
         each.flow.src_text,
         each.length,
         each.raw.hex(" "),
-        "; ".join(filter(None, (missing, reasons))),
+        words("list.semicolon").join(reasons),
     ]
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from bcapscope.messages import ENGLISH_WORDS, MessageFormatter
 from bcapscope.protocol.codec.variant import ARRAY, VT, Variant
 from bcapscope.protocol.tables.function_table import function_name
 from bcapscope.protocol.tables.hresult import describe_hresult, hresult_name, is_failure
@@ -15,20 +16,21 @@ LONGEST_VALUE = 60
 """Characters of each argument."""
 
 
-def call_log_line(peer: Peer, report: CallReport) -> str:
+def call_log_line(peer: Peer, report: CallReport, words: MessageFormatter = ENGLISH_WORDS) -> str:
     """Return a line: client, function, arguments, result and how long it took.
 
     Args:
         peer: transport and address of the client.
         report: the call.
+        words: language of the reader.
     """
-    words = [_peer_text(peer), function_name(report.function_id)]
-    words += [_short_value_text(argument) for argument in report.arguments]
-    words += ["->", _result_text(report.result.hresult)]
+    parts = [_peer_text(peer), function_name(report.function_id)]
+    parts += [_short_value_text(argument) for argument in report.arguments]
+    parts += ["->", _result_text(report.result.hresult, words)]
     if report.result.value is not None:
-        words.append(_short_value_text(report.result.value))
+        parts.append(_short_value_text(report.result.value))
     took = (report.ended - report.began) / 1e6
-    return " ".join([*words, f"{took:.1f} ms"] if took else words)
+    return " ".join([*parts, f"{took:.1f} ms"] if took else parts)
 
 
 def refusal_line(peer: Peer, report: CallReport) -> str:
@@ -43,8 +45,8 @@ def _peer_text(peer: Peer) -> str:
     return f"{transport} {Endpoint(host, port)}"
 
 
-def _result_text(code: int) -> str:
-    text = describe_hresult(code).text if is_failure(code) else ""
+def _result_text(code: int, words: MessageFormatter) -> str:
+    text = words.text(describe_hresult(code).meaning) if is_failure(code) else ""
     return f"{hresult_name(code)} ({text})" if text else hresult_name(code)
 
 

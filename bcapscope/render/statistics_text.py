@@ -14,31 +14,31 @@ from bcapscope.analysis.statistics.call_statistics import (
     StatisticsRow,
 )
 from bcapscope.analysis.statistics.distribution import DistributionSummary
+from bcapscope.messages import ENGLISH_WORDS, MessageFormatter
+from bcapscope.messages.places import Count
 from bcapscope.protocol.tables.function_table import function_name
 from bcapscope.protocol.tables.hresult import hresult_name
-from bcapscope.protocol.text_format import counted
 from bcapscope.render.color_palette import PLAIN, Palette
 from bcapscope.render.columns import align_columns
 from bcapscope.render.escape import printable
 from bcapscope.render.frame_record import json_text
 from bcapscope.render.timestamp import epoch_text, utc_text
-from bcapscope.render.tongue import Tongue, english
 from bcapscope.traffic.call_kind import CallKind
 
 MAX_ROWS = 40
 """Rows of a table for people, those that took most time; JSON has all."""
 
 _LONGEST_NAME = 40
-_HEADER = (
-    *("calls", "per s", "line time", "p50 ms", "p90 ms", "p99 ms", "p99.9 ms", "max ms"),
+_COLUMNS = (
+    *("calls", "per-s", "line-time", "p50", "p90", "p99", "p99-9", "max"),
     *("retries", "late", "refused", "unanswered"),
 )
 
 
-def call_kind_text(call_kind: CallKind) -> str:
+def call_kind_text(call_kind: CallKind, words: MessageFormatter = ENGLISH_WORDS) -> str:
     """Name what was asked: function, and command where there is one."""
     if call_kind is OTHER_KINDS:
-        return "(others)"
+        return words("stats.others")
     name = function_name(call_kind.function_id)
     if call_kind.command is None:
         return name
@@ -47,56 +47,50 @@ def call_kind_text(call_kind: CallKind) -> str:
 
 
 def statistics_lines(
-    statistics: Statistics, palette: Palette = PLAIN, tongue: Tongue = english
+    statistics: Statistics, palette: Palette = PLAIN, words: MessageFormatter = ENGLISH_WORDS
 ) -> Iterator[str]:
     """Write the figures of a time: in all, by client, by client and command."""
     seconds = (statistics.end - statistics.start) / 1e9
     yield f"{palette.name}{utc_text(statistics.start)}, {seconds:.3f} s{palette.reset}"
     yield ""
-    rows = [(_client_text(row, tongue), row.figures) for row in statistics.clients]
+    rows = [(_client_text(row, words), row.figures) for row in statistics.clients]
     if len(rows) > 1:
-        rows.insert(0, (_client_text(statistics.total, tongue), statistics.total.figures))
-    yield from _table(tongue("client"), rows, palette, tongue)
+        rows.insert(0, (_client_text(statistics.total, words), statistics.total.figures))
+    yield from _table(words("stats.client"), rows, palette, words)
     for client in statistics.clients[:MAX_ROWS]:
         own = [row for row in statistics.commands if row.conversation is client.conversation]
         yield ""
-        caption = tongue(f"by {_client_text(client, english)}")
-        questions = [(_translated_call_kind(row, tongue), row.figures) for row in own]
-        yield from _table(caption, questions, palette, tongue)
-    yield from _refusals(statistics, palette, tongue)
-    let_go = statistics.total.figures.not_followed
-    if let_go:
+        caption = words("stats.by-client", client=_client_text(client, words))
+        kinds = [(call_kind_text(row.call_kind or OTHER_KINDS, words), row.figures) for row in own]
+        yield from _table(caption, kinds, palette, words)
+    yield from _refusals(statistics, palette, words)
+    evicted = statistics.total.figures.not_followed
+    if evicted:
         yield ""
-        text = f"not followed to the end, as too many were open: {counted(let_go, 'call')}"
-        yield f"{palette.dim}{tongue(text)}{palette.reset}"
+        yield f"{palette.dim}{words('stats.not-followed', calls=Count(evicted, 'call'))}{palette.reset}"
 
 
-def _translated_call_kind(row: StatisticsRow, tongue: Tongue) -> str:
-    text = call_kind_text(row.call_kind or OTHER_KINDS)
-    return tongue(text) if row.call_kind in (None, OTHER_KINDS) else text
-
-
-def _client_text(row: StatisticsRow, tongue: Tongue) -> str:
+def _client_text(row: StatisticsRow, words: MessageFormatter) -> str:
     conversation = row.conversation
     if conversation is None:
-        return tongue("all clients")
+        return words("stats.all-clients")
     if conversation is OTHER_CLIENTS:
-        return tongue("(other clients)")
+        return words("stats.other-clients")
     return printable(f"{conversation.client} > {conversation.server} {conversation.transport}")
 
 
 def _table(
-    caption: str, rows: Sequence[tuple[str, CallFigures]], palette: Palette, tongue: Tongue
+    caption: str, rows: Sequence[tuple[str, CallFigures]], palette: Palette, words: MessageFormatter
 ) -> Iterator[str]:
     cells = [
-        (caption, *map(tongue, _HEADER)),
+        (caption, *(words(f"stats.column.{name}") for name in _COLUMNS)),
         *((name, *_cells(figures)) for name, figures in rows[:MAX_ROWS]),
     ]
-    first, *others = align_columns(cells, "<" + ">" * len(_HEADER))
+    first, *others = align_columns(cells, "<" + ">" * len(_COLUMNS))
     yield f"{palette.dim}{first}{palette.reset}"
     yield from others
     if len(rows) > MAX_ROWS:
-        yield tongue(f"… and {len(rows) - MAX_ROWS} more")
+        yield words("stats.more", n=len(rows) - MAX_ROWS)
 
 
 def _cells(figures: CallFigures) -> tuple[str, ...]:
@@ -120,12 +114,15 @@ def _percentiles(latency: DistributionSummary) -> tuple[float, ...]:
     return latency.p50, latency.p90, latency.p99, latency.p999, latency.most
 
 
-def _refusals(statistics: Statistics, palette: Palette, tongue: Tongue) -> Iterator[str]:
-    rows = [(_translated_call_kind(row, tongue), row.figures.refusal_codes) for row in statistics.kinds]
+def _refusals(statistics: Statistics, palette: Palette, words: MessageFormatter) -> Iterator[str]:
+    rows = [
+        (call_kind_text(row.call_kind or OTHER_KINDS, words), row.figures.refusal_codes)
+        for row in statistics.kinds
+    ]
     refused = [(str(count), hresult_name(code), name) for name, codes in rows for code, count in codes]
     if refused:
         yield ""
-        yield f"{palette.dim}{tongue('refusals')}{palette.reset}"
+        yield f"{palette.dim}{words('stats.refusals')}{palette.reset}"
         yield from align_columns(refused, "><<")
 
 

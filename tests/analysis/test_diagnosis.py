@@ -10,7 +10,7 @@ from bcapscope.analysis.diagnosis import Diagnosis
 from bcapscope.analysis.finding import Severity, TrafficTotals
 from bcapscope.capture.capture_file import open_capture
 from bcapscope.capture.packet_decoder import PacketDecoder
-from bcapscope.protocol.codec.frame import Frame, Malformed, Problem, encode_frame, parse_single_frame
+from bcapscope.protocol.codec.frame import Frame, Malformed, encode_frame, parse_single_frame
 from bcapscope.protocol.codec.variant import EMPTY
 from bcapscope.traffic import tracker
 from bcapscope.traffic.observation import Conversation, Direction, Endpoint, Flow, Observation, Transport
@@ -21,6 +21,7 @@ from tests.analysis.scenes import HOME, ROBOT, Diagnosed, Story, diagnose, diagn
 from tests.samples import trouble
 from tests.samples.calls import START, i4, r8s, reply, request, text
 from tests.samples.findings import sentence_of
+from tests.samples.problems import problem_of
 from tests.shared_folder import SHARED
 
 RECORDINGS = SHARED / "captures"
@@ -170,7 +171,7 @@ def _item(draw: st.DrawFn) -> tuple[int, int, Frame | Malformed]:
     flow = draw(st.integers(0, len(_FLOWS) - 1))
     pause = draw(st.sampled_from((0, 1_000, 1_000_000, 8_000_000, 30_000_000, 2_000_000_000)))
     if draw(st.integers(0, 30)) == 0:
-        return flow, pause, Malformed(b"", (Problem(0, "gap", "bytes were not seen"),), 7)
+        return flow, pause, Malformed(b"", (problem_of(0, "gap", "bytes were not seen"),), 7)
     if _FLOWS[flow].direction is Direction.REQUEST:
         raw = draw(st.sampled_from(_REQUESTS))
     else:
@@ -226,7 +227,7 @@ def test_a_proxy_has_seen_each_stream_from_its_beginning(known_by: str, rule: st
     ends = Endpoint("10.0.0.2", 50001), Endpoint("10.0.0.1", 5007)
     flow = Flow(Conversation(*ends, Transport.TCP, known_by), Direction.REQUEST)
     diagnosis = Diagnosis()
-    item = Malformed(b"GET / HTTP/1.0\r\n\r\n", (Problem(0, "outside", "bytes outside of any frame"),))
+    item = Malformed(b"GET / HTTP/1.0\r\n\r\n", (problem_of(0, "outside", "bytes outside of any frame"),))
     diagnosis.on_frame(Observation(1, 0, 0, flow, item, 0))
     assert [finding.rule for finding in diagnosis.findings()] == [rule]
 
@@ -240,7 +241,7 @@ def test_a_proxy_has_seen_each_stream_from_its_beginning(known_by: str, rule: st
     ],
 )
 def test_the_first_problems_of_a_frame_are_named(count: int, said: str) -> None:
-    problems = tuple(Problem(number, "length", f"no. {number}") for number in range(count))
+    problems = tuple(problem_of(number, "length", f"no. {number}") for number in range(count))
     diagnosis = Diagnosis()
     diagnosis.on_frame(Observation(1, 0, 0, _FLOWS[0], Malformed(b"\x02", problems), 0))
     (finding,) = diagnosis.findings()

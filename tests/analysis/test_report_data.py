@@ -11,10 +11,11 @@ from bcapscope.analysis.report_data import (
     ReportDataBuilder,
 )
 from bcapscope.analysis.timeline_events import TimelineEventKind
-from bcapscope.protocol.codec.frame import Frame, Malformed, Problem
+from bcapscope.protocol.codec.frame import Frame, Malformed
 from bcapscope.protocol.tables.hresult import E_FAIL, E_NOT_IN_SLAVE_MODE
 from bcapscope.traffic.call_verdict import CallVerdict
 from bcapscope.traffic.observation import Direction
+from tests.samples.problems import problem_of
 from tests.traffic.playbook import MOVE, MS, START, START_SERVICE, Script, execute, run_pipeline, slv_move
 
 
@@ -66,7 +67,10 @@ def test_what_happened_has_marks() -> None:
     client.ask(20, 3, 3, execute("CurJnt"))
     client.ask(30, 4, 4, execute("Other"))
     client.reply(31, 4)
-    client.see(40, Direction.REQUEST, Malformed(b"\x02", (Problem(0, "soh", "bytes outside of any frame"),)))
+    outside = problem_of(0, "soh", "bytes outside of any frame")
+    client.see(40, Direction.REQUEST, Malformed(b"\x02", (outside,)))
+        40, Direction.REQUEST, Malformed(b"\x02", (problem_of(0, "soh", "bytes outside of any frame"),))
+    )
     client.see(50, Direction.RESPONSE, Malformed(b"", (), 99))
     client.reply(60, 77, 0, E_FAIL)
     told = tell(script)

@@ -19,12 +19,13 @@ from bcapscope.capture.observation_store import (
     encode_text,
 )
 from bcapscope.capture.packet_decoder import PacketDecoder
-from bcapscope.protocol.codec.frame import Frame, Problem
+from bcapscope.protocol.codec.frame import Frame
 from bcapscope.traffic.call_kind import RecentRequests
 from bcapscope.traffic.filter.getters import AnnotatedFrame
 from bcapscope.traffic.observation import Conversation, Direction, Endpoint, Flow, Observation, Transport
 from tests.cli.run import CAPTURES
 from tests.render.scenes import scenes
+from tests.samples.problems import problem_of
 
 
 @pytest.fixture
@@ -111,7 +112,7 @@ def test_numbers_that_are_not_there(stack: ExitStack, tmp_path: Path, number: in
 
 def test_note_of_the_capture_stays_with_the_frame(stack: ExitStack, tmp_path: Path) -> None:
     seen, question = next(iter(scenes()))
-    note = Problem(3, "cut", "the capture kept 3")
+    note = problem_of(3, "cut", "the capture kept 3")
     noted = seen._replace(item=Frame(seen.item.raw, note))
     journal = written(stack, tmp_path, [AnnotatedFrame(noted, question)])
     assert journal.read_frame(1).observation.item.problems[-1] == note

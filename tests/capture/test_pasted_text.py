@@ -39,7 +39,7 @@ def test_damage_is_explained_as_a_guess() -> None:
     assert seen.item.raw == damaged
     guess = seen.item.problems[-1]
     assert guess.code == "guess"
-    assert "probably 1 zero byte lost: at offset 12 in the function id" in guess.reason
+    assert "probably 1 zero byte lost: at offset 12 in the function id" in str(guess.reason)
 
 
 def test_hex_without_a_frame_is_malformed() -> None:

@@ -22,7 +22,7 @@ def test_what_went_wrong_stands_first() -> None:
     assert "64.000 ms" in lines[5]
     assert lines.index("notable") < lines.index("findings") < lines.index("other differences")
     assert "  0 → 1  warning set-point-gap" in lines
-    assert f"asked only in {GOOD}" in lines
+    assert f"called only in {GOOD}" in lines
     assert done.err.splitlines() == [
         f"{GOOD}:",
         "518 frames in 518 packets",

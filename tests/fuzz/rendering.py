@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from bcapscope.protocol.codec import frame_template as layouts
-from bcapscope.protocol.codec.frame import Frame, Malformed, Problem, parse_datagram
+from bcapscope.protocol.codec.frame import Frame, Malformed, parse_datagram
 from bcapscope.protocol.codec.variant import VT, vt_name
 from bcapscope.render.csv_table import COLUMNS, CsvTableRenderer
 from bcapscope.render.frame_line import FrameLineRenderer
@@ -17,10 +17,11 @@ from bcapscope.render.frame_tree import FrameTreeRenderer
 from bcapscope.render.hexdump import hexdump
 from bcapscope.traffic.call_kind import COMMAND_FUNCTIONS, CallKind, RecentRequests
 from bcapscope.traffic.observation import Conversation, Direction, Endpoint, Flow, Observation, Transport
+from tests.samples.problems import problem_of
 
 _CONVERSATION = Conversation(Endpoint("10.0.0.2", 50001), Endpoint("::1", 5007), Transport.UDP, "port 5007")
 _FLOWS = tuple(Flow(_CONVERSATION, direction) for direction in Direction)
-_NOTE = Problem(0, "cut", "the capture kept less than there was")
+_NOTE = problem_of(0, "cut", "the capture kept less than there was")
 
 
 def render(data: bytes) -> None:

@@ -6,7 +6,7 @@ import struct
 import zlib
 from collections.abc import Iterator
 
-from bcapscope.protocol.codec.frame import Frame, Framing, Malformed, Problem, encode_frame, parse_datagram
+from bcapscope.protocol.codec.frame import Frame, Framing, Malformed, encode_frame, parse_datagram
 from bcapscope.protocol.codec.variant import VT, Variant
 from bcapscope.traffic.call_kind import CallKind, call_kind_of
 from bcapscope.traffic.observation import (
@@ -17,6 +17,7 @@ from bcapscope.traffic.observation import (
     Observation,
     Transport,
 )
+from tests.samples.problems import problem_of
 
 START = 1_700_000_000_123_456_000
 ROBOT = Variant(VT.I4, 1)
@@ -96,7 +97,7 @@ def _items() -> Iterator[tuple[Direction, bytes | Malformed]]:
     yield ask, encode_frame(13, 0, 4, (ROBOT,))[:22]
     yield ask, encode_frame(14, 0, 200)
     yield ask, b"=HELLO\x1b"
-    yield ask, Malformed(b"", (Problem(0, "gap", "120 bytes of the stream are missing"),), 120)
+    yield ask, Malformed(b"", (problem_of(0, "gap", "120 bytes of the stream are missing"),), 120)
 
 
 def scenes() -> Iterator[tuple[Observation, CallKind | None]]:

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bcapscope.protocol.tables.function_table import ObjectClass
-from bcapscope.render.call_text import CallRenderer, call_frames_text, milliseconds, session_text
+from bcapscope.render.call_text import CallRenderer, milliseconds, session_text
 from bcapscope.render.color_palette import ANSI
 from bcapscope.render.timestamp import TimeFormat
 from bcapscope.traffic.call import CallState, StrayReply
@@ -166,7 +166,7 @@ def session(ending: SessionEnding, *names: str) -> ServiceSession:
     ("given_session", "expected"),
     [
         (session(SessionEnding.STOPPED), "ended by Service_Stop"),
-        (session(SessionEnding.RESTARTED), "begun anew without Service_Stop"),
+        (session(SessionEnding.RESTARTED), "started again without Service_Stop"),
         (
             session(SessionEnding.OPEN, "I1", ""),
             "no Service_Stop seen; not released: Variable I1, Variable 2",
@@ -200,5 +200,5 @@ def test_milliseconds() -> None:
 
 
 def test_frames_of_a_call() -> None:
-    texts = {call_frames_text(call) for call in calls_of(script().track())}
+    texts = {CallRenderer().line(call).rpartition("  ")[2] for call in calls_of(script().track())}
     assert {"frames 10,11,12 > 13,14", "frame 28"} <= texts

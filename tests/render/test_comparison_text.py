@@ -65,7 +65,7 @@ def test_differences_as_json(golden: Callable[[str, bytes], None]) -> None:
 def test_differences_of_stays() -> None:
     first, second = read("slave-session.pcapng"), read("slave-mode-lost.pcapng")
     text = "\n".join(lines(first, second))
-    assert "slave mode, stay 1     ended by                               left  →  error (0x84201482)" in text
+    assert "slave-mode session 1   ended by                               left  →  error (0x84201482)" in text
     record = json.loads(comparison_record(compare(first, second), first, second))
     assert (record["good"]["stays"], record["bad"]["stays"]) == (1, 1)
     stays = {each["figure"]: each for each in record["differences"] if each["stay"] == 1}
@@ -84,7 +84,7 @@ def test_differences_of_stays() -> None:
 def test_another_number_of_stays_is_told() -> None:
     sample = read("slave-session.pcapng")
     text = lines(sample, ComparedCapture("none", sample.statistics, (), sample.findings))
-    assert text[2:] == ["", "notable", "  stays in slave mode: 1 → 0"]
+    assert text[2:] == ["", "notable", "  slave-mode sessions: 1 → 0"]
 
 
 def test_nothing_from_the_wire_is_raw() -> None:

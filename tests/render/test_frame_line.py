@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bcapscope.protocol.codec.frame import Frame, Malformed, Problem, encode_frame, parse_datagram
+from bcapscope.protocol.codec.frame import Frame, Malformed, encode_frame, parse_datagram
 from bcapscope.protocol.codec.variant import VT, Variant
 from bcapscope.render.color_palette import ANSI
 from bcapscope.render.frame_line import MAX_TEMPLATES, FrameLineRenderer
@@ -17,6 +17,7 @@ from bcapscope.render.line_template import LONGEST_STRING, MAX_ELEMENTS
 from bcapscope.traffic.call_kind import CallKind, call_kind_of
 from bcapscope.traffic.observation import Direction
 from tests.render.scenes import JOINTS, ROBOT, observe, scenes
+from tests.samples.problems import problem_of
 from tests.strategies import variants
 
 ASK, ANSWER = Direction.REQUEST, Direction.RESPONSE
@@ -120,7 +121,7 @@ def test_problems_stand_at_the_end() -> None:
 
 
 def test_malformed_bytes_are_shown() -> None:
-    item = Malformed(b"\x1b[2J" + bytes(100), (Problem(0, "soh", "first byte is 1B"),))
+    item = Malformed(b"\x1b[2J" + bytes(100), (problem_of(0, "soh", "first byte is 1B"),))
     line = FrameLineRenderer().line(observe(item), None)
     assert "\x1b" not in line
     assert "  1b 5b 32 4a 00" in line

@@ -11,13 +11,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bcapscope.protocol.codec.frame import Frame, Malformed, Problem, encode_frame, parse_datagram
+from bcapscope.protocol.codec.frame import Frame, Malformed, encode_frame, parse_datagram
 from bcapscope.protocol.codec.variant import ARRAY, VT, Value, Variant, vt_name
 from bcapscope.render.frame_record import MAX_TEMPLATES, FrameRecordRenderer
 from bcapscope.traffic.call_kind import CallKind, call_kind_of
 from bcapscope.traffic.filter.field_table import RecordKind, fields_of
 from bcapscope.traffic.observation import Direction
 from tests.render.scenes import JOINTS, ROBOT, START, observe, scenes
+from tests.samples.problems import problem_of
 from tests.strategies import variants
 
 ASK, ANSWER = Direction.REQUEST, Direction.RESPONSE
@@ -103,7 +104,7 @@ def test_malformed_bytes_keep_the_same_keys() -> None:
 
 
 def test_a_hole_tells_its_size() -> None:
-    hole = Malformed(b"", (Problem(0, "gap", "12 bytes of the stream were not seen"),), 12)
+    hole = Malformed(b"", (problem_of(0, "gap", "12 bytes of the stream were not seen"),), 12)
     value = json.loads(FrameRecordRenderer().record(observe(hole), None))
     assert (value["kind"], value["missing"], value["raw"]) == ("malformed", 12, "")
 

@@ -66,7 +66,7 @@ def test_every_problem_is_shown_once() -> None:
     for seen, question in scenes():
         lines = list(FrameTreeRenderer().lines(seen, question))
         shown = sorted(line.split("!! ")[1] for line in lines if "!! " in line)
-        assert shown == sorted(problem.reason for problem in seen.item.problems)
+        assert shown == sorted(str(problem.reason) for problem in seen.item.problems)
 
 
 def test_problem_bytes_are_lit_in_the_hexdump() -> None:

@@ -7,12 +7,12 @@ from functools import partial
 
 import pytest
 
-from bcapscope.protocol.codec.arguments import Problem
 from bcapscope.protocol.codec.frame import Frame, encode_frame
 from bcapscope.protocol.codec.variant import VT, Variant
 from bcapscope.traffic.alike_set_points import MAX_KNOWN, MAX_LEARNED, AlikeSetPoints
 from bcapscope.traffic.call import Call
 from bcapscope.traffic.observation import Direction
+from tests.samples.problems import problem_of
 from tests.traffic.playbook import (
     EXECUTE,
     MOVE,
@@ -76,7 +76,7 @@ def only_a_retry(client: Client) -> None:
 
 
 def cut(client: Client, direction: Direction) -> None:
-    problem = Problem(0, "cut", "the capture kept less")
+    problem = problem_of(0, "cut", "the capture kept less")
     frames = {
         Direction.REQUEST: encode_frame(7, 0, *MOVE),
         Direction.RESPONSE: encode_frame(7, 0, 0, (POSE,)),

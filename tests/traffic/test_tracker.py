@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from bcapscope.protocol.codec.frame import Malformed, Problem
+from bcapscope.protocol.codec.frame import Malformed
 from bcapscope.traffic import tracker as tracker_module
 from bcapscope.traffic.call import PairingResult, StrayReply
 from bcapscope.traffic.call_kind import MAX_CONVERSATIONS
@@ -18,6 +18,7 @@ from bcapscope.traffic.conversation_pairing import (
 )
 from bcapscope.traffic.observation import Direction, Transport
 from bcapscope.traffic.tracker import MAX_OPEN, Tracker
+from tests.samples.problems import problem_of
 from tests.traffic.playbook import (
     MOVE,
     MS,
@@ -33,7 +34,7 @@ from tests.traffic.playbook import (
 def test_bytes_that_are_no_frame_belong_to_no_call() -> None:
     script = Script()
     client = script.client()
-    client.see(0, Direction.REQUEST, Malformed(b"x", (Problem(0, "soh", "no frame"),)))
+    client.see(0, Direction.REQUEST, Malformed(b"x", (problem_of(0, "soh", "no frame"),)))
     assert script.track() == []
 
 

@@ -26,9 +26,9 @@ from bcapscope.cli.common.progress_bar import ReadProgressBar
 from bcapscope.errors import CaptureError
 from bcapscope.live.deferred_interrupts import DeferredInterrupts
 from bcapscope.live.standard_streams import print_stderr
-from bcapscope.messages import Message
+from bcapscope.messages import ENGLISH_WORDS, Message, MessageFormatter
 from bcapscope.messages.os_errors import os_reason
-from bcapscope.protocol.text_format import counted
+from bcapscope.messages.places import Count
 from bcapscope.render.capture_counts_text import capture_counts_text
 from bcapscope.render.escape import printable
 from bcapscope.traffic.observation import Observation
@@ -52,6 +52,7 @@ class CaptureReader:
         ports: Collection[int],
         interface: str | None = None,
         text: str | None = None,
+        words: MessageFormatter = ENGLISH_WORDS,
     ) -> None:
         """Choose the input.
 
@@ -60,6 +61,7 @@ class CaptureReader:
             ports: ports of controllers; 5007 if empty.
             interface: capture live on this interface instead.
             text: read this file with pasted hex instead; ``-`` is standard input.
+            words: language of the messages on stderr.
 
         Raises:
             click.UsageError: there is no input, or more than one kind, or standard input is closed.
@@ -74,6 +76,7 @@ class CaptureReader:
         self._paths = paths
         self._interface = interface
         self._text = text
+        self._words = words
         self._pasted = None if text is None else PastedText(self._text_lines(text))
         self._observer = PacketDecoder(frozenset(ports) or BCAP_PORTS)
         self._progress = ReadProgressBar()
@@ -120,20 +123,21 @@ class CaptureReader:
             self._print_text_summary(self._pasted.count)
             return
         self._progress.remove()
+        words = self._words
         for trouble in self._problems:
             print_stderr(trouble)
         recognised = [c for c in self._observer.conversations if not c.server_known_by.startswith("port ")]
         for conversation in recognised[:_MAX_SERVERS_LISTED]:
-            server, reason = conversation.server, conversation.server_known_by
-            print_stderr(f"controller {server} ({conversation.transport}), recognised by {reason}")
+            server, transport = str(conversation.server), str(conversation.transport)
+            reason = conversation.server_known_by
+            print_stderr(words("reading.recognised", server=server, transport=transport, reason=reason))
         if len(recognised) > _MAX_SERVERS_LISTED:
-            more = len(recognised) - _MAX_SERVERS_LISTED
-            print_stderr(f"… and {more} more controllers recognised by content")
+            print_stderr(words("reading.recognised.more", n=len(recognised) - _MAX_SERVERS_LISTED))
         if self._lost_packets:
-            print_stderr(f"{counted(self._lost_packets, 'packet')} lost: the capture buffer was full")
+            print_stderr(words("reading.lost", packets=Count(self._lost_packets, "packet")))
         counts = self._observer.counts
         if counts.packets or self.exit_code is not ExitCode.UNREADABLE:
-            print_stderr(capture_counts_text(counts))
+            print_stderr(capture_counts_text(counts, words))
 
     def _text_lines(self, path: str) -> Iterator[str]:
         """Yield the lines of a text; keep an error for `print_summary`."""
@@ -151,18 +155,17 @@ class CaptureReader:
         for trouble in self._problems:
             print_stderr(trouble)
         if packets:
-            print_stderr(f"{counted(packets, 'packet')} found in the text")
+            print_stderr(self._words("reading.text", packets=Count(packets, "packet")))
             return
         if self.exit_code is ExitCode.OK:
-            name = "standard input" if self._text == STDIN else printable(self._text or "")
-            print_stderr(f"{name}: no hex found in this text")
+            print_stderr(self._words("reading.no-hex", input=self._input_name(self._text or "")))
         self.exit_code = ExitCode.UNREADABLE
 
     def _live_packets(self) -> Iterator[Packet]:
         name = self._interface or ""
         try:
             with open_live_capture(name) as capture, DeferredInterrupts() as interrupts:
-                print_stderr(f"capturing on {printable(name)}; press Ctrl-C to end")
+                print_stderr(self._words("reading.live", interface=printable(name)))
                 packets = iter(capture)
                 try:
                     while (packet := interrupts.read_or_stop(partial(next, packets), None)) is not None:
@@ -171,7 +174,7 @@ class CaptureReader:
                 finally:
                     self._lost_packets = capture.lost
         except CaptureError as error:
-            print_stderr(f"{printable(name)}: {error}")
+            print_stderr(f"{printable(name)}: {self._words.text(error.message)}")
             self.exit_code = ExitCode.UNREADABLE
 
     def _file_packets(self) -> Iterator[Packet]:
@@ -190,8 +193,11 @@ class CaptureReader:
         return CaptureFile(cast(BinaryIO, _StandardInput()))
 
     def _add_problem(self, path: str, error: CaptureError) -> None:
-        self._problems.append(f"{'standard input' if path == STDIN else printable(path)}: {error}")
+        self._problems.append(f"{self._input_name(path)}: {self._words.text(error.message)}")
         self.exit_code = max(self.exit_code, ExitCode.DAMAGED if error.offset else ExitCode.UNREADABLE)
+
+    def _input_name(self, path: str) -> str:
+        return self._words("reading.stdin") if path == STDIN else printable(path)
 
 
 class _Interrupted(Exception):

@@ -65,7 +65,8 @@ def figure_command(json_help: str) -> Callable[[Callable[[FigureArguments], None
             words: MessageFormatter,
         ) -> None:
             palette = choose_palette(color)
-            run(FigureArguments(CaptureReader(paths, ports), as_json, window, wanted, palette, words))
+            reader = CaptureReader(paths, ports, words=words)
+            run(FigureArguments(reader, as_json, window, wanted, palette, words))
 
         return command
 

@@ -5,6 +5,8 @@ from __future__ import annotations
 import struct
 from typing import NamedTuple
 
+from bcapscope.messages import Message
+from bcapscope.messages.places import Count
 from bcapscope.protocol.codec.variant import (
     ARRAY,
     EMPTY,
@@ -16,7 +18,6 @@ from bcapscope.protocol.codec.variant import (
     Variant,
     vt_name,
 )
-from bcapscope.protocol.text_format import counted
 
 SMALLEST_ARGUMENT = 10
 """Bytes of an argument without data: u32 length, u16 type, u32 count."""
@@ -45,12 +46,12 @@ class Problem(NamedTuple):
     Attributes:
         offset: Offset in the frame's bytes.
         code: Short stable identifier for programs.
-        reason: One clause for people.
+        reason: One clause; in JSON and filters its English text.
     """
 
     offset: int
     code: str
-    reason: str
+    reason: Message
 
 
 class Argument(NamedTuple):
@@ -113,21 +114,19 @@ class ArgumentReader:
         """Read `argc` arguments, or as many as the bytes hold."""
         for index in range(argc):
             if self.end - self.pos < SMALLEST_ARGUMENT:
-                self._add_problem(self.pos, "argc", f"argument count is {argc}, bytes for {index}")
+                self._add_problem(self.pos, "argc", Message("problem.argc", claimed=argc, present=index))
                 return
             if not (self._count_value() and self._read_argument()):
                 return
         self.is_complete = True
 
-    def _add_problem(self, offset: int, code: str, reason: str) -> None:
+    def _add_problem(self, offset: int, code: str, reason: Message) -> None:
         if len(self.problems) < MAX_PROBLEMS:
             self.problems.append(Problem(offset, code, reason))
         elif len(self.problems) == MAX_PROBLEMS:
-            self.problems.append(
-                Problem(offset, "more", f"only the first {MAX_PROBLEMS} problems are listed")
-            )
+            self.problems.append(Problem(offset, "more", Message("problem.more", n=MAX_PROBLEMS)))
 
-    def _lose_position(self, offset: int, code: str, reason: str) -> None:
+    def _lose_position(self, offset: int, code: str, reason: Message) -> None:
         self._add_problem(offset, code, reason)
         self._position_lost = True
 
@@ -153,7 +152,7 @@ class ArgumentReader:
         elif self.pos != stop:
             taken = self.pos - start - 4
             self._add_problem(
-                start, "argument-length", f"argument length is {claimed}, type and value take {taken}"
+                start, "argument-length", Message("problem.argument-length", claimed=claimed, taken=taken)
             )
         self.arguments.append(Argument(variant, start, self.pos))
         return not self._limit_reached and (bounded or not self._position_lost)
@@ -167,14 +166,14 @@ class ArgumentReader:
     def _count_value(self) -> bool:
         """Count one more value; return False if the frame has too many."""
         if not self._values_left:
-            self._stop_at_limit(f"{MAX_VALUES} values")
+            self._stop_at_limit(Message("problem.elements.values", n=MAX_VALUES))
             return False
         self._values_left -= 1
         return True
 
-    def _stop_at_limit(self, what: str) -> None:
+    def _stop_at_limit(self, limit: Message) -> None:
         self._limit_reached = True
-        self._lose_position(self.pos, "elements", f"the frame has more than {what}, the rest is not read")
+        self._lose_position(self.pos, "elements", limit)
 
     def _read_variant(self, depth: int) -> Variant:
         start = self.pos
@@ -189,10 +188,10 @@ class ArgumentReader:
         elif base == VT.BSTR:
             value = self._read_bstr()
         elif base not in (VT.EMPTY, VT.NULL):
-            self._lose_position(start, "type", f"{vt_name(vt)} is no type that b-CAP carries")
+            self._lose_position(start, "type", Message("problem.type", type=vt_name(vt)))
             return Variant(vt, b"", count)
         if count != 1 and base > VT.NULL:
-            self._add_problem(start + 2, "count", f"element count of a scalar is {count}, read as one")
+            self._add_problem(start + 2, "count", Message("problem.count", n=count))
         return Variant(vt, value, count)
 
     def _read_array(self, base: int, count: int, depth: int) -> Value:
@@ -204,12 +203,14 @@ class ArgumentReader:
             return self._read_strings(count)
         if base == VT.VARIANT:
             return self._read_variants(count, depth)
-        self._lose_position(self.pos - 6, "type", f"{vt_name(base | ARRAY)} is no type that b-CAP carries")
+        self._lose_position(self.pos - 6, "type", Message("problem.type", type=vt_name(base | ARRAY)))
         return b""
 
     def _report_missing_data(self, count: int, vt: int, fits: int) -> None:
-        elements = counted(count, "element")
-        self._lose_position(self.pos, "data", f"{elements} of {vt_name(vt)} promised, bytes for {fits}")
+        reason = Message(
+            "problem.data.elements", elements=Count(count, "element"), type=vt_name(vt), present=fits
+        )
+        self._lose_position(self.pos, "data", reason)
 
     def _read_number(self, base: int) -> Value:
         if self._value_end - self.pos < NUMBER_WIDTHS[base]:
@@ -223,7 +224,7 @@ class ArgumentReader:
         self._numbers_left -= fits
         values = self._unpack_numbers(base, fits)
         if fits < there:
-            self._stop_at_limit(f"{MAX_NUMBERS} numbers")
+            self._stop_at_limit(Message("problem.elements.numbers", n=MAX_NUMBERS))
         elif there < count:
             self._report_missing_data(count, base, there)
         return values
@@ -247,17 +248,16 @@ class ArgumentReader:
 
     def _read_bstr(self) -> str | None:
         if self._value_end - self.pos < 4:
-            self._lose_position(self.pos, "data", "bytes end before the length of a string")
+            self._lose_position(self.pos, "data", Message("problem.data.string-length"))
             return None
         (size,) = _U32.unpack_from(self.raw, self.pos)
         start = self.pos + 4
         stop = min(start + size, self._value_end)
         if size % 2:
-            self._add_problem(self.pos, "string", f"string length is {size}, UTF-16 takes two bytes a unit")
+            self._add_problem(self.pos, "string", Message("problem.string", size=size))
         if stop < start + size:
-            self._lose_position(
-                self.pos, "data", f"a string of {size} bytes promised, there are {stop - start}"
-            )
+            reason = Message("problem.data.string", size=size, present=stop - start)
+            self._lose_position(self.pos, "data", reason)
         self.pos = stop
         return self.raw[start : stop - (stop - start) % 2].decode("utf-16-le", "surrogatepass")
 
@@ -272,7 +272,7 @@ class ArgumentReader:
     def _read_variants(self, count: int, depth: int) -> tuple[Variant, ...]:
         values: list[Variant] = []
         if depth == MAX_NESTING:
-            self._lose_position(self.pos, "nesting", f"VARIANT arrays nested more than {MAX_NESTING} deep")
+            self._lose_position(self.pos, "nesting", Message("problem.nesting", depth=MAX_NESTING))
             return ()
         while len(values) < count and not self._position_lost:
             if self._value_end - self.pos < _TYPE_COUNT.size:

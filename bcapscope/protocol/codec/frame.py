@@ -22,6 +22,7 @@ from functools import lru_cache
 
 from bcapscope.errors import LocalProtocolError, TooLargeError
 from bcapscope.messages import Message
+from bcapscope.messages.places import Count
 from bcapscope.protocol.codec import frame_template as layouts
 from bcapscope.protocol.codec.arguments import Argument, Problem
 from bcapscope.protocol.codec.checksum import crc16
@@ -227,9 +228,9 @@ def parse_single_frame(raw: bytes) -> Frame | Malformed:
     if len(raw) >= HEADER_SIZE and raw[0] == SOH:
         return Frame(raw)
     if raw[:1] != b"\x01":
-        first = f"first byte is {raw[0]:02X}" if raw else "there are no bytes"
-        return Malformed(raw, (Problem(0, "soh", f"{first}, a frame begins with 01"),))
-    reason = f"{len(raw)} byte{'s' if len(raw) > 1 else ''}, a frame has {SMALLEST_FRAME} at least"
+        reason = Message("problem.soh", byte=f"{raw[0]:02X}") if raw else Message("problem.soh.no-bytes")
+        return Malformed(raw, (Problem(0, "soh", reason),))
+    reason = Message("problem.short", bytes=Count(len(raw), "byte"), least=SMALLEST_FRAME)
     return Malformed(raw, (Problem(0, "short", reason),))
 
 

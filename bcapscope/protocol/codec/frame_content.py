@@ -8,9 +8,10 @@ from enum import Enum
 from operator import attrgetter
 from typing import ClassVar
 
+from bcapscope.messages import Message
+from bcapscope.messages.places import Count
 from bcapscope.protocol.codec.arguments import Argument, ArgumentReader, NumberSpan, Problem
 from bcapscope.protocol.codec.checksum import crc16
-from bcapscope.protocol.text_format import counted
 
 SOH = 0x01
 EOT = 0x04
@@ -86,9 +87,9 @@ class FrameContent:
         length, _, _, self.code, _ = _HEADER.unpack_from(raw)
         head: list[Problem] = []
         if raw[0] != SOH:
-            head.append(Problem(0, "soh", f"first byte is {raw[0]:02X}, a frame begins with 01"))
+            head.append(Problem(0, "soh", Message("problem.soh", byte=f"{raw[0]:02X}")))
         if length != len(raw):
-            head.append(Problem(1, "length", f"length is {length}, there are {len(raw)} bytes"))
+            head.append(Problem(1, "length", Message("problem.length", claimed=length, present=len(raw))))
         unpacked = _decompress(raw) if is_compressed(raw) else None
         if unpacked is not None:
             self.framing = Framing.VERSION_1_ZLIB
@@ -110,10 +111,10 @@ class FrameContent:
         if reader.pos < end and reader.is_complete:
             self._read_tail(reader)
         if len(body) <= HEADER_SIZE:
-            reader.problems.append(Problem(len(body), "eot", "bytes end before EOT"))
+            reader.problems.append(Problem(len(body), "eot", Message("problem.eot.missing")))
         elif not has_eot:
             reader.problems.append(
-                Problem(len(body) - 1, "eot", f"last byte is {body[-1]:02X}, a frame ends with 04")
+                Problem(len(body) - 1, "eot", Message("problem.eot", byte=f"{body[-1]:02X}"))
             )
         return reader
 
@@ -127,10 +128,8 @@ class FrameContent:
         elif plain and len(tail) == 2 and tail == crc16(body[1 : end - 2]).to_bytes(2, "little"):
             self.framing = Framing.SERIAL_LINE
         else:
-            count = counted(len(tail), "byte")
-            reader.problems.append(
-                Problem(reader.pos, "left-over", f"{count} left over behind the last argument")
-            )
+            reason = Message("problem.left-over", bytes=Count(len(tail), "byte"))
+            reader.problems.append(Problem(reader.pos, "left-over", reason))
 
 
 def has_compressed_header(data: bytes | bytearray, pos: int = 0) -> bool:
@@ -179,12 +178,14 @@ def _decompress(raw: bytes) -> tuple[bytes, list[Problem]] | None:
     if len(data) > LARGEST_UNPACKED:
         data = data[:LARGEST_UNPACKED]
         problems.append(
-            Problem(_ZLIB_BODY, "unpacked", f"unpacks to over {LARGEST_UNPACKED} bytes, cut there")
+            Problem(_ZLIB_BODY, "unpacked", Message("problem.unpacked.too-large", size=LARGEST_UNPACKED))
         )
     elif not machine.eof:
-        problems.append(Problem(_ZLIB_BODY, "unpacked", "compressed bytes end early"))
+        problems.append(Problem(_ZLIB_BODY, "unpacked", Message("problem.unpacked.early")))
     elif len(data) != claimed:
-        problems.append(Problem(9, "unpacked", f"unpacked size is {claimed}, there are {len(data)} bytes"))
+        problems.append(
+            Problem(9, "unpacked", Message("problem.unpacked.size", claimed=claimed, present=len(data)))
+        )
     if machine.unused_data:
-        problems.append(Problem(_ZLIB_BODY, "left-over", "bytes left over behind the compressed ones"))
+        problems.append(Problem(_ZLIB_BODY, "left-over", Message("problem.left-over.compressed")))
     return b"".join((raw[:9], data, raw[-1:])), problems

@@ -5,6 +5,7 @@ from __future__ import annotations
 from enum import Enum, auto
 from typing import NamedTuple
 
+from bcapscope.messages import Message
 from bcapscope.protocol.codec.arguments import SMALLEST_ARGUMENT, Problem
 from bcapscope.protocol.codec.byte_budget import ByteBudget
 from bcapscope.protocol.codec.frame import (
@@ -30,11 +31,8 @@ GUARANTEED_BUFFER = 16 * 1024
 """Bytes of an unfinished frame that are kept even if the budget is exceeded. Frames of real sessions are
 below 10 KiB, so a flood of long frames does not damage them."""
 
-STREAM_ENDED = "the stream ends here"
+STREAM_ENDED = Message("problem.cut.stream-ended")
 """Reason why the last frame of a stream is incomplete."""
-
-BUDGET_EXCEEDED = "incomplete: the unfinished frames of all connections exceed"
-"""Reason why a frame in the middle of a stream is incomplete."""
 
 MAX_RESYNC_ARGUMENTS = 64
 """Largest argument count of a frame at which the splitter resynchronises. No function has more than four
@@ -112,7 +110,7 @@ class StreamSplitter:
         self._budget.held += len(data)
         pieces = [] if len(self._buffer) < self._bytes_needed else self._split(final=False)
         if len(self._buffer) > GUARANTEED_BUFFER and self._budget.is_exceeded:
-            pieces += self._flush(f"{BUDGET_EXCEEDED} {self._budget.limit} bytes")
+            pieces += self._flush(Message("problem.cut.memory", limit=self._budget.limit))
             self._synchronized = False
         return pieces
 
@@ -129,10 +127,9 @@ class StreamSplitter:
 
     def add_gap(self, missing: int) -> list[StreamPiece]:
         """Return the unfinished bytes and a piece for `missing` bytes of the stream that were lost."""
-        pieces = self._flush("what follows was not seen")
+        pieces = self._flush(Message("problem.cut.unseen"))
         start, self._stream_offset = self._stream_offset, self._stream_offset + missing
-        reason = f"{missing} bytes of the stream were not seen"
-        hole = Malformed(b"", (Problem(0, "gap", reason),), missing)
+        hole = Malformed(b"", (Problem(0, "gap", Message("problem.gap", missing=missing)),), missing)
         self._synchronized = False
         return [*pieces, StreamPiece(start, self._stream_offset, hole)]
 
@@ -140,7 +137,7 @@ class StreamSplitter:
         """End the stream and return the remaining bytes as they are."""
         return self._flush(STREAM_ENDED)
 
-    def _flush(self, why: str) -> list[StreamPiece]:
+    def _flush(self, why: Message) -> list[StreamPiece]:
         pieces = self._split(final=True)
         last = pieces[-1].item if pieces else None
         if last is None:
@@ -176,8 +173,8 @@ class StreamSplitter:
         if raw[0] == SOH and len(raw) >= HEADER_SIZE:
             return Frame(raw)
         if raw[0] == SOH:
-            return Malformed(raw, (Problem(0, "short", f"a frame breaks off after {len(raw)} bytes"),))
-        return Malformed(raw, (Problem(0, "soh", "bytes outside of any frame"),))
+            return Malformed(raw, (Problem(0, "short", Message("problem.short.cut", size=len(raw))),))
+        return Malformed(raw, (Problem(0, "soh", Message("problem.soh.outside")),))
 
     def _next_piece_size(self, final: bool) -> int:
         """Return the size of the piece at the start of the buffer; 0 if more bytes are needed."""

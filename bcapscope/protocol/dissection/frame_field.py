@@ -13,6 +13,7 @@ from dataclasses import field as member
 from operator import itemgetter
 from typing import overload
 
+from bcapscope.messages import Message
 from bcapscope.protocol.codec.arguments import Argument, Problem
 from bcapscope.protocol.codec.frame import Frame
 from bcapscope.protocol.codec.frame_content import EOT, HEADER_SIZE, Framing
@@ -59,7 +60,7 @@ class FrameField:
     stop: int
     value: Value = None
     vt: int | None = None
-    text: str = ""
+    text: str | Message = ""
     unit: str = ""
     problems: tuple[Problem, ...] = ()
     children: Sequence[FrameField] = member(default=(), compare=False, repr=False)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from bcapscope.messages import Message
 from bcapscope.protocol.codec.arguments import Problem
 from bcapscope.protocol.codec.frame import Frame
 from bcapscope.protocol.codec.frame_content import HEADER_SIZE
@@ -54,7 +55,7 @@ def _unknown_name(raw: bytes) -> Problem | None:
     if name is None:
         return None
     start = Frame(raw).arguments[1].start
-    return Problem(
+    return _problem(
         start, "name", f"no command {_word(name.name)} is known, {name.catalogue_name} is near to it"
     )
 
@@ -75,7 +76,7 @@ class _Sentence:
             return self._cut(edits, missing)
         if all(len(edit.found) == len(edit.expected) for edit in edits):
             return self._wrong(edits)
-        return Problem(edits[0].offset, "guess", f"probably {self._damage(edits)}; {self._then()}")
+        return _problem(edits[0].offset, "guess", f"probably {self._damage(edits)}; {self._then()}")
 
     def _cut(self, edits: tuple[ByteEdit, ...], missing: int) -> Problem:
         size = len(self._raw)
@@ -83,9 +84,9 @@ class _Sentence:
         rest = f"{counted(missing, 'byte')} missing at the end; what is there reads {self._reading()}"
         whole = len(self._frame.raw) + missing
         if not edits:
-            return Problem(size, "cut", f"cut after {size} of {whole} bytes, in {inside}; {rest}")
+            return _problem(size, "cut", f"cut after {size} of {whole} bytes, in {inside}; {rest}")
         reason = f"cut after {size} of {whole} bytes, in {inside}; probably {self._damage(edits)}; {rest}"
-        return Problem(edits[0].offset, "guess", reason)
+        return _problem(edits[0].offset, "guess", reason)
 
     def _wrong(self, edits: tuple[ByteEdit, ...]) -> Problem:
         """Describe bytes that have wrong values."""
@@ -93,12 +94,12 @@ class _Sentence:
         if first == 1:
             claimed = int.from_bytes(edits[0].found, "little")
             text = f"it says {claimed}, there are {len(self._raw)} bytes"
-            return Problem(1, "guess", f"probably only the length field is wrong: {text}")
+            return _problem(1, "guess", f"probably only the length field is wrong: {text}")
         misread = " and ".join(
             f"{edit.found.hex().upper()} for {edit.expected.hex().upper()} at offset {edit.offset}"
             for edit in edits
         )
-        return Problem(
+        return _problem(
             first, "guess", f"probably misread: {misread}, in {self._where(first)}; {self._then()}"
         )
 
@@ -164,13 +165,13 @@ def _about_argument(raw: bytes, found: FrameRepair) -> Problem:
     variant = _alone(found.raw)
     text = f"an argument of a frame, {_shown(variant)}"
     if not found.edits:
-        return Problem(0, "argument", f"no frame, but {text}")
+        return _problem(0, "argument", f"no frame, but {text}")
     first = found.edits[0]
     if len(found.edits) == 2:
         moved = f"its last byte, {raw[-1]:02X}, belongs in front"
-        return Problem(len(raw) - 1, "guess", f"no frame; probably {text}: {moved}")
+        return _problem(len(raw) - 1, "guess", f"no frame; probably {text}: {moved}")
     change = "a zero byte too many" if first.found else "a zero byte lost"
-    return Problem(first.offset, "guess", f"no frame; probably {text}: {change}, at offset {first.offset}")
+    return _problem(first.offset, "guess", f"no frame; probably {text}: {change}, at offset {first.offset}")
 
 
 def _alone(argument: bytes) -> Variant:
@@ -194,3 +195,7 @@ def _word(text: str) -> str:
     short = text[:LONGEST_WORD]
     plain = short.isascii() and short.isprintable() and short and not short.isspace()
     return (short if plain else ascii(short)) + ("…" if len(text) > LONGEST_WORD else "")
+
+
+def _problem(offset: int, code: str, reason: str) -> Problem:
+    return Problem(offset, code, Message.from_table("text", reason))

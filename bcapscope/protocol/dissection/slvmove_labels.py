@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import NamedTuple
 
+from bcapscope.messages import Message
+from bcapscope.messages.places import Listing
 from bcapscope.protocol.codec.variant import Variant
 from bcapscope.protocol.slave_mode.poses import Pose
 from bcapscope.protocol.slave_mode.slvmove_values import Feedback, SetPoint, parse_feedback, parse_set_point
@@ -22,7 +24,7 @@ class ValueLabel(NamedTuple):
 
     name: str = ""
     unit: str = ""
-    text: str = ""
+    text: str | Message = ""
     elements: tuple[ValueLabel, ...] = ()
 
 
@@ -45,7 +47,7 @@ def slvmove_label(variant: Variant, is_request: bool) -> ValueLabel:
         return named[0]._replace(name="")
     if found.problems or not isinstance(variant.value, tuple) or len(named) != len(variant.value):
         return NO_LABEL
-    return ValueLabel(text="parts guessed" if found.guessed else "", elements=tuple(named))
+    return ValueLabel(text=Message("field.parts-guessed") if found.guessed else "", elements=tuple(named))
 
 
 def _begins_with_array(variant: Variant) -> bool:
@@ -88,9 +90,9 @@ def _feedback_labels(found: Feedback) -> Iterator[ValueLabel]:
 
 
 def _poses_label(poses: tuple[Pose, ...]) -> ValueLabel:
-    types = " and ".join(str(pose.type) for pose in poses if pose.type is not None)
-    guessed = ", guessed" if any(pose.guessed for pose in poses) else ""
-    text = f"{types} pose{guessed}" if types else ""
+    types = Listing(tuple(str(pose.type) for pose in poses if pose.type is not None))
+    case = "field.pose.guessed" if any(pose.guessed for pose in poses) else "field.pose"
+    text = Message(case, types=types) if types.items else ""
     return ValueLabel(
         "pose", text=text, elements=tuple(part for pose in poses for part in _axis_labels(pose))
     )
@@ -99,5 +101,5 @@ def _poses_label(poses: tuple[Pose, ...]) -> ValueLabel:
 def _axis_labels(pose: Pose) -> Iterator[ValueLabel]:
     if pose.type is not None:
         yield from (ValueLabel(axis.name, axis.unit) for axis in pose.axes)
-        mark = ValueLabel("axes", text="bit for each axis that the ROS driver uses")
+        mark = ValueLabel("axes", text=Message("field.axis-bits"))
         yield from (mark if pose.used_axes is not None else NO_LABEL for _ in pose.extra)

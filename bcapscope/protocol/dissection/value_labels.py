@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
+from bcapscope.messages import Message
 from bcapscope.protocol.codec.variant import ARRAY, VT, Variant
 from bcapscope.protocol.dissection.slvmove_labels import NO_LABEL, ValueLabel
 from bcapscope.protocol.slave_mode.poses import AXES
@@ -20,8 +21,11 @@ from bcapscope.protocol.tables.enumerations import (
     result_meanings,
 )
 from bcapscope.protocol.tables.function_table import ID, ObjectClass
+from bcapscope.protocol.tables.table_text import table_message
 
-_HANDLE_LABELS = {f"h{kind}": ValueLabel(text=f"handle of a {kind}") for kind in ObjectClass}
+_HANDLE_LABELS = {
+    f"h{kind}": ValueLabel(text=Message("field.handle", object=kind.value)) for kind in ObjectClass
+}
 _ARGUMENT_MEANINGS: Mapping[tuple[int, str], Mapping[int, str]] = {
     (ID["Robot_Move"], "lComp"): INTERPOLATIONS,
     (ID["Robot_Speed"], "lAxis"): SPEED_AXES,
@@ -49,7 +53,7 @@ def argument_label(function_id: int | None, command: str | None, name: str, vari
         named = _ARGUMENT_MEANINGS.get((function_id or 0, name)) or {}
         if name == "vntParam":
             named = _PARAMETER_MEANINGS.get((function_id or 0, (command or "").casefold())) or {}
-        return _HANDLE_LABELS.get(name) or ValueLabel(text=named.get(value, ""))
+        return _HANDLE_LABELS.get(name) or ValueLabel(text=_meaning(named.get(value)))
     if isinstance(value, str):
         return ValueLabel(text=_string_meaning(function_id, name, value))
     if name == "vntPose":
@@ -71,16 +75,38 @@ def result_label(function_id: int | None, command: str | None, name: str, varian
     if type(variant.value) is not int:
         return NO_LABEL
     stands = result_meanings(function_id or 0, command or "", variant.value)
-    return _HANDLE_LABELS.get(name) or ValueLabel(text=", ".join(stands))
+    return _HANDLE_LABELS.get(name) or ValueLabel(
+        text=_all_of("field.meanings", [*map(table_message, stands)])
+    )
 
 
-def _string_meaning(function_id: int | None, name: str, value: str) -> str:
+def _meaning(text: str | None) -> str | Message:
+    return table_message(text) if text else ""
+
+
+def _string_meaning(function_id: int | None, name: str, value: str) -> str | Message:
     if name == "bstrProvider":
-        return provider_meaning(value) or ""
+        return _meaning(provider_meaning(value))
     if name == "bstrOption":
-        told = option_meanings(value, is_move=function_id == ID["Robot_Move"])
-        return "; ".join(text if len(told) == 1 else f"{key}: {text}" for key, text in told.items())
+        found = option_meanings(value, is_move=function_id == ID["Robot_Move"])
+        meanings = {key: table_message(text) for key, text in found.items()}
+        if len(meanings) == 1:
+            return next(iter(meanings.values()))
+        return _all_of(
+            "field.options",
+            [Message("field.option", key=key, meaning=meaning) for key, meaning in meanings.items()],
+        )
     return ""
+
+
+def _all_of(id: str, meanings: Sequence[Message]) -> str | Message:
+    """Return several meanings as one message, joined two by two by `id`; "" if there is none."""
+    if not meanings:
+        return ""
+    *others, found = meanings
+    for each in reversed(others):
+        found = Message(id, first=each, rest=found)
+    return found
 
 
 def _first_elements(variant: Variant) -> tuple[Variant, ...]:
@@ -124,7 +150,9 @@ def _approach_label(variant: Variant) -> ValueLabel:
     if len(items) < 3:
         return NO_LABEL
     number = _integer_at(items, 0)
-    interpolation = ValueLabel("interpolation", text="" if number is None else INTERPOLATIONS.get(number, ""))
+    interpolation = ValueLabel(
+        "interpolation", text="" if number is None else _meaning(INTERPOLATIONS.get(number))
+    )
     return ValueLabel(
         elements=(interpolation, _pose_label(items[1])._replace(name="pose"), ValueLabel("distance", "mm"))
     )

@@ -86,7 +86,7 @@ FRAME_GETTERS: Mapping[str, Callable[[AnnotatedFrame], object]] = {
     "hresult": _hresult,
     "hresult_name": _of_hresult(hresult_name),
     "hresult_text": _of_hresult(lambda code: describe_hresult(code).text),
-    "problems": lambda told: [problem.reason for problem in told.observation.item.problems],
+    "problems": lambda frame: [str(problem.reason) for problem in frame.observation.item.problems],
 }
 """One getter per field of a frame."""
 

@@ -8,7 +8,7 @@ from bcapscope.protocol.codec.variant import ARRAY, VT, Variant, vt_name
 from bcapscope.protocol.codec.variant_notation import parse_variant
 from bcapscope.protocol.tables.command_catalogue import CommandSpec, find_command
 from bcapscope.render.notation_text import type_word
-from bcapscope.tui.words import say, told
+from bcapscope.tui.words import say, table_text, told
 
 PARAMETER_TYPES: tuple[int, ...] = (
     *(int(vt) for vt in VT if vt is not VT.VARIANT),
@@ -83,13 +83,13 @@ def command_hint(function_id: int, name: str) -> CommandHint | None:
 
 
 def _hint_text(known: CommandSpec) -> str:
-    parts = [told(known.text)]
+    parts = [table_text(known.text)]
     if known.elements:
-        parts.append(say("desk.command.parameter", elements=told(known.elements)))
+        parts.append(say("desk.command.parameter", elements=table_text(known.elements)))
     if known.returns:
-        parts.append(say("desk.command.returns", returns=told(known.returns)))
+        parts.append(say("desk.command.returns", returns=table_text(known.returns)))
     if known.in_slave_mode is False:
         parts.append(say("desk.command.refused"))
     if known.controllers:
-        parts.append(told(known.controllers))
+        parts.append(table_text(known.controllers))
     return "; ".join(parts)

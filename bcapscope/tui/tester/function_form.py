@@ -17,7 +17,7 @@ from bcapscope.tui.tester.caption import Caption
 from bcapscope.tui.tester.result_view import ResultView
 from bcapscope.tui.tester.typed_value import TypedValue
 from bcapscope.tui.tester.wanted_messages import CallWanted
-from bcapscope.tui.words import say, told
+from bcapscope.tui.words import say, table_text
 
 _PARAMETER_TYPES = {"VT_I4": VT.I4, "VT_R4": VT.R4, "VT_BSTR": VT.BSTR}
 _NAMED_VALUES: dict[tuple[str, str], Mapping[int, str]] = {
@@ -55,7 +55,7 @@ class FunctionForm(Vertical):
     def _make_field(self, index: int, param: Param) -> Iterator[Select[int] | TypedValue]:
         known = _NAMED_VALUES.get((self.function.name, param.name))
         if known is not None:
-            options = [(f"{value} {told(text)}", value) for value, text in known.items()]
+            options = [(f"{value} {table_text(text)}", value) for value, text in known.items()]
             yield Select(options, allow_blank=False, compact=True, id=f"field{index}", classes="named")
         elif param.type == "VARIANT":
             yield TypedValue(VT.BSTR, PARAMETER_TYPES, id=f"field{index}")

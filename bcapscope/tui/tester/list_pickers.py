@@ -17,7 +17,7 @@ from bcapscope.protocol.tables.call_effect import CallEffect
 from bcapscope.protocol.tables.command_catalogue import CommandSpec, commands_of
 from bcapscope.protocol.tables.function_table import FUNCTIONS
 from bcapscope.tui.app import app_of
-from bcapscope.tui.words import say, told
+from bcapscope.tui.words import say, table_text
 
 _WARNINGS = {CallEffect.ENERGISES: "tester.energises", CallEffect.MOVES: "tester.moves"}
 
@@ -96,7 +96,7 @@ class CommandPicker(ListPicker):
             (f"{each.name:<24} ", inks["name"]),
             (f"{types:<14} ", inks["number"]),
             (f"{say(_WARNINGS[each.effect])} ", inks["bad"]) if each.effect in _WARNINGS else "",
-            (told(each.text), inks["dim"]),
+            (table_text(each.text), inks["dim"]),
         )
 
 
@@ -122,5 +122,5 @@ class FunctionPicker(ListPicker):
 
 
 def _matches_words(each: CommandSpec, words: list[str]) -> bool:
-    text = f"{each.name} {each.text} {told(each.text)}".casefold()
+    text = f"{each.name} {each.text} {table_text(each.text)}".casefold()
     return all(word in text for word in words)

@@ -16,7 +16,7 @@ from bcapscope.tui.tester.caption import Caption
 from bcapscope.tui.tester.result_view import ResultView
 from bcapscope.tui.tester.tick_box import TickBox
 from bcapscope.tui.tester.wanted_messages import RawWanted
-from bcapscope.tui.words import say, told
+from bcapscope.tui.words import reader_words, say
 
 MAX_DATAGRAM = 65_507
 """Maximum payload of a datagram in bytes."""
@@ -91,4 +91,4 @@ def _frame_text(item: object) -> str:
 
 
 def _problem_text(problems: Iterable[Problem]) -> str:
-    return ", ".join(told(problem.reason) for problem in problems)
+    return ", ".join(reader_words().text(problem.reason) for problem in problems)

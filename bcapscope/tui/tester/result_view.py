@@ -16,7 +16,7 @@ from bcapscope.render.result_values import reply_values_text
 from bcapscope.tui.controller_access.history_record import HistoryRecord, RecordOutcome, failure_text
 from bcapscope.tui.ink import INK
 from bcapscope.tui.widgets.inked_text import InkedText
-from bcapscope.tui.words import reader_words, say, told
+from bcapscope.tui.words import reader_words, say, table_text
 
 
 class ResultView(InkedText, can_focus=True):
@@ -125,7 +125,7 @@ def _value_meaning(record: HistoryRecord) -> str:
     value = arguments[0].variant.value if arguments else None
     function = FUNCTIONS.get(record.function_id)
     if function is not None and function.creates is not None and arguments:
-        return told(f"handle of a {function.creates}")
+        return say("field.handle", object=function.creates.value)
     command = command_name(record.function_id, record.arguments)
-    words = result_meanings(record.function_id, command, value) if isinstance(value, int) else ()
-    return ", ".join(map(told, words))
+    meanings = result_meanings(record.function_id, command, value) if isinstance(value, int) else ()
+    return say("list.comma").join(table_text(each) for each in meanings)

@@ -18,7 +18,7 @@ from bcapscope.tui.tester.command_form import CommandForm
 from bcapscope.tui.tester.open_object_row import OpenObjectRow
 from bcapscope.tui.tester.result_view import ResultView
 from bcapscope.tui.tester.wanted_messages import CallWanted, RobSlaveWanted
-from bcapscope.tui.words import say, told
+from bcapscope.tui.words import say, table_text
 
 _EXECUTE, _START, _STOP = 87, 88, 89
 _NO_OPTION = Variant(VT.BSTR, "")
@@ -94,5 +94,5 @@ class TaskPanel(VerticalScroll, can_focus=False):
 
 
 def _mode_select(modes: Mapping[int, str], name: str) -> Select[int]:
-    options = [(f"{value} {told(text)}", value) for value, text in modes.items()]
+    options = [(f"{value} {table_text(text)}", value) for value, text in modes.items()]
     return Select(options, allow_blank=False, compact=True, id=name, classes="named")

@@ -11,7 +11,6 @@ from bcapscope.render.escape import printable
 from bcapscope.render.finding_text import finding_sentence, words_for
 from bcapscope.render.slave_session_text import slave_session_lines
 from bcapscope.render.statistics_text import statistics_lines
-from bcapscope.render.tongue import Tongue, english
 from bcapscope.traffic.pipeline import PipelineSubscriber
 from bcapscope.tui.ink import INK
 from bcapscope.tui.traffic_processes.process_messages import ShownFinding, TrafficAnalysis
@@ -23,15 +22,13 @@ MAX_LINES = 20_000
 class RunningDiagnosis:
     """Diagnosis and figures; `snapshot` returns them at any time."""
 
-    def __init__(self, words: MessageFormatter = ENGLISH_WORDS, tongue: Tongue = english) -> None:
+    def __init__(self, words: MessageFormatter = ENGLISH_WORDS) -> None:
         """Start without calls.
 
         Args:
-            words: Language of the lines about slave-mode sessions.
-            tongue: Language of the statistics.
+            words: Language of the lines.
         """
         self._words = words
-        self._tongue = tongue
         self._diagnosis = Diagnosis(on_slave_session=self._on_slave_session)
         self._statistics = StatisticsBuilder()
         self._slave_session_lines: list[str] = []
@@ -58,7 +55,7 @@ class RunningDiagnosis:
         session_lines = self._slave_session_lines.copy()
         for session in self._diagnosis.remaining_sessions(ended):
             self._add_slave_session(session, session_lines)
-        lines = [] if statistics is None else list(statistics_lines(statistics, INK, self._tongue))
+        lines = [] if statistics is None else list(statistics_lines(statistics, INK, self._words))
         return TrafficAnalysis(findings, totals, session_lines, lines)
 
     def _on_slave_session(self, session: SlaveSession) -> None:

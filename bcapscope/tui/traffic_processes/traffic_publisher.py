@@ -91,10 +91,8 @@ class TrafficPublisher:
         """Return the diagnosis of the traffic so far, after loading it if necessary."""
         if self._diagnosis is None:
             from bcapscope.tui.traffic_processes.running_diagnosis import RunningDiagnosis  # noqa: PLC0415 - see has_diagnosis
-            from bcapscope.tui.words import tongue  # noqa: PLC0415 - likewise
 
-            language = Language(self._job.language)
-            self._diagnosis = RunningDiagnosis(MessageFormatter(language), tongue(language))
+            self._diagnosis = RunningDiagnosis(MessageFormatter(Language(self._job.language)))
         return self._diagnosis
 
     def subscribers(self) -> tuple[PipelineSubscriber, ...]:

@@ -20,7 +20,7 @@ from bcapscope.tui.widgets.frame_list import (
     right_aligned,
 )
 from bcapscope.tui.widgets.lines import Lines
-from bcapscope.tui.words import say, told
+from bcapscope.tui.words import reader_words, say
 
 
 class CallList(Lines):
@@ -52,7 +52,7 @@ class CallList(Lines):
         self._live = False
         self._start_time = 0
         self._unfolded: list[tuple[int, int]] = []
-        self._renderer = CallRenderer(palette=INK, write_endpoints=lambda flow: "", tongue=told)
+        self._renderer = CallRenderer(palette=INK, write_endpoints=lambda flow: "", words=reader_words())
 
     def open_calls(self, calls: CallStore, live: bool) -> None:
         """Show the calls of a store, from the end if it is `live`."""
@@ -69,7 +69,9 @@ class CallList(Lines):
         if (clock, with_client, first) == (self._clock, self._with_client, self._start_time):
             return
         self._clock, self._with_client, self._start_time = clock, with_client, first
-        self._renderer = CallRenderer(clock, INK, client_and_arrow if with_client else direction_arrow, told)
+        self._renderer = CallRenderer(
+            clock, INK, client_and_arrow if with_client else direction_arrow, reader_words()
+        )
         self._renderer.set_time_origin(first)
         self.repaint()
 

@@ -12,7 +12,7 @@ from bcapscope.render.frame_outline import FieldRow, FieldRowKind, FrameSection,
 from bcapscope.render.frame_tree import colored_value
 from bcapscope.tui.ink import INK
 from bcapscope.tui.widgets.lines import Lines
-from bcapscope.tui.words import told
+from bcapscope.tui.words import reader_words
 
 MAX_ROWS = 20_000
 """Rows per section: a frame of a megabyte has more fields than a user can read."""
@@ -106,7 +106,8 @@ class FieldTree(Lines):
         at = self._visible[index]
         section, row, stop = self._entries[at]
         if row is None:
-            return f"{INK.dim}{told(self._sections[section].caption)}{INK.reset}"
+            caption = self._sections[section].caption
+            return "" if caption is None else f"{INK.dim}{reader_words().text(caption)}{INK.reset}"
         indent = "  " * row.depth
         if row.kind is FieldRowKind.PROBLEM:
             return f"       {indent}{INK.problem}!! {row.text}{INK.reset}"
@@ -129,9 +130,9 @@ class FieldTree(Lines):
     def _rebuild(self) -> None:
         self._entries = []
         for number, section in enumerate(self._sections):
-            if section.caption:
+            if section.caption is not None:
                 self._entries.append(_Entry(number, None, len(self._entries) + 1))
-            found = list(islice(field_rows(section, self._full, told), MAX_ROWS))
+            found = list(islice(field_rows(section, self._full, reader_words()), MAX_ROWS))
             self._entries += _make_entries(number, found, len(self._entries))
         self._folded = {at for at in range(len(self._entries)) if self._is_short_branch(at)}
         self._update_visible()

@@ -15,7 +15,7 @@ from bcapscope.traffic.filter.getters import AnnotatedFrame
 from bcapscope.traffic.observation import Direction, Flow
 from bcapscope.tui.ink import INK
 from bcapscope.tui.widgets.lines import Lines
-from bcapscope.tui.words import say, told
+from bcapscope.tui.words import reader_words, say, told
 
 MARKED, RELATED, EVIDENCE = "●", "┃", "◆"
 """Marks before a frame: marked by the user, part of the call under the cursor, evidence of the selected
@@ -81,7 +81,7 @@ class FrameList(Lines):
         self._with_client = False
         self._live = False
         self._has_start_time = False
-        self._renderer = FrameLineRenderer(palette=INK, write_endpoints=direction_arrow, tongue=told)
+        self._renderer = FrameLineRenderer(palette=INK, write_endpoints=direction_arrow, words=reader_words())
 
     def open_journal(self, journal: ObservationStore, live: bool) -> None:
         """Show a journal, from the end if it is `live`."""
@@ -104,7 +104,7 @@ class FrameList(Lines):
 
     def _new_renderer(self) -> FrameLineRenderer:
         ends = client_and_arrow if self._with_client else direction_arrow
-        renderer = FrameLineRenderer(self._clock, INK, write_endpoints=ends, tongue=told)
+        renderer = FrameLineRenderer(self._clock, INK, write_endpoints=ends, words=reader_words())
         if self._clock is TimeFormat.RELATIVE and self._journal is not None and len(self._journal):
             renderer.set_time_origin(self._journal.time_of(1))
         return renderer

@@ -15,14 +15,12 @@ from types import MappingProxyType
 from bcapscope.errors import BcapError
 from bcapscope.messages import Language, MessageFormatter, language_of
 from bcapscope.messages.message import PlaceValue
+from bcapscope.protocol.tables.table_text import table_message
 from bcapscope.render.tongue import Tongue, english
 from bcapscope.tui.words import (
-    calls,
-    commands,
     figures,
     files,
     frames,
-    meanings,
     preflight,
     reading,
     reasons,
@@ -33,12 +31,9 @@ from bcapscope.tui.words import (
 from bcapscope.tui.words.phrases import Phrasebook
 
 _BOOKS = (
-    calls,
-    commands,
     figures,
     files,
     frames,
-    meanings,
     preflight,
     reading,
     reasons,
@@ -83,6 +78,11 @@ def reader_words() -> MessageFormatter:
 def error_words(error: Exception) -> str:
     """Return an error in the language of the labels, as far as it carries a message."""
     return reader_words().text(error.message) if isinstance(error, BcapError) else told(str(error))
+
+
+def table_text(english: str) -> str:
+    """Return a text of the protocol's tables."""
+    return reader_words().text(table_message(english))
 
 
 def told(sentence: str) -> str:

@@ -98,9 +98,9 @@ def test_the_count_of_empty_is_kept() -> None:
 
 def test_a_promise_says_how_much_there_is() -> None:
     (problem,) = read(bytes.fromhex("0E000000 0520 04000000 000000000000F03F")).problems
-    assert problem.reason == "4 elements of VT_R8 promised, bytes for 1"
+    assert str(problem.reason) == "4 elements of VT_R8 promised, bytes for 1"
     (problem,) = read(bytes.fromhex("06000000 0300 01000000")).problems
-    assert problem.reason == "1 element of VT_I4 promised, bytes for 0"
+    assert str(problem.reason) == "1 element of VT_I4 promised, bytes for 0"
 
 
 def test_nesting_is_followed_to_its_bound() -> None:
@@ -157,7 +157,7 @@ def test_what_exceeds_the_budget_is_not_read(
     what = "2 numbers" if numbers == 2 else f"{values} values"
     reason = f"the frame has more than {what}, the rest is not read"
     expected = [] if read is NEST else [("elements", reason)]
-    assert [(problem.code, problem.reason) for problem in reader.problems] == expected
+    assert [(problem.code, str(problem.reason)) for problem in reader.problems] == expected
     assert reader.is_complete == (read is NEST)
 
 

@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bcapscope.errors import LocalProtocolError, TooLargeError
+from bcapscope.messages import Message
 from bcapscope.protocol.codec import frame as frames_module
 from bcapscope.protocol.codec import frame_content as contents
 from bcapscope.protocol.codec.frame import (
@@ -35,6 +36,7 @@ from tests.frames import (
 )
 from tests.fuzz import targets
 from tests.fuzz.targets import check_frame
+from tests.samples.problems import problem_of
 from tests.strategies import Plan, frames, garbage, mutated_frames, plans
 
 PLAIN = [pair for pair in FRAMES if pair.framing is Framing.PLAIN]
@@ -131,7 +133,7 @@ def test_bytes_that_are_no_frame(raw: str, problems: list[tuple[int, str]]) -> N
 def test_bytes_behind_a_sound_frame_are_an_item_of_their_own() -> None:
     frame, rest = parse_datagram(FRAMES[0].data + b"\xee\xee")
     assert frame == Frame(FRAMES[0].data)
-    assert rest == Malformed(b"\xee\xee", (Problem(0, "soh", "first byte is EE, a frame begins with 01"),))
+    assert rest == Malformed(b"\xee\xee", (Problem(0, "soh", Message("problem.soh", byte="EE")),))
 
 
 def test_a_datagram_that_begins_otherwise_is_no_frame_whatever_follows() -> None:
@@ -149,7 +151,7 @@ def test_a_frame_whose_length_ends_on_no_eot_takes_the_whole_datagram() -> None:
 
 def test_items_are_equal_by_what_they_hold() -> None:
     one, other = FRAMES[0].data, FRAMES[1].data
-    note = Problem(16, "cut", "the capture kept 16 of 20 bytes")
+    note = problem_of(16, "cut", "the capture kept 16 of 20 bytes")
     assert Frame(one) == Frame(one) != Frame(other)
     assert Frame(one) != Frame(one, note)
     assert len({Frame(one), Frame(one), Frame(other)}) == 2
@@ -162,7 +164,7 @@ def test_items_are_equal_by_what_they_hold() -> None:
 
 
 def test_a_note_is_a_problem_of_the_frame_and_not_of_its_bytes() -> None:
-    note = Problem(20, "cut", "the capture kept 20 of 82 bytes")
+    note = problem_of(20, "cut", "the capture kept 20 of 82 bytes")
     cut = Frame(FRAMES[2].data[:20], note)
     assert cut.problems == (*FrameContent(cut.raw).problems, note)
     sound = Frame(FRAMES[2].data, note)

@@ -9,6 +9,7 @@ from bcapscope.protocol.codec.frame import encode_frame
 from bcapscope.protocol.codec.variant import EMPTY, VT, Variant, encode_argument
 from bcapscope.protocol.dissection.repair_text import damage_problem
 from tests.damaged import CHANGE_MODE, DONE, GET_MODE, MOVE, MOVED, NUMBER, SOUND, TEXT, without
+from tests.samples.problems import problem_of
 from tests.strategies import frames, mutated_frames
 
 READS_MOVE = "it then reads Robot_Execute slvMove"
@@ -29,7 +30,7 @@ def test_nothing_is_said_of_a_sound_frame(frame: bytes) -> None:
         (
             without(DONE, 14),
             False,
-            Problem(
+            problem_of(
                 14,
                 "guess",
                 "probably 1 zero byte lost: at offset 14 in the argument count (1 of 2 bytes there); "
@@ -39,18 +40,18 @@ def test_nothing_is_said_of_a_sound_frame(frame: bytes) -> None:
         (
             GET_MODE[:-1] + b"\0\x04",
             True,
-            Problem(
+            problem_of(
                 77,
                 "guess",
                 "probably 1 zero byte too many: at offset 77 in the string length of vntParam "
                 "(5 bytes for 4); it then reads Robot_Execute slvGetMode",
             ),
         ),
-        (without(MOVE, 12, 28), True, Problem(12, "guess", TWO_LOST + READS_MOVE)),
+        (without(MOVE, 12, 28), True, problem_of(12, "guess", TWO_LOST + READS_MOVE)),
         (
             without(MOVED, 12, 56),
             False,
-            Problem(
+            problem_of(
                 12,
                 "guess",
                 "probably 2 zero bytes lost: at offset 12 in the HRESULT (3 of 4 bytes there), at offset 55 "
@@ -60,7 +61,7 @@ def test_nothing_is_said_of_a_sound_frame(frame: bytes) -> None:
         (
             without(MOVE, 12, 28)[:51],
             True,
-            Problem(
+            problem_of(
                 12,
                 "guess",
                 "cut after 51 of 100 bytes, in the characters of bstrCommand; " + TWO_LOST + "47 bytes "
@@ -70,7 +71,7 @@ def test_nothing_is_said_of_a_sound_frame(frame: bytes) -> None:
         (
             CHANGE_MODE[:30],
             True,
-            Problem(
+            problem_of(
                 30,
                 "cut",
                 "cut after 30 of 82 bytes, in the next argument; 52 bytes missing at the end; "
@@ -80,7 +81,7 @@ def test_nothing_is_said_of_a_sound_frame(frame: bytes) -> None:
         (
             CHANGE_MODE.replace(b"n\0", b"\x8e\0").replace(b"e\0M", b"\x85\0M"),
             True,
-            Problem(
+            problem_of(
                 55,
                 "guess",
                 "probably misread: 8E for 6E at offset 55 and 85 for 65 at offset 59, in the characters of "
@@ -90,25 +91,25 @@ def test_nothing_is_said_of_a_sound_frame(frame: bytes) -> None:
         (
             b"\x01\x04\0\0\0" + MOVE[5:],
             True,
-            Problem(1, "guess", "probably only the length field is wrong: it says 4, there are 100 bytes"),
+            problem_of(1, "guess", "probably only the length field is wrong: it says 4, there are 100 bytes"),
         ),
         (
             DONE + b"\r\n",
             False,
-            Problem(
+            problem_of(
                 16, "guess", "probably 2 bytes too many: at offset 16, behind the frame; it then reads S_OK"
             ),
         ),
         (
             encode_frame(1, 0, 64, (Variant(VT.I4, 1), Variant(VT.BSTR, "slvChnageMode"), EMPTY)),
             True,
-            Problem(29, "name", "no command slvChnageMode is known, slvChangeMode is near to it"),
+            problem_of(29, "name", "no command slvChnageMode is known, slvChangeMode is near to it"),
         ),
-        (NUMBER, None, Problem(0, "argument", "no frame, but an argument of a frame, VT_I4 1")),
+        (NUMBER, None, problem_of(0, "argument", "no frame, but an argument of a frame, VT_I4 1")),
         (
             NUMBER[1:] + NUMBER[:1],
             None,
-            Problem(
+            problem_of(
                 13,
                 "guess",
                 "no frame; probably an argument of a frame, VT_I4 1: its last byte, 0A, belongs in front",
@@ -117,7 +118,7 @@ def test_nothing_is_said_of_a_sound_frame(frame: bytes) -> None:
         (
             TEXT + b"\0",
             None,
-            Problem(
+            problem_of(
                 40,
                 "guess",
                 "no frame; probably an argument of a frame, VT_BSTR slvChangeMode: a zero byte too many, "
@@ -127,12 +128,12 @@ def test_nothing_is_said_of_a_sound_frame(frame: bytes) -> None:
         (
             encode_argument(Variant.array(VT.R4, (1.0, 2.0))),
             None,
-            Problem(0, "argument", "no frame, but an argument of a frame, VT_R4|VT_ARRAY of 2 elements"),
+            problem_of(0, "argument", "no frame, but an argument of a frame, VT_R4|VT_ARRAY of 2 elements"),
         ),
         (
             encode_argument(EMPTY),
             None,
-            Problem(0, "argument", "no frame, but an argument of a frame, VT_EMPTY"),
+            problem_of(0, "argument", "no frame, but an argument of a frame, VT_EMPTY"),
         ),
     ],
 )
@@ -143,10 +144,10 @@ def test_what_is_said(raw: bytes, is_request: bool | None, problem: Problem) -> 
 def test_two_surplus_zeros_are_reported_at_both_places() -> None:
     told = damage_problem(CHANGE_MODE[:12] + b"\0" + CHANGE_MODE[12:40] + b"\0" + CHANGE_MODE[40:], True)
     assert told is not None
-    assert told.reason.startswith(
+    assert str(told.reason).startswith(
         "probably 2 zero bytes too many: at offset 13 in the function id (5 bytes for 4)"
     )
-    assert "at offset 44 in the string length of bstrCommand (5 bytes for 4)" in told.reason
+    assert "at offset 44 in the string length of bstrCommand (5 bytes for 4)" in str(told.reason)
 
 
 @pytest.mark.parametrize(("raw", "word"), [(without(MOVE, 12), "slvMove"), (without(MOVED, 12), "S_OK")])
@@ -154,7 +155,7 @@ def test_who_sent_it_is_told_by_what_it_reads(raw: bytes, word: str) -> None:
     told = damage_problem(raw)
     assert told == damage_problem(raw, word == "slvMove")
     assert told is not None
-    assert word in told.reason
+    assert word in str(told.reason)
 
 
 @given(st.binary(max_size=80) | frames() | mutated_frames(), st.sampled_from([True, False, None]))
@@ -162,13 +163,13 @@ def test_any_bytes_are_explained_in_plain_characters(raw: bytes, is_request: boo
     told = damage_problem(raw, is_request)
     if told is not None:
         assert 0 <= told.offset <= len(raw)
-        assert told.reason.isprintable()
-        assert told.reason.replace("…", "").isascii()
+        assert str(told.reason).isprintable()
+        assert str(told.reason).replace("…", "").isascii()
 
 
 def test_hostile_strings_are_escaped() -> None:
     raw = encode_argument(Variant(VT.BSTR, "\x1b[2J\u202e" + "x" * 100))
     told = damage_problem(raw)
     assert told is not None
-    assert told.reason.startswith(r"no frame, but an argument of a frame, VT_BSTR '\x1b[2J\u202exx")
-    assert told.reason.endswith("x'…")
+    assert str(told.reason).startswith(r"no frame, but an argument of a frame, VT_BSTR '\x1b[2J\u202exx")
+    assert str(told.reason).endswith("x'…")

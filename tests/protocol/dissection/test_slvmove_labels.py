@@ -32,7 +32,7 @@ def test_bare_pose(count: int, names: list[tuple[str, str]], is_request: bool) -
     found = slvmove_label(row(count), is_request)
     assert named(found) == names
     assert found.name == ""
-    assert found.text == f"{'P' if count == 7 else 'J'} pose, guessed"
+    assert str(found.text) == f"{'P' if count == 7 else 'J'} pose, guessed"
 
 
 def test_pose_as_a_list_of_numbers() -> None:
@@ -50,7 +50,7 @@ def test_set_point_with_io() -> None:
     found = slvmove_label(listed(row(7), Variant(VT.I4, 0x10000)), is_request=True)
     assert [part.name for part in found.elements] == ["pose", "hand I/O"]
     assert named(found.elements[0]) == POSITION
-    assert found.text == "parts guessed"
+    assert str(found.text) == "parts guessed"
 
 
 def test_set_point_with_user_io() -> None:

@@ -5,13 +5,14 @@ from __future__ import annotations
 import pytest
 
 from bcapscope.protocol.codec.arguments import Argument
-from bcapscope.protocol.codec.frame import Frame, Malformed, Problem, encode_frame
+from bcapscope.protocol.codec.frame import Frame, Malformed, encode_frame
 from bcapscope.traffic.call import Call
 from bcapscope.traffic.call_kind import RecentRequests
 from bcapscope.traffic.filter.compiler import compile_filter
 from bcapscope.traffic.filter.field_table import FIELDS, FieldType, FilterField, RecordKind, fields_of
 from bcapscope.traffic.filter.getters import CALL_GETTERS, FRAME_GETTERS, AnnotatedFrame
 from bcapscope.traffic.observation import Direction, Endpoint
+from tests.samples.problems import problem_of
 from tests.traffic.playbook import (
     MOVE,
     POSE,
@@ -23,8 +24,8 @@ from tests.traffic.playbook import (
     execute,
 )
 
-HOLE = Malformed(b"", (Problem(0, "gap", "120 bytes of the stream are missing"),), 120)
-NO_FRAME = Malformed(b"=HELLO", (Problem(0, "soh", "first byte is 3D, a frame begins with 01"),))
+HOLE = Malformed(b"", (problem_of(0, "gap", "120 bytes of the stream are missing"),), 120)
+NO_FRAME = Malformed(b"=HELLO", (problem_of(0, "soh", "first byte is 3D, a frame begins with 01"),))
 
 
 def script() -> Script:

@@ -28,6 +28,7 @@ from bcapscope.player.trajectory_reader import read_trajectories
 from bcapscope.protocol.codec.frame import encode_frame, parse_datagram
 from bcapscope.protocol.codec.variant import VT, Variant
 from bcapscope.protocol.tables import enumerations
+from bcapscope.protocol.tables.table_text import table_message
 from bcapscope.render.escape import printable
 from bcapscope.render.frame_outline import field_rows, frame_sections
 from bcapscope.render.preflight_text import PreflightRenderer, source_lines
@@ -83,6 +84,9 @@ def _is_whole(text: str) -> bool:
     return bool(JAPANESE.search(text)) and not left_over(text)
 
 
+JAPANESE_WORDS = MessageFormatter(Language.JAPANESE)
+
+
 def _figures(capture: bytes) -> Iterator[str]:
     """Yield the lines about stays and statistics."""
     stays: list[SlaveSession] = []
@@ -96,7 +100,7 @@ def _figures(capture: bytes) -> Iterator[str]:
     stays += diagnosis.remaining_sessions()
     yield from (line for stay in stays for line in slave_session_lines(stay, words=reader_words()))
     if statistics is not None:
-        yield from statistics_lines(statistics, tongue=told)
+        yield from statistics_lines(statistics, words=JAPANESE_WORDS)
 
 
 def test_timing_and_statistics_have_no_english_line() -> None:
@@ -240,14 +244,17 @@ def test_what_is_not_known_is_shown_as_it_is(text: str) -> None:
     ],
 )
 def test_what_numbers_and_keys_stand_for(table: Mapping[object, str]) -> None:
-    assert [text for text in table.values() if told(text) == text or left_over(told(text))] == []
+    texts = {text: JAPANESE_WORDS.text(table_message(text)) for text in table.values()}
+    assert [text for text, japanese in texts.items() if japanese == text or left_over(japanese)] == []
 
 
 def test_a_tree_is_japanese_but_for_names_and_what_is_from_the_wire() -> None:
     words = "handle of a Robot"
     arguments = ROBOT, Variant(VT.BSTR, words), Variant.array(VT.R8, (1.0,) * 40)
     seen = observe(parse_datagram(encode_frame(1, 0, 64, arguments))[0])
-    found = [row for section in frame_sections(seen, None) for row in field_rows(section, tongue=told)]
+    found = [
+        row for section in frame_sections(seen, None) for row in field_rows(section, words=JAPANESE_WORDS)
+    ]
     texts = {row.name: row.text for row in found}
     assert texts["hRobot"].endswith(", Robot のハンドル")
     assert texts["bstrCommand"] == f'VT_BSTR "{words}"'
