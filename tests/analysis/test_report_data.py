@@ -69,8 +69,6 @@ def test_what_happened_has_marks() -> None:
     client.reply(31, 4)
     outside = problem_of(0, "soh", "bytes outside of any frame")
     client.see(40, Direction.REQUEST, Malformed(b"\x02", (outside,)))
-        40, Direction.REQUEST, Malformed(b"\x02", (problem_of(0, "soh", "bytes outside of any frame"),))
-    )
     client.see(50, Direction.RESPONSE, Malformed(b"", (), 99))
     client.reply(60, 77, 0, E_FAIL)
     told = tell(script)
