@@ -23,7 +23,6 @@ from bcapscope.errors import CallTimeout
 from bcapscope.live.end_signals import run_interruptible
 from bcapscope.live.standard_streams import choose_palette, print_stderr
 from bcapscope.protocol.codec.variant import Variant
-from bcapscope.protocol.guard import needs_arming
 from bcapscope.protocol.retry.requester import CallRefused, CallTimedOut, RequesterOutcome
 from bcapscope.protocol.tables.command_catalogue import call_name
 from bcapscope.protocol.tables.function_table import ObjectClass
@@ -197,13 +196,13 @@ class _CallRunner:
     async def _run_calls(self, requests: Sequence[PlannedCall]) -> ExitCode:
         printer = self._printer
         async with open_target_session(self._target, observer=self._on_packet) as session:
-            reach = ObjectOpener(session, self._target.service, self._target.connect, self._names)
+            opener = ObjectOpener(session, self._target, self._names)
             for request in requests:
-                arguments = await request.arguments(reach)
-                if not await self._is_allowed(request, arguments, reach):
+                arguments = await request.arguments(opener)
+                if not await self._is_allowed(request, arguments, opener):
                     return ExitCode.UNARMED
                 printer.packets.clear()
-                settled = await reach.perform_call(request.function, arguments)
+                settled = await session.perform_call(request.function.id, arguments)
                 printer.print_answer(request, arguments, settled)
                 if isinstance(settled, CallRefused):
                     return ExitCode.REFUSED
@@ -215,12 +214,12 @@ class _CallRunner:
             self._log.on_observation(observation)
 
     async def _is_allowed(
-        self, request: PlannedCall, arguments: Sequence[Variant], reach: ObjectOpener
+        self, request: PlannedCall, arguments: Sequence[Variant], opener: ObjectOpener
     ) -> bool:
         function_id = request.function.id
-        if self._armed or not needs_arming(function_id, arguments, reach.variable_name(arguments)):
+        if self._armed or not opener.session.needs_arming(function_id, arguments):
             return True
-        self._armed = await reach.is_simulator()
+        self._armed = await opener.is_simulator()
         if not self._armed:
             name, host = call_name(function_id, arguments), self._target.host
             print_stderr(printable(f"bcapscope: {name} was not sent. {unarmed_reason(host)}"))

@@ -18,7 +18,8 @@ from bcapscope.cli.common.data_output import echo
 from bcapscope.cli.common.exit_codes import ExitCode
 from bcapscope.cli.common.target_options import ControllerTarget, exit_on_failure, target_options
 from bcapscope.client.controller_target import os_error_text
-from bcapscope.client.object_opener import ObjectOpener
+from bcapscope.client.object_opener import ObjectOpener, read_variable_once
+from bcapscope.client.remote_objects import Controller, Robot
 from bcapscope.client.session import Session, open_target_session
 from bcapscope.errors import ControllerError
 from bcapscope.live.end_signals import run_interruptible
@@ -29,9 +30,9 @@ from bcapscope.render.escape import printable
 
 _GET_ATTRIBUTE = 19
 _VARIABLES = (
-    ("version", ObjectClass.CONTROLLER, "@VERSION"),
-    ("robot type", ObjectClass.ROBOT, "@TYPE_NAME"),
-    ("robot type number", ObjectClass.ROBOT, "@TYPE"),
+    ("version", Controller, "@VERSION"),
+    ("robot type", Robot, "@TYPE_NAME"),
+    ("robot type number", Robot, "@TYPE"),
 )
 
 
@@ -107,14 +108,14 @@ def command(*, target: ControllerTarget, count: int, interval: float, as_json: b
 
 async def _ping(target: ControllerTarget, count: int, interval: float, found: _PingResult) -> None:
     async with open_target_session(target) as session:
-        reach = ObjectOpener(session, target.service, target.connect, {})
-        await reach.start_service()
+        opener = ObjectOpener(session, target)
+        await opener.start_service()
         found.is_answering = True
         handle = 0
         try:
-            handle = await reach.handle_for(ObjectClass.CONTROLLER)
-            found.is_simulator = await reach.is_simulator()
-            await _read_facts(reach, found)
+            handle = await opener.handle_for(ObjectClass.CONTROLLER)
+            found.is_simulator = await opener.is_simulator()
+            await _read_facts(opener, found)
         except ControllerError as error:
             found.refusal = str(error)
         try:
@@ -123,18 +124,15 @@ async def _ping(target: ControllerTarget, count: int, interval: float, found: _P
             found.break_reason = os_error_text(error)
 
 
-async def _read_facts(reach: ObjectOpener, found: _PingResult) -> None:
+async def _read_facts(opener: ObjectOpener, found: _PingResult) -> None:
     """Read the variables that identify the controller, if it has them."""
     for name, owner, variable in _VARIABLES:
         try:
-            parent = await reach.handle_for(owner)
-            opened = await reach.invoke(f"{owner}_GetVariable", parent, variable, "")
-            value = await reach.invoke("Variable_GetValue", opened)
-            if value is not None:  # EMPTY: the variable has no value
-                found.facts[name] = value
-            await reach.invoke("Variable_Release", opened)
+            value = await read_variable_once(await opener.open_remote(owner), variable)
         except ControllerError:
             continue
+        if value is not None and value.value is not None:  # EMPTY: the variable has no value
+            found.facts[name] = value.value
 
 
 async def _measure(session: Session, handle: int, count: int, interval: float, found: _PingResult) -> None:

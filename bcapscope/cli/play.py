@@ -15,6 +15,7 @@ from bcapscope.cli.common.output_files import check_output_path
 from bcapscope.cli.common.play_runner import PlayOutput, PlayRunner
 from bcapscope.cli.common.target_options import ControllerTarget, target_options
 from bcapscope.cli.common.trajectory_options import TrajectoryOptions, trajectory_options
+from bcapscope.client.controller_target import DEFAULT_ROBOT, ROBSLAVE
 from bcapscope.live.standard_streams import choose_palette
 from bcapscope.player.arm_limits import UNKNOWN_ARM, with_limits
 from bcapscope.player.player_messages import PlayPlan, SlaveModePacing
@@ -50,9 +51,9 @@ def _parse_mode(context: click.Context, parameter: click.Parameter, value: str) 
     help="Use this slave mode. sync: the controller sets the pace (Sync on RC7, mode 2 on later "
     "controllers). async: `play` sets the pace. Or give the number for slvChangeMode, such as 0x202.",
 )
-@click.option("--robot", default="Arm", show_default=True, help="Open the robot with this name.")
+@click.option("--robot", default=DEFAULT_ROBOT, show_default=True, help="Open the robot with this name.")
 @click.option(
-    "--task", default="RobSlave", show_default=True, help="Start this task, which RC7 needs for slave mode."
+    "--task", default=ROBSLAVE, show_default=True, help="Start this task, which RC7 needs for slave mode."
 )
 @click.option("--move-to-start", is_flag=True, help="Move to the first set point without confirmation.")
 @click.option(

@@ -32,11 +32,10 @@ from bcapscope.live.end_signals import interrupt_on_end_signals
 from bcapscope.live.server_runner import ServerRunner, reachability_text
 from bcapscope.live.standard_streams import choose_palette, print_stderr
 from bcapscope.player.arm_limits import SIMULATED_ARM, UNKNOWN_ARM, ArmLimits, with_limits
-from bcapscope.player.blocking_caller import BlockingCaller, FrameCallback, run_blocking
+from bcapscope.player.blocking_caller import BlockingCaller, FrameCallback, ignore_frame, run_blocking
 from bcapscope.player.channel import Channel, open_channel
 from bcapscope.player.realtime import realtime_priority
 from bcapscope.protocol.guard import needs_arming
-from bcapscope.protocol.retry.reserved_convention import ReservedConvention
 from bcapscope.protocol.text_format import counted
 from bcapscope.render.escape import printable
 from bcapscope.render.preflight_text import PreflightRenderer
@@ -297,8 +296,8 @@ class _ReplayRunner:
         self, target: ControllerTarget, log: ArmedCallLogger | None, longest_pause: int
     ) -> None:
         async with _session(target, log) as (session, channel):
-            reach = ObjectOpener(session, target.service, target.connect, {})
-            play = ScriptPlayer(self._script, reach, channel, longest_pause, self._anywhere)
+            opener = ObjectOpener(session, target)
+            play = ScriptPlayer(self._script, opener, channel, longest_pause, self._anywhere)
             await play.play(self._on_played)
 
     def _needs_arming(self) -> bool:
@@ -321,7 +320,7 @@ class _ReplayRunner:
 
 async def _is_simulator(target: ControllerTarget) -> bool:
     async with _session(target) as (session, _):
-        return await ObjectOpener(session, target.service, target.connect, {}).is_simulator()
+        return await ObjectOpener(session, target).is_simulator()
 
 
 def _confirm_robot(host: str) -> bool:
@@ -339,13 +338,9 @@ async def _session(
     target: ControllerTarget, log: ArmedCallLogger | None = None
 ) -> AsyncIterator[tuple[Session, Channel]]:
     channel = open_channel(target.host, target.port, target.tcp)
-    convention = target.convention or (
-        ReservedConvention.SEED if channel.datagrams else ReservedConvention.TCP0
-    )
-    exchanger = BlockingCaller(channel, convention)
-    if log is not None:
-        exchanger = BlockingCaller(channel, convention, _log_watcher(log))
-    session = Session(exchanger, target.retry_policies)
+    convention = target.convention_for(channel.datagrams)
+    on_frame = ignore_frame if log is None else _log_watcher(log)
+    session = Session(BlockingCaller(channel, convention, on_frame), target.retry_policies)
     try:
         yield session, channel
     finally:

@@ -7,7 +7,13 @@ from dataclasses import dataclass
 
 from bcapscope.client.retry_policies import DEFAULT_PORT, DEFAULT_RETRY_POLICIES, RetryPolicies
 from bcapscope.protocol.retry.requester import RetryPolicy
-from bcapscope.protocol.retry.reserved_convention import ReservedConvention
+from bcapscope.protocol.retry.reserved_convention import ReservedConvention, client_conventions
+
+DEFAULT_ROBOT = "Arm"
+"""Name of the robot that most controllers have."""
+
+ROBSLAVE = "RobSlave"
+"""The program that an RC7 needs for slave mode (DENSO Wave 2009, How to use the Slave mode)."""
 
 _MS = 1_000_000
 
@@ -51,6 +57,11 @@ class ControllerTarget:
     def retry_policies(self) -> RetryPolicies:
         """Timeout and number of retries."""
         return RetryPolicies(others=RetryPolicy(round(self.timeout * _MS), self.retries))
+
+    def convention_for(self, datagrams: bool) -> ReservedConvention:
+        """Return the convention of the reserved field over UDP (`datagrams`) or TCP."""
+        allowed = client_conventions(datagrams)
+        return self.convention if self.convention in allowed else allowed[0]
 
     def __str__(self) -> str:
         host = f"[{self.host}]" if ":" in self.host else self.host

@@ -3,19 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import replace
+from typing import TypeVar
 
+from bcapscope.client.controller_target import DEFAULT_ROBOT, ROBSLAVE, ControllerTarget
+from bcapscope.client.handle_table import ObjectHandle
+from bcapscope.client.remote_object import RemoteObject, first_variant, handle_of, required_variant
+from bcapscope.client.remote_objects import Controller, Robot
 from bcapscope.client.session import Session
-from bcapscope.client.variant_values import arguments_of
 from bcapscope.errors import ControllerError
-from bcapscope.protocol.codec.variant import Variant
-from bcapscope.protocol.retry.requester import CallAnswered, RequesterOutcome
-from bcapscope.protocol.tables.function_table import FUNCTIONS, Function, ObjectClass
+from bcapscope.protocol.codec.variant import EMPTY, Variant
+from bcapscope.protocol.tables.function_table import ObjectClass
 from bcapscope.protocol.tables.hresult import E_INVALIDARG
 from bcapscope.protocol.tables.simulator_marker import SIMULATOR_TEXT, SIMULATOR_VARIABLE
 from bcapscope.protocol.tables.variables import find_variable
-from bcapscope.traffic.handle_table import HandleTable
 
-DEFAULT_OBJECT_NAMES: Mapping[ObjectClass, str] = {ObjectClass.ROBOT: "Arm", ObjectClass.TASK: "RobSlave"}
+R = TypeVar("R", bound=RemoteObject)
+
+DEFAULT_OBJECT_NAMES: Mapping[ObjectClass, str] = {
+    ObjectClass.ROBOT: DEFAULT_ROBOT,
+    ObjectClass.TASK: ROBSLAVE,
+}
 """Names of objects that most controllers have."""
 
 PROVIDER_ADVICE = (
@@ -24,98 +33,113 @@ PROVIDER_ADVICE = (
 """Advice when the controller refuses Controller_Connect. Sources: ShoheiKobata/orin_bcap_python_samples,
 DENSORobot/denso_robot_ros2 denso_robot_core (RC8), nkawa/Denso_CobottaPro900_MQTT_Control (VRC9)."""
 
+_UNKNOWN_PROVIDER_CODES = (E_INVALIDARG, 0x80000201)
+"""Result codes for an unknown provider name: that of RC8, and the CAO engine's own (orin_bcap
+C/include/bcap_common.h)."""
+
 
 class ObjectOpener:
-    """Opens missing objects before a call, and uses those that earlier calls opened.
+    """Opens missing objects before a call, and uses those that earlier calls of the session opened.
+
+    Every method raises what `Session.call` raises.
 
     Attributes:
         session: Session that makes the calls.
     """
 
     def __init__(
-        self, session: Session, service: str, connect: Sequence[str], names: Mapping[ObjectClass, str]
+        self,
+        session: Session,
+        target: ControllerTarget,
+        names: Mapping[ObjectClass, str] = DEFAULT_OBJECT_NAMES,
     ) -> None:
         """Set how to open objects; nothing is sent yet.
 
         Args:
-            session: Session in which nothing is open yet.
-            service: Option of Service_Start.
-            connect: The four arguments of Controller_Connect.
+            session: Session that makes the calls.
+            target: The controller, with the options of Service_Start and Controller_Connect.
             names: Names of the objects to open, if different from `DEFAULT_OBJECT_NAMES`.
         """
         self.session = session
-        self._service_option = service
-        self._connect_arguments = connect
+        self._target = target
         self._names = {**DEFAULT_OBJECT_NAMES, **names}
-        self._started = False
-        self._handles: dict[ObjectClass, int] = {}
-        self._handle_table = HandleTable()
 
     async def handle_for(self, object_class: ObjectClass) -> int:
         """Return the handle of the latest object of this class; open one if there is none.
 
         Raises:
             ValueError: Opening needs a name, and none is known.
-            BcapError: A call failed, as for `Session.call`.
         """
-        if object_class not in self._handles:
-            if object_class is ObjectClass.CONTROLLER:
-                await self.start_service()
-                await self._connect_controller()
-            elif object_class is ObjectClass.MESSAGE:
-                await self.invoke("Controller_GetMessage", await self.handle_for(ObjectClass.CONTROLLER))
-            else:
-                await self._open_object(object_class)
-        return self._handles[object_class]
+        found = self.session.handles.latest(object_class)
+        if found is not None:
+            return found.handle
+        if object_class is ObjectClass.CONTROLLER:
+            return await self._open_controller()
+        if object_class is ObjectClass.MESSAGE:
+            controller = await self.handle_for(ObjectClass.CONTROLLER)
+            return handle_of(await self.session.invoke("Controller_GetMessage", controller))
+        return await self._open_named(object_class)
+
+    async def open_remote(self, kind: type[R]) -> R:
+        """Return the latest object of a class; open one if there is none."""
+        return kind(self.session, await self.handle_for(kind.owner))
 
     async def start_service(self) -> None:
         """Start the service, if it is not started yet."""
-        if not self._started:
-            await self.invoke("Service_Start", self._service_option)
+        if not self.session.handles.is_service_started:
+            await self.session.invoke("Service_Start", self._target.service)
 
-    async def perform_call(self, function: Function, arguments: Sequence[Variant]) -> RequesterOutcome:
-        """Make a call with ready-made arguments, and record the handle that it opens or releases."""
-        settled = await self.session.perform_call(function.id, arguments)
-        if isinstance(settled, CallAnswered):
-            self._record_call(function, arguments, settled)
-        return settled
+    async def connect_controller(self, providers: Sequence[str]) -> str:
+        """Connect with the first of `providers` that the controller knows; return its name."""
+        for provider in providers[:-1]:
+            try:
+                await self._connect_with(provider)
+            except ControllerError as error:
+                if error.hresult not in _UNKNOWN_PROVIDER_CODES:
+                    raise
+            else:
+                return provider
+        await self._connect_with(providers[-1])
+        return providers[-1]
 
-    async def invoke(self, name: str, *values: object) -> object:
-        """Make a call with Python values, and record handles as `perform_call` does; return the value in the
-        reply."""
-        reply = await self.session.invoke(name, *values)
-        function = next(one for one in FUNCTIONS.values() if one.name == name)
-        self._record_call(function, arguments_of(function, values), CallAnswered(reply, ()))
-        return reply.arguments[0].variant.value if reply.arguments else None
+    async def open_child(self, parent: ObjectHandle, kind: ObjectClass, name: str) -> int:
+        """Return the handle of the open object of this name; open it through `parent` if necessary."""
+        found = self.session.handles.find_named(kind, name, parent)
+        if found is not None:
+            return found.handle
+        return handle_of(await self.session.invoke(f"{parent.kind}_Get{kind}", parent.handle, name, ""))
 
-    def variable_name(self, arguments: Sequence[Variant]) -> str:
-        """Return the name of the variable in the first argument; "" if it was not opened here."""
-        handle = arguments[0].value if arguments else None
-        opened = self._handle_table.find(ObjectClass.VARIABLE, handle) if isinstance(handle, int) else None
-        return opened.label if opened is not None else ""
+    async def read_variable(self, owner: ObjectClass, name: str) -> Variant:
+        """Read a variable of the latest object of a class. It stays open for the next reading.
+
+        Raises:
+            RemoteProtocolError: The reply holds no value.
+        """
+        parent = self.session.handles.find(owner, await self.handle_for(owner))
+        assert parent is not None  # the session records what it opens
+        variable = await self.open_child(parent, ObjectClass.VARIABLE, name)
+        return required_variant(await self.session.invoke("Variable_GetValue", variable), name)
 
     async def is_simulator(self) -> bool:
         """Ask whether the controller is bcapscope's simulator; no real controller gives the same answer."""
-        controller = await self.handle_for(ObjectClass.CONTROLLER)
-        try:
-            reply = await self.session.invoke("Controller_GetVariable", controller, SIMULATOR_VARIABLE, "")
-            handle = reply.arguments[0].variant.value if reply.arguments else None
-            value = await self.session.invoke("Variable_GetValue", handle)
-            await self.session.invoke("Variable_Release", handle)
-        except ControllerError:
-            return False
-        return bool(value.arguments) and value.arguments[0].variant.value == SIMULATOR_TEXT
+        value = await read_variable_once(await self.open_remote(Controller), SIMULATOR_VARIABLE)
+        return value is not None and value.value == SIMULATOR_TEXT
 
-    async def _connect_controller(self) -> None:
+    async def _open_controller(self) -> int:
+        await self.start_service()
         try:
-            await self.invoke("Controller_Connect", *self._connect_arguments)
+            return await self._connect_with(self._target.provider)
         except ControllerError as error:
             if error.hresult != E_INVALIDARG:
                 raise
             meaning = f"{error.meaning}; {PROVIDER_ADVICE}"
             raise ControllerError("Controller_Connect", error.hresult, error.name, meaning) from error
 
-    async def _open_object(self, object_class: ObjectClass) -> None:
+    async def _connect_with(self, provider: str) -> int:
+        arguments = replace(self._target, provider=provider).connect
+        return handle_of(await self.session.invoke("Controller_Connect", *arguments))
+
+    async def _open_named(self, object_class: ObjectClass) -> int:
         name = self._names.get(object_class)
         if name is None:
             raise ValueError(f"which {object_class}? Give its name, or open it before")
@@ -123,20 +147,26 @@ class ObjectOpener:
         if object_class is ObjectClass.VARIABLE and find_variable(ObjectClass.CONTROLLER, name) is None:
             others = (ObjectClass.ROBOT, ObjectClass.TASK)
             parent = next((other for other in others if find_variable(other, name)), parent)
-        await self.invoke(f"{parent}_Get{object_class}", await self.handle_for(parent), name, "")
+        return handle_of(
+            await self.session.invoke(f"{parent}_Get{object_class}", await self.handle_for(parent), name, "")
+        )
 
-    def _record_call(self, function: Function, arguments: Sequence[Variant], settled: CallAnswered) -> None:
-        self._handle_table.record_call(function, arguments, settled.reply)
-        if function.creates is ObjectClass.SERVICE:
-            self._started = True
-        elif function.creates is not None:
-            value = settled.reply.arguments[0].variant.value if settled.reply.arguments else None
-            if isinstance(value, int):
-                self._handles[function.creates] = value
-        if function.releases is ObjectClass.SERVICE:
-            self._started = False
-            self._handles.clear()
-        elif function.releases is not None:
-            released = arguments[0].value if arguments else None
-            if self._handles.get(function.releases) == released:
-                self._handles.pop(function.releases, None)
+
+async def read_variable_once(owner: Controller | Robot, name: str) -> Variant | None:
+    """Open, read and release a variable.
+
+    Returns:
+        Its value, EMPTY if the reply holds none; None if the controller refuses.
+    """
+    try:
+        variable = await owner.get_variable(name)
+    except ControllerError:
+        return None
+    try:
+        reply = await owner.session.invoke("Variable_GetValue", variable.handle)
+        value = first_variant(reply) or EMPTY
+    except ControllerError:
+        value = None
+    with suppress(ControllerError):
+        await variable.release()
+    return value

@@ -6,7 +6,8 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 
 from bcapscope.client.caller import EventListener, Observer
-from bcapscope.client.remote_objects import Controller, handle_of
+from bcapscope.client.remote_object import handle_of
+from bcapscope.client.remote_objects import Controller
 from bcapscope.client.retry_policies import DEFAULT_RETRY_POLICIES, RetryPolicies
 from bcapscope.client.session import LinkOpener, Session, open_session
 from bcapscope.protocol.retry.reserved_convention import ReservedConvention

@@ -8,6 +8,7 @@ from typing import Protocol, TypeAlias
 
 from bcapscope.client.caller import Caller, EventListener, Observer
 from bcapscope.client.controller_target import ControllerTarget
+from bcapscope.client.handle_table import HandleTable, first_number
 from bcapscope.client.retry_policies import (
     DEFAULT_PORT,
     DEFAULT_RETRY_POLICIES,
@@ -18,10 +19,11 @@ from bcapscope.client.variant_values import arguments_of
 from bcapscope.errors import BcapError, CallTimeout, ControllerError
 from bcapscope.protocol.codec.frame import Frame
 from bcapscope.protocol.codec.variant import VT, Variant, integer_value
+from bcapscope.protocol.guard import needs_arming
 from bcapscope.protocol.retry.requester import CallAnswered, CallRefused, RequesterOutcome, RetryPolicy
-from bcapscope.protocol.retry.reserved_convention import ReservedConvention
+from bcapscope.protocol.retry.reserved_convention import ReservedConvention, client_conventions
 from bcapscope.protocol.tables.command_catalogue import call_name, command_name
-from bcapscope.protocol.tables.function_table import FUNCTIONS, Function, ObjectClass, function_by_name
+from bcapscope.protocol.tables.function_table import FUNCTIONS, ObjectClass, function_by_name
 from bcapscope.protocol.tables.hresult import describe_hresult, hresult_name
 from bcapscope.transport.memory_link import MemoryLink
 from bcapscope.transport.peer_link import BaseLink, Link, LinkReceiver
@@ -32,6 +34,7 @@ LinkOpener: TypeAlias = Callable[[LinkReceiver], Awaitable[Link]]
 
 _MS = 1_000_000
 _SERVICE_START, _ROBOT_EXECUTE = 1, 64
+_RELEASES = {function.releases: function.name for function in FUNCTIONS.values() if function.releases}
 _ASYNC = 0x100
 _TRY_ONCE = RetryPolicy(_MS, 0)
 
@@ -80,12 +83,15 @@ class Session:
     Attributes:
         retry_policies: Policies of the following calls.
         caller: Makes the calls.
+        handles: What the calls have opened.
+        check_armed: Called before each call that needs arming; an exception that it raises prevents the call.
     """
 
     def __init__(self, caller: BaseCaller, retry_policies: RetryPolicies) -> None:
         self.retry_policies = retry_policies
         self.caller = caller
-        self._open_handles: list[tuple[Function, int | None]] = []
+        self.handles = HandleTable()
+        self.check_armed: Callable[[], None] | None = None
         self._slave_modes: dict[int, int] = {}
         self._is_starting = False
 
@@ -96,8 +102,10 @@ class Session:
             LocalProtocolError: The call cannot be sent; see `Requester.start_call`.
             ConnectionError: The link is lost.
         """
+        if self.check_armed is not None and self.needs_arming(function_id, arguments):
+            self.check_armed()
         pace = self.retry_policy_for(function_id, arguments)
-        mode = _slave_mode(function_id, arguments)
+        mode = requested_slave_mode(function_id, arguments)
         robot = _first_handle(arguments)
         before = self._slave_modes.get(robot, 0)
         # The controller may still execute a call that is cancelled while it waits. So note its effect first.
@@ -107,7 +115,7 @@ class Session:
         settled = await self.caller.perform_call(function_id, arguments, pace)
         self._is_starting = False
         if isinstance(settled, CallAnswered):
-            self._record_call(function_id, arguments, settled.reply)
+            self.record_call(function_id, arguments, settled.reply)
         elif mode and isinstance(settled, CallRefused):
             self._slave_modes[robot] = before
         return settled
@@ -153,8 +161,10 @@ class Session:
             for handle, mode in self._slave_modes.items():
                 if mode:
                     await self._invoke_cleanup("Robot_Execute", handle, "slvChangeMode", Variant(VT.I4, 0))
-            for function, opened in reversed(self._open_handles.copy()):
-                await self._invoke_cleanup(function.name, *(() if opened is None else (opened,)))
+            for opened in self.handles.unreleased_handles():
+                await self._invoke_cleanup(_RELEASES[opened.kind], opened.handle)
+            if self.handles.is_service_started:
+                await self._invoke_cleanup("Service_Stop")
         except CallTimeout:
             await self._stop_service_once()
         except OSError:
@@ -163,7 +173,7 @@ class Session:
             self.caller.close()
 
     async def _stop_service_once(self) -> None:
-        if any(function.releases is ObjectClass.SERVICE for function, _ in self._open_handles):
+        if self.handles.is_service_started:
             self.retry_policies = self.retry_policies._replace(others=_TRY_ONCE)
             with suppress(CallTimeout, OSError):
                 await self._invoke_cleanup("Service_Stop")
@@ -190,20 +200,18 @@ class Session:
             paces.asynchronous if self._slave_modes.get(_first_handle(arguments), 0) & _ASYNC else paces.sync
         )
 
-    def _record_call(self, function_id: int, arguments: Sequence[Variant], reply: Frame) -> None:
-        """Record what a successful call opened, released or changed."""
+    def needs_arming(self, function_id: int, arguments: Sequence[Variant]) -> bool:
+        """Return whether a call may energise or move the robot, considering which variable it writes."""
+        variable = self.handles.find(ObjectClass.VARIABLE, first_number(arguments))
+        return needs_arming(function_id, arguments, "" if variable is None else variable.label)
+
+    def record_call(self, function_id: int, arguments: Sequence[Variant], reply: Frame) -> None:
+        """Record what a successful call opened, released or changed. Recording it again changes nothing."""
         function = FUNCTIONS.get(function_id)
         if function is None:
             return
-        if function.creates is not None:
-            handle = None if function_id == _SERVICE_START else _result_handle(reply)
-            release = next(one for one in FUNCTIONS.values() if one.releases is function.creates)
-            self._open_handles.append((release, handle))
-        if function.releases is not None:
-            gone = (function, _first_handle(arguments) if arguments else None)
-            if gone in self._open_handles:
-                self._open_handles.remove(gone)
-        mode = _slave_mode(function_id, arguments)
+        self.handles.record_call(function, arguments, reply)
+        mode = requested_slave_mode(function_id, arguments)
         if mode is not None:
             self._slave_modes[_first_handle(arguments)] = mode
 
@@ -213,7 +221,7 @@ def command_of(function_id: int, arguments: Sequence[Variant]) -> str:
     return command_name(function_id, arguments).casefold() if function_id == _ROBOT_EXECUTE else ""
 
 
-def _slave_mode(function_id: int, arguments: Sequence[Variant]) -> int | None:
+def requested_slave_mode(function_id: int, arguments: Sequence[Variant]) -> int | None:
     """Return the slave mode that a call requests; None if it requests none."""
     if command_of(function_id, arguments) != "slvchangemode" or len(arguments) < 3:
         return None
@@ -221,12 +229,7 @@ def _slave_mode(function_id: int, arguments: Sequence[Variant]) -> int | None:
 
 
 def _first_handle(arguments: Sequence[Variant]) -> int:
-    value = arguments[0].value if arguments else None
-    return value if isinstance(value, int) else 0
-
-
-def _result_handle(reply: Frame) -> int:
-    return _first_handle(reply.variants[:1])
+    return first_number(arguments) or 0
 
 
 @asynccontextmanager
@@ -253,9 +256,7 @@ async def open_session(
     """
     caller = Caller(observer, listener)
     link = await open_link(caller)
-    caller.attach(
-        link, convention or (ReservedConvention.SEED if link.datagrams else ReservedConvention.TCP0)
-    )
+    caller.attach(link, convention or client_conventions(link.datagrams)[0])
     session = Session(caller, retry_policies)
     try:
         yield session

@@ -49,7 +49,7 @@ READ_RESERVE = 100_000
 """Time, ns, reserved to read a reply that came while `BlockingCaller.sleep_until_due` slept."""
 
 
-def _ignore_frame(sent: bool, raw: bytes, time: int) -> None:
+def ignore_frame(sent: bool, raw: bytes, time: int) -> None:
     """Ignore the frame."""
 
 
@@ -71,7 +71,7 @@ class BlockingCaller:
         self,
         channel: Channel,
         convention: ReservedConvention,
-        on_frame: FrameCallback = _ignore_frame,
+        on_frame: FrameCallback = ignore_frame,
         first_serial: int = 1,
     ) -> None:
         self.link = channel

@@ -53,10 +53,10 @@ class CleanupStack:
     async def clean_up_all(self) -> None:
         """Run all tasks; a refusal of the controller is reported, and the next task follows."""
         while self._tasks and not self.is_controller_gone:
-            debt = self._tasks[-1]
-            await self._clean_up(debt)
+            task = self._tasks[-1]
+            await self._clean_up(task)
             if not self.is_controller_gone:
-                self.remove(debt)
+                self.remove(task)
 
     async def _clean_up(self, task: CleanupTask) -> None:
         give_up = self._channel.now() + _BUSY_TIMEOUT

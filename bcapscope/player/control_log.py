@@ -19,7 +19,6 @@ from bcapscope.client.session import Session
 from bcapscope.player.blocking_caller import BlockingCaller, run_blocking
 from bcapscope.player.channel import open_channel
 from bcapscope.protocol.codec.variant import Value
-from bcapscope.protocol.retry.reserved_convention import ReservedConvention
 from bcapscope.protocol.tables.function_table import ObjectClass
 from bcapscope.protocol.text_format import is_spreadsheet_formula
 
@@ -52,8 +51,8 @@ async def read_log_records(
     """
     records: list[Value] = []
     try:
-        reach = ObjectOpener(session, target.service, target.connect, {ObjectClass.ROBOT: robot_name})
-        robot = Robot(session, await reach.handle_for(ObjectClass.ROBOT))
+        opener = ObjectOpener(session, target, {ObjectClass.ROBOT: robot_name})
+        robot = await opener.open_remote(Robot)
         count = await robot.execute("GetLogCount")
         for index in range(count if isinstance(count, int) else 0):
             check_abort()
@@ -74,9 +73,8 @@ def read_control_log(target: ControllerTarget, robot: str, check_abort: Callable
         OSError: The controller is unreachable.
     """
     channel = open_channel(target.host, target.port, tcp=True)
-    tcp = (ReservedConvention.TCP0, ReservedConvention.TCP1)
-    convention = target.convention if target.convention in tcp else ReservedConvention.TCP0
-    session = Session(BlockingCaller(channel, convention), DEFAULT_RETRY_POLICIES)
+    caller = BlockingCaller(channel, target.convention_for(datagrams=False))
+    session = Session(caller, DEFAULT_RETRY_POLICIES)
     return run_blocking(read_log_records(session, target, robot, check_abort))
 
 

@@ -16,7 +16,6 @@ import numpy as np
 
 from bcapscope.client.controller_target import os_error_text
 from bcapscope.client.object_opener import ObjectOpener
-from bcapscope.client.retry_policies import DEFAULT_RETRY_POLICIES
 from bcapscope.client.robot_halt import halt_robot
 from bcapscope.client.session import Session
 from bcapscope.errors import BcapError, CallTimeout, ControllerError
@@ -51,8 +50,6 @@ from bcapscope.player.set_point_sequence import SetPointSequence
 from bcapscope.player.smooth_curve import FIG_COLUMN, matches_posture
 from bcapscope.player.trajectory import Trajectory, TrajectorySource
 from bcapscope.protocol.codec.variant import VT, Variant
-from bcapscope.protocol.retry.requester import RetryPolicy
-from bcapscope.protocol.retry.reserved_convention import ReservedConvention
 from bcapscope.protocol.slave_mode.modes import Generation, PoseType, SlaveMode, slave_mode_by_number
 from bcapscope.protocol.tables.function_table import ObjectClass
 
@@ -104,15 +101,14 @@ class PlaySession:
         self._pipe = pipe
         self._recorder = recorder
         target = plan.target
-        usual = ReservedConvention.SEED if channel.datagrams else ReservedConvention.TCP0
         serial = plan.aftermath.serial if plan.aftermath else 1
-        self._caller = BlockingCaller(channel, target.convention or usual, recorder.on_frame, serial)
+        self._caller = BlockingCaller(
+            channel, target.convention_for(channel.datagrams), recorder.on_frame, serial
+        )
         self._caller.check_abort = self._check_order_if_playing
-        others = RetryPolicy(round(target.timeout * 1_000_000), target.retries)
-        self._session = Session(self._caller, DEFAULT_RETRY_POLICIES._replace(others=others))
+        self._session = Session(self._caller, target.retry_policies)
         names = {ObjectClass.ROBOT: plan.robot, ObjectClass.TASK: plan.task}
-        reach = ObjectOpener(self._session, target.service, target.connect, names)
-        self._robot = RobotAdapter(reach, self._pause)
+        self._robot = RobotAdapter(ObjectOpener(self._session, target, names), self._pause)
         self._cleanup = CleanupStack(self._robot, pipe, channel)
         self._pacer: Pacer | None = None
         self._retries_expected = False
@@ -149,19 +145,21 @@ class PlaySession:
         return self._make_ended(outcome, reason)
 
     async def _connect_and_play(self) -> None:
-        plan, station = self._plan, self._robot
+        plan, robot = self._plan, self._robot
+        self._session.check_armed = _refuse_unconfirmed_call
         self._report_state(PlayState.CONNECTING)
-        await station.identify()
-        kind, mode = plan.kind, _slave_mode_for(plan, station.generation)
-        pose = await station.read_pose(kind)
+        await robot.identify()
+        kind, mode = plan.kind, _slave_mode_for(plan, robot.generation)
+        pose = await robot.read_pose(kind)
         trajectory = _planned_trajectory(plan, kind, pose)
         far = pose_distance(kind, pose, trajectory.set_point(0)) if trajectory else 0.0
         self._pipe.send(
-            ControllerInfo(station.is_simulator, station.generation, station.facts, mode.value, pose, far)
+            ControllerInfo(robot.is_simulator, robot.generation, robot.facts, mode.value, pose, far)
         )
         if plan.look_only or trajectory is None:
             return
         self._confirm_start()
+        self._session.check_armed = None
         while True:
             try:
                 return await self._play_once(mode, trajectory)
@@ -176,10 +174,10 @@ class PlaySession:
         """
         if self._ask(QuestionTopic.BEGIN, "Begin?", (NO, YES)) != YES:
             raise PlayAbortedError(PlayOutcome.DECLINED, "nobody said that it may begin")
-        station = self._robot
-        if station.is_simulator or self._plan.armed:
+        robot = self._robot
+        if robot.is_simulator or self._plan.armed:
             return
-        named = ", ".join(f"{name} {value}" for name, value in station.facts.items())
+        named = ", ".join(f"{name} {value}" for name, value in robot.facts.items())
         text = f"A robot will move: {named or 'a controller that tells nothing of itself'}."
         if self._ask(QuestionTopic.ARM, text, (NO, YES)) != YES:
             raise PlayAbortedError(
@@ -194,7 +192,7 @@ class PlaySession:
         await self._robot.connect()
         if CleanupTask.MOTION in left.debts:
             await self._halt()
-        self._cleanup.push(*(debt for debt in left.debts if debt is not CleanupTask.MOTION))
+        self._cleanup.push(*(task for task in left.debts if task is not CleanupTask.MOTION))
         await self._cleanup.clean_up_all()
         errors = () if self._cleanup.is_controller_gone else await self._robot.read_errors()
         if errors:
@@ -221,38 +219,38 @@ class PlaySession:
         If the robot is in slave mode already, another client controls it. Most calls would then be an error
         that ends that client's motion (issue 42 of DENSORobot/denso_robot_ros).
         """
-        station, debts = self._robot, self._cleanup
+        robot, cleanup = self._robot, self._cleanup
         self._report_state(PlayState.PREPARING)
-        mode = await station.read_slave_mode()
+        mode = await robot.read_slave_mode()
         if mode:
             raise PlayAbortedError(PlayOutcome.DECLINED, _ALREADY_IN_SLAVE_MODE.format(mode))
-        await self._switch_on(CleanupTask.ROBSLAVE, await station.is_robslave_ready(), station.start_robslave)
-        if station.needs_take_arm:
-            await debts.run_and_push(CleanupTask.ARM, station.take_arm)
-        await self._switch_on(CleanupTask.MOTOR, await station.is_motor_on(), station.motor_on)
+        await self._switch_on(CleanupTask.ROBSLAVE, await robot.is_robslave_ready(), robot.start_robslave)
+        if robot.needs_take_arm:
+            await cleanup.run_and_push(CleanupTask.ARM, robot.take_arm)
+        await self._switch_on(CleanupTask.MOTOR, await robot.is_motor_on(), robot.motor_on)
         await self._approach(trajectory.kind, trajectory.set_point(0))
         if self._plan.log is not None:
-            await debts.run_and_push(CleanupTask.LOG, station.start_log)
+            await cleanup.run_and_push(CleanupTask.LOG, robot.start_log)
             self.has_log = True
 
-    async def _switch_on(self, debt: CleanupTask, is_on: bool, step: Callable[[], Awaitable[None]]) -> None:
+    async def _switch_on(self, task: CleanupTask, is_on: bool, step: Callable[[], Awaitable[None]]) -> None:
         """Switch something on; the cleanup switches it off only if it was off when the session began."""
-        was_off = self._was_off.setdefault(debt, not is_on)
+        was_off = self._was_off.setdefault(task, not is_on)
         if is_on:
             return
-        await (self._cleanup.run_and_push(debt, step) if was_off else step())
+        await (self._cleanup.run_and_push(task, step) if was_off else step())
 
     async def _approach(self, kind: PoseType, first: SetPointValues) -> None:
         """Move the robot to the first set point unless it is there."""
-        station = self._robot
-        here = await station.read_pose(kind)
-        far, posed = pose_distance(kind, here, first), matches_posture(kind, here, first)
-        if far <= POSITION_TOLERANCE and posed:
+        robot = self._robot
+        here = await robot.read_pose(kind)
+        far, has_posture = pose_distance(kind, here, first), matches_posture(kind, here, first)
+        if far <= POSITION_TOLERANCE and has_posture:
             return
         if not self._plan.may_approach:
             fig = (
                 ""
-                if posed
+                if has_posture
                 else f", with Fig {first[FIG_COLUMN[kind]]:g} instead of {here[FIG_COLUMN[kind]]:g}"
             )
             text = (
@@ -264,7 +262,7 @@ class PlaySession:
         self._report_state(PlayState.APPROACHING)
         self._cleanup.push(CleanupTask.MOTION)
         try:
-            await station.approach(kind, first, self._plan.approach)
+            await robot.approach(kind, first, self._plan.approach)
         except (PlayAbortedError, BcapError):
             await self._halt()  # the robot may be moving
             raise
@@ -273,22 +271,24 @@ class PlaySession:
 
     async def _play(self, mode: SlaveMode, trajectory: Trajectory) -> None:
         """Send the set points; on an order, come to rest or halt."""
-        plan, station = self._plan, self._robot
+        plan, robot = self._plan, self._robot
         hold = max(mode.buffer_slots + 1, -(-2 * _CONTROL_PERIOD // plan.period))
-        course = SetPointSequence(trajectory, plan.period / 1e9, self._stop_limits(), plan.rounds, hold)
-        handle = station.robot.handle
+        sequence = SetPointSequence(trajectory, plan.period / 1e9, self._stop_limits(), plan.rounds, hold)
+        handle = robot.robot.handle
         probe = (Variant(VT.I4, handle), Variant(VT.BSTR, "slvMove"))
         move = SlvMoveCall(
             handle,
-            station.real_type,
+            robot.real_type,
             mode,
             self._session.retry_policy_for(_ROBOT_EXECUTE, probe),
             plan.period,
         )
         self._retries_expected = mode.paces_client and self._channel.datagrams
-        capacity = min(_LATENESS_CAPACITY, course.total + 2 * hold) if course.total else _LATENESS_CAPACITY
-        monitor = PlayMonitor(self._pipe, self._recorder, course, plan.period)
-        pacer = self._pacer = monitor.pacer = Pacer(self._caller, move, course, monitor.on_idle, capacity)
+        capacity = (
+            min(_LATENESS_CAPACITY, sequence.total + 2 * hold) if sequence.total else _LATENESS_CAPACITY
+        )
+        monitor = PlayMonitor(self._pipe, self._recorder, sequence, plan.period)
+        pacer = self._pacer = monitor.pacer = Pacer(self._caller, move, sequence, monitor.on_idle, capacity)
         self._recorder.is_pacing = True
         try:
             pacer.play()
@@ -300,9 +300,9 @@ class PlaySession:
         finally:
             self._recorder.is_pacing = False
             self._caller.abandon()
-            self._index = course.index
+            self._index = sequence.index
             self._pipe.send(monitor.progress(self._channel.now()))
-        if course.is_stopping:
+        if sequence.is_stopping:
             raise PlayAbortedError(PlayOutcome.STOPPED, self._pipe.reason)
 
     async def _halt(self) -> None:
@@ -326,9 +326,9 @@ class PlaySession:
         Raises:
             ControllerError: The user does not play again.
         """
-        told = error
+        latest = error
         while True:
-            self._pipe.send(PlayerProblem(str(told), await self._robot.read_errors()))
+            self._pipe.send(PlayerProblem(str(latest), await self._robot.read_errors()))
             text = "Clear the error, or clear it and begin again: RobSlave, first set point, slave mode?"
             answer = self._pipe.ask(PlayerQuestion(QuestionTopic.CLEAR, text, (NO, CLEAR, AGAIN)))
             if answer == NO:
@@ -338,7 +338,7 @@ class PlaySession:
                 await self._robot.clear_errors()
                 break
             except ControllerError as refusal:
-                told = refusal
+                latest = refusal
         if answer == CLEAR:
             raise error
 
@@ -406,6 +406,10 @@ class PlaySession:
             left=not self._cleanup.is_controller_gone,
             retries_expected=self._retries_expected,
         )
+
+
+def _refuse_unconfirmed_call() -> None:
+    raise PlayAbortedError(PlayOutcome.UNARMED, "the start is not confirmed yet")
 
 
 def _slave_mode_for(plan: PlayPlan, generation: Generation) -> SlaveMode:

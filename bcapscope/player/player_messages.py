@@ -12,9 +12,9 @@ from typing import TypeAlias
 
 import msgspec
 
-from bcapscope.client.controller_target import ControllerTarget
+from bcapscope.client.controller_target import DEFAULT_ROBOT, ROBSLAVE, ControllerTarget
 from bcapscope.player.lateness import Spread
-from bcapscope.protocol.slave_mode.modes import PoseType
+from bcapscope.protocol.slave_mode.modes import Generation, PoseType, SlaveMode, slave_mode_by_number
 
 SetPointValues: TypeAlias = tuple[float, ...]
 """Numbers of one set point, in the order and units of its pose type (`protocol.slave_mode.poses.AXES`)."""
@@ -87,8 +87,8 @@ class PlayPlan(msgspec.Struct, frozen=True, kw_only=True):
     """
 
     target: ControllerTarget
-    robot: str = "Arm"
-    task: str = "RobSlave"
+    robot: str = DEFAULT_ROBOT
+    task: str = ROBSLAVE
     kind: PoseType = PoseType.J
     mode: SlaveModePacing | int = SlaveModePacing.SYNC
     period: int = 8_000_000
@@ -162,6 +162,11 @@ class ControllerInfo(msgspec.Struct, frozen=True, tag=True):
     def type_name(self) -> str:
         """Name of the robot's type; empty if the controller does not report it."""
         return self.facts.get(TYPE_NAME_FACT, "")
+
+    @property
+    def slave_mode(self) -> SlaveMode | None:
+        """The slave mode that the player will use; None if the controller has none of this number."""
+        return slave_mode_by_number(self.mode, Generation(self.generation))
 
 
 class PendingCleanup(msgspec.Struct, frozen=True, tag=True):

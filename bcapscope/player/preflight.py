@@ -10,8 +10,9 @@ import numpy as np
 
 from bcapscope.analysis.finding import Severity
 from bcapscope.player import checks, motion_checks
-from bcapscope.player.arm_limits import UNKNOWN_ARM, ArmLimits
+from bcapscope.player.arm_limits import UNKNOWN_ARM, ArmLimits, limits_for_arm, with_limits
 from bcapscope.player.motion_checks import AxisFigures
+from bcapscope.player.player_messages import ControllerInfo, PlayPlan
 from bcapscope.player.preflight_problem import PreflightContext, PreflightProblem
 from bcapscope.player.trajectory import Trajectory
 from bcapscope.protocol.slave_mode.modes import SlaveMode
@@ -111,4 +112,16 @@ def run_preflight(
         problems=tuple(sorted(findings, key=lambda finding: rank.index(finding.severity))),
         axis_figures=figures,
         first_point_offsets=motion_checks.first_point_offsets(case) if sound else None,
+    )
+
+
+def run_preflight_for(trajectory: Trajectory, plan: PlayPlan, controller: ControllerInfo) -> PreflightResult:
+    """Check a trajectory against the connected controller, with the limits of its robot."""
+    return run_preflight(
+        trajectory,
+        plan.period / 1e9,
+        with_limits(limits_for_arm(controller.type_name), plan.limits),
+        current_pose=controller.pose,
+        mode=controller.slave_mode,
+        loop=plan.rounds != 1,
     )

@@ -7,20 +7,21 @@ raises on an order to stop.
 
 from __future__ import annotations
 
-from collections.abc import Awaitable, Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from math import degrees, isfinite
 
 import numpy as np
 
+from bcapscope.client.controller_errors import clean_text, clear_errors, read_errors
 from bcapscope.client.object_opener import ObjectOpener
-from bcapscope.client.remote_objects import Controller, Robot, Task, handle_of
+from bcapscope.client.remote_object import required_variant
+from bcapscope.client.remote_objects import ONE_CYCLE, PTP, Controller, Robot, Task
 from bcapscope.errors import ControllerError, RemoteProtocolError
 from bcapscope.player.motion_checks import POSITION_TOLERANCE
 from bcapscope.player.player_messages import TYPE_NAME_FACT, CleanupTask, SetPointValues
 from bcapscope.player.smooth_curve import matches_posture, unwrap_rotations
-from bcapscope.protocol.codec.frame import Frame
-from bcapscope.protocol.codec.variant import ARRAY, EMPTY, VT, Value, Variant
+from bcapscope.protocol.codec.variant import ARRAY, EMPTY, VT, Variant
 from bcapscope.protocol.slave_mode.modes import Generation, PoseType
 from bcapscope.protocol.slave_mode.poses import AXES, pose_numbers
 from bcapscope.protocol.tables.function_table import ObjectClass
@@ -31,10 +32,7 @@ _POLL = 50 * _MS
 _ROBSLAVE_START_DELAY = 1000 * _MS  # the samples for RC7 wait as long after Task_Start
 _ARRIVAL_TIMEOUT = 1000 * _MS  # a robot that stands still elsewhere for so long is not on its way
 _RUNNING = 3  # state of a task
-_ONE_CYCLE = 1
-_PTP = 1
 _ON_RETRIES, _OFF_RETRIES = 119, 29  # two minutes to switch the motor on; less while leaving
-_MAX_ERRORS = 16
 _MACHINE_LOCK = (0x81501005, 0x81201705, 0x81201748)
 _E_SWITCHING_OFF = 0x8350106E
 _SWITCH_OFF_TIMEOUT = 5000 * _MS
@@ -54,7 +52,7 @@ _FACTS = (
 
 
 class RobotAdapter:
-    """A controller with its robot.
+    """A controller with its robot. Every method raises what `Session.call` raises.
 
     Attributes:
         robot: The arm.
@@ -72,15 +70,7 @@ class RobotAdapter:
         self.facts: dict[str, str] = {}
         self._opener = opener
         self._pause = pause
-        self._variables: dict[tuple[ObjectClass, str], int] = {}
         self._read_by_command: set[PoseType] = set()
-        self._cleanups: Mapping[CleanupTask, Callable[[], Awaitable[None]]] = {
-            CleanupTask.ROBSLAVE: self._stop_robslave,
-            CleanupTask.ARM: self._give_arm,
-            CleanupTask.MOTOR: self._motor_off,
-            CleanupTask.LOG: self._stop_log,
-            CleanupTask.SLAVE_MODE: self._leave_slave_mode,
-        }
 
     @property
     def real_type(self) -> VT:
@@ -93,25 +83,17 @@ class RobotAdapter:
         return self.generation is not Generation.RC7
 
     async def connect(self) -> None:
-        """Connect and open the robot; no other calls are made.
-
-        Raises:
-            BcapError: As for `Session.call`.
-        """
-        self.robot = Robot(self._opener.session, await self._opener.handle_for(ObjectClass.ROBOT))
+        """Connect and open the robot; no other calls are made."""
+        self.robot = await self._opener.open_remote(Robot)
 
     async def identify(self) -> None:
-        """Connect and identify the controller and robot; nothing is changed.
-
-        Raises:
-            BcapError: As for `Session.call`.
-        """
+        """Connect and identify the controller and robot; nothing is changed."""
         self.is_simulator = await self._opener.is_simulator()
         await self.connect()
         for name, owner, variable in _FACTS:
             found = await self._read_optional(owner, variable)
             if found is not None and found.value is not None:
-                self.facts[name] = _text(found.value)
+                self.facts[name] = clean_text(found.value)
         joints = await self._read_pose_value(PoseType.J)
         self.generation = Generation.RC7 if joints.vt == ARRAY | VT.R4 else Generation.RC8
 
@@ -120,7 +102,6 @@ class RobotAdapter:
 
         Raises:
             RemoteProtocolError: The reply holds no pose.
-            BcapError: As for `Session.call`.
         """
         row = pose_numbers(await self._read_pose_value(kind))
         if row is None or len(row) < 6 or not all(map(isfinite, row)):
@@ -135,38 +116,34 @@ class RobotAdapter:
             return 0
 
     async def clean_up(self, task: CleanupTask) -> None:
-        """Undo one task.
-
-        Raises:
-            BcapError: As for `Session.call`.
-        """
-        await self._cleanups[task]()
+        """Undo one task."""
+        if task is CleanupTask.ROBSLAVE:
+            await (await self._opener.open_remote(Task)).stop(1)
+        elif task is CleanupTask.ARM:
+            await self.robot.execute("GiveArm")
+        elif task is CleanupTask.MOTOR:
+            await self._switch_motor(False, _OFF_RETRIES)
+        elif task is CleanupTask.LOG:
+            await self.robot.execute("StopLog")
+        elif task is CleanupTask.SLAVE_MODE:
+            await self.robot.slv_change_mode(0)
 
     async def is_robslave_ready(self) -> bool:
         """Return whether the program runs that RC7 needs for slave mode; True for later controllers."""
         if self.generation is not Generation.RC7:
             return True
-        await self._open_task()
+        await self._opener.open_remote(Task)
         state = await self._read_optional(ObjectClass.TASK, "@STATUS")
         return state is not None and state.value == _RUNNING
 
     async def start_robslave(self) -> None:
         """Start the program."""
-        await (await self._open_task()).start(_ONE_CYCLE)
+        await (await self._opener.open_remote(Task)).start(ONE_CYCLE)
         self._pause(_ROBSLAVE_START_DELAY)
-
-    async def _stop_robslave(self) -> None:
-        await (await self._open_task()).stop(1)
-
-    async def _open_task(self) -> Task:
-        return Task(self._opener.session, await self._opener.handle_for(ObjectClass.TASK))
 
     async def take_arm(self) -> None:
         """Take the arm and keep its tool and work."""
         await self.robot.execute("TakeArm", [0, 1])
-
-    async def _give_arm(self) -> None:
-        await self.robot.execute("GiveArm")
 
     async def is_motor_on(self) -> bool:
         """Return whether the motor is on; False if the controller does not report it."""
@@ -183,9 +160,6 @@ class RobotAdapter:
                     raise
             self._pause(_POLL)
         await self._switch_motor(True, _ON_RETRIES)
-
-    async def _motor_off(self) -> None:
-        await self._switch_motor(False, _OFF_RETRIES)
 
     async def _switch_motor(self, on: bool, retries: int) -> None:
         """Switch the motor.
@@ -212,12 +186,11 @@ class RobotAdapter:
         Raises:
             ControllerError: The robot stands still elsewhere, and the controller shows an error.
             RemoteProtocolError: The robot stands still elsewhere, and the controller shows no error.
-            BcapError: As for `Session.call`.
         """
         pose = f"@E {kind}({', '.join(map(_decimal, goal))})"
         while True:
             try:
-                await self.robot.move(_PTP, pose, f"SPEED={percent:g},NEXT")
+                await self.robot.move(PTP, pose, f"SPEED={percent:g},NEXT")
                 break
             except ControllerError as error:
                 if error.hresult != E_ROBOTISBUSY:
@@ -226,7 +199,7 @@ class RobotAdapter:
         still = 0
         while still < _ARRIVAL_TIMEOUT // _POLL:
             self._pause(_POLL)
-            busy = await self._read_variable(ObjectClass.ROBOT, "@BUSY_STATUS")
+            busy = await self._opener.read_variable(ObjectClass.ROBOT, "@BUSY_STATUS")
             if busy.value:
                 still = 0
                 continue
@@ -261,31 +234,13 @@ class RobotAdapter:
         await self.robot.execute("ClearLog")
         await self.robot.execute("StartLog")
 
-    async def _stop_log(self) -> None:
-        await self.robot.execute("StopLog")
-
-    async def _leave_slave_mode(self) -> None:
-        await self.robot.slv_change_mode(0)
-
     async def read_errors(self) -> tuple[tuple[int, str], ...]:
         """Return the active errors as code and text, newest first; nothing is cleared."""
-        controller = Controller(self._opener.session, await self._opener.handle_for(ObjectClass.CONTROLLER))
-        found: list[tuple[int, str]] = []
-        try:
-            count = await controller.execute("GetCurErrorCount")
-            for index in range(min(count, _MAX_ERRORS) if isinstance(count, int) else 0):
-                found.append(_error_info(await controller.execute("GetCurErrorInfo", index)))
-        except ControllerError:
-            code = await self._read_optional(ObjectClass.CONTROLLER, "@ERROR_CODE")
-            text = await self._read_optional(ObjectClass.CONTROLLER, "@ERROR_DESCRIPTION")
-            if code is not None and code.value:
-                found.append(_error_info((code.value, text.value if text else "")))
-        return tuple(found)
+        return await read_errors(await self._opener.open_remote(Controller))
 
     async def clear_errors(self) -> None:
         """Clear the active errors."""
-        controller = Controller(self._opener.session, await self._opener.handle_for(ObjectClass.CONTROLLER))
-        await controller.execute("ClearError")
+        await clear_errors(await self._opener.open_remote(Controller))
 
     async def _read_pose_value(self, kind: PoseType) -> Variant:
         """Read a pose from its variable, or by its command if the variable is missing or EMPTY."""
@@ -295,26 +250,16 @@ class RobotAdapter:
             if found is not None and found != EMPTY:
                 return found
             self._read_by_command.add(kind)
-        reply = await self._opener.session.invoke("Robot_Execute", self.robot.handle, command, None)
-        return _reply_value(reply, command)
+        robot = await self._opener.open_remote(Robot)
+        reply = await self._opener.session.invoke("Robot_Execute", robot.handle, command, None)
+        return required_variant(reply, command)
 
     async def _read_optional(self, object_class: ObjectClass, name: str) -> Variant | None:
         """Read a variable that not every controller has; None if the controller refuses."""
         try:
-            return await self._read_variable(object_class, name)
+            return await self._opener.read_variable(object_class, name)
         except ControllerError:
             return None
-
-    async def _read_variable(self, object_class: ObjectClass, name: str) -> Variant:
-        """Read a variable; its handle stays open for the next reading."""
-        invoke = self._opener.session.invoke
-        if (object_class, name) not in self._variables:
-            reply = await invoke(
-                f"{object_class}_GetVariable", await self._opener.handle_for(object_class), name, ""
-            )
-            self._variables[object_class, name] = handle_of(reply)
-        reply = await invoke("Variable_GetValue", self._variables[object_class, name])
-        return _reply_value(reply, name)
 
     @contextmanager
     def _extra_retries(self, retries: int) -> Iterator[None]:
@@ -340,23 +285,6 @@ def pose_distance(kind: PoseType, here: SetPointValues, there: SetPointValues) -
     return max(way if axis.unit else degrees(way) for axis, way in ways if axis.name != "Fig")
 
 
-def _reply_value(reply: Frame, name: str) -> Variant:
-    if not reply.arguments:
-        raise RemoteProtocolError(f"{name} has no value", reply.raw)
-    return reply.arguments[0].variant
-
-
-def _error_info(info: Value) -> tuple[int, str]:
-    """Return code and text from the values of GetCurErrorInfo."""
-    code, text, *_ = (*info, 0, "") if isinstance(info, tuple) else (0, str(info))
-    return (code & 0xFFFFFFFF if isinstance(code, int) else 0), _text(text)
-
-
 def _decimal(value: float) -> str:
     """Return a number without exponent; no source shows an exponent in the text of a pose."""
     return f"{round(value, 6) + 0.0:.6f}".rstrip("0").rstrip(".")
-
-
-def _text(value: Value) -> str:
-    """Return a value as text, "" for EMPTY; half a surrogate pair (not allowed in messages) is replaced."""
-    return "" if value is None else str(value).encode("utf-16", "surrogatepass").decode("utf-16", "replace")

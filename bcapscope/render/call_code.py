@@ -8,6 +8,7 @@ import shlex
 from collections.abc import Iterator, Sequence
 from typing import Protocol
 
+from bcapscope.client.handle_table import ObjectHandle
 from bcapscope.protocol.codec.variant import ARRAY, EMPTY, VT, Variant
 from bcapscope.protocol.tables.function_table import (
     FUNCTIONS,
@@ -19,7 +20,6 @@ from bcapscope.protocol.tables.function_table import (
 )
 from bcapscope.render.escape import printable
 from bcapscope.render.notation_text import typed_text
-from bcapscope.traffic.handle_table import ObjectHandle
 
 _PORT = 5007
 _PROVIDER = "CaoProv.DENSO.VRC"

@@ -15,7 +15,6 @@ from bcapscope.player.player_messages import (
     PlayOutcome,
     PlayProgress,
 )
-from bcapscope.protocol.slave_mode.modes import Generation, slave_mode_by_number
 from bcapscope.protocol.tables.hresult import hresult_name
 from bcapscope.protocol.text_format import counted
 from bcapscope.render.escape import printable
@@ -56,7 +55,7 @@ def controller_line(peer: ControllerInfo, tongue: Tongue = english) -> str:
     """Tell who is there and which mode it will be."""
     kind = "bcapscope's simulator, no robot moves" if peer.simulator else "a controller whose robot may move"
     facts = [tongue(f"{name} {printable(value)}") for name, value in peer.facts.items()]
-    mode = slave_mode_by_number(peer.mode, Generation(peer.generation))
+    mode = peer.slave_mode
     meaning = f": {tongue(mode.text)}" if mode else ""
     entered = tongue(f"slave mode 0x{peer.mode:03X}")
     return f"{', '.join((tongue(kind), peer.generation, *facts))}; {entered}{meaning}"

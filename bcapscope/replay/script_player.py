@@ -71,7 +71,7 @@ class ScriptPlayer:
     def __init__(
         self,
         script: ReplayScript,
-        reach: ObjectOpener,
+        opener: ObjectOpener,
         channel: Channel,
         longest_pause: int,
         anywhere: bool = False,
@@ -80,13 +80,13 @@ class ScriptPlayer:
 
         Args:
             script: Script to play.
-            reach: Opener of a session in which nothing is open yet.
+            opener: Opener of the session that makes the calls.
             channel: Channel whose clock and waiting are used.
             longest_pause: Limit for pauses between two calls, ns; longer ones are cut to it.
             anywhere: Whether to enter slave mode wherever the robot is.
         """
         self._script = script
-        self._reach = reach
+        self._opener = opener
         self._channel = channel
         self._longest_pause = longest_pause
         self._anywhere = anywhere
@@ -115,7 +115,7 @@ class ScriptPlayer:
                 await self._check_start(place)
             channel.wait_until(start + at)
             late = channel.now() - start - at
-            settled = await self._make_call(line, arguments)
+            settled = await self._opener.session.perform_call(line.kind.function_id, arguments)
             self._learn_handle(line, settled)
             if not on_played(
                 PlayedCall(
@@ -146,7 +146,7 @@ class ScriptPlayer:
         if new is None and function.releases is not None:
             return None
         if new is None:
-            new = self._handles[owner, old] = await self._reach.handle_for(owner)
+            new = self._handles[owner, old] = await self._opener.handle_for(owner)
         return (Variant(VT.I4, new), *call.arguments[1:])
 
     async def _check_start(self, place: int) -> None:
@@ -161,7 +161,7 @@ class ScriptPlayer:
         if first is None or goal is None:
             return
         try:
-            here = await RobotAdapter(self._reach, self._pause).read_pose(kind)
+            here = await RobotAdapter(self._opener, self._pause).read_pose(kind)
         except ControllerError as error:
             raise NotAtStartError(
                 f"slave mode was not entered, as nobody knows where the robot is: {error}"
@@ -175,12 +175,6 @@ class ScriptPlayer:
 
     def _pause(self, length: int) -> None:
         self._channel.wait_until(self._channel.now() + length)
-
-    async def _make_call(self, call: ScriptCall, arguments: tuple[Variant, ...]) -> RequesterOutcome:
-        function = FUNCTIONS.get(call.kind.function_id)
-        if function is None:
-            return await self._reach.session.perform_call(call.kind.function_id, arguments)
-        return await self._reach.perform_call(function, arguments)
 
     def _learn_handle(self, call: ScriptCall, result: RequesterOutcome) -> None:
         """Record which current handle replaces a recorded one."""

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from bcapscope.client import Controller, Message, Robot, connect, over_link, remote_objects
-from bcapscope.client.remote_objects import RemoteObject
+from bcapscope.client.remote_object import RemoteObject
 from bcapscope.client.service import Service
 from bcapscope.errors import ControllerError, RemoteProtocolError
 from bcapscope.protocol.codec.variant import VT, Variant

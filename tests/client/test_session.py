@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bcapscope.client import RetryPolicies, Robot, Session, connect, open_session, over_link
+from bcapscope.client import RetryPolicies, Robot, Session, Variable, connect, open_session, over_link
 from bcapscope.errors import CallTimeout, ControllerError, LocalProtocolError
 from bcapscope.protocol.codec.frame import Frame
 from bcapscope.protocol.codec.variant import VT, Variant
@@ -200,6 +200,72 @@ def test_what_may_have_begun_when_it_was_given_up_is_ended(
 
     run_in_virtual_time(play())
     assert peer.executed == expected
+
+
+def test_after_service_stop_nothing_is_released() -> None:
+    near, far = memory_link_pair()
+    peer = Peer(far)
+
+    async def play() -> None:
+        async with connect(over_link(near)) as service:
+            await service.connect()
+            await service.stop()
+
+    run_in_virtual_time(play())
+    assert peer.functions == ["Service_Start", "Controller_Connect", "Service_Stop"]
+
+
+def test_objects_of_a_disconnected_controller_are_released() -> None:
+    near, far = memory_link_pair()
+    peer = Peer(far)
+
+    async def play() -> None:
+        async with connect(over_link(near)) as service:
+            controller = await service.connect()
+            await controller.get_robot("Arm")
+            await controller.release()
+
+    run_in_virtual_time(play())
+    assert peer.executed[-3:] == [("Controller_Disconnect", 101), ("Robot_Release", 102), ("Service_Stop",)]
+
+
+class _UnarmedError(Exception):
+    """Nobody has armed."""
+
+
+def test_a_call_that_needs_arming_is_not_sent_unarmed() -> None:
+    near, far = memory_link_pair()
+    peer = Peer(far)
+
+    def refuse() -> None:
+        raise _UnarmedError
+
+    async def play() -> None:
+        async with open_session(over_link(near)) as session:
+            session.check_armed = refuse
+            robot = Robot(session, 7)
+            for needs_arming in (
+                robot.slv_change_mode(2),
+                robot.execute("Motor", 1),
+                robot.move(1, "J(0)"),
+                Variable(session, 8).put_value(1),  # of a variable that is not known
+            ):
+                with pytest.raises(_UnarmedError):
+                    await needs_arming
+            number = await robot.get_variable("@SPEED")
+            await robot.slv_change_mode(0)
+            await robot.halt()
+            switch = await robot.get_variable("@SERVO_ON")
+            await switch.put_value(False)
+            with pytest.raises(_UnarmedError):
+                await switch.put_value(True)
+            await number.release()
+
+    run_in_virtual_time(play())
+    assert [call[0] for call in peer.executed] == [
+        *("Robot_GetVariable", "Robot_Execute", "Robot_Halt", "Robot_GetVariable"),
+        *("Variable_PutValue", "Variable_Release", "Variable_Release"),
+    ]
 
 
 def test_a_slave_mode_that_is_refused_is_not_left() -> None:

@@ -23,6 +23,7 @@ from bcapscope.player.player_messages import (
     decode_message,
     encode_message,
 )
+from bcapscope.player.robot_adapter import RobotAdapter
 from bcapscope.protocol.codec.frame import Frame
 from bcapscope.protocol.slave_mode.modes import Generation, PoseType, pose_type_of_mode, slave_mode_by_number
 from bcapscope.protocol.slave_mode.poses import pose_numbers
@@ -75,6 +76,22 @@ def test_rc7_has_robslave_started_and_stopped() -> None:
         *("Task_Release", "Robot_Release", "Controller_Disconnect", "Service_Stop"),
     ]
     assert set(stage.simulator.machine.tasks.values()) == {2}
+
+
+def test_nothing_that_energises_the_robot_is_sent_before_the_start_is_confirmed(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    identify = RobotAdapter.identify
+
+    async def switch_on_too_early(robot: RobotAdapter) -> None:
+        await identify(robot)
+        await robot.motor_on()
+
+    monkeypatch.setattr(RobotAdapter, "identify", switch_on_too_early)
+    stage = Stage()
+    assert stage.play(plan(0x102)).outcome is PlayOutcome.UNARMED
+    assert "Motor" not in stage.said
+    assert stage.said[-1] == "Service_Stop"
 
 
 def test_a_motor_that_was_on_stays_on() -> None:

@@ -15,11 +15,11 @@ from hypothesis import strategies as st
 
 from bcapscope.client import remote_objects
 from bcapscope.client.controller_target import ControllerTarget
+from bcapscope.client.handle_table import ObjectHandle
 from bcapscope.protocol.codec.variant import EMPTY, VT, Variant
 from bcapscope.protocol.tables.function_table import FUNCTIONS, Function, ObjectClass, ResultKind
 from bcapscope.render.call_code import hex_text, method_name, python_program, shell_command
 from bcapscope.render.escape import printable
-from bcapscope.traffic.handle_table import ObjectHandle
 from tests.cli.run import run_here
 from tests.client.server import UdpServer, udp_server
 

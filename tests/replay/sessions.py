@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Awaitable, Callable
 
 from bcapscope.client import Session, open_session, over_link
+from bcapscope.client.controller_target import ControllerTarget
 from bcapscope.client.object_opener import ObjectOpener
 from bcapscope.client.retry_policies import DEFAULT_RETRY_POLICIES
 from bcapscope.player.blocking_caller import BlockingCaller, run_blocking
@@ -22,7 +23,8 @@ from tests.client.simulated import Controller
 from tests.player.simulated import SimulatedChannel
 from tests.virtual_time import run_in_virtual_time
 
-CONNECT = ("", "CaoProv.DENSO.VRC", "localhost", "")
+TARGET = ControllerTarget("memory")
+CONNECT = TARGET.connect
 MINUTE = 60_000_000_000
 
 Play = Callable[[Session], Awaitable[None]]
@@ -99,7 +101,7 @@ def perform(
         try:
             if before is not None:
                 await before(session)
-            reach = ObjectOpener(session, "", CONNECT, {})
+            reach = ObjectOpener(session, TARGET)
             await ScriptPlayer(script, reach, wire, longest_pause, anywhere).play(hear)
         finally:
             await session.close()

@@ -38,12 +38,12 @@ class PlannedCall:
     values: tuple[Variant, ...]
     opens_object: bool
 
-    async def arguments(self, reach: ObjectOpener) -> tuple[Variant, ...]:
+    async def arguments(self, opener: ObjectOpener) -> tuple[Variant, ...]:
         """Return all arguments; open the objects that the call needs."""
         if self.opens_object:
-            return (Variant(VT.I4, await reach.handle_for(self.function.owner)), *self.values)
+            return (Variant(VT.I4, await opener.handle_for(self.function.owner)), *self.values)
         if self.function.name == "Controller_Connect":
-            await reach.start_service()
+            await opener.start_service()
         return self.values
 
 

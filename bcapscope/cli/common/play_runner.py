@@ -15,7 +15,6 @@ from bcapscope.cli.common.exit_codes import ExitCode
 from bcapscope.client.action_log import LoggedConnection
 from bcapscope.live.standard_streams import print_stderr
 from bcapscope.live.terminal_keys import TerminalKeys
-from bcapscope.player.arm_limits import limits_for_arm, with_limits
 from bcapscope.player.armed_message_logger import ArmedMessageLogger
 from bcapscope.player.player_messages import (
     ControllerInfo,
@@ -31,9 +30,8 @@ from bcapscope.player.player_messages import (
     RealtimeReport,
 )
 from bcapscope.player.player_process import PlayerProcess
-from bcapscope.player.preflight import PreflightResult, run_preflight
+from bcapscope.player.preflight import PreflightResult, run_preflight_for
 from bcapscope.player.trajectory import Trajectory
-from bcapscope.protocol.slave_mode.modes import Generation, slave_mode_by_number
 from bcapscope.render.color_palette import Palette
 from bcapscope.render.escape import printable
 from bcapscope.render.play_text import (
@@ -198,17 +196,8 @@ class PlayRunner:
 
     def _check_trajectory(self, peer: ControllerInfo) -> None:
         """Check the trajectory against the connected robot."""
-        plan = self._plan
         self._output.print_line(controller_line(peer))
-        limits = with_limits(limits_for_arm(peer.type_name), plan.limits)
-        found = run_preflight(
-            self._trajectory,
-            plan.period / 1e9,
-            limits,
-            current_pose=peer.pose,
-            mode=slave_mode_by_number(peer.mode, Generation(peer.generation)),
-            loop=plan.rounds != 1,
-        )
+        found = run_preflight_for(self._trajectory, self._plan, peer)
         self._output.show_preflight(found)
         self._is_fit = found.is_playable
 

@@ -18,23 +18,22 @@ from bcapscope.client.retry_policies import DEFAULT_PORT, DEFAULT_RETRY_POLICIES
 from bcapscope.errors import BcapError, CallTimeout, ControllerError, FileWriteError
 from bcapscope.live.standard_streams import print_stderr
 from bcapscope.protocol.number_parsing import parse_integer
-from bcapscope.protocol.retry.reserved_convention import ReservedConvention
+from bcapscope.protocol.retry.reserved_convention import ReservedConvention, client_conventions
 from bcapscope.protocol.text_format import shortened
 from bcapscope.render.escape import printable
 
 __all__ = ["ControllerTarget", "exit_on_failure", "target_options"]
 
 _MS = 1_000_000
-_ON_UDP = (ReservedConvention.SEED, ReservedConvention.OWN, ReservedConvention.CHAIN)
-_ON_TCP = (ReservedConvention.TCP0, ReservedConvention.TCP1)
 
 
 def _convention(context: click.Context, _: click.Parameter, value: str | None) -> ReservedConvention | None:
     if value is None:
         return None
     convention = ReservedConvention(value)
-    if convention not in (_ON_TCP if context.params.get("tcp") else _ON_UDP):
-        raise click.BadParameter(f"{value} does not exist on {'TCP' if context.params.get('tcp') else 'UDP'}")
+    tcp = bool(context.params.get("tcp"))
+    if convention not in client_conventions(not tcp):
+        raise click.BadParameter(f"{value} does not exist on {'TCP' if tcp else 'UDP'}")
     return convention
 
 
@@ -69,7 +68,7 @@ _OPTIONS = (
     ),
     click.option(
         "--convention",
-        type=click.Choice([convention.value for convention in (*_ON_UDP, *_ON_TCP)]),
+        type=click.Choice([each.value for udp in (True, False) for each in client_conventions(udp)]),
         callback=_convention,
         help="Fill the reserved field by this convention. UDP: seed (first 0, then the first serial), own "
         "(first its own serial, then the first serial), chain (first 0, then the previous serial). TCP: tcp0 "

@@ -28,6 +28,13 @@ class ReservedConvention(StrEnum):
     """1 in every request, over TCP: a version mark (keioku/bcap-python)."""
 
 
+def client_conventions(datagrams: bool) -> tuple[ReservedConvention, ...]:
+    """Return the conventions that a client may use over UDP (`datagrams`) or TCP, the usual one first."""
+    if datagrams:
+        return ReservedConvention.SEED, ReservedConvention.OWN, ReservedConvention.CHAIN
+    return ReservedConvention.TCP0, ReservedConvention.TCP1
+
+
 class ReplyReserved(StrEnum):
     """What a controller writes into the reserved field of its replies."""
 

@@ -20,7 +20,6 @@ from bcapscope.traffic.filter.field_table import RecordKind
 from bcapscope.traffic.filter.getters import CALL_GETTERS
 from bcapscope.traffic.tracker import Tracker
 from bcapscope.tui.controller_access.history_record import HistoryRecord, Initiator, failure_text
-from bcapscope.tui.controller_access.saved_requests import takes_handle
 from bcapscope.tui.words import told
 
 _PLAIN_WORDS = re.compile(r"[\w\s.@:-]*")
@@ -65,7 +64,7 @@ def _subject_text(record: HistoryRecord) -> str:
 def _argument_text(record: HistoryRecord) -> str:
     """Return the arguments without the handle and the command name, shortened if long."""
     function = FUNCTIONS.get(record.function_id)
-    named = function is not None and takes_handle(function)
+    named = function is not None and function.takes_handle
     first = named + (record.function_id in COMMAND_FUNCTIONS)
     text = ", ".join(filter(None, map(untyped_text, record.arguments[first:])))
     text = text if len(text) <= _MAX_ARGUMENT_TEXT else f"{text[: _MAX_ARGUMENT_TEXT - 1]}…"

@@ -18,17 +18,18 @@ from typing import Any, TypeVar
 from bcapscope.client.action_log import ActionLog, LoggedConnection
 from bcapscope.client.caller import Caller
 from bcapscope.client.controller_target import ControllerTarget
+from bcapscope.client.handle_table import ObjectHandle, first_number
 from bcapscope.client.object_opener import ObjectOpener
-from bcapscope.client.session import Session, command_of, open_target_session
-from bcapscope.errors import BcapError
+from bcapscope.client.remote_objects import Robot
+from bcapscope.client.session import Session, open_target_session
+from bcapscope.client.variant_values import arguments_of
+from bcapscope.errors import BcapError, CallTimeout, ControllerError
 from bcapscope.protocol.codec.frame import Frame, Malformed, parse_datagram
-from bcapscope.protocol.codec.variant import VT, Variant, integer_value
-from bcapscope.protocol.guard import needs_arming, request_effect
+from bcapscope.protocol.codec.variant import Variant
+from bcapscope.protocol.guard import request_effect
 from bcapscope.protocol.retry.requester import RequesterEvent, RetryPolicy
 from bcapscope.protocol.tables.call_effect import CallEffect
 from bcapscope.protocol.tables.function_table import FUNCTIONS, ID, Function, ObjectClass, function_by_name
-from bcapscope.protocol.tables.hresult import E_NOT_IN_SLAVE_MODE, describe_hresult
-from bcapscope.traffic.handle_table import HandleTable, ObjectHandle
 from bcapscope.traffic.observation import Direction, Observation
 from bcapscope.tui.controller_access.arming_state import ArmingState
 from bcapscope.tui.controller_access.halt_connection import HaltConnection, HaltState, HaltUpdate
@@ -37,7 +38,6 @@ from bcapscope.tui.controller_access.history_record import (
     Initiator,
     RecordOutcome,
     error_text,
-    failure_text,
 )
 from bcapscope.tui.controller_access.history_recorder import INITIATOR, HistoryRecorder
 from bcapscope.tui.controller_access.reply_monitor import ReplyMonitor
@@ -54,10 +54,8 @@ R = TypeVar("R")
 CLOSE_TIMEOUT = 8.0
 """Seconds that `close` waits until everything is released."""
 
-CLEANUP_PACE = RetryPolicy(300_000_000, 2)
+_CLEANUP_RETRY_POLICY = RetryPolicy(300_000_000, 2)
 """Attempts of the calls that release objects. Few, so that closing is fast if the controller is gone."""
-
-_LEVEL_THAT_ENDS_SLAVE_MODE = 3
 
 
 class NotConnectedError(BcapError):
@@ -101,13 +99,12 @@ class ControllerSession:
         self.reply_monitor = ReplyMonitor(self.now())
         self.client_session: Session | None = None
         self.polling_paused = False
-        self._reach: ObjectOpener | None = None
+        self._opener: ObjectOpener | None = None
         self._halt_connection: HaltConnection | None = None
         self._stack = AsyncExitStack()
-        self._handle_table = HandleTable()
         self._recorder = HistoryRecorder(self._on_record, self._subject_of)
         self._loop = asyncio.new_event_loop()
-        self._thread = threading.Thread(target=self._loop.run_forever, name="desk", daemon=True)
+        self._thread = threading.Thread(target=self._loop.run_forever, name="controller session", daemon=True)
         self._thread.start()
 
     async def run_in_loop(self, step: Coroutine[Any, Any, R]) -> R:
@@ -153,7 +150,8 @@ class ControllerSession:
         await self.disconnect()
         session = open_target_session(target, observer=self._on_packet, listener=self._on_event)
         self.client_session = await self._stack.enter_async_context(session)
-        self._reach = ObjectOpener(self.client_session, target.service, target.connect, {})
+        self.client_session.check_armed = self._check_armed
+        self._opener = ObjectOpener(self.client_session, target)
         self.arming = ArmingState()
         self.reply_monitor = ReplyMonitor(self.now())
         self.update_status(target=target)
@@ -172,31 +170,24 @@ class ControllerSession:
 
     async def disconnect(self) -> None:
         """Leave slave mode, release everything, newest first, and close the connection."""
-        line, self._halt_connection = self._halt_connection, None
+        halt_connection, self._halt_connection = self._halt_connection, None
         stack, self._stack = self._stack, AsyncExitStack()
         INITIATOR.set(Initiator.SCREEN)
         if self.client_session is not None:
-            self.client_session.retry_policies = self.client_session.retry_policies._replace(
-                others=CLEANUP_PACE
-            )
+            usual = self.client_session.retry_policies
+            self.client_session.retry_policies = usual._replace(others=_CLEANUP_RETRY_POLICY)
         try:
             with suppress(BcapError, OSError):
                 await stack.aclose()
-            if line is not None:
-                await asyncio.to_thread(line.close)
+            if halt_connection is not None:
+                await asyncio.to_thread(halt_connection.close)
         finally:
             self._recorder.abandon_call(time.time_ns())
-            self.client_session = self._reach = None
-            self._handle_table = HandleTable()
+            self.client_session = self._opener = None
             self.arming.disarm()
             if self.status.is_connected:
                 self.status = SessionStatus()
                 self.report(self.status)
-
-    async def handle_lost_connection(self, reason: str) -> None:
-        """Record that the connection is lost, and report it."""
-        await self.disconnect()
-        self.report(ConnectionLost(reason))
 
     def update_status(self, **changes: Any) -> None:
         """Change the status and report it."""
@@ -206,15 +197,15 @@ class ControllerSession:
     # Calls.
 
     @property
-    def reach(self) -> ObjectOpener:
-        """The opener of objects, which also makes calls.
+    def opener(self) -> ObjectOpener:
+        """The opener of objects, with the session in use.
 
         Raises:
             NotConnectedError: There is no connection.
         """
-        if self._reach is None:
+        if self._opener is None:
             raise NotConnectedError(say("tester.not_connected"))
-        return self._reach
+        return self._opener
 
     async def call(
         self, function: Function, arguments: Sequence[Variant], initiator: Initiator = Initiator.USER
@@ -227,20 +218,16 @@ class ControllerSession:
             LocalProtocolError: The call cannot be encoded. Nothing was sent.
             ConnectionError: The link is lost.
         """
-        reach = self.reach
-        if self._needs_arming(function.id, arguments):
-            self._check_armed()
-        INITIATOR.set(initiator)
-        await self._await_exchange(reach.perform_call(function, arguments))
-        return self.last_record
+        session = self.opener.session
+        return await self.record_calls(session.perform_call(function.id, arguments), initiator)
 
     async def invoke(
-        self, name: str, *values: Variant, initiator: Initiator = Initiator.USER
+        self, name: str, *values: object, initiator: Initiator = Initiator.USER
     ) -> HistoryRecord:
-        """Like `call`, with the name of the function."""
+        """Like `call`, with the name of the function and Python values, as `variant_of` converts them."""
         function = function_by_name(name)
         assert function is not None, name
-        return await self.call(function, values, initiator)
+        return await self.call(function, arguments_of(function, values), initiator)
 
     async def send_raw(self, raw: bytes) -> HistoryRecord:
         """Send bytes unchanged and wait for the reply; return the record.
@@ -249,13 +236,13 @@ class ControllerSession:
             NotArmedError: They may energise or move the robot, or are not an intact frame.
             NotConnectedError, ConnectionError: As for `call`.
         """
-        session = self.reach.session
+        session = self.opener.session
         caller = session.caller
         assert isinstance(caller, Caller)
-        if any(self._raw_needs_arming(item) for item in parse_datagram(raw)):
+        if any(_raw_needs_arming(session, item) for item in parse_datagram(raw)):
             self._check_armed()
-        INITIATOR.set(Initiator.USER)
-        await self._await_exchange(caller.send_raw(raw, session.retry_policies.others.timeout / 1e9))
+        timeout = session.retry_policies.others.timeout / 1e9
+        await self.run_calls(caller.send_raw(raw, timeout), Initiator.USER)
         self._recorder.complete_raw_call(time.time_ns())
         return self.last_record
 
@@ -266,10 +253,20 @@ class ControllerSession:
         Raises:
             NotConnectedError: No controller object is open.
         """
-        found = self._handle_table.open_handles(ObjectClass.CONTROLLER)
-        if not found:
+        found = self.opener.session.handles.latest(ObjectClass.CONTROLLER)
+        if found is None:
             raise NotConnectedError(say("tester.not_connected"))
-        return found[-1]
+        return found
+
+    def selected_robot(self) -> Robot:
+        """Return the robot that receives robot commands.
+
+        Raises:
+            NotConnectedError: None is open.
+        """
+        if self.status.robot is None:
+            raise NotConnectedError(say("desk.robot.missing"))
+        return Robot(self.opener.session, self.status.robot.handle)
 
     @property
     def last_record(self) -> HistoryRecord:
@@ -277,69 +274,54 @@ class ControllerSession:
         assert self._recorder.last_record is not None
         return self._recorder.last_record
 
-    def subject_of(self, record: HistoryRecord) -> ObjectHandle | None:
-        """Return the object that a call was made on; None if it is no longer open."""
-        return self._subject_of(record.function_id, record.arguments)
-
     def _subject_of(self, function_id: int, arguments: Sequence[Variant]) -> ObjectHandle | None:
-        function, first = FUNCTIONS.get(function_id), arguments[:1]
-        handle = first[0].value if first else None
-        if function is None or not isinstance(handle, int):
+        function, session = FUNCTIONS.get(function_id), self.client_session
+        if function is None or session is None:
             return None
-        return self._handle_table.find(function.owner, handle)
-
-    def last_failure_text(self) -> str:
-        """Return why the last call failed."""
-        return failure_text(self.last_record)
+        return session.handles.find(function.owner, first_number(arguments))
 
     async def open_object(
-        self,
-        parent: ObjectHandle,
-        kind: ObjectClass,
-        name: str,
-        option: str,
-        initiator: Initiator = Initiator.USER,
+        self, parent: ObjectHandle, kind: ObjectClass, name: str, option: str
     ) -> ObjectHandle | None:
         """Open an object. Return None if it was refused or not answered; `last_record` has the reason."""
-        values = (handle_argument(parent), Variant(VT.BSTR, name), Variant(VT.BSTR, option))
-        record = await self.invoke(f"{parent.kind}_Get{kind}", *values, initiator=initiator)
-        return (
-            self._handle_table.find(kind, _handle_in_reply(record))
-            if record.outcome is RecordOutcome.ANSWERED
-            else None
-        )
-
-    def select_robot(self, robot: ObjectHandle | None) -> None:
-        """Select the robot that receives robot commands."""
-        self.update_status(robot=robot)
-
-    def _needs_arming(self, function_id: int, arguments: Sequence[Variant]) -> bool:
-        written = self._subject_of(function_id, arguments)
-        is_variable = written is not None and written.kind is ObjectClass.VARIABLE
-        return needs_arming(function_id, arguments, written.label if written and is_variable else "")
-
-    def _raw_needs_arming(self, item: Frame | Malformed) -> bool:
-        """Return whether raw bytes need arming; bytes that are not an intact frame do."""
-        if not isinstance(item, Frame) or item.problems:
-            return True
-        return self._needs_arming(item.code, item.variants)
+        record = await self.invoke(f"{parent.kind}_Get{kind}", parent.handle, name, option)
+        if record.outcome is not RecordOutcome.ANSWERED or record.reply is None:
+            return None
+        return self.opener.session.handles.find(kind, first_number(record.reply.variants))
 
     def _check_armed(self) -> None:
         if not self.arming.allows_armed_calls(self.now()):
             raise NotArmedError(say("tester.not_armed"))
         self.arming.extend(self.now())
 
-    async def _await_exchange(self, exchange: Coroutine[Any, Any, object]) -> None:
-        """Await a call. Record it if it is cancelled; report the connection as lost if the link fails."""
+    async def record_calls(
+        self, steps: Coroutine[Any, Any, object], initiator: Initiator = Initiator.USER
+    ) -> HistoryRecord:
+        """Run steps that make calls, up to the first that fails; return the record of the last call.
+
+        Raises:
+            NotArmedError, LocalProtocolError, ConnectionError: As for `call`.
+        """
+        with suppress(ControllerError, CallTimeout):
+            await self.run_calls(steps, initiator)
+        return self.last_record
+
+    async def run_calls(self, steps: Coroutine[Any, Any, R], initiator: Initiator) -> R:
+        """Run steps that make calls; return their result.
+
+        A cancelled call gets a record. If the link fails, the connection is closed and reported as lost.
+        """
+        INITIATOR.set(initiator)
         try:
-            await exchange
+            return await steps
         except asyncio.CancelledError:
             self._recorder.abandon_call(time.time_ns())
             raise
         except OSError as error:
-            self._recorder.abandon_call(time.time_ns())
             if not isinstance(error, BcapError):
-                await self.handle_lost_connection(error_text(error))
+                self._recorder.abandon_call(time.time_ns())
+                await self.disconnect()
+                self.report(ConnectionLost(error_text(error)))
             raise
 
     # HALT.
@@ -347,12 +329,12 @@ class ControllerSession:
     def halt(self) -> bool:
         """Stop the robot; return at once whether there is a connection. Any thread may call this."""
         self.arming.disarm()
-        line = self._halt_connection
-        if line is not None:
-            line.press()
+        halt_connection = self._halt_connection
+        if halt_connection is not None:
+            halt_connection.press()
         with suppress(RuntimeError):  # the loop of this session has ended
             self._loop.call_soon_threadsafe(self._start_halt_call)
-        return line is not None or self.client_session is not None
+        return halt_connection is not None or self.client_session is not None
 
     def _start_halt_call(self) -> None:
         if self.client_session is not None and self.status.robot is not None:
@@ -361,13 +343,13 @@ class ControllerSession:
     async def _halt_on_session(self, robot: ObjectHandle) -> None:
         """Send HALT also on the main connection once it is free, then leave slave mode."""
         with suppress(BcapError, OSError):
-            record = await self.invoke("Robot_Halt", handle_argument(robot), Variant(VT.BSTR, ""))
+            record = await self.invoke("Robot_Halt", robot.handle, "")
             if self._halt_connection is None:
                 done = record.outcome is RecordOutcome.ANSWERED
                 state = HaltState.HALTED if done else HaltState.FAILED
                 self.report(HaltUpdate(state, record.outcome.value, record.took))
             if self.status.slave_mode:
-                values = (handle_argument(robot), Variant(VT.BSTR, "slvChangeMode"), Variant(VT.I4, 0))
+                values = (robot.handle, "slvChangeMode", 0)
                 await self.invoke("Robot_Execute", *values, initiator=Initiator.SCREEN)
 
     # Results.
@@ -408,49 +390,23 @@ class ControllerSession:
         self.report(SessionProblem(f"{path}: {error_text(error)}"))
 
     def _on_record(self, record: HistoryRecord) -> None:
-        """Update the state from a call that has ended, and report its record."""
-        changes: dict[str, object] = {}
-        function = FUNCTIONS.get(record.function_id)
-        if record.outcome is RecordOutcome.ANSWERED and record.reply is not None and function is not None:
-            self._handle_table.record_call(function, record.arguments, record.reply)
-            changes["open_objects"] = self._handle_table.open_handles()
-            if self.status.robot not in self._handle_table.open_handles():
-                changes["robot"] = None
-            command = command_of(record.function_id, record.arguments)
-            if command in ("takearm", "givearm"):
-                changes["holds_arm"] = command == "takearm"
-        if record.reply is not None:
-            changes["round_trip"] = record.took
-        mode = _slave_mode_after(record)
-        if mode is not None and mode != self.status.slave_mode:
-            changes["slave_mode"] = mode
-            self.pause_polling(mode != 0)
-        if self.status.is_connected and changes:
-            self.update_status(**changes)
+        """Update the status from a call that has ended, and report its record."""
+        session = self.client_session
+        if session is not None and self.status.is_connected:
+            if record.outcome is RecordOutcome.ANSWERED and record.reply is not None:
+                # The session itself records later, once its task resumes, and raw calls not at all.
+                session.record_call(record.function_id, record.arguments, record.reply)
+            before = self.status
+            self.status = before.after_call(record, session.handles.open_handles())
+            if self.status.slave_mode != before.slave_mode:
+                self.pause_polling(self.status.slave_mode != 0)
+            if self.status != before:
+                self.report(self.status)
         self.report(record)
 
 
-def _slave_mode_after(record: HistoryRecord) -> int | None:
-    """Return the slave mode after a call; None if the call does not show it."""
-    command = command_of(record.function_id, record.arguments)
-    if record.outcome is RecordOutcome.ANSWERED:
-        if command == "slvchangemode" and len(record.arguments) > 2:
-            return integer_value(record.arguments[2]) or 0
-        return None
-    if record.outcome is RecordOutcome.REFUSED and record.reply is not None:
-        code = record.reply.code
-        level = describe_hresult(code).level or 0
-        # Each error of that level ends slave mode (DENSO Wave 2009: any result but S_OK does on RC7).
-        return 0 if code == E_NOT_IN_SLAVE_MODE or level >= _LEVEL_THAT_ENDS_SLAVE_MODE else None
-    return None
-
-
-def handle_argument(opened: ObjectHandle) -> Variant:
-    """Return the handle of an object as the first argument of a call."""
-    return Variant(VT.I4, opened.handle)
-
-
-def _handle_in_reply(record: HistoryRecord) -> int | None:
-    arguments = record.reply.arguments if record.reply is not None else ()
-    value = arguments[0].variant.value if arguments else None
-    return value if isinstance(value, int) else None
+def _raw_needs_arming(session: Session, item: Frame | Malformed) -> bool:
+    """Return whether raw bytes need arming; bytes that are not an intact frame do."""
+    return (
+        not isinstance(item, Frame) or bool(item.problems) or session.needs_arming(item.code, item.variants)
+    )

@@ -4,22 +4,18 @@ from __future__ import annotations
 
 from bcapscope.client.controller_target import ControllerTarget
 from bcapscope.render.call_code import hex_text, python_program, shell_command
-from bcapscope.traffic.handle_table import ObjectHandle
 from bcapscope.tui.controller_access.history_record import HistoryRecord
 
 
-def copy_text(
-    record: HistoryRecord, copy_format: str, target: ControllerTarget, subject: ObjectHandle | None
-) -> str | None:
+def copy_text(record: HistoryRecord, copy_format: str, target: ControllerTarget) -> str | None:
     """Return a call as ``hex``, ``python`` or ``line``; None if that format cannot express it.
 
     Args:
         record: The call.
         copy_format: Name of the format.
         target: Address and transport of the controller.
-        subject: Object of the call's handle; None if it is no longer known.
     """
     if copy_format == "hex":
         return "\n".join(hex_text(seen.item.raw) for seen in record.packets) or None
     write = python_program if copy_format == "python" else shell_command
-    return write(target, record.function_id, record.arguments, subject)
+    return write(target, record.function_id, record.arguments, record.subject)

@@ -8,24 +8,15 @@ from __future__ import annotations
 
 from enum import StrEnum
 
+from bcapscope.client.controller_errors import clear_errors, read_errors
+from bcapscope.client.remote_objects import PTP, Controller
 from bcapscope.client.session import command_of
-from bcapscope.protocol.codec.variant import EMPTY, VT, Value, Variant, integer_value
+from bcapscope.protocol.codec.variant import integer_value
 from bcapscope.protocol.slave_mode.modes import pose_type_of_mode
 from bcapscope.protocol.slave_mode.poses import pose_numbers
-from bcapscope.protocol.tables.hresult import describe_hresult
-from bcapscope.tui.controller_access.controller_session import (
-    ControllerSession,
-    NotConnectedError,
-    handle_argument,
-)
+from bcapscope.tui.controller_access.controller_session import ControllerSession
 from bcapscope.tui.controller_access.guided_connect import start_robslave
-from bcapscope.tui.controller_access.history_record import HistoryRecord, RecordOutcome
-from bcapscope.tui.words import say
-
-MAX_ERRORS = 20
-"""Maximum number of errors to read; the newest come first."""
-
-_PTP = Variant(VT.I4, 1)
+from bcapscope.tui.controller_access.history_record import HistoryRecord, Initiator, RecordOutcome
 
 
 class RecoveryStep(StrEnum):
@@ -71,7 +62,7 @@ class LastSlaveSession:
         return f"@E {kind}({','.join(f'{value:.5f}' for value in self.first_set_point)})"
 
 
-async def read_errors(session: ControllerSession) -> list[tuple[int, str]]:
+async def read_current_errors(session: ControllerSession) -> tuple[tuple[int, str], ...]:
     """Read the controller's current errors, newest first: code and the controller's text.
 
     Leave slave mode first, where no other call is safe (public issues of DENSORobot/denso_robot_ros).
@@ -81,12 +72,7 @@ async def read_errors(session: ControllerSession) -> list[tuple[int, str]]:
     """
     if session.status.slave_mode and session.status.robot is not None:
         await run_recovery_step(session, RecoveryStep.MODE, "", 0)
-    count = _first_value(await _execute_on_controller(session, "GetCurErrorCount"))
-    errors = []
-    for index in range(min(count if isinstance(count, int) else 0, MAX_ERRORS)):
-        info = _first_value(await _execute_on_controller(session, "GetCurErrorInfo", Variant(VT.I4, index)))
-        errors.append(_parse_error_info(info))
-    return errors
+    return await session.run_calls(read_errors(_controller(session)), Initiator.USER)
 
 
 async def run_recovery_step(
@@ -104,38 +90,16 @@ async def run_recovery_step(
         BcapError, OSError: As for `ControllerSession.call`.
     """
     if recovery_step is RecoveryStep.CLEAR:
-        return await _execute_on_controller(session, "ClearError")
+        return await session.record_calls(clear_errors(_controller(session)))
     if recovery_step is RecoveryStep.ROBSLAVE:
         return await start_robslave(session)
-    robot = session.status.robot
-    if robot is None:
-        raise NotConnectedError(say("desk.robot.missing"))
-    handle = handle_argument(robot)
+    robot = session.selected_robot()
     if recovery_step is RecoveryStep.FIRST_POSITION:
-        return await session.invoke(
-            "Robot_Move", handle, _PTP, Variant(VT.BSTR, first_position), Variant(VT.BSTR, "")
-        )
-    motor = recovery_step is RecoveryStep.MOTOR
-    command, value = ("Motor", 1) if motor else ("slvChangeMode", mode)
-    values = (handle, Variant(VT.BSTR, command), Variant(VT.I4, value))
-    return await session.invoke("Robot_Execute", *values)
+        return await session.record_calls(robot.move(PTP, first_position))
+    if recovery_step is RecoveryStep.MOTOR:
+        return await session.record_calls(robot.execute("Motor", 1))
+    return await session.record_calls(robot.slv_change_mode(mode))
 
 
-async def _execute_on_controller(
-    session: ControllerSession, command: str, parameter: Variant = EMPTY
-) -> HistoryRecord:
-    values = (handle_argument(session.controller), Variant(VT.BSTR, command), parameter)
-    return await session.invoke("Controller_Execute", *values)
-
-
-def _first_value(record: HistoryRecord) -> Value:
-    arguments = record.reply.arguments if record.reply and record.outcome is RecordOutcome.ANSWERED else ()
-    return arguments[0].variant.value if arguments else None
-
-
-def _parse_error_info(info: Value) -> tuple[int, str]:
-    """Return code and text from a result of GetCurErrorInfo."""
-    items = [item.value for item in info if isinstance(item, Variant)] if isinstance(info, tuple) else []
-    code = items[0] if items and isinstance(items[0], int) else 0
-    text = items[1] if len(items) > 1 and isinstance(items[1], str) else describe_hresult(code).text
-    return code, text
+def _controller(session: ControllerSession) -> Controller:
+    return Controller(session.opener.session, session.controller.handle)

@@ -6,25 +6,19 @@ import asyncio
 from collections.abc import Awaitable, Callable, Sequence
 from dataclasses import replace
 
-from bcapscope.client.controller_target import ControllerTarget
-from bcapscope.errors import BcapError, CallTimeout, ControllerError
-from bcapscope.protocol.codec.variant import VT, Variant
+from bcapscope.client.controller_target import DEFAULT_ROBOT, ROBSLAVE, ControllerTarget
+from bcapscope.client.handle_table import ObjectHandle
+from bcapscope.client.object_opener import read_variable_once
+from bcapscope.client.remote_objects import ONE_CYCLE, Controller, Robot, Task
+from bcapscope.errors import BcapError, CallTimeout, RemoteProtocolError
+from bcapscope.protocol.codec.variant import EMPTY
 from bcapscope.protocol.tables.function_table import ObjectClass
 from bcapscope.render.field_meaning import value_text
-from bcapscope.traffic.handle_table import ObjectHandle
-from bcapscope.tui.controller_access.controller_session import ControllerSession, handle_argument
-from bcapscope.tui.controller_access.halt_connection import DEFAULT_ROBOT
-from bcapscope.tui.controller_access.history_record import HistoryRecord, Initiator, RecordOutcome, error_text
+from bcapscope.tui.controller_access.controller_session import ControllerSession
+from bcapscope.tui.controller_access.history_record import HistoryRecord, Initiator, error_text, failure_text
 from bcapscope.tui.controller_access.history_recorder import INITIATOR
 from bcapscope.tui.controller_access.session_updates import ConnectStep, ConnectStepUpdate, ControllerIdentity
 from bcapscope.tui.words import say, told
-
-ROBSLAVE = "RobSlave"
-"""The program that an RC7 needs for slave mode (DENSO Wave 2009, How to use the Slave mode)."""
-
-_UNKNOWN_PROVIDER_CODES = (0x80070057, 0x80000201)
-"""Result codes for an unknown provider name: E_INVALIDARG (RC8), and the CAO engine's own code (orin_bcap
-C/include/bcap_common.h)."""
 
 
 class ConnectStepError(BcapError):
@@ -61,9 +55,9 @@ async def connect(
         raise
     session.open_halt_connection(robot or DEFAULT_ROBOT)
     try:
-        await _run_step(session, ConnectStep.IDENTITY, lambda: identify_controller(session))
+        await _run_step(session, ConnectStep.IDENTITY, lambda: _identify_controller(session))
         if robot:
-            await _run_step(session, ConnectStep.ROBOT, lambda: _open_robot(session, robot, option))
+            await _run_step(session, ConnectStep.ROBOT, lambda: _open_first_robot(session, robot, option))
     except ConnectStepError:
         return False
     return True
@@ -75,18 +69,9 @@ async def add_robot(session: ControllerSession, robot: str, option: str) -> Hist
     Raises:
         BcapError, OSError: As for `ControllerSession.call`.
     """
-    INITIATOR.set(Initiator.USER)
-    opened = await session.open_object(session.controller, ObjectClass.ROBOT, robot, option)
-    record = session.last_record
-    if opened is not None:
-        session.select_robot(opened)
-        session.report(
-            ConnectStepUpdate(
-                ConnectStep.ROBOT,
-                True,
-                ", ".join(filter(None, (robot, await read_robot_type(session, opened)))),
-            )
-        )
+    record, text = await _open_robot(session, robot, option)
+    if text is not None:
+        session.report(ConnectStepUpdate(ConnectStep.ROBOT, True, text))
         session.open_halt_connection(robot)
     return record
 
@@ -97,15 +82,13 @@ async def start_robslave(session: ControllerSession) -> HistoryRecord:
     Raises:
         BcapError, OSError: As for `ControllerSession.call`.
     """
-    found = [
-        one for one in session.status.open_objects if one.kind is ObjectClass.TASK and one.label == ROBSLAVE
-    ]
-    task = (
-        found[-1] if found else await session.open_object(session.controller, ObjectClass.TASK, ROBSLAVE, "")
-    )
-    if task is None:
-        return session.last_record
-    return await session.invoke("Task_Start", handle_argument(task), Variant(VT.I4, 1), Variant(VT.BSTR, ""))
+    opener, controller = session.opener, session.controller
+
+    async def steps() -> None:
+        task = await opener.open_child(controller, ObjectClass.TASK, ROBSLAVE)
+        await Task(opener.session, task).start(ONE_CYCLE)
+
+    return await session.record_calls(steps())
 
 
 async def _run_step(
@@ -115,7 +98,7 @@ async def _run_step(
     try:
         text = await action()
     except CallTimeout as error:
-        session.report(ConnectStepUpdate(step, False, session.last_failure_text()))
+        session.report(ConnectStepUpdate(step, False, failure_text(session.last_record)))
         raise ConnectStepError("the step failed") from error
     except (BcapError, OSError) as error:
         session.report(ConnectStepUpdate(step, False, error_text(error)))
@@ -129,7 +112,7 @@ async def _open_link(session: ControllerSession, target: ControllerTarget) -> st
 
 
 async def _start_service(session: ControllerSession) -> str:
-    await session.reach.start_service()
+    await session.opener.start_service()
     return "Service_Start"
 
 
@@ -137,56 +120,54 @@ async def _connect_controller(
     session: ControllerSession, target: ControllerTarget, providers: Sequence[str]
 ) -> str:
     """Connect with the first provider that the controller knows."""
-    for provider in providers:
-        tried = replace(target, provider=provider)
-        try:
-            await session.reach.invoke("Controller_Connect", *tried.connect)
-        except ControllerError as error:
-            if error.hresult not in _UNKNOWN_PROVIDER_CODES or provider == providers[-1]:
-                raise
-            continue
-        session.update_status(target=tried)
-        return provider or "Controller_Connect"
-    raise ConnectStepError("no provider to try")
+    provider = await session.opener.connect_controller(providers)
+    session.update_status(target=replace(target, provider=provider))
+    return provider or "Controller_Connect"
 
 
-async def _open_robot(session: ControllerSession, name: str, option: str) -> str:
-    controller = session.controller
-    robot = await session.open_object(controller, ObjectClass.ROBOT, name, option)
+async def _open_first_robot(session: ControllerSession, name: str, option: str) -> str:
+    record, text = await _open_robot(session, name, option)
+    if text is None:
+        raise ConnectStepError(failure_text(record))
+    return text
+
+
+async def _open_robot(session: ControllerSession, name: str, option: str) -> tuple[HistoryRecord, str | None]:
+    """Open and select a robot; return the record of the opening call, and name and type if it succeeded."""
+    robot = await session.open_object(session.controller, ObjectClass.ROBOT, name, option)
+    record = session.last_record
     if robot is None:
-        raise ConnectStepError(session.last_failure_text())
-    session.select_robot(robot)
-    found = await read_robot_type(session, robot)
-    return ", ".join(filter(None, (name, found)))
+        return record, None
+    session.update_status(robot=robot)
+    return record, ", ".join(filter(None, (name, await _read_robot_type(session, robot))))
 
 
-async def identify_controller(session: ControllerSession) -> str:
+async def _identify_controller(session: ControllerSession) -> str:
     """Read what the controller is: the built-in simulator, or a controller with name and version."""
-    simulator = await session.reach.is_simulator()
-    version = await _read_variable(session, session.controller, "@VERSION")
+    opener, controller = session.opener, session.controller
+    simulator = await opener.is_simulator()
+    version = await _read_fact(session, Controller(opener.session, controller.handle), "@VERSION")
     session.arming.is_required = not simulator
     session.update_status(identity=ControllerIdentity(simulator, version))
     kind = say("desk.simulator" if simulator else "desk.controller")
     return f"{kind}, {say('desk.version', version=version)}" if version else kind
 
 
-async def read_robot_type(session: ControllerSession, robot: ObjectHandle) -> str:
+async def _read_robot_type(session: ControllerSession, robot: ObjectHandle) -> str:
     """Read the robot's type; the user should check it before the first motion (DENSO Wave 2009)."""
-    name = await _read_variable(session, robot, "@TYPE_NAME")
-    number = await _read_variable(session, robot, "@TYPE")
+    remote_robot = Robot(session.opener.session, robot.handle)
+    name = await _read_fact(session, remote_robot, "@TYPE_NAME")
+    number = await _read_fact(session, remote_robot, "@TYPE")
     session.update_status(identity=replace(session.status.identity, type_name=name, type_number=number))
     return " ".join(filter(None, (name, f"(@TYPE {number})" if number else "")))
 
 
-async def _read_variable(session: ControllerSession, owner: ObjectHandle, name: str) -> str:
-    """Read a variable once; "" if there is none."""
-    variable = await session.open_object(owner, ObjectClass.VARIABLE, name, "", initiator=Initiator.SCREEN)
-    if variable is None:
+async def _read_fact(session: ControllerSession, owner: Controller | Robot, name: str) -> str:
+    """Read a variable once; "" if there is none, or no answer."""
+    try:
+        value = await session.run_calls(read_variable_once(owner, name), Initiator.SCREEN)
+    except (CallTimeout, RemoteProtocolError):
         return ""
-    handle = Variant(VT.I4, variable.handle)
-    record = await session.invoke("Variable_GetValue", handle, initiator=Initiator.SCREEN)
-    await session.invoke("Variable_Release", handle, initiator=Initiator.SCREEN)
-    if record.outcome is not RecordOutcome.ANSWERED or record.reply is None or not record.reply.arguments:
+    if value is None or value == EMPTY:
         return ""
-    value = record.reply.arguments[0].variant
     return value.value if isinstance(value.value, str) else value_text(value.value, value.vt)

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 
 from bcapscope.client.caller import Observer
-from bcapscope.client.controller_target import ControllerTarget
+from bcapscope.client.controller_target import DEFAULT_ROBOT, ControllerTarget
 from bcapscope.client.object_opener import ObjectOpener
 from bcapscope.client.robot_halt import halt_robot
 from bcapscope.client.session import Session, open_target_session
@@ -38,9 +38,6 @@ _STALE_CONNECTION_CODES = (E_HANDLE, E_NOT_CONNECTED)
 
 CLOSE_TIMEOUT = 3.0
 """Seconds that `close` waits for the connection to release its objects."""
-
-DEFAULT_ROBOT = "Arm"
-"""Robot to open if no name was given; most controllers have it."""
 
 
 class HaltState(StrEnum):
@@ -123,9 +120,9 @@ class HaltConnection:
 
     def report_only_halts(self) -> None:
         """Report only results of HALT from now on. The replacement connection reports its own state."""
-        tell = self._report
-        told = (HaltState.HALTED, HaltState.FAILED)
-        self._report = lambda news: tell(news) if news.state in told else None
+        report = self._report
+        halt_results = (HaltState.HALTED, HaltState.FAILED)
+        self._report = lambda update: report(update) if update.state in halt_results else None
 
     def close(self) -> None:
         """Close the connection; wait at most `CLOSE_TIMEOUT` seconds."""
@@ -174,10 +171,8 @@ class HaltConnection:
     async def _serve_session(self, session: Session) -> None:
         """Open the robot, then wait for HALT."""
         self._report(HaltUpdate(HaltState.OPENING))
-        reach = ObjectOpener(
-            session, self._target.service, self._target.connect, {ObjectClass.ROBOT: self._robot}
-        )
-        handle = await reach.handle_for(ObjectClass.ROBOT)
+        opener = ObjectOpener(session, self._target, {ObjectClass.ROBOT: self._robot})
+        handle = await opener.handle_for(ObjectClass.ROBOT)
         await self._send_heartbeat(session, handle)
         while not self._closing:
             await self._wait_for_press(self._heartbeat)

@@ -6,11 +6,11 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 
 from bcapscope.client.controller_target import os_error_text
+from bcapscope.client.handle_table import ObjectHandle
 from bcapscope.errors import Attempt, BcapError
 from bcapscope.protocol.codec.frame import Frame
 from bcapscope.protocol.codec.variant import Variant
 from bcapscope.protocol.tables.hresult import describe_hresult, hresult_name
-from bcapscope.traffic.handle_table import ObjectHandle
 from bcapscope.traffic.observation import Direction, Observation
 from bcapscope.tui.words import say, told
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from contextvars import ContextVar
 
+from bcapscope.client.handle_table import ObjectHandle
 from bcapscope.errors import Attempt
 from bcapscope.protocol.codec.frame import Frame
 from bcapscope.protocol.codec.variant import Variant
@@ -20,7 +21,6 @@ from bcapscope.protocol.retry.requester import (
     RequesterEvent,
 )
 from bcapscope.protocol.tables.hresult import is_failure
-from bcapscope.traffic.handle_table import ObjectHandle
 from bcapscope.traffic.observation import Direction, Observation
 from bcapscope.tui.controller_access.history_record import HistoryRecord, Initiator, RecordOutcome
 
@@ -42,18 +42,16 @@ class HistoryRecorder:
         self,
         on_record: Callable[[HistoryRecord], None],
         subject_of: Callable[[int, Sequence[Variant]], ObjectHandle | None],
-        first_number: int = 1,
     ) -> None:
         """Pass each record to `on_record` as soon as its call has ended.
 
         Args:
             on_record: Called with each record.
             subject_of: Returns the object of a call from its function id and arguments.
-            first_number: Number of the first record.
         """
         self._on_record = on_record
         self._subject_of = subject_of
-        self.next_number = first_number
+        self._next_number = 1
         self.last_record: HistoryRecord | None = None
         self._call: _CallInProgress | None = None
 
@@ -88,17 +86,11 @@ class HistoryRecorder:
                 call, RecordOutcome.UNANSWERED, None, event.attempts, max(0, now - call.began)
             )
 
-    def abandon_call(self, now: int) -> HistoryRecord | None:
-        """End the call under way without a reply; return its record, or None if there is no such call.
-
-        Args:
-            now: ns since 1970-01-01 UTC.
-        """
-        call = self._call
-        if call is None:
-            return None
-        self._complete_call(call, RecordOutcome.ABANDONED, None, (), max(0, now - call.began))
-        return self.last_record
+    def abandon_call(self, now: int) -> None:
+        """End the call under way, if any, without a reply; `now` is ns since 1970-01-01 UTC."""
+        if self._call is not None:
+            took = max(0, now - self._call.began)
+            self._complete_call(self._call, RecordOutcome.ABANDONED, None, (), took)
 
     def complete_raw_call(self, now: int) -> None:
         """End a call that was sent as raw bytes. The last frame received, if any, is its reply.
@@ -132,7 +124,7 @@ class HistoryRecorder:
         arguments = tuple(each.variant for each in given)
         self._call = None
         self.last_record = HistoryRecord(
-            number=self.next_number,
+            number=self._next_number,
             initiator=call.initiator,
             began=call.began,
             function_id=code,
@@ -146,7 +138,7 @@ class HistoryRecorder:
             late_replies=call.late_replies,
             subject=self._subject_of(code, arguments),
         )
-        self.next_number += 1
+        self._next_number += 1
         self._on_record(self.last_record)
 
 

@@ -8,12 +8,10 @@ from __future__ import annotations
 from dataclasses import replace
 
 from bcapscope.client.controller_target import ControllerTarget
-from bcapscope.protocol.retry.reserved_convention import ReservedConvention
+from bcapscope.protocol.retry.reserved_convention import ReservedConvention, client_conventions
 from bcapscope.tui.words import say
 
 _SERVICE_KEYS = ("wdt", "invoketimeout")
-_UDP_CONVENTIONS = (ReservedConvention.SEED, ReservedConvention.OWN, ReservedConvention.CHAIN)
-_TCP_CONVENTIONS = (ReservedConvention.TCP0, ReservedConvention.TCP1)
 
 AUTOMATIC_PROVIDERS = ("CaoProv.DENSO.VRC", "CaoProv.DENSO.VRC9", "")
 """Providers to try in order if none is named: RC8 and COBOTTA, RC9 and COBOTTA PRO, none. RC7 accepts the
@@ -77,7 +75,7 @@ def _bounded_integer(key: str, value: str, low: int, high: int) -> int:
 
 
 def _convention(value: str, tcp: bool) -> ReservedConvention:
-    allowed = [each.value for each in (_TCP_CONVENTIONS if tcp else _UDP_CONVENTIONS)]
+    allowed = [each.value for each in client_conventions(not tcp)]
     if value.casefold() not in allowed:
         raise ValueError(say("desk.option.reserved", value=value, allowed=", ".join(allowed)))
     return ReservedConvention(value.casefold())

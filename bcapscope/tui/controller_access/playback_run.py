@@ -10,7 +10,6 @@ from dataclasses import dataclass, field
 
 from msgspec import structs
 
-from bcapscope.player.arm_limits import limits_for_arm, with_limits
 from bcapscope.player.player_messages import (
     ControllerInfo,
     PlayEnded,
@@ -23,9 +22,9 @@ from bcapscope.player.player_messages import (
     RealtimeReport,
     SetPointValues,
 )
-from bcapscope.player.preflight import PreflightResult, run_preflight
+from bcapscope.player.preflight import PreflightResult, run_preflight_for
 from bcapscope.player.trajectory import Trajectory
-from bcapscope.protocol.slave_mode.modes import PERIOD_MS, Generation, SlaveMode, slave_mode_by_number
+from bcapscope.protocol.slave_mode.modes import PERIOD_MS, SlaveMode
 
 MAX_SAMPLES = 600
 """Readings in the plots: half a minute at twenty per second."""
@@ -64,13 +63,15 @@ class PlaybackRun:
     def on_message(self, message: PlayerMessage) -> str | None:
         """Record a message; return the answer to a question that needs no user."""
         if isinstance(message, PlayProgress):
-            before = self.progress
-            told = message if message.of or before is None else structs.replace(before, state=message.state)
-            self.progress = told
+            if message.of or self.progress is None:
+                self.progress = message
+            else:
+                self.progress = structs.replace(self.progress, state=message.state)
             if message.commanded:
                 self.samples.append((message.elapsed, message.commanded, message.returned))
         elif isinstance(message, ControllerInfo):
-            self._check_peer(message)
+            self.peer = message
+            self.preflight = run_preflight_for(self.trajectory, self.plan, message)
         elif isinstance(message, RealtimeReport):
             self.readiness = message.text
         elif isinstance(message, PlayerProblem):
@@ -85,10 +86,8 @@ class PlaybackRun:
 
     @property
     def mode(self) -> SlaveMode | None:
-        """The slave mode of the run; None until the controller's generation is known."""
-        if self.peer is None:
-            return None
-        return slave_mode_by_number(self.peer.mode, Generation(self.peer.generation))
+        """The slave mode of the run; None until the controller is known."""
+        return None if self.peer is None else self.peer.slave_mode
 
     @property
     def buffer_margin(self) -> tuple[int, float, float] | None:
@@ -104,15 +103,3 @@ class PlaybackRun:
         whole = float(mode.buffer_slots * PERIOD_MS)
         longest = progress.cycle[-1][1] / 1e6
         return mode.buffer_slots, whole, whole - max(0.0, longest - PERIOD_MS)
-
-    def _check_peer(self, peer: ControllerInfo) -> None:
-        """Run the pre-flight check against the connected controller."""
-        self.peer = peer
-        self.preflight = run_preflight(
-            self.trajectory,
-            self.plan.period / 1e9,
-            with_limits(limits_for_arm(peer.type_name), self.plan.limits),
-            current_pose=peer.pose,
-            mode=self.mode,
-            loop=self.plan.rounds != 1,
-        )

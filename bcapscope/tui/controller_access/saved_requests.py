@@ -67,11 +67,6 @@ def default_requests_folder() -> Path:
     return platformdirs.user_data_path("bcapscope", appauthor=False) / "requests"
 
 
-def takes_handle(function: Function) -> bool:
-    """Return whether the first argument of a function is a handle."""
-    return bool(function.params) and function.params[0].name.startswith("h")
-
-
 def list_requests(folder: Path) -> list[tuple[str, SavedRequest | str]]:
     """Return the requests in a folder by name, each as a request or as the reason why it cannot be read."""
     try:
@@ -107,7 +102,7 @@ def load_request(path: Path) -> SavedRequest:
     function = function_by_name(found.function)
     if function is None:
         raise SavedRequestError(say("desk.saved.function", name=path.name, function=repr(found.function)))
-    params = function.params[1:] if takes_handle(function) else function.params
+    params = function.params[1:] if function.takes_handle else function.params
     if len(params) != len(found.arguments):
         names = ", ".join(param.name for param in params) or say("desk.saved.none")
         count = len(found.arguments)
@@ -142,7 +137,7 @@ def save_request(
     function = FUNCTIONS.get(function_id)
     if function is None or len(function.params) != len(arguments):
         raise SavedRequestError(say("desk.saved.unknown"))
-    skipped = 1 if takes_handle(function) else 0
+    skipped = 1 if function.takes_handle else 0
     pairs = list(zip(function.params, arguments, strict=True))[skipped:]
     texts = [_argument_text(param, argument) for param, argument in pairs]
     if None in texts:

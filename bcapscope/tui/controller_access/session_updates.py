@@ -5,14 +5,19 @@ The screen forwards them to its own thread.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import TypeAlias
 
 from bcapscope.client.controller_target import ControllerTarget
-from bcapscope.traffic.handle_table import ObjectHandle
+from bcapscope.client.handle_table import ObjectHandle
+from bcapscope.client.session import command_of, requested_slave_mode
+from bcapscope.protocol.tables.hresult import E_NOT_IN_SLAVE_MODE, describe_hresult
 from bcapscope.tui.controller_access.halt_connection import HaltUpdate
-from bcapscope.tui.controller_access.history_record import HistoryRecord
+from bcapscope.tui.controller_access.history_record import HistoryRecord, RecordOutcome
+
+_ARM_COMMANDS = ("takearm", "givearm")
+_LEVEL_THAT_ENDS_SLAVE_MODE = 3
 
 
 class ConnectStep(StrEnum):
@@ -83,6 +88,32 @@ class SessionStatus:
     def is_connected(self) -> bool:
         """Whether there is a connection."""
         return self.target is not None
+
+    def after_call(self, record: HistoryRecord, open_objects: tuple[ObjectHandle, ...]) -> SessionStatus:
+        """Return the status after a call; `open_objects` are those that are open after it."""
+        command = command_of(record.function_id, record.arguments)
+        answered = record.outcome is RecordOutcome.ANSWERED
+        mode = _slave_mode_after(record)
+        return replace(
+            self,
+            open_objects=open_objects,
+            robot=self.robot if self.robot in open_objects else None,
+            slave_mode=self.slave_mode if mode is None else mode,
+            holds_arm=command == "takearm" if answered and command in _ARM_COMMANDS else self.holds_arm,
+            round_trip=self.round_trip if record.reply is None else record.took,
+        )
+
+
+def _slave_mode_after(record: HistoryRecord) -> int | None:
+    """Return the slave mode after a call; None if the call does not show it."""
+    if record.outcome is RecordOutcome.ANSWERED:
+        return requested_slave_mode(record.function_id, record.arguments)
+    if record.outcome is RecordOutcome.REFUSED and record.reply is not None:
+        code = record.reply.code
+        level = describe_hresult(code).level or 0
+        # Each error of that level ends slave mode (DENSO Wave 2009: any result but S_OK does on RC7).
+        return 0 if code == E_NOT_IN_SLAVE_MODE or level >= _LEVEL_THAT_ENDS_SLAVE_MODE else None
+    return None
 
 
 @dataclass(frozen=True, slots=True)

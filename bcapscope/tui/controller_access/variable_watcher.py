@@ -5,9 +5,9 @@ from __future__ import annotations
 import asyncio
 import time
 
+from bcapscope.client.handle_table import ObjectHandle
 from bcapscope.errors import BcapError
-from bcapscope.protocol.codec.variant import EMPTY, VT, Variant
-from bcapscope.traffic.handle_table import ObjectHandle
+from bcapscope.protocol.codec.variant import EMPTY
 from bcapscope.tui.controller_access.controller_session import ControllerSession
 from bcapscope.tui.controller_access.history_record import Initiator, RecordOutcome, error_text, failure_text
 from bcapscope.tui.controller_access.session_updates import WatchUpdate
@@ -68,7 +68,7 @@ class VariableWatcher:
             return
         try:
             record = await self._session.invoke(
-                "Variable_GetValue", Variant(VT.I4, variable.handle), initiator=Initiator.WATCH
+                "Variable_GetValue", variable.handle, initiator=Initiator.WATCH
             )
         except (BcapError, OSError) as error:
             variable.set_problem(error_text(error))

@@ -19,17 +19,17 @@ from textual.widgets import Button, ContentSwitcher, Input, Select
 
 from bcapscope.client.action_log import LoggedConnection
 from bcapscope.client.armed_call_logger import ArmedCallLogger
+from bcapscope.client.controller_target import DEFAULT_ROBOT
 from bcapscope.errors import BcapError
 from bcapscope.player.armed_message_logger import ArmedMessageLogger
 from bcapscope.player.player_messages import PlayProgress, QuestionTopic, SlaveModePacing
-from bcapscope.protocol.codec.variant import EMPTY, VT, Variant
 from bcapscope.protocol.number_parsing import parse_integer, parse_number
 from bcapscope.protocol.slave_mode.modes import pose_type_of_mode
 from bcapscope.render.escape import printable
 from bcapscope.render.play_text import controller_line, play_summary_lines, trouble_lines
 from bcapscope.render.preflight_text import PreflightRenderer
 from bcapscope.tui.app import app_of
-from bcapscope.tui.controller_access.controller_session import ControllerSession, handle_argument
+from bcapscope.tui.controller_access.controller_session import ControllerSession
 from bcapscope.tui.controller_access.error_recovery import RecoveryStep, run_recovery_step
 from bcapscope.tui.controller_access.history_record import Initiator, error_text
 from bcapscope.tui.controller_access.playback_run import PlaybackRun
@@ -252,25 +252,25 @@ class SlaveScreen(BaseScreen):
             self.run_worker(self._play(self._prepared), group="play")
 
     async def _play(self, ready: PreparedTrajectory) -> None:
-        desk, status = self._session, self._session.status
+        session, status = self._session, self._session.status
         if status.target is None:
             self._show_state(f"{INK.bad}{say('tester.not_connected')}")
             return
-        if not desk.arming.allows_armed_calls(desk.now()) and not await self._ask_to_arm():
+        if not session.arming.allows_armed_calls(session.now()) and not await self._ask_to_arm():
             self._show_state(f"{INK.bad}{say('tester.not_armed')}")
             return
         if not await self._release_controller(status):
             return
-        robot = status.robot.label if status.robot else "Arm"
+        robot = status.robot.label if status.robot else DEFAULT_ROBOT
         record = (
             self._recordings
             / f"slave-{time.strftime('%Y%m%d-%H%M%S')}-{time.monotonic_ns() % 1000:03}.pcapng"
         )
         target = replace(status.target, name=f"{status.target.name}-player" if status.target.name else "")
-        plan = ready.make_plan(target, robot, desk.arming.is_required, record)
+        plan = ready.make_plan(target, robot, session.arming.is_required, record)
         self.playback = run = PlaybackRun(plan, ready.trajectory)
         self._set_playing(True)
-        desk.pause_polling(True)
+        session.pause_polling(True)
         try:
             self._recordings.mkdir(parents=True, exist_ok=True)
             await self._player_slot.start_player(plan)
@@ -279,19 +279,19 @@ class SlaveScreen(BaseScreen):
             self._show_state(f"{INK.bad}{printable(error_text(error))}")
         finally:
             await self._player_slot.end_player()
-            desk.pause_polling(desk.status.slave_mode != 0)
+            session.pause_polling(session.status.slave_mode != 0)
             if self.query("#start"):  # else the screen is being closed
                 self._set_playing(False)
 
     async def _release_controller(self, status: SessionStatus) -> bool:
         """Leave slave mode and give the arm back, since the player is a separate client and needs both."""
-        desk = self._session
+        session = self._session
         try:
             if status.slave_mode:
-                await desk.run_in_loop(run_recovery_step(desk, RecoveryStep.MODE, "", 0))
+                await session.run_in_loop(run_recovery_step(session, RecoveryStep.MODE, "", 0))
             if status.holds_arm and status.robot is not None:
-                values = handle_argument(status.robot), Variant(VT.BSTR, "GiveArm"), EMPTY
-                await desk.run_in_loop(desk.invoke("Robot_Execute", *values, initiator=Initiator.SCREEN))
+                step = session.selected_robot().execute("GiveArm")
+                await session.run_in_loop(session.record_calls(step, Initiator.SCREEN))
         except (BcapError, OSError) as error:
             self._show_state(f"{INK.bad}{printable(error_text(error))}")
             return False

@@ -247,8 +247,9 @@ class TesterScreen(TesterNavigation):
         self._show_status()
 
     def _show_status(self) -> None:
-        desk = self.session
-        line = status_pieces(desk.status, desk.arming, desk.now(), self._halt_update, desk.reply_monitor)
+        session = self.session
+        now, monitor = session.now(), session.reply_monitor
+        line = status_pieces(session.status, session.arming, now, self._halt_update, monitor)
         app_of(self).status = tuple(line)
 
     # Requests of the widgets.
@@ -371,7 +372,7 @@ class TesterScreen(TesterNavigation):
             self.session.status.target
             or read_option_field("", self._options.host or "127.0.0.1", 5007, False)[0]
         )
-        text = copy_text(record, what, target, self.session.subject_of(record))
+        text = copy_text(record, what, target)
         if text is None:
             app_of(self).show_message(say("tester.copy.none"), "warning")
             return

@@ -6,19 +6,18 @@ import asyncio
 from collections.abc import Awaitable, Callable, Coroutine
 from typing import Any
 
+from bcapscope.client.handle_table import ObjectHandle
 from bcapscope.errors import BcapError
 from bcapscope.protocol.codec.variant import VT, Variant
 from bcapscope.protocol.tables.function_table import FUNCTIONS, Function, ObjectClass
 from bcapscope.render.escape import printable
-from bcapscope.traffic.handle_table import ObjectHandle
 from bcapscope.tui.controller_access.controller_session import (
     ControllerSession,
     NotArmedError,
-    handle_argument,
 )
 from bcapscope.tui.controller_access.guided_connect import add_robot, start_robslave
 from bcapscope.tui.controller_access.history_record import HistoryRecord, error_text
-from bcapscope.tui.controller_access.saved_requests import SavedRequest, takes_handle
+from bcapscope.tui.controller_access.saved_requests import SavedRequest
 from bcapscope.tui.tester.wanted_messages import CallWanted, OpenWanted, ResultDisplay
 from bcapscope.tui.words import say
 
@@ -53,8 +52,10 @@ class CallRunner:
         """Make a call with arguments that do not include the handle."""
 
         async def step() -> HistoryRecord:
-            handle = (self._handle_for(function, subject),) if takes_handle(function) else ()
-            return await self._session.call(function, (*handle, *values))
+            if not function.takes_handle:
+                return await self._session.call(function, values)
+            handle = Variant(VT.I4, (subject or self._object_of(function.owner)).handle)
+            return await self._session.call(function, (handle, *values))
 
         await self._run_reported(result_display, step)
 
@@ -77,14 +78,14 @@ class CallRunner:
 
     async def open_object(self, wanted: OpenWanted) -> bool:
         """Open an object; return whether the call was made, with any outcome. A robot is also selected."""
-        desk = self._session
+        session = self._session
 
         async def step() -> HistoryRecord:
             if wanted.kind is ObjectClass.ROBOT:
-                return await add_robot(desk, wanted.name, wanted.option)
-            parent = self._parent_object(wanted.parent)
-            values = (handle_argument(parent), Variant(VT.BSTR, wanted.name), Variant(VT.BSTR, wanted.option))
-            return await desk.invoke(f"{wanted.parent}_Get{wanted.kind}", *values)
+                return await add_robot(session, wanted.name, wanted.option)
+            parent = self._object_of(wanted.parent)
+            name = f"{wanted.parent}_Get{wanted.kind}"
+            return await session.invoke(name, parent.handle, wanted.name, wanted.option)
 
         return await self._run_reported(wanted.result_display, step)
 
@@ -102,25 +103,13 @@ class CallRunner:
         """Open the task RobSlave and start it."""
         await self._run_reported(result_display, lambda: start_robslave(self._session))
 
-    def _handle_for(self, function: Function, subject: ObjectHandle | None) -> Variant:
-        """Return the handle of the selected object, or of the latest open object of its class."""
-        owner, status = function.owner, self._session.status
-        if subject is None and owner is ObjectClass.ROBOT:
-            subject = status.robot
-        if subject is None:
-            subject = next((one for one in reversed(status.open_objects) if one.kind is owner), None)
-        if subject is None:
-            key = "tester.missing" if status.is_connected else "tester.not_connected"
-            raise ObjectMissingError(say(key, kind=owner))
-        return handle_argument(subject)
-
-    def _parent_object(self, kind: ObjectClass) -> ObjectHandle:
-        found = self._session.status.robot if kind is ObjectClass.ROBOT else None
-        found = found or next(
-            (one for one in reversed(self._session.status.open_objects) if one.kind is kind), None
-        )
+    def _object_of(self, kind: ObjectClass) -> ObjectHandle:
+        """Return the selected robot, or the latest open object of another class."""
+        status = self._session.status
+        found = status.robot if kind is ObjectClass.ROBOT else None
+        found = found or next((one for one in reversed(status.open_objects) if one.kind is kind), None)
         if found is None:
-            key = "tester.missing" if self._session.status.is_connected else "tester.not_connected"
+            key = "tester.missing" if status.is_connected else "tester.not_connected"
             raise ObjectMissingError(say(key, kind=kind))
         return found
 
@@ -132,7 +121,7 @@ class CallRunner:
         """
         result_display.show_pending()
         try:
-            result_display.show_record(await self._run_armed(step))
+            result_display.show_record(await run_armed(self._session, self._ask_to_arm, step))
         except asyncio.CancelledError:
             result_display.show_error(say("tester.cancelled"))
             raise
@@ -144,10 +133,18 @@ class CallRunner:
             return True
         return False
 
-    async def _run_armed(self, step: CallStep) -> HistoryRecord:
-        try:
-            return await self._session.run_in_loop(step())
-        except NotArmedError:
-            if not await self._ask_to_arm():
-                raise
-        return await self._session.run_in_loop(step())
+
+async def run_armed(
+    session: ControllerSession, ask_to_arm: Callable[[], Awaitable[bool]], step: CallStep
+) -> HistoryRecord:
+    """Run a step in the session's loop; if it needs arming, ask the user to arm and run it again.
+
+    Raises:
+        NotArmedError: The user does not arm.
+    """
+    try:
+        return await session.run_in_loop(step())
+    except NotArmedError:
+        if not await ask_to_arm():
+            raise
+    return await session.run_in_loop(step())

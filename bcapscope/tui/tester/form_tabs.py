@@ -9,12 +9,11 @@ from textual.app import ComposeResult
 from textual.containers import Vertical
 from textual.widgets import Button, ContentSwitcher
 
+from bcapscope.client.handle_table import ObjectHandle
 from bcapscope.protocol.codec.variant import Variant
 from bcapscope.protocol.tables.function_table import FUNCTIONS, Function, ObjectClass, function_by_name
 from bcapscope.render.notation_text import untyped_text
-from bcapscope.traffic.handle_table import ObjectHandle
 from bcapscope.tui.controller_access.history_record import HistoryRecord
-from bcapscope.tui.controller_access.saved_requests import takes_handle
 from bcapscope.tui.tester.choice_row import ChoiceRow
 from bcapscope.tui.tester.function_form import FunctionForm, FunctionPanel
 from bcapscope.tui.tester.list_pickers import FunctionPicker
@@ -77,7 +76,7 @@ class FormTabs(Vertical):
             self.show_tab("raw")
             self.query_one(RawForm).fill_bytes(record.sent_packets[0].item.raw)
             return
-        values = record.arguments[1:] if takes_handle(function) else record.arguments
+        values = record.arguments[1:] if function.takes_handle else record.arguments
         form = await self.fill_function(function, values)
         form.focus_first()
 

@@ -13,7 +13,6 @@ from bcapscope.protocol.codec.variant import VT, Variant
 from bcapscope.protocol.tables.enumerations import INTERPOLATIONS, TASK_START_MODES, TASK_STOP_MODES
 from bcapscope.protocol.tables.function_table import Function, Param
 from bcapscope.tui.controller_access.parameter_input import PARAMETER_TYPES, expected_input
-from bcapscope.tui.controller_access.saved_requests import takes_handle
 from bcapscope.tui.tester.caption import Caption
 from bcapscope.tui.tester.result_view import ResultView
 from bcapscope.tui.tester.typed_value import TypedValue
@@ -34,7 +33,7 @@ class FunctionForm(Vertical):
     def __init__(self, function: Function, *, id: str | None = None) -> None:
         super().__init__(id=id)
         self.function = function
-        self.params = function.params[1:] if takes_handle(function) else function.params
+        self.params = function.params[1:] if function.takes_handle else function.params
 
     def compose(self) -> ComposeResult:
         """Create the rows."""

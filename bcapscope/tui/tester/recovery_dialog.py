@@ -18,14 +18,18 @@ from bcapscope.protocol.tables.hresult import hresult_name
 from bcapscope.render.escape import printable
 from bcapscope.render.result_advice import result_advice
 from bcapscope.tui.controller_access.controller_session import ControllerSession, NotArmedError
-from bcapscope.tui.controller_access.error_recovery import RecoveryStep, read_errors, run_recovery_step
+from bcapscope.tui.controller_access.error_recovery import (
+    RecoveryStep,
+    read_current_errors,
+    run_recovery_step,
+)
 from bcapscope.tui.controller_access.history_record import (
-    HistoryRecord,
     RecordOutcome,
     error_text,
     failure_text,
 )
 from bcapscope.tui.ink import INK
+from bcapscope.tui.tester.call_runner import run_armed
 from bcapscope.tui.tester.caption import Caption
 from bcapscope.tui.widgets.inked_text import InkedText
 from bcapscope.tui.words import reader_words, say, told
@@ -82,7 +86,7 @@ class RecoveryDialog(ModalScreen[None]):
 
     async def _read_errors(self) -> None:
         try:
-            errors = await self._session.run_in_loop(read_errors(self._session))
+            errors = await self._session.run_in_loop(read_current_errors(self._session))
         except (BcapError, OSError) as error:
             self._show_step(RecoveryStep.READ, False, error_text(error))
             return
@@ -107,7 +111,11 @@ class RecoveryDialog(ModalScreen[None]):
             return
         self._show_step(step_wanted, None, say("tester.waiting"))
         try:
-            record = await self._run_armed(step_wanted, first, mode)
+            record = await run_armed(
+                self._session,
+                self._ask_to_arm,
+                lambda: run_recovery_step(self._session, step_wanted, first, mode),
+            )
         except NotArmedError:
             self._show_step(step_wanted, False, say("tester.not_armed"))
         except (BcapError, OSError) as error:
@@ -117,14 +125,6 @@ class RecoveryDialog(ModalScreen[None]):
             self._show_step(step_wanted, done, "" if done else failure_text(record))
             if done:
                 self._focus_next_step(step_wanted)
-
-    async def _run_armed(self, which: RecoveryStep, first: str, mode: int) -> HistoryRecord:
-        try:
-            return await self._session.run_in_loop(run_recovery_step(self._session, which, first, mode))
-        except NotArmedError:
-            if not await self._ask_to_arm():
-                raise
-        return await self._session.run_in_loop(run_recovery_step(self._session, which, first, mode))
 
     def _focus_next_step(self, which: RecoveryStep) -> None:
         steps = list(RecoveryStep)

@@ -9,10 +9,10 @@ from textual.app import ComposeResult
 from textual.containers import Horizontal, Vertical, VerticalScroll
 from textual.widgets import Button, Select
 
+from bcapscope.client.handle_table import ObjectHandle
 from bcapscope.protocol.codec.variant import EMPTY, VT, Variant
 from bcapscope.protocol.tables.enumerations import TASK_START_MODES, TASK_STOP_MODES
 from bcapscope.protocol.tables.function_table import FUNCTIONS, ObjectClass
-from bcapscope.traffic.handle_table import ObjectHandle
 from bcapscope.tui.tester.caption import Caption
 from bcapscope.tui.tester.command_form import CommandForm
 from bcapscope.tui.tester.open_object_row import OpenObjectRow

@@ -9,10 +9,10 @@ from textual.app import ComposeResult
 from textual.containers import Horizontal, Vertical
 from textual.widgets import Button
 
+from bcapscope.client.handle_table import ObjectHandle
 from bcapscope.protocol.codec.variant import VT
 from bcapscope.protocol.tables.function_table import FUNCTIONS, ObjectClass
 from bcapscope.protocol.tables.variables import VARIABLES, find_variable
-from bcapscope.traffic.handle_table import ObjectHandle
 from bcapscope.tui.controller_access.parameter_input import expected_input, type_number
 from bcapscope.tui.tester.caption import Caption
 from bcapscope.tui.tester.open_object_row import OpenObjectRow

@@ -6,9 +6,9 @@ from typing import Protocol
 
 from textual.message import Message
 
+from bcapscope.client.handle_table import ObjectHandle
 from bcapscope.protocol.codec.variant import Variant
 from bcapscope.protocol.tables.function_table import Function, ObjectClass
-from bcapscope.traffic.handle_table import ObjectHandle
 from bcapscope.tui.controller_access.history_record import HistoryRecord
 
 

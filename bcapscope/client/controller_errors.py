@@ -1,0 +1,52 @@
+"""Read and clear the active errors of a controller. Clearing destroys the evidence, so read first."""
+
+from __future__ import annotations
+
+from bcapscope.client.object_opener import read_variable_once
+from bcapscope.client.remote_objects import Controller
+from bcapscope.errors import ControllerError
+from bcapscope.protocol.codec.variant import Value
+from bcapscope.protocol.tables.hresult import describe_hresult
+
+MAX_ERRORS = 20
+"""Maximum number of errors to read; the newest come first."""
+
+
+async def read_errors(controller: Controller) -> tuple[tuple[int, str], ...]:
+    """Return the active errors as result code and text, newest first; nothing is cleared.
+
+    Raises:
+        BcapError: As for `Session.call`, except for a refusal.
+    """
+    found: list[tuple[int, str]] = []
+    try:
+        count = await controller.execute("GetCurErrorCount")
+        for index in range(min(count, MAX_ERRORS) if isinstance(count, int) else 0):
+            found.append(_error_info(await controller.execute("GetCurErrorInfo", index)))
+    except ControllerError:
+        code = await read_variable_once(controller, "@ERROR_CODE")
+        text = await read_variable_once(controller, "@ERROR_DESCRIPTION")
+        if code is not None and code.value:
+            found.append(_error_info((code.value, text.value if text else None)))
+    return tuple(found)
+
+
+async def clear_errors(controller: Controller) -> None:
+    """Clear the active errors.
+
+    Raises:
+        BcapError: As for `Session.call`.
+    """
+    await controller.execute("ClearError")
+
+
+def clean_text(value: Value) -> str:
+    """Return a value as text, "" for EMPTY; half a surrogate pair, which UTF-8 cannot hold, is replaced."""
+    return "" if value is None else str(value).encode("utf-16", "surrogatepass").decode("utf-16", "replace")
+
+
+def _error_info(info: Value | tuple[Value, Value]) -> tuple[int, str]:
+    """Return code and text from the values of GetCurErrorInfo."""
+    number, text, *_ = (*info, None, None) if isinstance(info, tuple) else (None, info)
+    code = number & 0xFFFFFFFF if isinstance(number, int) else 0
+    return code, clean_text(text) or describe_hresult(code).text

@@ -1,0 +1,114 @@
+"""Base of the controller's objects: calls a function of an object and converts the value in the reply."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from types import TracebackType
+from typing import ClassVar, Self, TypeVar
+
+from bcapscope.client.session import Session
+from bcapscope.client.variant_values import date_of, plain_value
+from bcapscope.errors import RemoteProtocolError
+from bcapscope.protocol.codec.frame import Frame
+from bcapscope.protocol.codec.variant import Value, Variant, vt_name
+from bcapscope.protocol.tables.function_table import ObjectClass
+
+R = TypeVar("R")
+
+
+def handle_of(reply: Frame) -> int:
+    """Return the handle in the reply to a call that opened an object.
+
+    Raises:
+        RemoteProtocolError: The reply has no handle.
+    """
+    return expect_value(reply, int, "a handle")
+
+
+def first_variant(reply: Frame) -> Variant | None:
+    """Return the value in a reply; None without one."""
+    arguments = reply.arguments
+    return arguments[0].variant if arguments else None
+
+
+def expect_value(reply: Frame, kind: type[R], wanted: str) -> R:
+    """Return the value in a reply, without its type.
+
+    Raises:
+        RemoteProtocolError: It is no `kind`; `wanted` names this kind.
+    """
+    variant = first_variant(reply)
+    if variant is not None and isinstance(variant.value, kind):
+        return variant.value
+    found = "nothing" if variant is None else vt_name(variant.vt)
+    raise RemoteProtocolError(f"the answer holds {found} instead of {wanted}", reply.raw)
+
+
+def required_variant(reply: Frame, name: str) -> Variant:
+    """Return the value in a reply.
+
+    Raises:
+        RemoteProtocolError: There is none; `name` names what was read.
+    """
+    variant = first_variant(reply)
+    if variant is None:
+        raise RemoteProtocolError(f"{name} has no value", reply.raw)
+    return variant
+
+
+class RemoteObject:
+    """An object in the controller that a handle refers to; `async with` releases it at the end."""
+
+    owner: ClassVar[ObjectClass]
+
+    def __init__(self, session: Session, handle: int) -> None:
+        self.session = session
+        self.handle = handle
+
+    async def release(self) -> None:
+        """Release the object. The session releases it automatically at the end of its block."""
+        await self._invoke("Release")
+
+    async def __aenter__(self) -> Self:
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        await self.release()
+
+    async def _invoke(self, verb: str, *values: object) -> Frame:
+        return await self.session.invoke(f"{self.owner}_{verb}", self.handle, *values)
+
+    async def _invoke_int(self, verb: str) -> int:
+        return expect_value(await self._invoke(verb), int, "a number")
+
+    async def _invoke_text(self, verb: str, *values: object) -> str:
+        return expect_value(await self._invoke(verb, *values), str, "a string")
+
+    async def _invoke_value(self, verb: str, *values: object) -> Value:
+        variant = first_variant(await self._invoke(verb, *values))
+        return None if variant is None else plain_value(variant)
+
+    async def _invoke_names(self, verb: str, option: str) -> tuple[str, ...]:
+        reply = await self._invoke(verb, option)
+        variant = first_variant(reply)
+        names = None if variant is None else plain_value(variant)
+        if names is None:
+            return ()
+        if isinstance(names, tuple):
+            texts = tuple(name for name in names if isinstance(name, str))
+            if len(texts) == len(names):
+                return texts
+        raise RemoteProtocolError("the answer holds no list of names", reply.raw)
+
+    async def _invoke_date(self, verb: str) -> datetime:
+        reply = await self._invoke(verb)
+        days = expect_value(reply, float, "a date")
+        date = date_of(days)
+        if date is None:
+            raise RemoteProtocolError(f"the answer holds a date that no calendar has, {days} days", reply.raw)
+        return date
+
+    async def _invoke_handle(self, verb: str, *values: object) -> int:
+        return handle_of(await self._invoke(verb, *values))
