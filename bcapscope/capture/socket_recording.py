@@ -59,6 +59,11 @@ class SocketRecording:
         self._datagram_headers: dict[tuple[Address, Address], dict[int, bytes]] = {}
         self._writer = PcapngWriter(file)
 
+    @property
+    def packet_count(self) -> int:
+        """Number of packets in the current file."""
+        return self._writer.packet_count
+
     def continue_in(self, file: BinaryIO | RawIOBase) -> None:
         """Write all further packets to another file, which can be read without the first."""
         self._writer = PcapngWriter(file)
@@ -99,9 +104,9 @@ class SocketRecording:
         )
         return pair_encoder(first, second)
 
-    def write_blocks(self, blocks: bytes) -> None:
-        """Write blocks that the encoder of `datagram_pair_encoder` returned."""
-        self._writer.write_blocks(blocks)
+    def write_blocks(self, blocks: bytes, pairs: int) -> None:
+        """Write blocks that the encoder of `datagram_pair_encoder` returned in `pairs` calls."""
+        self._writer.write_blocks(blocks, 2 * pairs)
 
     def write_segment(
         self,

@@ -52,8 +52,8 @@ class _ProxySide:
         return (*self.endpoints[up], self.interface)
 
 
-_RecordStep: TypeAlias = tuple[int, _ProxySide, RingRecord]
-"""Time of a packet in ns since 1970, its side, and the record that it comes from."""
+_RecordStep: TypeAlias = tuple[int, _ProxySide, RingRecord, int]
+"""Time of a packet in ns since 1970, its side, and the record that it comes from, with its number."""
 
 _step_time: Callable[[_RecordStep], int] = itemgetter(0)
 
@@ -64,8 +64,16 @@ _MAX_PAIR_ENCODERS = 1024
 class ProxyRecorder:
     """Makes packets of the relay's records, in the order of time, and adds them to a recording."""
 
-    def __init__(self, recorder: Recorder) -> None:
+    def __init__(self, recorder: Recorder, *, keeps_packet_numbers: bool = False) -> None:
+        """Start without clients.
+
+        Args:
+            recorder: Where to record.
+            keeps_packet_numbers: Keep what `next_packet_numbers` returns. The caller must call it.
+        """
         self._recorder = recorder
+        self._packet_numbers: dict[int, int] | None = {} if keeps_packet_numbers else None
+        self._record_count = self._numbers_given = 0
         self._packets = recorder.packets
         self._sides: dict[int, tuple[_ProxySide, _ProxySide]] = {}
         self._steps: list[_RecordStep] = []
@@ -77,9 +85,9 @@ class ProxyRecorder:
         """Write records in the order of time. Packets that another may still precede wait for `flush`."""
         if not self._recorder.is_complete:
             return
-        rest = records[self._write_plain_run(records) :]
+        written = self._write_plain_run(records)
         steps, sides, came = self._steps, self._sides, 0
-        for record in rest:
+        for number, record in enumerate(records[written:], self._record_count + written):
             if record.kind is RingRecordKind.CLIENT_OPENED:
                 self._add_client(record)
             known = sides.get(record.client)
@@ -88,13 +96,14 @@ class ProxyRecorder:
             near, far = known
             came = max(came, record.received_at)
             if record.kind is RingRecordKind.CLIENT_OPENED or record.kind is RingRecordKind.CLIENT_CLOSED:
-                steps.append((record.received_at, near, record))
+                steps.append((record.received_at, near, record, number))
                 continue
             first, second = (near, far) if record.up else (far, near)
             if record.received_at:
-                steps.append((record.received_at, first, record))
+                steps.append((record.received_at, first, record, number))
             if record.sent_at:
-                steps.append((record.sent_at, second, record))
+                steps.append((record.sent_at, second, record, number))
+        self._record_count += len(records)
         steps.sort(key=_step_time)
         self._write_steps(bisect_right(steps, came, key=_step_time))
 
@@ -128,13 +137,28 @@ class ProxyRecorder:
             if make is None:
                 break
             blocks.append(make(came, left, data))
-        return written + self._write_blocks(blocks)
+        written += self._write_blocks(blocks)
+        if self._packet_numbers is not None:
+            number, packet = self._record_count, self._packets.packet_count - 2 * written + 1
+            for place, record in enumerate(records[:written]):
+                self._packet_numbers[number + place] = packet + 2 * place + (not record.up)
+        return written
+
+    def next_packet_numbers(self, count: int) -> list[int]:
+        """Return the numbers in the recording of the packets of the next `count` records.
+
+        The number is that of the last packet on the clients' side; 0 if there is none.
+        It is valid for a recording in one file.
+        """
+        first, numbers = self._numbers_given, self._packet_numbers or {}
+        self._numbers_given += count
+        return [numbers.pop(number, 0) for number in range(first, first + count)]
 
     def _write_blocks(self, blocks: list[bytes]) -> int:
         """Write the blocks and empty the list. Return how many blocks there were."""
         count = len(blocks)
         if count:
-            self._packets.write_blocks(b"".join(blocks))
+            self._packets.write_blocks(b"".join(blocks), count)
             blocks.clear()
         return count
 
@@ -186,9 +210,11 @@ class ProxyRecorder:
     def _write_steps(self, count: int) -> None:
         """Write the first `count` steps."""
         steps, self._steps = self._steps[:count], self._steps[count:]
-        for time, side, record in steps:
+        for time, side, record, number in steps:
             if record.kind is RingRecordKind.DATA:
                 self._add_data(time, side, record)
+                if side.is_client_side and self._packet_numbers is not None:
+                    self._packet_numbers[number] = self._packets.packet_count
             elif record.kind is RingRecordKind.CLIENT_CLOSED:
                 self._drop_client(record.client)
             elif record.kind is RingRecordKind.HOLE:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 from bisect import bisect_right
 from collections.abc import Iterable, Iterator
+from itertools import repeat
 from typing import NamedTuple
 
 from bcapscope.protocol.codec.byte_budget import ByteBudget
@@ -92,6 +93,7 @@ class RecordDecoder:
         self._clients: dict[int, _Client] = {}
         self._budget = ByteBudget()
         self._closed_clients: list[tuple[Conversation, str]] = []
+        self._packet = 0
 
     @property
     def client_numbers(self) -> dict[Conversation, int]:
@@ -108,10 +110,18 @@ class RecordDecoder:
         gone, self._closed_clients = self._closed_clients, []
         return gone
 
-    def decode(self, records: Iterable[RingRecord]) -> Iterator[tuple[Observation, str]]:
-        """Yield each observation, with a note of what a rule did to it ("" for nothing)."""
+    def decode(
+        self, records: Iterable[RingRecord], packets: Iterable[int] | None = None
+    ) -> Iterator[tuple[Observation, str]]:
+        """Yield each observation, with a note of what a rule did to it ("" for nothing).
+
+        Args:
+            records: The records.
+            packets: Number of each record's packet in the recording, 0 for none. None if none has one.
+        """
         clients = self._clients
-        for record in records:
+        for record, packet in zip(records, packets or repeat(0), strict=False):
+            self._packet = packet
             kind, up, number, came, left, data, note = record
             if kind is RingRecordKind.CLIENT_OPENED:
                 clients[number] = _Client(read_endpoints(record), came, self._budget)
@@ -131,7 +141,7 @@ class RecordDecoder:
                     continue
                 for item in parse_datagram(data):
                     self.observation_count += 1
-                    yield Observation(self.observation_count, time, time, way.flow, item, 0), note
+                    yield Observation(self.observation_count, time, time, way.flow, item, packet), note
             else:
                 yield from self._decode_event(client, record)
 
@@ -185,7 +195,12 @@ class RecordDecoder:
             self.observation_count += 1
             yield (
                 Observation(
-                    self.observation_count, time, way.arrival_times[place][1] or time, way.flow, item, 0
+                    self.observation_count,
+                    time,
+                    way.arrival_times[place][1] or time,
+                    way.flow,
+                    item,
+                    self._packet,
                 ),
                 note,
             )

@@ -23,6 +23,7 @@ from bcapscope.traffic.call_verdict import Outcome
 from bcapscope.traffic.filter.field_table import RecordKind
 from bcapscope.tui.ink import strip_styles
 from bcapscope.tui.traffic_processes import reader_process as readings
+from bcapscope.tui.traffic_processes import traffic_publisher
 from bcapscope.tui.traffic_processes.process_messages import (
     ReadJob,
     ReadProgress,
@@ -130,8 +131,8 @@ def test_damage_and_missing_files_are_told(tmp_path: Path) -> None:
 
 
 def test_a_growing_capture_is_judged_again_and_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(readings, "ANALYSIS_INTERVAL", 0.0)
-    monkeypatch.setattr(readings, "FLUSH_INTERVAL", 0.0)
+    monkeypatch.setattr(traffic_publisher, "ANALYSIS_INTERVAL", 0.0)
+    monkeypatch.setattr(traffic_publisher, "FLUSH_INTERVAL", 0.0)
     data = (CAPTURES / "retry-story.pcapng").read_bytes()
     path = tmp_path / "growing.pcapng"
     path.write_bytes(data[: len(data) // 2])
