@@ -13,7 +13,7 @@ import threading
 from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
-from typing import Any
+from typing import Any, BinaryIO, cast
 
 import orjson
 
@@ -46,6 +46,7 @@ class ChildProcess:
     Attributes:
         listen_addresses: Addresses that it listens on, as it reported them.
         control_address: Address of its control socket; "" for none.
+        stdout: Its standard output after the line with the addresses.
     """
 
     def __init__(self, *words: str) -> None:
@@ -69,6 +70,7 @@ class ChildProcess:
             stderr=subprocess.PIPE,
             start_new_session=True,  # the screen handles Ctrl-C and a closed terminal
         )
+        self.stdout = cast(BinaryIO, self._process.stdout)
         self._reader = threading.Thread(target=self._read_output, daemon=True, name="child")
         self._reader.start()
         told = self._wait_until_listening()
@@ -76,10 +78,9 @@ class ChildProcess:
 
     def _wait_until_listening(self) -> dict[str, Any]:
         """Wait for the line with the listening addresses, and return it decoded."""
-        assert self._process.stdout is not None
         patience = threading.Timer(START_TIMEOUT, self._process.kill)
         patience.start()
-        line = self._process.stdout.readline()
+        line = self.stdout.readline()
         patience.cancel()
         if line:
             self._startup_done.wait(END_TIMEOUT)

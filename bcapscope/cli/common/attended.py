@@ -17,6 +17,14 @@ attended_option = click.option(
     help="Print a line of JSON to stdout when the command is ready, and end cleanly when stdin ends.",
 )
 
+publish_option = click.option(
+    "--publish",
+    "published",
+    metavar="JOB",
+    hidden=True,
+    help="Publish the traffic to the screen that started this command; JOB is a ReadJob in JSON.",
+)
+
 
 def announce_ready(listening: Sequence[str], control: str = "") -> None:
     """Print the addresses that the command listens on, and that of its control socket."""

@@ -144,7 +144,7 @@ class SaveJob(msgspec.Struct, frozen=True):
     max_packets: int = 0
 
 
-def send_message(stream: BinaryIO, message: object) -> None:
+def send_message(stream: BinaryIO | io.RawIOBase, message: object) -> None:
     """Write a message to a pipe and flush it.
 
     Raises:

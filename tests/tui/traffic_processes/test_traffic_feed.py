@@ -66,6 +66,7 @@ def test_a_feed_reads_searches_saves_and_leaves_nothing_behind(tmp_path: Path, c
 def test_what_was_told_before_anybody_listened_is_told_then() -> None:
     feed = TrafficFeed(path=str(CAPTURES / "retry-story.pcapng"))
     try:
+        assert feed._reader is not None
         feed._reader.wait(LIMIT)
         ear = Ear(feed)
         ear.wait(ended)
@@ -77,6 +78,7 @@ def test_a_reader_that_dies_is_told_of() -> None:
     feed = TrafficFeed(path=str(CAPTURES / "retry-story.pcapng"), follow=True)
     try:
         ear = Ear(feed)
+        assert feed._reader is not None
         feed._reader.kill()
         ear.wait(lambda told: isinstance(told, ReadProgress) and bool(told.problem))
     finally:
