@@ -55,13 +55,19 @@ def read_endpoints(record: RingRecord) -> ClientEndpoints:
 
 
 class _DirectionStream:
-    """One direction of a client's conversation."""
+    """One direction of a client's conversation.
+
+    Attributes:
+        size: Bytes so far.
+        arrival_times: Offsets in the stream, each with the time of receipt of the bytes from there on.
+        packet: Number of the last packet with bytes of the stream; 0 for none.
+    """
 
     def __init__(self, conversation: Conversation, direction: Direction, budget: ByteBudget) -> None:
         self.flow = Flow(conversation, direction)
         self.splitter = StreamSplitter(budget=budget)
-        self.size = 0
-        self.arrival_times: list[tuple[int, int]] = [(0, 0)]  # offset in the stream, time of receipt
+        self.size = self.packet = 0
+        self.arrival_times: list[tuple[int, int]] = [(0, 0)]
 
 
 class _Client:
@@ -93,7 +99,6 @@ class RecordDecoder:
         self._clients: dict[int, _Client] = {}
         self._budget = ByteBudget()
         self._closed_clients: list[tuple[Conversation, str]] = []
-        self._packet = 0
 
     @property
     def client_numbers(self) -> dict[Conversation, int]:
@@ -121,7 +126,6 @@ class RecordDecoder:
         """
         clients = self._clients
         for record, packet in zip(records, packets or repeat(0), strict=False):
-            self._packet = packet
             kind, up, number, came, left, data, note = record
             if kind is RingRecordKind.CLIENT_OPENED:
                 clients[number] = _Client(read_endpoints(record), came, self._budget)
@@ -137,6 +141,7 @@ class RecordDecoder:
                     client.last_heard = time
                 way = client.directions[up]
                 if client.is_stream:
+                    way.packet = packet
                     yield from self._decode_stream(way, data, time, note)
                     continue
                 for item in parse_datagram(data):
@@ -200,7 +205,7 @@ class RecordDecoder:
                     way.arrival_times[place][1] or time,
                     way.flow,
                     item,
-                    self._packet,
+                    way.packet,
                 ),
                 note,
             )

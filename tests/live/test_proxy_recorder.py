@@ -287,3 +287,30 @@ def test_what_is_flushed_can_be_read_before_the_end(tmp_path: Path) -> None:
     with open_capture(str(path)) as capture:
         assert [packet[0] for packet in capture] == [10, 20]
     recorder.close()
+
+
+@given(records=passed(), pieces=st.integers(1, 9))
+def test_each_record_knows_the_packet_on_the_clients_side(
+    records: list[RingRecord], pieces: int, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    path = tmp_path_factory.mktemp("r") / "r.pcapng"
+    recorder = ProxyRecorder(Recorder(path, TOLD.append), keeps_packet_numbers=True)
+    everything = [opened(1, "udp"), opened(2, "udp"), opened(3, "tcp"), *records]
+    for start in range(0, len(everything), pieces):
+        recorder.add_records(everything[start : start + pieces])
+    recorder.flush()
+    numbers = [*recorder.next_packet_numbers(3), *recorder.next_packet_numbers(len(records))]
+    recorder.close()
+    packets = packets_of(path)
+    for record, number in zip(everything, numbers, strict=True):
+        time = record.received_at if record.up else record.sent_at
+        if record.kind is RingRecordKind.DATA and time and record.data:
+            packet = packets[number - 1]
+            assert (packet[0], packet[3].name[:7], packet[1][-len(record.data) :]) == (
+                time,
+                "clients",
+                record.data,
+            )
+        elif record.kind is RingRecordKind.CLIENT_OPENED or not time:
+            assert not number
+    assert not TOLD
