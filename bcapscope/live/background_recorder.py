@@ -81,16 +81,16 @@ class BackgroundRecorder:
 
     def on_segment(self, source: Address, target: Address, data: bytes, time: int) -> None:
         """Record bytes of a TCP connection."""
-        way = (source, target)
+        direction = (source, target)
         if self._has_room(len(data)):
             comment = self._end_gap()
-            self._recorded_directions.add(way)
+            self._recorded_directions.add(direction)
             self._queue_step(
                 len(data),
                 lambda recording: recording.write_segment(source, target, data, time, comment=comment),
             )
-        elif way in self._recorded_directions:
-            self._gap_bytes[way] = self._gap_bytes.get(way, 0) + len(data)
+        elif direction in self._recorded_directions:
+            self._gap_bytes[direction] = self._gap_bytes.get(direction, 0) + len(data)
 
     def on_stream_end(self, source: Address, target: Address, time: int, *, reset: bool = False) -> None:
         """Record that one end has closed a TCP connection, if any of its bytes are recorded."""
@@ -106,21 +106,21 @@ class BackgroundRecorder:
             )
 
     def on_connection_end(self, client: Address, server: Address) -> None:
-        """Forget a TCP connection."""
-        ways = {(client, server), (server, client)} & self._recorded_directions
-        if not ways or not self._recorder.is_complete:
+        """Drop the state of a TCP connection."""
+        directions = {(client, server), (server, client)} & self._recorded_directions
+        if not directions or not self._recorder.is_complete:
             return
-        self._recorded_directions -= ways
-        for way in ways:
-            self._gap_bytes.pop(way, None)
+        self._recorded_directions -= directions
+        for direction in directions:
+            self._gap_bytes.pop(direction, None)
 
-        def forget(recording: SocketRecording) -> None:
+        def drop(recording: SocketRecording) -> None:
             recording.drop_connection(client, server)
 
         if self._skipped:
-            self._delayed_steps.append(forget)
+            self._delayed_steps.append(drop)
         else:
-            self._queue_step(0, forget)
+            self._queue_step(0, drop)
 
     def on_idle(self) -> bool:
         """Encode waiting packets and wake the writing thread. Call this once all requests are answered.
@@ -202,5 +202,5 @@ class BackgroundRecorder:
 def _write_gap(recording: SocketRecording, late: list[_WriteStep], gaps: dict[_Direction, int]) -> None:
     for step in late:
         step(recording)
-    for way, size in gaps.items():
-        recording.skip_bytes(*way, size)
+    for direction, size in gaps.items():
+        recording.skip_bytes(*direction, size)

@@ -103,7 +103,7 @@ def _show_own_proxy(options: ProxyScreenOptions) -> None:
         words += ["--publish", msgspec.json.encode(job).decode()]
         with _running_command("proxy", *words) as child:
             figures = _read_figures(child.control_address)
-            feed = TrafficFeed(published=PublishedTraffic(job, child.stdout))
+            feed = TrafficFeed(published=PublishedTraffic(job, child.hand_over_stdout()))
             try:
                 _show_screens(feed, _proxy_screen(child.control_address, figures, feed, child))
             finally:

@@ -123,8 +123,8 @@ class TrafficFeed:
                 target=self._read_reports, args=(published.reports,), daemon=True, name="feed"
             ).start()  # it ends with the proxy, after `close`
 
-    def _start_thread(self, hear: Callable[..., None], *words: object) -> None:
-        thread = threading.Thread(target=hear, args=words, daemon=True, name="feed")
+    def _start_thread(self, target: Callable[..., None], *arguments: object) -> None:
+        thread = threading.Thread(target=target, args=arguments, daemon=True, name="feed")
         self._threads.append(thread)
         thread.start()
 
@@ -184,11 +184,11 @@ class TrafficFeed:
 
     def _publish(self, message: FeedUpdate) -> None:
         with self._lock:
-            tell = self._listener
-            if tell is None:
+            listener = self._listener
+            if listener is None:
                 self._undelivered.append(message)
-        if tell is not None:
-            tell(message)
+        if listener is not None:
+            listener(message)
 
     def search(self, kind: str, expression: str) -> int:
         """Search for rows that match an expression; "" ends the search.
@@ -197,7 +197,7 @@ class TrafficFeed:
             The generation that the search's `SearchMatches` will carry.
         """
         self._generation += 1
-        ask = SearchRequest(self._generation, kind, expression)
+        request = SearchRequest(self._generation, kind, expression)
         if self._searcher is not None and self._searcher.poll() is not None:
             _end_process(self._searcher)
             self._searcher = None
@@ -207,7 +207,7 @@ class TrafficFeed:
             self._searcher = self._start_process("search_process", self.job.folder)
             self._start_thread(self._read_matches, self._searcher)
         with suppress(OSError):  # it died just now; the next search starts it again
-            send_message(_pipe(self._searcher.stdin), ask)
+            send_message(_pipe(self._searcher.stdin), request)
         return self._generation
 
     def _read_matches(self, searcher: subprocess.Popen[bytes]) -> None:

@@ -62,7 +62,7 @@ def proxied(folder: Path, to: int, *words: str) -> Iterator[tuple[BcapApp, Proxy
     child = ChildProcess("proxy", *spec, *control, *publish, *words)
     try:
         port = int(child.listen_addresses[0].partition(" > ")[0].rpartition(":")[2])
-        feed = TrafficFeed(published=PublishedTraffic(job, child.stdout))
+        feed = TrafficFeed(published=PublishedTraffic(job, child.hand_over_stdout()))
         place = ProxyScreen(child.control_address, child.listen_addresses[0], feed, child)
         try:
             spots = [
