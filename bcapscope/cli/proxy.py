@@ -154,7 +154,7 @@ def command(
     quiet: bool,
     rules: RuleOptions,
     attended: bool,
-    published: str | None,
+    open_subscriber: Callable[[], WatcherSubscriber] | None,
 ) -> None:
     """Forward traffic between b-CAP clients and controllers: watch, record and disturb it.
 
@@ -189,7 +189,7 @@ def command(
         raise click.BadParameter(f"\n{error}", context, param_hint="--filter") from None
     if record is not None and ring is None:
         check_output_path(record)
-    wishes = ProxyOptions(record, ring, look, color, _subscriber_opener(published))
+    wishes = ProxyOptions(record, ring, look, color, open_subscriber)
     with ExitStack() as opened:
         listening: list[str] = []
         try:
@@ -236,15 +236,6 @@ def _start_watcher(proxy: ProxySupervisor, policy: RulePolicy | None, scripts: S
     else:
         scripts.attach(policy, proxy.relay, proxy.must_end_now)
         proxy.start_watcher(scripts.load)
-
-
-def _subscriber_opener(job: str | None) -> Callable[[], WatcherSubscriber] | None:
-    """Return what opens the publisher for the screen that started this command; None without a screen."""
-    if job is None:
-        return None
-    from bcapscope.tui.traffic_processes.watcher_publisher import open_publisher
-
-    return partial(open_publisher, job)
 
 
 def _single_recording(record: Path | None, ring: RotationLimits | None) -> str | None:

@@ -11,8 +11,6 @@ import io
 import threading
 from contextlib import suppress
 
-import msgspec
-
 from bcapscope.analysis.diagnosis import Diagnosis
 from bcapscope.render.escape import printable
 from bcapscope.traffic.call import PairingResult
@@ -27,7 +25,6 @@ from bcapscope.tui.traffic_processes.process_messages import (
 )
 from bcapscope.tui.traffic_processes.traffic_publisher import TrafficPublisher
 
-_STDOUT = 1
 _SENT_WITHIN = 2.0
 """Seconds for sending the last reports."""
 
@@ -138,9 +135,3 @@ class WatcherPublisher:
         return ReadProgress(
             ended=self._has_ended, problem=self._problem, clients=self._client_count, packets=self._recording
         )
-
-
-def open_publisher(job: str) -> WatcherPublisher:
-    """Open the publisher for a `ReadJob` in JSON; the watcher calls this in its process."""
-    stdout = io.FileIO(_STDOUT, "wb", closefd=False)
-    return WatcherPublisher(msgspec.json.decode(job, type=ReadJob), ReportSender(stdout))
