@@ -123,7 +123,7 @@ class TrafficReader:
             self._on_observation(observation)
 
     def _on_observation(self, observation: Observation) -> None:
-        self._publisher.load_diagnosis().diagnosis.on_observation(observation)
+        self._publisher.load_diagnosis().on_observation(observation)
         for settled in self._tracker.observe(observation):
             self._on_settled(settled)
 
@@ -131,8 +131,7 @@ class TrafficReader:
         running = self._publisher.load_diagnosis()
         subject = self._handles.on_call(settled) if isinstance(settled, Call) else None
         self._publisher.calls.add(settled, subject)
-        running.diagnosis.on_pairing_result(settled)
-        running.add_statistics(settled)
+        running.on_settled(settled)
 
     def _open_source(self) -> Iterator[Packet]:
         if self._live is not None:

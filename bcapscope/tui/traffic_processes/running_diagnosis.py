@@ -21,11 +21,7 @@ MAX_LINES = 20_000
 
 
 class RunningDiagnosis:
-    """Collects calls; `snapshot` returns the analysis at any time.
-
-    Attributes:
-        diagnosis: Receives observations and calls before `add_statistics`.
-    """
+    """Collects calls; `snapshot` returns the analysis at any time."""
 
     def __init__(self, tongue: Tongue = english) -> None:
         """Start without calls.
@@ -34,12 +30,23 @@ class RunningDiagnosis:
             tongue: Language of the rendered lines; findings stay in English.
         """
         self._tongue = tongue
-        self.diagnosis = Diagnosis(on_slave_session=self._on_slave_session)
+        self._diagnosis = Diagnosis(on_slave_session=self._on_slave_session)
         self._summary = StatisticsBuilder()
         self._slave_session_lines: list[str] = []
+        self.on_observation = self._diagnosis.on_observation
+
+    @property
+    def diagnosis(self) -> Diagnosis:
+        """The diagnosis, for a caller that gives it observations and calls directly."""
+        return self._diagnosis
+
+    def on_settled(self, settled: PairingResult) -> None:
+        """Add a settled call, or a reply that belongs to no call."""
+        self._diagnosis.on_pairing_result(settled)
+        self.add_statistics(settled)
 
     def add_statistics(self, settled: PairingResult) -> None:
-        """Add a settled call to the statistics."""
+        """Add a settled call to the statistics only."""
         if isinstance(settled, Call):
             self._summary.add_call(settled)
 
@@ -51,11 +58,11 @@ class RunningDiagnosis:
             present: Whether silent clients are known to be still connected.
         """
         end = copy.deepcopy(self)
-        findings = end.diagnosis.finish(ended, present)
+        findings = end._diagnosis.finish(ended, present)
         statistics = self._summary.statistics()
         causes = tuple(map(shown_finding, findings))
         lines = [] if statistics is None else list(statistics_lines(statistics, INK, self._tongue))
-        return TrafficAnalysis(causes, end.diagnosis.totals, end._slave_session_lines, lines)
+        return TrafficAnalysis(causes, end._diagnosis.totals, end._slave_session_lines, lines)
 
     def _on_slave_session(self, slave_session: SlaveSession) -> None:
         if len(self._slave_session_lines) < MAX_LINES:
