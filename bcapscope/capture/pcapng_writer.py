@@ -46,12 +46,17 @@ those bytes."""
 
 
 class PcapngWriter:
-    """Writes a capture packet by packet, and describes each interface before its first packet."""
+    """Writes a capture packet by packet, and describes each interface before its first packet.
+
+    Attributes:
+        packet_count: Number of packets so far.
+    """
 
     def __init__(self, file: BinaryIO | RawIOBase) -> None:
         """Write the section header to `file`, which is unbuffered or which the caller flushes."""
         self._file = file
         self._interfaces: dict[Interface, int] = {}
+        self.packet_count = 0
         write_all(file, _block(_SECTION_BLOCK, _SECTION))
 
     def write(self, packet: Packet) -> None:
@@ -65,17 +70,19 @@ class PcapngWriter:
         if number is None:
             number = self._write_interface(interface)
         options = b"".join([*(_option(_COMMENT, each) for each in comments), _END]) if comments else b""
+        self.packet_count += 1
         captured = len(data)
         size = 32 + (captured + 3 & ~3) + len(options)
         head = _HEAD.pack(_PACKET_BLOCK, size, number, time >> 32 & _WORD, time & _WORD, captured, original)
         write_all(self._file, b"".join((head, data, _PADDING[captured & 3], options, _SIZE.pack(size))))
 
-    def write_blocks(self, blocks: bytes) -> None:
-        """Write packet blocks that were made from templates of this writer.
+    def write_blocks(self, blocks: bytes, count: int) -> None:
+        """Write blocks of `count` packets that were made from templates of this writer.
 
         Raises:
             OSError: The file cannot be written, such as on a full disk.
         """
+        self.packet_count += count
         write_all(self._file, blocks)
 
     def packet_template(self, interface: Interface, head: bytes, size: int) -> PacketTemplate:

@@ -12,6 +12,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
+from bcapscope.capture.pcapng_writer import is_packet_block
 from bcapscope.capture.socket_recording import SocketRecording
 
 _UNITS = {"k": 10**3, "M": 10**6, "G": 10**9, "T": 10**12}
@@ -21,6 +22,9 @@ _SIZE = re.compile(r"(\d{1,12})([kMGT]?)B", re.ASCII)
 _TIME = re.compile(r"(\d{1,8})(s|min|h|d)", re.ASCII)
 _SMALLEST = 10_000
 """Smallest size limit of a file in a ring, in bytes."""
+
+_BLOCK_OVERHEAD = 512
+"""Bytes of memory that a pending block needs besides its data."""
 
 _DISK_FULL = frozenset({errno.ENOSPC, errno.EDQUOT})
 
@@ -71,6 +75,8 @@ def parse_rotation(text: str) -> RotationLimits:
 class RotatingRecording(io.RawIOBase):
     """The files of a recording; `flush` writes all pending blocks at once.
 
+    One thread may add packets while another one flushes, unless the recording is a ring.
+
     The caller calls `rotate_if_full` before each packet. A new file then begins only for an existing packet.
     Therefore no file is empty, and no old file is removed without need.
 
@@ -97,6 +103,7 @@ class RotatingRecording(io.RawIOBase):
         self._path = path
         self._limits = limits
         self._pending: list[bytes] = []
+        self._added = self._taken = 0
         self._files: deque[Path] = deque()
         self._file_count = 0
         self.files_freed = 0
@@ -113,10 +120,21 @@ class RotatingRecording(io.RawIOBase):
         return True
 
     def write(self, data: bytes, /) -> int:  # type: ignore[override]  # whole blocks, which are bytes
-        """Add whole blocks of the capture, which the next `flush` writes."""
-        self._pending.append(data)
-        self._pending_size += len(data)
+        """Add whole blocks of the capture, which the next `flush` writes. A closed recording drops them."""
+        if not self.closed:
+            self._pending.append(data)
+            self._added += len(data)
         return len(data)
+
+    @property
+    def bytes_pending(self) -> int:
+        """Bytes of memory that the pending blocks take."""
+        return self._added - self._taken + len(self._pending) * _BLOCK_OVERHEAD
+
+    @property
+    def packets_pending(self) -> int:
+        """Number of packets in the pending blocks, if each block was added on its own."""
+        return sum(map(is_packet_block, self._pending.copy()))
 
     def flush(self) -> None:
         """Write all pending blocks to the file.
@@ -124,12 +142,17 @@ class RotatingRecording(io.RawIOBase):
         Raises:
             OSError: The file cannot be written, such as on a full disk. It keeps only its earlier content.
         """
-        if not self._pending:
+        count = len(self._pending)
+        if not count:
             return
-        data, self._pending, self._pending_size = b"".join(self._pending), [], 0
-        while not self._try_write(data):
-            pass
-        if self._size <= self._header_size:
+        data = b"".join(self._pending[:count])
+        try:
+            while not self._try_write(data):
+                pass
+        finally:
+            del self._pending[:count]
+            self._taken += len(data)
+        if self.is_empty:
             self._first_packet_at = time.monotonic()
         self._size += len(data)
 
@@ -188,9 +211,18 @@ class RotatingRecording(io.RawIOBase):
 
     def close(self) -> None:
         """Close the file; blocks that were not flushed are lost."""
-        self._pending.clear()
+        self._drop_pending()
         super().close()
         self._file.close()
+
+    def _drop_pending(self) -> None:
+        self._pending.clear()
+        self._taken = self._added
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether the current file holds no packet."""
+        return self._size <= self._header_size
 
     @property
     def paths(self) -> tuple[Path, ...]:
@@ -198,7 +230,7 @@ class RotatingRecording(io.RawIOBase):
         return tuple(self._files)
 
     def _is_full(self, limits: RotationLimits) -> bool:
-        size = self._size + self._pending_size
+        size = self._size + self._added - self._taken
         if size <= self._header_size:
             return False
         too_large = (limits.size and size >= limits.size) or size >= self._size_limit
@@ -207,8 +239,7 @@ class RotatingRecording(io.RawIOBase):
         )
 
     def _open_next_file(self) -> None:
-        self._pending.clear()
-        self._pending_size = 0
+        self._drop_pending()
         self._file_count += 1
         path = self._path
         if self._limits is not None:

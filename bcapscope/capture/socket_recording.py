@@ -11,7 +11,7 @@ import struct
 from io import RawIOBase
 from typing import BinaryIO
 
-from bcapscope.capture.packet import Interface
+from bcapscope.capture.packet import Interface, Packet
 from bcapscope.capture.pcapng_writer import PacketPairEncoder, PcapngWriter, pair_encoder
 
 Address = tuple[str, int]
@@ -59,9 +59,18 @@ class SocketRecording:
         self._datagram_headers: dict[tuple[Address, Address], dict[int, bytes]] = {}
         self._writer = PcapngWriter(file)
 
+    @property
+    def packet_count(self) -> int:
+        """Number of packets in the current file."""
+        return self._writer.packet_count
+
     def continue_in(self, file: BinaryIO | RawIOBase) -> None:
         """Write all further packets to another file, which can be read without the first."""
         self._writer = PcapngWriter(file)
+
+    def write_packet(self, packet: Packet) -> None:
+        """Write a packet that was captured, with its own headers."""
+        self._writer.write(packet)
 
     def write_datagram(
         self,
@@ -95,9 +104,9 @@ class SocketRecording:
         )
         return pair_encoder(first, second)
 
-    def write_blocks(self, blocks: bytes) -> None:
-        """Write blocks that the encoder of `datagram_pair_encoder` returned."""
-        self._writer.write_blocks(blocks)
+    def write_blocks(self, blocks: bytes, pairs: int) -> None:
+        """Write blocks that the encoder of `datagram_pair_encoder` returned in `pairs` calls."""
+        self._writer.write_blocks(blocks, 2 * pairs)
 
     def write_segment(
         self,

@@ -12,7 +12,7 @@ import click
 
 from bcapscope.capture.rotating_recording import RotationLimits, parse_rotation
 from bcapscope.cli.common import options
-from bcapscope.cli.common.attended import announce_ready, attended_option
+from bcapscope.cli.common.attended import announce_ready, attended_option, publish_option
 from bcapscope.cli.common.exit_codes import ExitCode
 from bcapscope.cli.common.output_files import check_output_path
 from bcapscope.cli.common.proxy_rule_options import RuleOptions, rule_options
@@ -34,6 +34,9 @@ from bcapscope.traffic.filter.field_table import RecordKind
 from bcapscope.traffic.observation import Endpoint
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from bcapscope.live.proxy_options import WatcherSubscriber
     from bcapscope.proxy.rule_policy import RulePolicy
     from bcapscope.proxy.script_process import ScriptProcess
 
@@ -130,6 +133,7 @@ def _warn_no_low_latency(context: click.Context, parameter: click.Parameter, wan
 @click.option("-q", "--quiet", is_flag=True, help="Do not show the traffic.")
 @rule_options
 @attended_option
+@publish_option
 @click.pass_context
 def command(
     context: click.Context,
@@ -150,6 +154,7 @@ def command(
     quiet: bool,
     rules: RuleOptions,
     attended: bool,
+    open_subscriber: Callable[[], WatcherSubscriber] | None,
 ) -> None:
     """Forward traffic between b-CAP clients and controllers: watch, record and disturb it.
 
@@ -184,7 +189,7 @@ def command(
         raise click.BadParameter(f"\n{error}", context, param_hint="--filter") from None
     if record is not None and ring is None:
         check_output_path(record)
-    wishes = ProxyOptions(record, ring, look, color)
+    wishes = ProxyOptions(record, ring, look, color, open_subscriber)
     with ExitStack() as opened:
         listening: list[str] = []
         try:

@@ -179,22 +179,23 @@ def _exit_without_folder() -> Iterator[None]:
 
 def _show_tester(wanted: TesterTarget, requests: Path | None) -> None:
     from bcapscope.client.action_log import default_folder
+    from bcapscope.live.background_recorder import BackgroundRecorder
+    from bcapscope.live.recorder import Recorder
     from bcapscope.tui.app import BcapApp, ScreenEntry
     from bcapscope.tui.controller_access import saved_requests
     from bcapscope.tui.screens.tester_screen import TesterOptions, TesterScreen
     from bcapscope.tui.screens.traffic_screen import TrafficScreen
-    from bcapscope.tui.traffic_processes.client_recording import ClientRecording
     from bcapscope.tui.traffic_processes.temporary_folder import TemporaryFolder
     from bcapscope.tui.traffic_processes.traffic_feed import TrafficFeed
 
     with TemporaryFolder() as folder:
         own = folder.path / "own.pcapng"
-        tap = ClientRecording(own)
+        recorder = BackgroundRecorder(Recorder(own, lambda message: None))
         start = TesterOptions(
             requests or saved_requests.default_requests_folder(),
             default_folder(),
             *wanted,
-            tap.write_observation,
+            recorder.on_observation,
         )
         tester = ScreenEntry("tester", "f2", "tester.name.screen", lambda: TesterScreen(start))
         traffic = ScreenEntry(
@@ -210,7 +211,7 @@ def _show_tester(wanted: TesterTarget, requests: Path | None) -> None:
             finally:
                 print_stderr(f"The action log is in {start.log_folder}.")
         finally:
-            tap.close()
+            recorder.close()
 
 
 def _show_traffic(path: str, interface: str, ports: tuple[int, ...]) -> None:

@@ -13,7 +13,7 @@ import threading
 from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
-from typing import Any
+from typing import Any, BinaryIO, cast
 
 import orjson
 
@@ -69,22 +69,23 @@ class ChildProcess:
             stderr=subprocess.PIPE,
             start_new_session=True,  # the screen handles Ctrl-C and a closed terminal
         )
+        self._stdout: BinaryIO | None = cast(BinaryIO, self._process.stdout)
         self._reader = threading.Thread(target=self._read_output, daemon=True, name="child")
         self._reader.start()
-        told = self._wait_until_listening()
-        self.listen_addresses, self.control_address = tuple(told["listening"]), str(told["control"])
+        report = self._wait_until_listening()
+        self.listen_addresses, self.control_address = tuple(report["listening"]), str(report["control"])
 
     def _wait_until_listening(self) -> dict[str, Any]:
         """Wait for the line with the listening addresses, and return it decoded."""
-        assert self._process.stdout is not None
         patience = threading.Timer(START_TIMEOUT, self._process.kill)
         patience.start()
-        line = self._process.stdout.readline()
+        assert self._stdout is not None
+        line = self._stdout.readline()
         patience.cancel()
         if line:
             self._startup_done.wait(END_TIMEOUT)
-            told: dict[str, Any] = orjson.loads(line)
-            return told
+            report: dict[str, Any] = orjson.loads(line)
+            return report
         self.terminate()
         raise ChildStartError(self.last_line or "it did not begin in time", max(self._process.returncode, 1))
 
@@ -99,14 +100,14 @@ class ChildProcess:
             with self._lock:
                 self._output.append(text)
                 self._line_count += 1
-                tell = self._on_output
-            if tell is not None:
-                tell(text)
+                on_output = self._on_output
+            if on_output is not None:
+                on_output(text)
         self._process.wait()
         with self._lock:
-            self._has_ended, over = True, self._on_end
+            self._has_ended, on_end = True, self._on_end
         if self._is_wanted:
-            over(self._end_reason())
+            on_end(self._end_reason())
 
     def _end_reason(self) -> str:
         """Return the last line of a command that ended without a request; "" if it was killed."""
@@ -123,12 +124,18 @@ class ChildProcess:
         with self._lock:
             return next((text for text in reversed(self._output) if text), "")
 
+    def hand_over_stdout(self) -> BinaryIO:
+        """Return the standard output after the line with the addresses. The caller reads and closes it."""
+        assert self._stdout is not None
+        stdout, self._stdout = self._stdout, None
+        return stdout
+
     def subscribe_output(self, on_output: Callable[[str], None]) -> None:
         """Call `on_output` with the lines printed so far; from another thread, with each later line."""
         with self._lock:
             self._on_output = on_output
-            said = list(self._output)
-        for text in said:
+            lines = list(self._output)
+        for text in lines:
             on_output(text)
 
     def subscribe_end(self, on_end: Callable[[str], None]) -> None:
@@ -153,7 +160,7 @@ class ChildProcess:
                 self._process.wait(END_TIMEOUT)
                 break
         self._reader.join(END_TIMEOUT)
-        for pipe in (self._process.stdin, self._process.stdout, self._process.stderr):
+        for pipe in (self._process.stdin, self._stdout, self._process.stderr):
             if pipe is not None:
                 with suppress(OSError):
                     pipe.close()

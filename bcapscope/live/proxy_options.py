@@ -6,10 +6,12 @@ The module imports little, because the relay loads it.
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
 from multiprocessing.connection import Connection
 from pathlib import Path
+from typing import TYPE_CHECKING, Protocol
 
 import msgspec
 
@@ -17,6 +19,12 @@ from bcapscope.capture.rotating_recording import RotationLimits
 from bcapscope.render.timestamp import TimeFormat
 from bcapscope.traffic.filter.compiler import Filter, compile_filter
 from bcapscope.traffic.filter.field_table import RecordKind
+
+if TYPE_CHECKING:
+    from bcapscope.analysis.diagnosis import Diagnosis
+    from bcapscope.traffic.call import PairingResult
+    from bcapscope.traffic.handle_tracker import TrackedObject
+    from bcapscope.traffic.observation import Observation
 
 BEGIN, CLOSE_SESSIONS, READY = b"begin", b"close sessions", b"ready"
 """Messages between relay and watcher.
@@ -78,6 +86,28 @@ class ViewOptions:
         return compile_filter(self.expression, self.shown or RecordKind.FRAME)
 
 
+class WatcherSubscriber(Protocol):
+    """Receives what the watcher decodes. All methods return at once.
+
+    Attributes:
+        diagnosis: The diagnosis that the watcher uses.
+    """
+
+    diagnosis: Diagnosis
+
+    def on_frame(self, observation: Observation, note: str) -> None:
+        """Receive a frame, with a note of what a rule did to it ("" for nothing)."""
+
+    def on_settled(self, settled: PairingResult, subject: TrackedObject | None) -> None:
+        """Receive a settled call with the object that it addresses, or a reply that belongs to no call."""
+
+    def report_if_due(self, client_count: int) -> None:
+        """Do what is due even without traffic; `client_count` is the number of clients so far."""
+
+    def close(self, end_time: int) -> None:
+        """Receive the end of the traffic, ns since 1970."""
+
+
 @dataclass(frozen=True, slots=True)
 class ProxyOptions:
     """What the watcher does with the traffic.
@@ -87,12 +117,14 @@ class ProxyOptions:
         ring: Limits of a ring of files; None for a single file.
         view: What is displayed.
         color: Value of the option: `always`, `never` or `auto`.
+        open_subscriber: Opens a subscriber in the watcher's process; None for none. It can raise an OSError.
     """
 
     record: Path | None
     ring: RotationLimits | None
     view: ViewOptions
     color: str
+    open_subscriber: Callable[[], WatcherSubscriber] | None = None
 
 
 def run_watcher(memory: str, relay: Connection, options: ProxyOptions) -> None:

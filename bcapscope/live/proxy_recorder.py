@@ -6,16 +6,14 @@ from bisect import bisect_right
 from collections.abc import Callable, Sequence
 from itertools import accumulate
 from operator import itemgetter
-from pathlib import Path
 from typing import TypeAlias
 
 from bcapscope.capture.packet import Interface
 from bcapscope.capture.pcapng_writer import PacketPairEncoder
-from bcapscope.capture.rotating_recording import RotatingRecording, RotationLimits
-from bcapscope.capture.socket_recording import RAW_IP, Hop, SocketRecording
+from bcapscope.capture.socket_recording import RAW_IP, Hop
+from bcapscope.live.recorder import Recorder
 from bcapscope.proxy.relay_session import read_endpoints
 from bcapscope.proxy.ring_buffer import RingRecord, RingRecordKind, hole_sizes
-from bcapscope.render.escape import printable
 from bcapscope.traffic.observation import Transport
 
 _Endpoints: TypeAlias = tuple[tuple[str, int], tuple[str, int]]
@@ -54,8 +52,8 @@ class _ProxySide:
         return (*self.endpoints[up], self.interface)
 
 
-_RecordStep: TypeAlias = tuple[int, _ProxySide, RingRecord]
-"""Time of a packet in ns since 1970, its side, and the record that it comes from."""
+_RecordStep: TypeAlias = tuple[int, _ProxySide, RingRecord, int]
+"""Time of a packet in ns since 1970, its side, and the record that it comes from, with its number."""
 
 _step_time: Callable[[_RecordStep], int] = itemgetter(0)
 
@@ -64,53 +62,48 @@ _MAX_PAIR_ENCODERS = 1024
 
 
 class ProxyRecorder:
-    """Writes the relay's traffic to a capture. If that fails, it warns and continues without a recording.
+    """Makes packets of the relay's records, in the order of time, and adds them to a recording."""
 
-    Attributes:
-        failed: True if the capture is incomplete because a file could not be written.
-    """
+    def __init__(self, recorder: Recorder, *, keeps_packet_numbers: bool = False) -> None:
+        """Start without clients.
 
-    def __init__(self, path: Path, ring: RotationLimits | None, warn: Callable[[str], None]) -> None:
-        """Create the file.
-
-        Raises:
-            OSError: The file cannot be written.
+        Args:
+            recorder: Where to record.
+            keeps_packet_numbers: Keep what `next_packet_numbers` returns. The caller must call it.
         """
-        self._series: RotatingRecording | None = RotatingRecording(path, ring)
-        self.failed = self._has_warned_full = False
-        self._path = path
-        self._warn = warn
+        self._recorder = recorder
+        self._packet_numbers: dict[int, int] | None = {} if keeps_packet_numbers else None
+        self._record_count = self._numbers_given = 0
+        self._packets = recorder.packets
         self._sides: dict[int, tuple[_ProxySide, _ProxySide]] = {}
         self._steps: list[_RecordStep] = []
-        self._is_ring = ring is not None
         self._pair_encoders: dict[
             tuple[int, bool, int], PacketPairEncoder
         ] = {}  # by client, direction (up) and bytes
 
     def add_records(self, records: Sequence[RingRecord]) -> None:
         """Write records in the order of time. Packets that another may still precede wait for `flush`."""
-        if self._series is None:
+        if not self._recorder.is_complete:
             return
-        rest = records[self._write_plain_run(records) :]
-        if self._series is None:
-            return
-        steps, legs, came = self._steps, self._sides, 0
-        for record in rest:
+        written = self._write_plain_run(records)
+        steps, sides, came = self._steps, self._sides, 0
+        for number, record in enumerate(records[written:], self._record_count + written):
             if record.kind is RingRecordKind.CLIENT_OPENED:
                 self._add_client(record)
-            known = legs.get(record.client)
+            known = sides.get(record.client)
             if known is None:
                 continue
             near, far = known
             came = max(came, record.received_at)
             if record.kind is RingRecordKind.CLIENT_OPENED or record.kind is RingRecordKind.CLIENT_CLOSED:
-                steps.append((record.received_at, near, record))
+                steps.append((record.received_at, near, record, number))
                 continue
             first, second = (near, far) if record.up else (far, near)
             if record.received_at:
-                steps.append((record.received_at, first, record))
+                steps.append((record.received_at, first, record, number))
             if record.sent_at:
-                steps.append((record.sent_at, second, record))
+                steps.append((record.sent_at, second, record, number))
+        self._record_count += len(records)
         steps.sort(key=_step_time)
         self._write_steps(bisect_right(steps, came, key=_step_time))
 
@@ -130,36 +123,42 @@ class ProxyRecorder:
         if len(records) < 2 or (self._steps and soonest[0] < self._steps[-1][0]):
             return 0
         self._write_steps(len(self._steps))
-        if self._series is None:
-            return 0
         blocks: list[bytes] = []
-        written = 0
-        try:
-            for (kind, up, number, came, left, data, note), following in zip(
-                records, soonest[1:], strict=False
-            ):
-                if not 0 < came <= left <= following or note or kind is not RingRecordKind.DATA:
-                    break
-                if self._is_ring and self._sends_datagrams(number):
-                    written += self._write_blocks(blocks)
-                    self._current_recording()
-                make = self._pair_encoders.get((number, up, len(data))) or self._make_pair_encoder(
-                    number, up, len(data)
-                )
-                if make is None:
-                    break
-                blocks.append(make(came, left, data))
-            written += self._write_blocks(blocks)
-        except OSError as error:
-            self._give_up(error)
+        written, is_ring = 0, self._recorder.is_ring
+        for (kind, up, number, came, left, data, note), following in zip(records, soonest[1:], strict=False):
+            if not 0 < came <= left <= following or note or kind is not RingRecordKind.DATA:
+                break
+            if is_ring and self._sends_datagrams(number):
+                written += self._write_blocks(blocks)
+                self._begin_packet()
+            make = self._pair_encoders.get((number, up, len(data))) or self._make_pair_encoder(
+                number, up, len(data)
+            )
+            if make is None:
+                break
+            blocks.append(make(came, left, data))
+        written += self._write_blocks(blocks)
+        if self._packet_numbers is not None:
+            number, packet = self._record_count, self._packets.packet_count - 2 * written + 1
+            for place, record in enumerate(records[:written]):
+                self._packet_numbers[number + place] = packet + 2 * place + (not record.up)
         return written
+
+    def next_packet_numbers(self, count: int) -> list[int]:
+        """Return the numbers in the recording of the packets of the next `count` records.
+
+        The number is that of the last packet on the clients' side; 0 if there is none.
+        It is valid for a recording in one file.
+        """
+        first, numbers = self._numbers_given, self._packet_numbers or {}
+        self._numbers_given += count
+        return [numbers.pop(number, 0) for number in range(first, first + count)]
 
     def _write_blocks(self, blocks: list[bytes]) -> int:
         """Write the blocks and empty the list. Return how many blocks there were."""
-        assert self._series is not None
         count = len(blocks)
         if count:
-            self._series.recording.write_blocks(b"".join(blocks))
+            self._packets.write_blocks(b"".join(blocks), count)
             blocks.clear()
         return count
 
@@ -171,43 +170,26 @@ class ProxyRecorder:
             self._pair_encoders.clear()
         near, far = self._sides[number]
         first, second = (near, far) if up else (far, near)
-        made = self._current_recording().datagram_pair_encoder(first.hop(up), second.hop(up), size)
+        self._begin_packet()
+        made = self._packets.datagram_pair_encoder(first.hop(up), second.hop(up), size)
         self._pair_encoders[number, up, size] = made
         return made
 
     def _sends_datagrams(self, number: int) -> bool:
         """Return whether a client is known and uses UDP."""
-        legs = self._sides.get(number)
-        return legs is not None and not legs[0].is_stream
+        sides = self._sides.get(number)
+        return sides is not None and not sides[0].is_stream
 
     def flush(self) -> None:
         """Write all waiting packets to the file."""
         self._write_steps(len(self._steps))
-        if self._series is not None:
-            try:
-                self._series.flush()
-            except OSError as error:
-                self._give_up(error)
-            else:
-                self._warn_if_freed(self._series.files_freed)
+        self._recorder.flush()
 
-    def _warn_if_freed(self, freed: int) -> None:
-        """Warn once that the disk is too small for the ring of files."""
-        if freed and not self._has_warned_full:
-            self._has_warned_full = True
-            name = printable(str(self._path))
-            self._warn(f"the disk is full: the recording {name} removes its oldest files early")
-
-    def close(self) -> None:
-        """Write all waiting packets and close the file."""
+    def close(self) -> bool:
+        """Write all waiting packets and close the file. Return whether the recording is complete."""
         self.flush()
-        self._close_file()
-
-    def _close_file(self) -> None:
-        self._steps.clear()
-        if self._series is not None:
-            self._series.close()
-            self._series = None
+        self._recorder.close()
+        return self._recorder.is_complete
 
     def _add_client(self, record: RingRecord) -> None:
         who = read_endpoints(record.data)
@@ -228,80 +210,58 @@ class ProxyRecorder:
     def _write_steps(self, count: int) -> None:
         """Write the first `count` steps."""
         steps, self._steps = self._steps[:count], self._steps[count:]
-        try:
-            for time, leg, record in steps:
-                if record.kind is RingRecordKind.DATA:
-                    self._add_data(time, leg, record)
-                else:
-                    self._open_or_end(time, leg, record)
-        except OSError as error:
-            self._give_up(error)
+        for time, side, record, number in steps:
+            if record.kind is RingRecordKind.DATA:
+                self._add_data(time, side, record)
+                if side.is_client_side and self._packet_numbers is not None:
+                    self._packet_numbers[number] = self._packets.packet_count
+            elif record.kind is RingRecordKind.CLIENT_CLOSED:
+                self._drop_client(record.client)
+            elif record.kind is RingRecordKind.HOLE:
+                self._skip_bytes(side, record, time)
+            elif record.kind is not RingRecordKind.CLIENT_OPENED:
+                self._end_stream(side, record, time)
+            elif side.is_stream:
+                self._begin_stream(side, time)
 
-    def _open_or_end(self, time: int, leg: _ProxySide, record: RingRecord) -> None:
-        if record.kind is RingRecordKind.CLIENT_CLOSED:
-            self._drop_client(record.client)
-        elif record.kind is RingRecordKind.HOLE:
-            self._skip_bytes(leg, record, time)
-        elif record.kind is not RingRecordKind.CLIENT_OPENED:
-            self._end_stream(leg, record, time)
-        elif leg.is_stream:
-            self._begin_stream(leg, time)
-
-    def _give_up(self, error: OSError) -> None:
-        self.failed = True
-        why = (error.strerror or str(error)).lower()
-        self._warn(f"{printable(str(self._path))} is not written any more: {why}")
-        self._close_file()
-
-    def _current_recording(self) -> SocketRecording:
-        """Return the recording to write to, after changing to the next file if the current one is full."""
-        assert self._series is not None
-        if self._series.rotate_if_full():
+    def _begin_packet(self) -> None:
+        if self._recorder.begin_packet():
             self._pair_encoders.clear()  # they refer to interfaces of the previous file
-        return self._series.recording
 
-    def _begin_stream(self, leg: _ProxySide, time: int) -> None:
-        leg.begun = True
-        self._current_recording().write_handshake(*leg.endpoints[1], time, interface=leg.interface)
+    def _begin_stream(self, side: _ProxySide, time: int) -> None:
+        side.begun = True
+        self._begin_packet()
+        self._packets.write_handshake(*side.endpoints[1], time, interface=side.interface)
 
-    def _add_data(self, time: int, leg: _ProxySide, record: RingRecord) -> None:
-        source, target = leg.endpoints[record.up]
-        data, note = record.data, record.note
-        if leg.is_stream:
-            if not leg.begun:
-                self._begin_stream(leg, time)
-            self._current_recording().write_segment(
-                source, target, data, time, interface=leg.interface, comment=note
-            )
-        else:
-            self._current_recording().write_datagram(
-                source, target, data, time, interface=leg.interface, comment=note
-            )
+    def _add_data(self, time: int, side: _ProxySide, record: RingRecord) -> None:
+        if side.is_stream and not side.begun:
+            self._begin_stream(side, time)
+        self._begin_packet()
+        write = self._packets.write_segment if side.is_stream else self._packets.write_datagram
+        write(*side.endpoints[record.up], record.data, time, interface=side.interface, comment=record.note)
 
-    def _skip_bytes(self, leg: _ProxySide, record: RingRecord, time: int) -> None:
+    def _skip_bytes(self, side: _ProxySide, record: RingRecord, time: int) -> None:
         """Leave a gap in the sequence numbers."""
-        assert self._series is not None
         came, left = hole_sizes(record)
-        if not leg.begun:
-            self._begin_stream(leg, time)
-        self._series.recording.skip_bytes(
-            *leg.endpoints[record.up], came if leg.is_client_side is record.up else left
-        )
+        if not side.begun:
+            self._begin_stream(side, time)
+        size = came if side.is_client_side is record.up else left
+        self._packets.skip_bytes(*side.endpoints[record.up], size)
 
-    def _end_stream(self, leg: _ProxySide, record: RingRecord, time: int) -> None:
+    def _end_stream(self, side: _ProxySide, record: RingRecord, time: int) -> None:
         """Write the end of one direction, if the connection is in the recording."""
-        if leg.begun:
-            self._current_recording().write_stream_end(
-                *leg.endpoints[record.up],
+        if side.begun:
+            self._begin_packet()
+            self._packets.write_stream_end(
+                *side.endpoints[record.up],
                 time,
-                interface=leg.interface,
+                interface=side.interface,
                 reset=record.kind is RingRecordKind.RESET,
                 comment=record.data.decode("utf-8", "replace"),
             )
 
     def _drop_client(self, client: int) -> None:
-        assert self._series is not None
         for key in [key for key in self._pair_encoders if key[0] == client]:
             del self._pair_encoders[key]
-        for leg in self._sides.pop(client):
-            self._series.recording.drop_connection(*leg.endpoints[1])
+        for side in self._sides.pop(client):
+            self._packets.drop_connection(*side.endpoints[1])

@@ -18,9 +18,17 @@ import msgspec
 
 from bcapscope.analysis.diagnosis import Diagnosis
 from bcapscope.analysis.rules.session_rules import QUIT_IN_SLAVE_MODE
-from bcapscope.live.proxy_options import CLOSE_SESSIONS, READY, ClosingRequests, ProxyOptions
+from bcapscope.errors import FileWriteError
+from bcapscope.live.proxy_options import (
+    CLOSE_SESSIONS,
+    READY,
+    ClosingRequests,
+    ProxyOptions,
+    WatcherSubscriber,
+)
 from bcapscope.live.proxy_recorder import ProxyRecorder
 from bcapscope.live.proxy_view import ProxyView
+from bcapscope.live.recorder import Recorder
 from bcapscope.live.relay_figures import DelayStatistics, loss_lines, rates_text, totals_text
 from bcapscope.live.standard_streams import choose_palette
 from bcapscope.live.terminal_writer import TerminalWriter
@@ -31,6 +39,7 @@ from bcapscope.proxy.record_decoder import RecordDecoder
 from bcapscope.proxy.ring_buffer import RelayCounter, RingReader, RingRecord, RingRecordKind
 from bcapscope.proxy.session_closer import SessionCloser
 from bcapscope.proxy.silence_monitor import SilenceMonitor
+from bcapscope.proxy.sockets import os_error_text
 from bcapscope.render.escape import printable
 from bcapscope.render.finding_text import finding_sentence, words_for
 from bcapscope.render.findings import FindingsRenderer
@@ -55,6 +64,9 @@ Up to it, the watcher rests most of the time, although more traffic arrives than
 
 _SHOWN_WITHIN_NS = 2_000_000_000
 """Age in ns at which traffic is displayed at any cost, if a processor is available."""
+
+_PUBLISHED_WITHIN_NS = 200_000_000
+"""The same for traffic on the screen, which the user watches."""
 
 _REST_FACTOR, _LONGEST_REST = 1.5, 0.075
 """Rest between two polls: a multiple of the duration of the poll, and its maximum in seconds."""
@@ -88,12 +100,20 @@ def watch_relay(memory: str, relay: Connection, options: ProxyOptions) -> bool:
     """
     _give_relay_priority()
     screen = TerminalWriter()
-    recorder = None
+    recorder = subscriber = None
     try:
+        if options.open_subscriber is not None:
+            subscriber = options.open_subscriber()
         if options.record is not None:
-            recorder = ProxyRecorder(options.record, options.ring, screen.write_message)
+            recorder = ProxyRecorder(
+                Recorder(options.record, screen.write_message, options.ring),
+                keeps_packet_numbers=subscriber is not None,
+            )
+    except FileWriteError as error:
+        relay.send_bytes(error.reason.encode())
+        return False
     except OSError as error:
-        relay.send_bytes((error.strerror or str(error)).lower().encode())
+        relay.send_bytes(os_error_text(error).encode())
         return False
     shared = SharedMemory(memory)
     assert shared.buf is not None
@@ -102,17 +122,16 @@ def watch_relay(memory: str, relay: Connection, options: ProxyOptions) -> bool:
     relay.send_bytes(READY)
     try:
         ProxyWatcher(
-            reader, options, screen, None if recorder is None else RecorderTask(ahead, recorder)
+            reader, options, screen, None if recorder is None else RecorderTask(ahead, recorder), subscriber
         ).run(relay)
     finally:
-        if recorder is not None:
-            recorder.close()
+        is_complete = recorder is None or recorder.close()
         screen.close()
         has_lost = reader.counts[RelayCounter.UNWATCHED] > 0
         for end in (reader, ahead):
             end.release()
         shared.close()
-    return recorder is None or not (recorder.failed or has_lost)
+    return recorder is None or (is_complete and not has_lost)
 
 
 def _give_relay_priority() -> None:
@@ -134,6 +153,7 @@ class RecorderTask:
     def __init__(self, reader: RingReader, recorder: ProxyRecorder) -> None:
         """Use a reader that is ahead of the watcher's."""
         self.reader = reader
+        self.next_packet_numbers = recorder.next_packet_numbers
         self._recorder = recorder
         self._yield_cpu = yield_function(reader)
 
@@ -159,18 +179,21 @@ class ProxyWatcher:
         options: ProxyOptions,
         terminal: TerminalWriter,
         recorder_task: RecorderTask | None = None,
+        subscriber: WatcherSubscriber | None = None,
     ) -> None:
         self._reader = reader
         self._options = options
         self._terminal = terminal
         self._recorder_task = recorder_task
+        self._subscriber = subscriber
+        self._shown_within_ns = _SHOWN_WITHIN_NS if subscriber is None else _PUBLISHED_WITHIN_NS
         self._yield_cpu = yield_function(reader)
         self._written_before = self._decoded_until = 0
         self._colors = choose_palette(options.color)
         self._view = ProxyView(options.view, self._colors)
         self._record_decoder = RecordDecoder()
         self._tracker = Tracker()
-        self._diagnosis = Diagnosis()
+        self._diagnosis = Diagnosis() if subscriber is None else subscriber.diagnosis
         self._handles = HandleTracker(max_ended=0)
         self._session_closer = SessionCloser(self._handles)
         self._silence_monitor = SilenceMonitor()
@@ -227,7 +250,7 @@ class ProxyWatcher:
         if (
             self._written_before == before
             or reader.urgency >= WatcherUrgency.ALL
-            or time.time_ns() - self._decoded_until > _SHOWN_WITHIN_NS
+            or time.time_ns() - self._decoded_until > self._shown_within_ns
         ):
             return False
         return reader.fill_ratio < _MAY_WAIT_SHARE
@@ -244,8 +267,10 @@ class ProxyWatcher:
 
     def _decode_records(self, records: list[RingRecord]) -> None:
         lines: list[str | bytes] = []
-        for count, (seen, note) in enumerate(self._record_decoder.decode(records)):
+        for count, (seen, note) in enumerate(self._record_decoder.decode(records, self._packets_of(records))):
             lines += self._view.frame_lines(seen, note)
+            if self._subscriber is not None:
+                self._subscriber.on_frame(seen, note)
             self._diagnosis.on_observation(seen)
             settled = self._tracker.observe(seen)
             if settled:
@@ -258,6 +283,12 @@ class ProxyWatcher:
         self._show_relay_messages(records)
         for conversation, why in self._record_decoder.pop_closed_clients():
             self._close_conversation(conversation, printable(why))
+
+    def _packets_of(self, records: list[RingRecord]) -> list[int] | None:
+        """Return the packet numbers that a subscriber needs; None if there is no subscriber or recording."""
+        if self._subscriber is None or self._recorder_task is None:
+            return None
+        return self._recorder_task.next_packet_numbers(len(records))
 
     def _show_relay_messages(self, records: Iterable[RingRecord]) -> None:
         for record in records:
@@ -285,6 +316,8 @@ class ProxyWatcher:
                 subject = self._handles.on_call(item)
                 self._session_closer.on_call(item)
             self._diagnosis.on_pairing_result(item)
+            if self._subscriber is not None:
+                self._subscriber.on_settled(item, subject)
             lines += self._view.call_lines(item, subject)
         return lines
 
@@ -310,6 +343,8 @@ class ProxyWatcher:
         warning = self._delays.pop_warning()
         if warning:
             self._terminal.write_message("; ".join(filter(None, (warning, self._advice))))
+        if self._subscriber is not None:
+            self._subscriber.report_if_due(self._reader.counts[RelayCounter.CLIENTS])
         if now >= self._next_status_at:
             self._publish_status(now)
 
@@ -364,6 +399,8 @@ class ProxyWatcher:
             self._recorder_task.record_available()
         self._skip_undecoded()
         self._terminal.write_lines(self._settled_lines(self._tracker.close()))
+        if self._subscriber is not None:
+            self._subscriber.close(self._decoded_until)
         findings = self._diagnosis.findings()
         write, counts = self._terminal.write_message, tuple(self._reader.counts)
         calls = f"{counted(self._call_count, 'call')}, {counted(self._retry_count, 'retry', 'retries')}"

@@ -12,8 +12,9 @@ from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 
+from bcapscope.live.background_recorder import BackgroundRecorder
 from bcapscope.live.end_signals import end_signal_socket, interrupt_on_end_signals
-from bcapscope.live.server_recorder import ServerRecorder, create_capture
+from bcapscope.live.recorder import Recorder
 from bcapscope.live.terminal_writer import TerminalWriter
 from bcapscope.player.realtime import realtime_priority
 from bcapscope.render.simulator_log import call_log_line, refusal_line
@@ -54,7 +55,7 @@ class ServerRunner:
         self.print_message = self._terminal.write_message
         self.log = ServerCallLog(not quiet, self._terminal)
         self._recording_path = record
-        self._recorder: ServerRecorder | None = None
+        self._recorder: BackgroundRecorder | None = None
 
     @contextmanager
     def listen(self, answerer: ControllerModel, host: str, port: int) -> Iterator[SimulatorServer]:
@@ -67,10 +68,9 @@ class ServerRunner:
         interrupt_on_end_signals()
         with closing(SimulatorServer(answerer, host, port)) as server:
             if self._recording_path is not None:
-                self._recorder = ServerRecorder(
-                    create_capture(Path(self._recording_path)), self._recording_path, self.print_message
+                server.tap = self._recorder = BackgroundRecorder(
+                    Recorder(Path(self._recording_path), self.print_message)
                 )
-                server.tap = self._recorder
             with suppress(KeyboardInterrupt):
                 yield server
 

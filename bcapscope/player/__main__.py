@@ -14,12 +14,13 @@ from typing import BinaryIO
 
 from msgspec import structs
 
+from bcapscope.capture.rotating_recording import RotatingRecording
 from bcapscope.client.controller_target import os_error_text
 from bcapscope.errors import BcapError
 from bcapscope.player.blocking_caller import run_blocking
 from bcapscope.player.channel import Channel, open_channel
 from bcapscope.player.control_log import read_control_log, write_control_log
-from bcapscope.player.frame_recorder import FrameRecorder
+from bcapscope.player.frame_recorder import FrameRecorder, open_recording
 from bcapscope.player.new_file import open_new_file
 from bcapscope.player.play_session import PlaySession
 from bcapscope.player.player_messages import PlayEnded, PlayOutcome, PlayPlan, RealtimeReport
@@ -37,22 +38,25 @@ def main() -> None:
     desk.install_signal_handlers()
     with ExitStack() as stack:
         try:
-            record, log = (stack.enter_context(open_new_file(path)) for path in (plan.record, plan.log))
+            recording = stack.enter_context(open_recording(plan.record))
+            log = stack.enter_context(open_new_file(plan.log))
         except OSError as error:
             desk.send(PlayEnded(PlayOutcome.UNWRITABLE, f"{error.filename}: {os_error_text(error)}"))
             desk.wait_until_sent()
             return
-        desk.send(play(plan, desk, record, log))
+        desk.send(play(plan, desk, recording, log))
     desk.wait_until_sent()
 
 
-def play(plan: PlayPlan, pipe: PlayerPipe, record: BinaryIO | None, log: BinaryIO | None) -> PlayEnded:
+def play(
+    plan: PlayPlan, pipe: PlayerPipe, recording: RotatingRecording | None, log: BinaryIO | None
+) -> PlayEnded:
     """Play a plan; return how that ended.
 
     Args:
         plan: What to do.
         pipe: Receives the messages.
-        record: File for the recording; None for none.
+        recording: Where to record; None for no recording.
         log: File for the controller's own log; None for none.
     """
     target = plan.target
@@ -67,7 +71,7 @@ def play(plan: PlayPlan, pipe: PlayerPipe, record: BinaryIO | None, log: BinaryI
             return PlayEnded(
                 PlayOutcome.UNANSWERED, reason, left=plan.aftermath is None, realtime=grade.realtime
             )
-        journal = FrameRecorder(pipe.send, record)
+        journal = FrameRecorder(pipe.send, recording)
         visit = PlaySession(plan, channel, pipe, journal)
         ended = structs.replace(run_blocking(visit.run()), realtime=grade.realtime)
     # Nothing is urgent from here on, so the files are written without real-time priority.

@@ -1,22 +1,47 @@
 """The frames of a player: the last ones for display, and all of them for a recording.
 
-While set points are sent, the recorder keeps frames in memory and writes them afterwards: a disk may take
-longer than the time between two set points.
+The recorder keeps frames in memory and writes them at the end. A disk may take longer than the time between
+two set points, and a thread that writes would take the interpreter from the thread that sends them.
 """
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager
 from operator import itemgetter
-from typing import BinaryIO
+from pathlib import Path
 
-from bcapscope.capture.socket_recording import SocketRecording
+from bcapscope.capture.rotating_recording import RotatingRecording
 from bcapscope.player.channel import Channel
 from bcapscope.player.player_messages import FrameMessage
 
 MAX_FRAMES = 2_000_000
 """Frames kept, more than two hours at 8 ms; later frames are not recorded."""
+
+_FRAMES_PER_WRITE = 1000
+"""Frames written together. If the disk becomes full, the recording lacks at most these and all later ones."""
+
+
+@contextmanager
+def open_recording(path: str | None) -> Iterator[RotatingRecording | None]:
+    """Create a recording for the length of a block; delete it afterwards if it holds no packet.
+
+    Args:
+        path: Path of the file; None for no recording.
+
+    Raises:
+        OSError: The file exists already or cannot be written.
+    """
+    if path is None:
+        yield None
+        return
+    with closing(RotatingRecording(Path(path))) as recording:
+        try:
+            yield recording
+        finally:
+            if recording.is_empty:
+                Path(path).unlink(missing_ok=True)
 
 
 class FrameRecorder:
@@ -28,14 +53,14 @@ class FrameRecorder:
         is_pacing: Whether set points are being sent; then frames are only kept.
     """
 
-    def __init__(self, send: Callable[[FrameMessage], object], record: BinaryIO | None) -> None:
-        """Report each frame outside of pacing to `send`; `record` is a file for the recording, or None."""
+    def __init__(self, send: Callable[[FrameMessage], object], recording: RotatingRecording | None) -> None:
+        """Report each frame outside of pacing to `send`; `recording` is None if there is none."""
         self.last_sent = b""
         self.last_received = b""
         self.is_pacing = False
         self._send = send
         self._epoch_offset = time.time_ns() - time.monotonic_ns()
-        self._file = record
+        self._recording = recording
         self._frames: list[tuple[bool, bytes, int]] = []
 
     def on_frame(self, sent: bool, raw: bytes, now: int) -> None:
@@ -44,24 +69,26 @@ class FrameRecorder:
             self.last_sent = raw
         else:
             self.last_received = raw
-        if self._file is not None and len(self._frames) < MAX_FRAMES:
+        if self._recording is not None and len(self._frames) < MAX_FRAMES:
             self._frames.append((sent, raw, now))
         if not self.is_pacing:
             self._send(FrameMessage(sent, raw, now + self._epoch_offset))
 
     def save_capture(self, link: Channel) -> None:
-        """Write the recording, if there is a file for it.
+        """Write the recording, if there is one.
 
         Raises:
             OSError: The file cannot be written, for example because the disk is full.
         """
-        if self._file is None:
+        if self._recording is None:
             return
-        recording = SocketRecording(self._file)
-        write = recording.write_datagram if link.datagrams else recording.write_segment
+        packets = self._recording.recording
+        write = packets.write_datagram if link.datagrams else packets.write_segment
         self._frames.sort(key=itemgetter(2))  # a reply may be read long after it arrived
-        for sent, raw, now in self._frames:
+        for number, (sent, raw, now) in enumerate(self._frames, 1):
             ends = (link.local, link.peer) if sent else (link.peer, link.local)
             write(*ends, raw, now + self._epoch_offset)
-        self._file.flush()
+            if not number % _FRAMES_PER_WRITE:
+                self._recording.flush()
+        self._recording.flush()
         self._frames.clear()

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections.abc import Iterable, Iterator
+from itertools import repeat
 
 from bcapscope.protocol.codec.byte_budget import ByteBudget
 from bcapscope.protocol.codec.frame import parse_datagram
@@ -21,13 +22,19 @@ _MAX_MARKS = 256
 
 
 class _DirectionStream:
-    """One direction of a client's conversation."""
+    """One direction of a client's conversation.
+
+    Attributes:
+        size: Bytes so far.
+        arrival_times: Offsets in the stream, each with the time of receipt of the bytes from there on.
+        packet: Number of the last packet with bytes of the stream; 0 for none.
+    """
 
     def __init__(self, conversation: Conversation, direction: Direction, budget: ByteBudget) -> None:
         self.flow = Flow(conversation, direction)
         self.splitter = StreamSplitter(budget=budget)
-        self.size = 0
-        self.arrival_times: list[tuple[int, int]] = [(0, 0)]  # offset in the stream, time of receipt
+        self.size = self.packet = 0
+        self.arrival_times: list[tuple[int, int]] = [(0, 0)]
 
 
 class _Client:
@@ -75,10 +82,17 @@ class RecordDecoder:
         gone, self._closed_clients = self._closed_clients, []
         return gone
 
-    def decode(self, records: Iterable[RingRecord]) -> Iterator[tuple[Observation, str]]:
-        """Yield each observation, with a note of what a rule did to it ("" for nothing)."""
+    def decode(
+        self, records: Iterable[RingRecord], packets: Iterable[int] | None = None
+    ) -> Iterator[tuple[Observation, str]]:
+        """Yield each observation, with a note of what a rule did to it ("" for nothing).
+
+        Args:
+            records: The records.
+            packets: Number of each record's packet in the recording, 0 for none. None if none has one.
+        """
         clients = self._clients
-        for record in records:
+        for record, packet in zip(records, packets or repeat(0), strict=False):
             kind, up, number, came, left, data, note = record
             if kind is RingRecordKind.CLIENT_OPENED:
                 clients[number] = _Client(read_endpoints(record.data), came, self._budget)
@@ -94,11 +108,12 @@ class RecordDecoder:
                     client.last_heard = time
                 way = client.directions[up]
                 if client.is_stream:
+                    way.packet = packet
                     yield from self._decode_stream(way, data, time, note)
                     continue
                 for item in parse_datagram(data):
                     self.observation_count += 1
-                    yield Observation(self.observation_count, time, time, way.flow, item, 0), note
+                    yield Observation(self.observation_count, time, time, way.flow, item, packet), note
             else:
                 yield from self._decode_event(client, record)
 
@@ -152,7 +167,12 @@ class RecordDecoder:
             self.observation_count += 1
             yield (
                 Observation(
-                    self.observation_count, time, way.arrival_times[place][1] or time, way.flow, item, 0
+                    self.observation_count,
+                    time,
+                    way.arrival_times[place][1] or time,
+                    way.flow,
+                    item,
+                    way.packet,
                 ),
                 note,
             )

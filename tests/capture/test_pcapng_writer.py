@@ -64,7 +64,7 @@ def test_two_packets_made_at_once_are_those_made_one_by_one(
     first, second = (
         writer.packet_template(where, head, len(data)) for where, head in zip((LAN, RAW), heads, strict=True)
     )
-    writer.write_blocks(pair_encoder(first, second)(time, later, data))
+    writer.write_blocks(pair_encoder(first, second)(time, later, data), 2)
     one_by_one: list[Packet] = []
     for when, head, where in zip((time, later), heads, (LAN, RAW), strict=True):
         whole = head + data

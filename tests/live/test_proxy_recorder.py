@@ -14,6 +14,7 @@ from bcapscope.capture.capture_file import open_capture
 from bcapscope.capture.packet import Packet
 from bcapscope.capture.rotating_recording import RotatingRecording, RotationLimits
 from bcapscope.live.proxy_recorder import ProxyRecorder
+from bcapscope.live.recorder import Recorder
 from bcapscope.proxy.ring_buffer import RingRecord, RingRecordKind
 from tests.capture.test_rotating_recording import SmallDisk
 
@@ -34,7 +35,7 @@ def test_the_ends_of_a_stream_are_those_of_who_sent_them(
     kind: RingRecordKind, up: bool, by_proxy: bool, tmp_path: Path
 ) -> None:
     why, flag = b"a rule" if by_proxy else b"", _FIN if kind is RingRecordKind.END else _RST
-    recorder = ProxyRecorder(tmp_path / "r.pcapng", None, TOLD.append)
+    recorder = ProxyRecorder(Recorder(tmp_path / "r.pcapng", TOLD.append))
     recorder.add_records(
         [RingRecord(RingRecordKind.CLIENT_OPENED, False, 1, 1, 0, json.dumps(["tcp", *ENDS]).encode(), "")]
     )
@@ -63,7 +64,7 @@ def test_the_ends_of_a_stream_are_those_of_who_sent_them(
 
 
 def test_a_client_that_goes_begins_no_file_of_a_ring(tmp_path: Path) -> None:
-    recorder = ProxyRecorder(tmp_path / "r.pcapng", RotationLimits(2, size=ROOM), TOLD.append)
+    recorder = ProxyRecorder(Recorder(tmp_path / "r.pcapng", TOLD.append, RotationLimits(2, size=ROOM)))
     recorder.add_records(
         [RingRecord(RingRecordKind.CLIENT_OPENED, False, 1, 1, 0, json.dumps(["udp", *ENDS]).encode(), "")]
     )
@@ -89,7 +90,7 @@ def test_packets_stand_in_the_order_of_their_times_however_they_are_taken(tmp_pa
     ]
     for size in (1, 2, 7, 100):
         path = tmp_path / f"{size}.pcapng"
-        recorder = ProxyRecorder(path, None, TOLD.append)
+        recorder = ProxyRecorder(Recorder(path, TOLD.append))
         for start in range(0, len(records), size):
             recorder.add_records(records[start : start + size])
         recorder.close()
@@ -101,7 +102,7 @@ def test_packets_stand_in_the_order_of_their_times_however_they_are_taken(tmp_pa
 
 @pytest.mark.parametrize("up", [True, False])
 def test_a_hole_in_a_stream_is_a_gap_on_both_legs(up: bool, tmp_path: Path) -> None:
-    recorder = ProxyRecorder(tmp_path / "r.pcapng", None, TOLD.append)
+    recorder = ProxyRecorder(Recorder(tmp_path / "r.pcapng", TOLD.append))
     recorder.add_records([opened(1, "tcp"), RingRecord(RingRecordKind.DATA, up, 1, 2, 3, b"x" * 10, "")])
     recorder.add_records([RingRecord(RingRecordKind.HOLE, up, 1, 4, 5, struct.pack("=QQ", 700, 900), "")])
     recorder.add_records([RingRecord(RingRecordKind.DATA, up, 1, 6, 7, b"y" * 10, "")])
@@ -154,7 +155,9 @@ def test_what_passes_one_after_another_is_written_as_everything_else_is(
     found = []
     for size in (pieces, 1):  # one alone never passes before another
         path = folder / f"{size}.pcapng"
-        recorder = ProxyRecorder(path, RotationLimits(99, size=ROOM) if is_ring else None, TOLD.append)
+        recorder = ProxyRecorder(
+            Recorder(path, TOLD.append, RotationLimits(99, size=ROOM) if is_ring else None)
+        )
         for start in range(0, len(everything), size):
             recorder.add_records(everything[start : start + size])
         recorder.close()
@@ -166,7 +169,7 @@ def test_what_passes_one_after_another_is_written_as_everything_else_is(
 
 
 def test_nothing_passes_before_what_is_told_later_and_came_earlier(tmp_path: Path) -> None:
-    recorder = ProxyRecorder(tmp_path / "r.pcapng", None, TOLD.append)
+    recorder = ProxyRecorder(Recorder(tmp_path / "r.pcapng", TOLD.append))
     recorder.add_records([opened(1, "udp"), opened(2, "udp")])
     times = [(1, 10, 11), (1, 12, 13), (2, 9, 14), (1, 15, 16)]
     recorder.add_records(
@@ -177,7 +180,7 @@ def test_nothing_passes_before_what_is_told_later_and_came_earlier(tmp_path: Pat
 
 
 def test_what_waits_is_not_written_before_what_is_told_later_and_came_earlier(tmp_path: Path) -> None:
-    recorder = ProxyRecorder(tmp_path / "r.pcapng", None, TOLD.append)
+    recorder = ProxyRecorder(Recorder(tmp_path / "r.pcapng", TOLD.append))
     recorder.add_records([opened(1, "udp"), opened(2, "udp")])
     recorder.add_records([RingRecord(RingRecordKind.DATA, True, 1, 30, 60, b"", "")])
     times = [(1, 70, 80), (2, 50, 90), (1, 95, 96)]
@@ -189,7 +192,7 @@ def test_what_waits_is_not_written_before_what_is_told_later_and_came_earlier(tm
 
 
 def test_a_hole_is_told_of_a_client_that_is_gone_by_the_clock(tmp_path: Path) -> None:
-    recorder = ProxyRecorder(tmp_path / "r.pcapng", None, TOLD.append)
+    recorder = ProxyRecorder(Recorder(tmp_path / "r.pcapng", TOLD.append))
     recorder.add_records([opened(1, "tcp"), RingRecord(RingRecordKind.DATA, True, 1, 2, 3, b"x", "")])
     hole = RingRecord(RingRecordKind.HOLE, True, 1, 20, 21, struct.pack("=QQ", 5, 5), "")
     recorder.add_records([hole, RingRecord(RingRecordKind.CLIENT_CLOSED, False, 1, 10, 0, b"", "")])
@@ -200,7 +203,7 @@ def test_a_hole_is_told_of_a_client_that_is_gone_by_the_clock(tmp_path: Path) ->
 
 @pytest.mark.parametrize("last", ["hole", "stranger"])
 def test_no_file_of_a_ring_is_begun_without_a_packet(last: str, tmp_path: Path) -> None:
-    recorder = ProxyRecorder(tmp_path / "r.pcapng", RotationLimits(2, size=ROOM), TOLD.append)
+    recorder = ProxyRecorder(Recorder(tmp_path / "r.pcapng", TOLD.append, RotationLimits(2, size=ROOM)))
     transport = "tcp" if last == "hole" else "udp"
     recorder.add_records(
         [opened(1, transport), RingRecord(RingRecordKind.DATA, True, 1, 2, 3, bytes(ROOM), "")]
@@ -216,7 +219,7 @@ def test_no_file_of_a_ring_is_begun_without_a_packet(last: str, tmp_path: Path) 
 
 
 def test_each_file_of_a_ring_names_the_interfaces_of_what_passes(tmp_path: Path) -> None:
-    recorder = ProxyRecorder(tmp_path / "r.pcapng", RotationLimits(99, size=ROOM), TOLD.append)
+    recorder = ProxyRecorder(Recorder(tmp_path / "r.pcapng", TOLD.append, RotationLimits(99, size=ROOM)))
     passing = [
         RingRecord(RingRecordKind.DATA, number % 2 == 0, 1, number, number, bytes(400), "")
         for number in range(90)
@@ -238,21 +241,21 @@ def test_each_file_of_a_ring_names_the_interfaces_of_what_passes(tmp_path: Path)
 def test_a_disk_that_is_full_while_things_pass_is_told_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def full(self: RotatingRecording, data: bytes) -> int:
+    def full(self: RotatingRecording, data: bytes) -> bool:
         raise OSError(28, "No space left on device")
 
     told: list[str] = []
-    recorder = ProxyRecorder(tmp_path / "r.pcapng", None, told.append)
+    recorder = ProxyRecorder(Recorder(tmp_path / "r.pcapng", told.append))
     recorder.add_records([opened(1, "udp")])
     recorder.flush()
-    monkeypatch.setattr(RotatingRecording, "write", full)
+    monkeypatch.setattr(RotatingRecording, "_try_write", full)
     passing = [RingRecord(RingRecordKind.DATA, True, 1, time, time, b"x", "") for time in range(1, 20)]
     recorder.add_records(passing[:9])
+    recorder.flush()
     recorder.add_records(passing[9:])
-    recorder.close()
+    assert not recorder.close()
     assert len(told) == 1
     assert told[0].endswith("is not written any more: no space left on device")
-    assert recorder.failed
 
 
 def test_a_ring_on_a_full_disk_goes_on_and_that_is_told_once(
@@ -260,23 +263,22 @@ def test_a_ring_on_a_full_disk_goes_on_and_that_is_told_once(
 ) -> None:
     SmallDisk(tmp_path, 50_000, monkeypatch)
     told: list[str] = []
-    recorder = ProxyRecorder(tmp_path / "r.pcapng", RotationLimits(10, size=ROOM), told.append)
+    recorder = ProxyRecorder(Recorder(tmp_path / "r.pcapng", told.append, RotationLimits(10, size=ROOM)))
     recorder.add_records([opened(1, "udp")])
     for number in range(200):
         recorder.add_records(
             [RingRecord(RingRecordKind.DATA, True, 1, number + 1, number + 1, bytes(500), "")]
         )
         recorder.flush()
-    recorder.close()
+    assert recorder.close()
     assert told == [f"the disk is full: the recording {tmp_path}/r.pcapng removes its oldest files early"]
-    assert not recorder.failed
     packets = [packet for path in sorted(tmp_path.iterdir()) for packet in packets_of(path)]
     assert packets[-1][0] == 200
 
 
 def test_what_is_flushed_can_be_read_before_the_end(tmp_path: Path) -> None:
     path = tmp_path / "r.pcapng"
-    recorder = ProxyRecorder(path, None, TOLD.append)
+    recorder = ProxyRecorder(Recorder(path, TOLD.append))
     recorder.add_records(
         [RingRecord(RingRecordKind.CLIENT_OPENED, False, 1, 1, 0, json.dumps(["udp", *ENDS]).encode(), "")]
     )
@@ -285,3 +287,30 @@ def test_what_is_flushed_can_be_read_before_the_end(tmp_path: Path) -> None:
     with open_capture(str(path)) as capture:
         assert [packet[0] for packet in capture] == [10, 20]
     recorder.close()
+
+
+@given(records=passed(), pieces=st.integers(1, 9))
+def test_each_record_knows_the_packet_on_the_clients_side(
+    records: list[RingRecord], pieces: int, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    path = tmp_path_factory.mktemp("r") / "r.pcapng"
+    recorder = ProxyRecorder(Recorder(path, TOLD.append), keeps_packet_numbers=True)
+    everything = [opened(1, "udp"), opened(2, "udp"), opened(3, "tcp"), *records]
+    for start in range(0, len(everything), pieces):
+        recorder.add_records(everything[start : start + pieces])
+    recorder.flush()
+    numbers = [*recorder.next_packet_numbers(3), *recorder.next_packet_numbers(len(records))]
+    recorder.close()
+    packets = packets_of(path)
+    for record, number in zip(everything, numbers, strict=True):
+        time = record.received_at if record.up else record.sent_at
+        if record.kind is RingRecordKind.DATA and time and record.data:
+            packet = packets[number - 1]
+            assert (packet[0], packet[3].name[:7], packet[1][-len(record.data) :]) == (
+                time,
+                "clients",
+                record.data,
+            )
+        elif record.kind is RingRecordKind.CLIENT_OPENED or not time:
+            assert not number
+    assert not TOLD

@@ -17,16 +17,17 @@ from bcapscope.analysis import finding_collector, report_data
 from bcapscope.analysis.slave import controller_state, session_detector
 from bcapscope.capture.capture_file import open_capture
 from bcapscope.live import proxy_watcher
-from bcapscope.live.proxy_options import ProxyOptions, TrafficFormat, ViewOptions
+from bcapscope.live.proxy_options import ProxyOptions, TrafficFormat, ViewOptions, WatcherSubscriber
 from bcapscope.live.proxy_recorder import ProxyRecorder
 from bcapscope.live.proxy_watcher import ProxyWatcher, RecorderTask
+from bcapscope.live.recorder import Recorder
 from bcapscope.live.terminal_writer import TerminalWriter
 from bcapscope.live.watcher_priority import WatcherUrgency
 from bcapscope.protocol.codec.arguments import Argument
 from bcapscope.protocol.codec.frame import encode_frame
 from bcapscope.protocol.codec.frame_template import FrameTemplate
 from bcapscope.protocol.codec.variant import VT, Variant
-from bcapscope.proxy.ring_buffer import HEADER_SIZE, RingReader, RingRecordKind, RingWriter
+from bcapscope.proxy.ring_buffer import HEADER_SIZE, RelayCounter, RingReader, RingRecordKind, RingWriter
 from bcapscope.render import frame_line
 from bcapscope.traffic.filter.field_table import RecordKind
 from tests.cli.run import run
@@ -68,7 +69,11 @@ class Chain:
     """Ring, watcher and recorder, without the relay and the processes."""
 
     def __init__(
-        self, record: Path | None, shown: RecordKind | None, form: TrafficFormat = TrafficFormat.LINE
+        self,
+        record: Path | None,
+        shown: RecordKind | None,
+        form: TrafficFormat = TrafficFormat.LINE,
+        subscriber: WatcherSubscriber | None = None,
     ) -> None:
         memory = memoryview(bytearray(HEADER_SIZE + (1 << 20)))
         self.ring = RingWriter(memory)
@@ -76,10 +81,12 @@ class Chain:
         wishes = ProxyOptions(record, None, ViewOptions(shown, form), "never")
         scribe = self._recorder = None
         if record is not None:
-            self._recorder = ProxyRecorder(record, None, self.screen.write_message)
+            self._recorder = ProxyRecorder(
+                Recorder(record, self.screen.write_message), keeps_packet_numbers=subscriber is not None
+            )
             scribe = RecorderTask(RingReader(memory, ahead=True), self._recorder)
         self._reader = RingReader(memory)
-        self._watcher = ProxyWatcher(self._reader, wishes, self.screen, scribe)
+        self._watcher = ProxyWatcher(self._reader, wishes, self.screen, scribe, subscriber)
         self.now = time.time_ns()
 
     def look(self) -> None:
@@ -100,6 +107,7 @@ class Chain:
 
     def meet(self, client: int, transport: str) -> None:
         ends = [["10.0.0.2", 1024 + client % 60_000], ["10.0.0.3", 5008], ["10.0.0.3", 9], ["10.0.0.1", 5007]]
+        self.ring.counts[RelayCounter.CLIENTS] += 1
         self.ring.write_required(
             RingRecordKind.CLIENT_OPENED, client, json.dumps([transport, *ends]).encode(), self.now
         )

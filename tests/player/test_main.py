@@ -6,9 +6,11 @@ import io
 import socket
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
 import pytest
 
+from bcapscope.capture.rotating_recording import RotatingRecording
 from bcapscope.client.controller_target import ControllerTarget
 from bcapscope.client.remote_objects import Robot
 from bcapscope.client.retry_policies import DEFAULT_RETRY_POLICIES
@@ -16,7 +18,7 @@ from bcapscope.client.session import Session
 from bcapscope.player import __main__ as process
 from bcapscope.player.blocking_caller import BlockingCaller, run_blocking
 from bcapscope.player.control_log import read_log_records
-from bcapscope.player.frame_recorder import FrameRecorder
+from bcapscope.player.frame_recorder import FrameRecorder, open_recording
 from bcapscope.player.player_messages import Order, PlayEnded, PlayOutcome, PlayPlan
 from bcapscope.player.realtime import RealtimeGrant
 from bcapscope.protocol.retry.reserved_convention import ReservedConvention
@@ -25,7 +27,7 @@ from tests.player.simulated import TARGET, ScriptedPipe, Stage
 pytestmark = pytest.mark.lifecycle
 
 
-def test_files_are_written_without_priority(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_files_are_written_without_priority(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     urgent = False
     written: list[bool] = []
 
@@ -36,16 +38,20 @@ def test_files_are_written_without_priority(monkeypatch: pytest.MonkeyPatch) -> 
         yield RealtimeGrant(True, True, "")
         urgent = False
 
-    class File(io.BytesIO):
-        def write(self, data: object) -> int:
-            written.append(urgent)
-            return super().write(data)  # type: ignore[arg-type]
+    def flush(recording: RotatingRecording) -> None:
+        written.append(urgent)
+        write(recording)
 
+    write = RotatingRecording.flush
     monkeypatch.setattr(process, "realtime_priority", undisturbed)
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as silent, File() as record:
+    with (
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as silent,
+        open_recording(str(tmp_path / "a.pcapng")) as recording,
+    ):
+        monkeypatch.setattr(RotatingRecording, "flush", flush)
         silent.bind(("127.0.0.1", 0))
         target = ControllerTarget("127.0.0.1", silent.getsockname()[1], timeout=1.0, retries=0)
-        ended = process.play(PlayPlan(target=target, look_only=True), ScriptedPipe(), record, None)
+        ended = process.play(PlayPlan(target=target, look_only=True), ScriptedPipe(), recording, None)
     assert (ended.outcome, ended.realtime) == (PlayOutcome.UNANSWERED, True)
     assert written
     assert not any(written)

@@ -4,17 +4,48 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
+from functools import partial
+from io import FileIO
+from typing import TYPE_CHECKING
 
 import click
 import orjson
 
 from bcapscope.live.standard_streams import print_stderr
 
+if TYPE_CHECKING:
+    from bcapscope.live.proxy_options import WatcherSubscriber
+
 attended_option = click.option(
     "--attended",
     is_flag=True,
     hidden=True,
     help="Print a line of JSON to stdout when the command is ready, and end cleanly when stdin ends.",
+)
+
+
+def open_publisher(job: str) -> WatcherSubscriber:
+    """Open what publishes the traffic to the screen. Only the watcher's process loads the modules for it.
+
+    Args:
+        job: A `ReadJob` in JSON.
+    """
+    import msgspec
+
+    from bcapscope.tui.traffic_processes.process_messages import ReadJob
+    from bcapscope.tui.traffic_processes.watcher_publisher import ReportSender, WatcherPublisher
+
+    stdout = FileIO(1, "wb", closefd=False)
+    return WatcherPublisher(msgspec.json.decode(job, type=ReadJob), ReportSender(stdout))
+
+
+publish_option = click.option(
+    "--publish",
+    "open_subscriber",
+    metavar="JOB",
+    hidden=True,
+    callback=lambda context, parameter, job: None if job is None else partial(open_publisher, job),
+    help="Publish the traffic to the screen that started this command; JOB is a ReadJob in JSON.",
 )
 
 

@@ -80,6 +80,8 @@ def _show_running_proxy(address: str) -> None:
 
 
 def _show_own_proxy(options: ProxyScreenOptions) -> None:
+    import msgspec
+
     from bcapscope.proxy.listener_spec import ListenerSpecError, parse_listener_specs
 
     try:
@@ -89,7 +91,7 @@ def _show_own_proxy(options: ProxyScreenOptions) -> None:
     if options.record is not None:
         check_output_path(options.record)
     from bcapscope.tui.traffic_processes.temporary_folder import TemporaryFolder
-    from bcapscope.tui.traffic_processes.traffic_feed import TrafficFeed
+    from bcapscope.tui.traffic_processes.traffic_feed import PublishedTraffic, TrafficFeed, watcher_job
 
     with TemporaryFolder() as folder:
         record = options.record or folder.path / "proxy.pcapng"
@@ -97,9 +99,11 @@ def _show_own_proxy(options: ProxyScreenOptions) -> None:
         words = [word for each in options.listen for word in ("--listen", each)]
         words += [word for each in options.to for word in ("--to", each)]
         words += ["--record", str(record), "--control", control, "--quiet", *options.rules.command_line]
+        job = watcher_job(folder.path, record)
+        words += ["--publish", msgspec.json.encode(job).decode()]
         with _running_command("proxy", *words) as child:
             figures = _read_figures(child.control_address)
-            feed = TrafficFeed(path=str(record), follow=True, ports=figures.ports, leg=_CLIENT_SIDE)
+            feed = TrafficFeed(published=PublishedTraffic(job, child.hand_over_stdout()))
             try:
                 _show_screens(feed, _proxy_screen(child.control_address, figures, feed, child))
             finally:

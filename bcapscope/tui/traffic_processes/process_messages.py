@@ -12,6 +12,7 @@ from typing import BinaryIO, TypeVar
 import msgspec
 
 from bcapscope.analysis.finding import TrafficTotals
+from bcapscope.capture.append_log import write_all
 
 _NICE = 5
 _LENGTH_PREFIX = struct.Struct("<I")
@@ -22,11 +23,11 @@ STOP_READING = b"."
 
 
 class ReadJob(msgspec.Struct, frozen=True):
-    """What the reader process reads.
+    """What the reader process reads for the screen, or the watcher of a proxy that the screen starts.
 
     Attributes:
         folder: Folder for the journal; exists and is empty.
-        path: Capture file; "" for none.
+        path: Capture file, or the recording that the watcher writes; "" for none.
         interface: Network interface for a live capture; "" for none.
         follow: Whether the capture is still being written.
         ports: Ports of controllers; none selects 5007.
@@ -53,7 +54,6 @@ class ReadProgress(msgspec.Struct, tag=True, frozen=True):
         size: Size of the file in bytes; 0 if it has none, as in a live capture.
         ended: Whether reading has ended.
         problem: Why reading ended early; "" otherwise.
-        summary: Summary of the content in one line; "" until the end.
         clients: Number of conversations so far.
         packets: Capture file with the packets; "" for none.
         lost: Packets of a live capture that were dropped for lack of buffer space.
@@ -63,7 +63,6 @@ class ReadProgress(msgspec.Struct, tag=True, frozen=True):
     size: int = 0
     ended: bool = False
     problem: str = ""
-    summary: str = ""
     clients: int = 0
     packets: str = ""
     lost: int = 0
@@ -151,14 +150,14 @@ class SaveJob(msgspec.Struct, frozen=True):
     max_packets: int = 0
 
 
-def send_message(stream: BinaryIO, message: object) -> None:
+def send_message(stream: BinaryIO | io.RawIOBase, message: object) -> None:
     """Write a message to a pipe and flush it.
 
     Raises:
         OSError: The reader of the pipe has gone.
     """
     data = msgspec.msgpack.encode(message)
-    stream.write(_LENGTH_PREFIX.pack(len(data)) + data)
+    write_all(stream, _LENGTH_PREFIX.pack(len(data)) + data)
     stream.flush()
 
 

@@ -16,22 +16,20 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import closing
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, BinaryIO, cast
+from typing import BinaryIO, cast
 
-from bcapscope.capture.call_store import CallStoreWriter
 from bcapscope.capture.capture_file import CaptureFile, open_capture
 from bcapscope.capture.growing_capture import follow_capture
 from bcapscope.capture.live_capture import open_live_capture
-from bcapscope.capture.observation_store import ObservationStoreWriter
 from bcapscope.capture.packet import Packet
 from bcapscope.capture.packet_decoder import PacketDecoder
-from bcapscope.capture.pcapng_writer import PcapngWriter
 from bcapscope.capture.role_detection import BCAP_PORTS
+from bcapscope.capture.rotating_recording import RotatingRecording
 from bcapscope.errors import CaptureError
 from bcapscope.messages import Message
 from bcapscope.messages.os_errors import os_reason
-from bcapscope.render.capture_counts_text import capture_counts_text
 from bcapscope.render.escape import printable
 from bcapscope.traffic.call import Call, PairingResult
 from bcapscope.traffic.call_kind import RecentRequests
@@ -45,15 +43,7 @@ from bcapscope.tui.traffic_processes.process_messages import (
     receive_messages,
     send_message,
 )
-
-if TYPE_CHECKING:
-    from bcapscope.tui.traffic_processes.running_diagnosis import RunningDiagnosis
-
-FLUSH_INTERVAL = 0.1
-"""Seconds between two reports of new frames; drawing them delays keys."""
-
-ANALYSIS_INTERVAL = 1.5
-"""Seconds between two reports of the analysis."""
+from bcapscope.tui.traffic_processes.traffic_publisher import TrafficPublisher
 
 _BATCH_MASK = 0xFF
 """Mask of the frame number: the clock is checked every 256 frames, a fraction of a millisecond."""
@@ -76,86 +66,74 @@ class TrafficReader:
             cancelled: Set when reading must end, even if data remains.
         """
         self._job = job
-        self._reports = reports
         self._source_ended, self._cancelled = ended, cancelled
         folder = Path(job.folder)
-        self._journal = ObservationStoreWriter(folder)
-        self._calls = CallStoreWriter(folder)
+        self._publisher = TrafficPublisher(job, partial(send_message, reports), self._make_progress)
         self._observer = PacketDecoder(frozenset(job.ports) or BCAP_PORTS, job.leg)
         self._tracker = Tracker()
         self._handles = HandleTracker()
-        self._diagnosis: RunningDiagnosis | None = None
+        self._has_ended, self._problem = False, ""
         self._undiagnosed: list[Observation] = []
         self._file: CaptureFile | None = None
         self._live = _LiveCapture(job.interface, folder / LIVE_FILE) if job.interface else None
         self._packet_file = str(folder / LIVE_FILE) if job.interface else job.path
-        self._last_flush = self._last_analysis = time.monotonic()
-        self._last_analysis_count = 0
         self._last_capture_time = self._last_capture_seen_at = 0
 
     def run(self) -> None:
         """Read to the end of the source, or until cancelled."""
-        with closing(self._journal), closing(self._calls):
-            trouble = ""
+        with closing(self._publisher):
             try:
                 self._read()
             except CaptureError as error:
-                trouble = printable(str(error))
+                self._problem = printable(str(error))
             except OSError as error:
-                trouble = printable(f"{error.strerror or error}")
-            judge, tracker, end = self._load_diagnosis(), self._tracker, self._observer.end_time
-            for settled in (*tracker.expire(end), *tracker.close()):
+                self._problem = printable(f"{error.strerror or error}")
+            self._load_diagnosis()
+            end = self._observer.end_time
+            for settled in (*self._tracker.expire(end), *self._tracker.close()):
                 self._on_settled(settled)
-            self._flush()
-            send_message(self._reports, judge.snapshot(end, self._job.own_clients))
-            send_message(self._reports, self._make_progress(True, trouble))
+            self._has_ended = True
+            self._publisher.report_end(end)
 
     def _read(self) -> None:
         about, comments = RecentRequests().kind_of, self._observer.comments
-        add, take = self._journal.add, self._buffer_until_loaded
+        add, take = self._publisher.journal.add, self._buffer_until_loaded
         for seen in self._observer.decode(self._open_source()):
             add(seen, about(seen), comments.get(seen.packet, ()) if comments else ())
             take(seen)
             if not seen.number & _BATCH_MASK:
-                if self._diagnosis is None:
-                    self._flush()
-                    send_message(self._reports, self._make_progress(False))
+                if not self._publisher.has_diagnosis:
+                    self._publisher.report_progress()
                     self._load_diagnosis()
                     take = self._on_observation
-                self._report_if_due()
+                self._publisher.report_if_due(self._observer.end_time)
                 if self._cancelled.is_set():
                     return
 
     def _buffer_until_loaded(self, observation: Observation) -> None:
         """Buffer observations until the diagnosis is loaded: loading it first delays the first frames."""
-        if self._diagnosis is None:
+        if not self._publisher.has_diagnosis:
             self._undiagnosed.append(observation)
         else:
             self._on_observation(observation)
 
-    def _load_diagnosis(self) -> RunningDiagnosis:
-        if self._diagnosis is None:
-            from bcapscope.messages import Language  # noqa: PLC0415 - likewise
-            from bcapscope.tui.traffic_processes.running_diagnosis import RunningDiagnosis  # noqa: PLC0415 - see _buffer_until_loaded
-            from bcapscope.tui.words import tongue  # noqa: PLC0415 - likewise
-
-            self._diagnosis = RunningDiagnosis(tongue(Language(self._job.language)))
-            for seen in self._undiagnosed:
-                self._on_observation(seen)
-            self._undiagnosed.clear()
-        return self._diagnosis
+    def _load_diagnosis(self) -> None:
+        """Load the diagnosis, and show it all observations so far."""
+        self._publisher.load_diagnosis()
+        seen, self._undiagnosed = self._undiagnosed, []
+        for observation in seen:
+            self._on_observation(observation)
 
     def _on_observation(self, observation: Observation) -> None:
-        judge = self._load_diagnosis()
-        judge.on_observation(observation)
+        self._publisher.load_diagnosis().on_observation(observation)
         for settled in self._tracker.observe(observation):
             self._on_settled(settled)
 
     def _on_settled(self, settled: PairingResult) -> None:
-        judge = self._load_diagnosis()
+        running = self._publisher.load_diagnosis()
         subject = self._handles.on_call(settled) if isinstance(settled, Call) else None
-        self._calls.add(settled, subject)
-        judge.on_settled(settled)
+        self._publisher.calls.add(settled, subject)
+        running.on_settled(settled)
 
     def _open_source(self) -> Iterator[Packet]:
         if self._live is not None:
@@ -176,11 +154,11 @@ class TrafficReader:
         """Let calls time out while no new packets arrive."""
         if self._live is not None and self._live.problem is not None:
             self._source_ended.set()
-        if self._journal.count:
+        if self._publisher.journal.count:
             self._load_diagnosis()
         for settled in self._tracker.expire(self._capture_time()):
             self._on_settled(settled)
-        self._report_if_due()
+        self._publisher.report_if_due(self._observer.end_time)
 
     def _capture_time(self) -> int:
         """Return the present time in ns by the packets' clock, possibly another machine's or long past."""
@@ -189,32 +167,13 @@ class TrafficReader:
             self._last_capture_time, self._last_capture_seen_at = latest, now
         return latest + now - self._last_capture_seen_at
 
-    def _report_if_due(self) -> None:
-        now = time.monotonic()
-        if now - self._last_flush < FLUSH_INTERVAL:
-            return
-        self._flush()
-        send_message(self._reports, self._make_progress(False))
-        self._last_flush = now
-        seen = self._journal.count + self._calls.count
-        if now - self._last_analysis >= ANALYSIS_INTERVAL and seen != self._last_analysis_count:
-            send_message(
-                self._reports, self._load_diagnosis().snapshot(self._observer.end_time, self._job.own_clients)
-            )
-            self._last_analysis, self._last_analysis_count = time.monotonic(), seen
-
-    def _flush(self) -> None:
-        self._journal.flush()
-        self._calls.flush()
-
-    def _make_progress(self, ended: bool, trouble: str = "") -> ReadProgress:
+    def _make_progress(self) -> ReadProgress:
         file = self._file
         return ReadProgress(
             position=file.position if file is not None else 0,
             size=(file.size or 0) if file is not None else 0,
-            ended=ended,
-            problem=trouble,
-            summary=capture_counts_text(self._observer.counts) if ended else "",
+            ended=self._has_ended,
+            problem=self._problem,
             clients=len(self._observer.conversations),
             packets=self._packet_file,
             lost=self._live.lost if self._live is not None else 0,
@@ -235,8 +194,7 @@ class _LiveCapture:
         self.problem: CaptureError | None = None
         self.lost = 0
         self._interface = interface
-        # Unbuffered: a kill loses no packet that was written.
-        self._writer = PcapngWriter(path.open("xb", buffering=0))
+        self._recording = RotatingRecording(path)
 
     def start(self, ended: threading.Event) -> None:
         threading.Thread(target=self._run, args=(ended,), daemon=True, name="capture").start()
@@ -245,7 +203,8 @@ class _LiveCapture:
         try:
             with open_live_capture(self._interface) as capture:
                 for packet in capture:
-                    self._writer.write(packet)
+                    self._recording.recording.write_packet(packet)
+                    self._recording.flush()
                     self.lost = capture.lost
                     if ended.is_set():
                         return

@@ -35,9 +35,18 @@ class RunningDiagnosis:
         self._slave_session_lines: list[str] = []
         self.on_observation = self._diagnosis.on_observation
 
+    @property
+    def diagnosis(self) -> Diagnosis:
+        """The diagnosis, for a caller that gives it observations and calls directly."""
+        return self._diagnosis
+
     def on_settled(self, settled: PairingResult) -> None:
         """Add a settled call, or a reply that belongs to no call."""
         self._diagnosis.on_pairing_result(settled)
+        self.add_statistics(settled)
+
+    def add_statistics(self, settled: PairingResult) -> None:
+        """Add a settled call to the statistics only."""
         if isinstance(settled, Call):
             self._statistics.add_call(settled)
 

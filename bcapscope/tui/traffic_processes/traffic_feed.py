@@ -9,7 +9,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, Any, TypeAlias, cast
+from typing import IO, Any, BinaryIO, TypeAlias, cast
 
 from bcapscope.capture.call_store import CallStore
 from bcapscope.capture.observation_store import ObservationStore
@@ -42,12 +42,35 @@ class SourceProblem:
     reason: str
 
 
+@dataclass(frozen=True, slots=True)
+class PublishedTraffic:
+    """What the watcher of a proxy publishes.
+
+    Attributes:
+        job: What it publishes. The folder is not removed with the feed.
+        reports: Delivers `ReadProgress` and `TrafficAnalysis`.
+    """
+
+    job: ReadJob
+    reports: BinaryIO
+
+
+def watcher_job(folder: Path, recording: Path) -> ReadJob:
+    """Return the job of a proxy's watcher.
+
+    Args:
+        folder: Existing folder without files of another job.
+        recording: The proxy's recording.
+    """
+    return ReadJob(str(folder), str(recording), follow=True, language=spoken())
+
+
 FeedUpdate: TypeAlias = ReadProgress | TrafficAnalysis | SearchMatches | SourceProblem
 FeedListener = Callable[[FeedUpdate], None]
 
 
 class TrafficFeed:
-    """One source of traffic. It starts to read at once and passes reports to listeners in its own thread.
+    """One source of traffic. It passes reports to listeners in its own thread.
 
     Attributes:
         job: What is read.
@@ -66,10 +89,19 @@ class TrafficFeed:
         ports: tuple[int, ...] = (),
         leg: str = "",
         own_clients: bool = False,
+        published: PublishedTraffic | None = None,
     ):
-        """Start to read a capture, finished or growing, or an interface; see `ReadJob`."""
-        self._folder = TemporaryFolder()
-        self.job = ReadJob(str(self._folder.path), path, interface, follow, ports, leg, spoken(), own_clients)
+        """Start to read a capture, finished or growing, or an interface; see `ReadJob`.
+
+        With `published`, read what the watcher of a proxy publishes, and ignore the other arguments.
+        """
+        self._folder: TemporaryFolder | None = None
+        if published is None:
+            self._folder = TemporaryFolder()
+            folder = str(self._folder.path)
+            self.job = ReadJob(folder, path, interface, follow, ports, leg, spoken(), own_clients)
+        else:
+            self.job = published.job
         self.journal: ObservationStore | None = None
         self.calls: CallStore | None = None
         self.progress = ReadProgress()
@@ -77,16 +109,22 @@ class TrafficFeed:
         self._listener: FeedListener | None = None
         self._undelivered: list[FeedUpdate] = []
         self._lock = threading.Lock()
-        self._errors = (self._folder.path / "errors").open("w+b")
-        self._reader = self._start_process("reader_process")
+        self._errors = (Path(self.job.folder) / "errors").open("w+b")
+        self._reader: subprocess.Popen[bytes] | None = None
         self._searcher: subprocess.Popen[bytes] | None = None
         self._generation = 0
         self._threads: list[threading.Thread] = []
-        send_message(_pipe(self._reader.stdin), self.job)
-        self._start_thread(self._read_reports)
+        if published is None:
+            self._reader = self._start_process("reader_process")
+            send_message(_pipe(self._reader.stdin), self.job)
+            self._start_thread(self._read_reports, self._reader.stdout)
+        else:
+            threading.Thread(
+                target=self._read_reports, args=(published.reports,), daemon=True, name="feed"
+            ).start()  # it ends with the proxy, after `close`
 
-    def _start_thread(self, hear: Callable[..., None], *words: object) -> None:
-        thread = threading.Thread(target=hear, args=words, daemon=True, name="feed")
+    def _start_thread(self, target: Callable[..., None], *arguments: object) -> None:
+        thread = threading.Thread(target=target, args=arguments, daemon=True, name="feed")
         self._threads.append(thread)
         thread.start()
 
@@ -119,23 +157,25 @@ class TrafficFeed:
     def open_journal(self) -> bool:
         """Open the journal; return whether it exists yet."""
         if self.journal is None:
+            folder = Path(self.job.folder)
             try:
-                self.journal = ObservationStore(self._folder.path)
-                self.calls = CallStore(self._folder.path, self.journal)
+                self.journal = ObservationStore(folder)
+                self.calls = CallStore(folder, self.journal)
             except OSError:
                 self.journal = None
         return self.journal is not None
 
-    def _read_reports(self) -> None:
-        """Forward the reader's reports, and report if it ends without a final one."""
+    def _read_reports(self, stream: BinaryIO) -> None:
+        """Forward the reports, and report if they end without a final one."""
         ended = False
         kind = cast("type[ReadProgress | TrafficAnalysis]", ReadProgress | TrafficAnalysis)
-        with _pipe(self._reader.stdout) as reports:
+        with stream as reports:
             for message in receive_messages(reports, kind):
                 ended = isinstance(message, ReadProgress) and message.ended
                 self._publish(message)
         if not ended:
-            self._publish(ReadProgress(ended=True, problem=self._last_error_line()))
+            problem = self._last_error_line() if self._reader is not None else ""
+            self._publish(ReadProgress(ended=True, problem=problem, packets=self.job.path))
 
     def _last_error_line(self) -> str:
         self._errors.seek(0)
@@ -144,11 +184,11 @@ class TrafficFeed:
 
     def _publish(self, message: FeedUpdate) -> None:
         with self._lock:
-            tell = self._listener
-            if tell is None:
+            listener = self._listener
+            if listener is None:
                 self._undelivered.append(message)
-        if tell is not None:
-            tell(message)
+        if listener is not None:
+            listener(message)
 
     def search(self, kind: str, expression: str) -> int:
         """Search for rows that match an expression; "" ends the search.
@@ -157,17 +197,17 @@ class TrafficFeed:
             The generation that the search's `SearchMatches` will carry.
         """
         self._generation += 1
-        ask = SearchRequest(self._generation, kind, expression)
+        request = SearchRequest(self._generation, kind, expression)
         if self._searcher is not None and self._searcher.poll() is not None:
             _end_process(self._searcher)
             self._searcher = None
         if self._searcher is None:
             if not expression:
                 return self._generation
-            self._searcher = self._start_process("search_process", str(self._folder.path))
+            self._searcher = self._start_process("search_process", self.job.folder)
             self._start_thread(self._read_matches, self._searcher)
         with suppress(OSError):  # it died just now; the next search starts it again
-            send_message(_pipe(self._searcher.stdin), ask)
+            send_message(_pipe(self._searcher.stdin), request)
         return self._generation
 
     def _read_matches(self, searcher: subprocess.Popen[bytes]) -> None:
@@ -194,7 +234,12 @@ class TrafficFeed:
         return out.decode() if process.returncode == 0 else self._last_error_line()
 
     def stop_reading(self) -> None:
-        """Treat the source as ended; the reader still processes the data that exists."""
+        """Treat the source as ended; the reader still processes the data that exists.
+
+        The watcher of a proxy ends with its relay, and needs no order.
+        """
+        if self._reader is None:
+            return
         with suppress(OSError):  # the process has ended
             _pipe(self._reader.stdin).write(STOP_READING)
             _pipe(self._reader.stdin).flush()
@@ -217,7 +262,8 @@ class TrafficFeed:
         for thread in self._threads:
             thread.join(_END_TIMEOUT)
         self._errors.close()
-        self._folder.close()
+        if self._folder is not None:
+            self._folder.close()
 
 
 def _end_process(process: subprocess.Popen[bytes]) -> None:

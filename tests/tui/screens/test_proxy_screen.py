@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+import msgspec
 import pytest
 from textual.pilot import Pilot
 from textual.widgets import Input, Static
@@ -29,7 +30,7 @@ from bcapscope.tui.proxy_panel.proxy_events import ProxyStateRead
 from bcapscope.tui.proxy_panel.shared_control_client import ProxyState
 from bcapscope.tui.screens.proxy_screen import ProxyScreen
 from bcapscope.tui.screens.traffic_screen import TrafficScreen
-from bcapscope.tui.traffic_processes.traffic_feed import TrafficFeed
+from bcapscope.tui.traffic_processes.traffic_feed import PublishedTraffic, TrafficFeed, watcher_job
 from bcapscope.tui.widgets.view_bar import ViewBar
 from tests.tui.pilot import drive, make, picture, shown, until
 from tests.tui.proxy_panel.proxy_figures import figures
@@ -55,13 +56,14 @@ def simulated(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[int, P
 @contextmanager
 def proxied(folder: Path, to: int, *words: str) -> Iterator[tuple[BcapApp, ProxyScreen, ChildProcess, int]]:
     """Make the application with a proxy and its traffic."""
-    record = folder / "proxy.pcapng"
+    job = watcher_job(folder, folder / "proxy.pcapng")
     control = ("--control", "127.0.0.1:0")
-    spec = ("--listen", "127.0.0.1:0", "--to", f"127.0.0.1:{to}", "--record", str(record), "--quiet")
-    child = ChildProcess("proxy", *spec, *control, *words)
+    spec = ("--listen", "127.0.0.1:0", "--to", f"127.0.0.1:{to}", "--record", job.path, "--quiet")
+    publish = ("--publish", msgspec.json.encode(job).decode())
+    child = ChildProcess("proxy", *spec, *control, *publish, *words)
     try:
         port = int(child.listen_addresses[0].partition(" > ")[0].rpartition(":")[2])
-        feed = TrafficFeed(path=str(record), follow=True, ports=(port,), leg="clients of ")
+        feed = TrafficFeed(published=PublishedTraffic(job, child.hand_over_stdout()))
         place = ProxyScreen(child.control_address, child.listen_addresses[0], feed, child)
         try:
             spots = [

@@ -8,7 +8,9 @@ import threading
 import time
 from array import array
 from collections.abc import Iterator
+from contextlib import contextmanager
 from io import BytesIO
+from itertools import repeat
 from pathlib import Path
 from typing import BinaryIO, cast
 
@@ -17,12 +19,14 @@ import pytest
 from bcapscope.capture.call_store import CallStore
 from bcapscope.capture.capture_file import open_capture
 from bcapscope.capture.observation_store import ObservationStore
+from bcapscope.capture.packet import Interface, Packet
 from bcapscope.render.diagnosis_summary import diagnosis_summary as verdict_line
 from bcapscope.traffic.call import Call
 from bcapscope.traffic.call_verdict import Outcome
 from bcapscope.traffic.filter.field_table import RecordKind
 from bcapscope.tui.ink import strip_styles
 from bcapscope.tui.traffic_processes import reader_process as readings
+from bcapscope.tui.traffic_processes import traffic_publisher
 from bcapscope.tui.traffic_processes.process_messages import (
     ReadJob,
     ReadProgress,
@@ -37,6 +41,7 @@ from bcapscope.tui.traffic_processes.reader_process import TrafficReader
 from bcapscope.tui.traffic_processes.save_process import save_packets
 from bcapscope.tui.traffic_processes.search_process import TrafficSearch
 from tests.analysis.scenes import HOME, ROBOT, Story
+from tests.capture.test_rotating_recording import SmallDisk
 from tests.cli.common.test_call_reading import captured, in_slave_mode
 from tests.cli.run import CAPTURES, run
 from tests.samples.calls import r8s, text
@@ -130,8 +135,8 @@ def test_damage_and_missing_files_are_told(tmp_path: Path) -> None:
 
 
 def test_a_growing_capture_is_judged_again_and_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(readings, "ANALYSIS_INTERVAL", 0.0)
-    monkeypatch.setattr(readings, "FLUSH_INTERVAL", 0.0)
+    monkeypatch.setattr(traffic_publisher, "ANALYSIS_INTERVAL", 0.0)
+    monkeypatch.setattr(traffic_publisher, "FLUSH_INTERVAL", 0.0)
     data = (CAPTURES / "retry-story.pcapng").read_bytes()
     path = tmp_path / "growing.pcapng"
     path.write_bytes(data[: len(data) // 2])
@@ -317,3 +322,29 @@ def test_messages_come_through_a_pipe_that_gives_little_at_a_time() -> None:
     for ask in asks:
         send_message(stream, ask)
     assert list(receive_messages(Slow(stream.getvalue()), SearchRequest)) == asks
+
+
+def test_a_live_capture_on_a_full_disk_ends_with_a_reason_and_a_whole_packet(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    @contextmanager
+    def endless(_: str) -> Iterator[_Endless]:
+        yield _Endless()
+
+    SmallDisk(tmp_path, 5_000, monkeypatch)
+    monkeypatch.setattr(readings, "open_live_capture", endless)
+    live = readings._LiveCapture("eth0", tmp_path / readings.LIVE_FILE)
+    live.start(threading.Event())
+    _wait(lambda: live.problem is not None)
+    assert str(live.problem) == "the packets cannot be kept: No space left on device"
+    with open_capture(live.path) as capture:
+        assert 5 < len(list(capture)) < 20
+
+
+class _Endless:
+    """A live capture that never ends."""
+
+    lost = 0
+
+    def __iter__(self) -> Iterator[Packet]:
+        return repeat((1, bytes(400), 400, Interface(1, "eth0"), ()))

@@ -4,12 +4,20 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
+from io import BytesIO
 from pathlib import Path
 
 import pytest
 
-from bcapscope.tui.traffic_processes.process_messages import ReadProgress, SearchMatches
-from bcapscope.tui.traffic_processes.traffic_feed import FeedUpdate, SourceProblem, TrafficFeed
+from bcapscope.tui.traffic_processes.process_messages import ReadJob, ReadProgress, SearchMatches
+from bcapscope.tui.traffic_processes.reader_process import TrafficReader
+from bcapscope.tui.traffic_processes.traffic_feed import (
+    FeedUpdate,
+    PublishedTraffic,
+    SourceProblem,
+    TrafficFeed,
+    watcher_job,
+)
 from tests.cli.run import CAPTURES
 
 LIMIT = 30.0
@@ -66,6 +74,7 @@ def test_a_feed_reads_searches_saves_and_leaves_nothing_behind(tmp_path: Path, c
 def test_what_was_told_before_anybody_listened_is_told_then() -> None:
     feed = TrafficFeed(path=str(CAPTURES / "retry-story.pcapng"))
     try:
+        assert feed._reader is not None
         feed._reader.wait(LIMIT)
         ear = Ear(feed)
         ear.wait(ended)
@@ -77,6 +86,7 @@ def test_a_reader_that_dies_is_told_of() -> None:
     feed = TrafficFeed(path=str(CAPTURES / "retry-story.pcapng"), follow=True)
     try:
         ear = Ear(feed)
+        assert feed._reader is not None
         feed._reader.kill()
         ear.wait(lambda told: isinstance(told, ReadProgress) and bool(told.problem))
     finally:
@@ -110,5 +120,39 @@ def test_a_source_that_ends_is_read_to_its_end_and_doubted_aloud() -> None:
         assert feed.journal is not None
         assert feed.journal.refresh() == 6
         feed.stop_reading()  # once more, when it has ended
+    finally:
+        feed.close()
+
+
+def test_what_a_watcher_publishes_is_shown_and_searched_without_a_reader(tmp_path: Path) -> None:
+    job = watcher_job(tmp_path, tmp_path / "proxy.pcapng")
+    reports = BytesIO()
+    read = ReadJob(job.folder, str(CAPTURES / "retry-story.pcapng"))
+    TrafficReader(read, reports, threading.Event(), threading.Event()).run()
+    reports.seek(0)
+    feed = TrafficFeed(published=PublishedTraffic(job, reports))
+    try:
+        ear = Ear(feed)
+        ear.wait(ended)
+        assert feed._reader is None
+        assert feed.is_live
+        feed.stop_reading()
+        assert feed.open_journal()
+        assert feed.journal is not None
+        assert feed.journal.refresh() == 6
+        generation = feed.search("frame", "kind == response")
+        ear.wait(lambda told: isinstance(told, SearchMatches) and told.generation == generation)
+    finally:
+        feed.close()
+    assert tmp_path.exists()
+
+
+def test_a_watcher_that_ends_without_a_word_has_ended(tmp_path: Path) -> None:
+    job = watcher_job(tmp_path, tmp_path / "proxy.pcapng")
+    feed = TrafficFeed(published=PublishedTraffic(job, BytesIO()))
+    try:
+        ear = Ear(feed)
+        ear.wait(ended)
+        assert ear.heard == [ReadProgress(ended=True, packets=job.path)]
     finally:
         feed.close()

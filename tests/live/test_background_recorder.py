@@ -13,10 +13,12 @@ from typing import Any
 import pytest
 
 from bcapscope.capture.capture_file import open_capture as captured
-from bcapscope.errors import FileWriteError
-from bcapscope.live import server_recorder as module
-from bcapscope.live.server_recorder import ServerRecorder, create_capture
-from bcapscope.protocol.codec.frame import encode_frame
+from bcapscope.capture.rotating_recording import RotatingRecording
+from bcapscope.live import background_recorder as module
+from bcapscope.live.background_recorder import MAX_WAITING, BackgroundRecorder
+from bcapscope.live.recorder import Recorder
+from bcapscope.protocol.codec.frame import Frame, encode_frame
+from bcapscope.traffic.observation import Conversation, Direction, Endpoint, Flow, Observation, Transport
 from tests.cli.run import run
 
 CLIENT, SERVER = ("10.0.0.2", 50001), ("10.0.0.1", 5007)
@@ -25,7 +27,7 @@ REQUEST, REPLY = encode_frame(7, 0, 2), encode_frame(7, 0, 0)
 
 
 class Disk(RawIOBase):
-    """A disk that takes nothing until it is told to, and then a few bytes at a time."""
+    """A disk that takes nothing but the file header until it is told to, and then a few bytes at a time."""
 
     def __init__(self) -> None:
         self.taken = BytesIO()
@@ -34,7 +36,8 @@ class Disk(RawIOBase):
     def write(self, data: object) -> int:
         """Take some bytes."""
         assert isinstance(data, bytes | memoryview)
-        self.runs.wait(30)
+        if self.taken.tell():
+            self.runs.wait(30)
         return self.taken.write(bytes(data)[:100])
 
     def close(self) -> None:
@@ -49,10 +52,26 @@ def wait_for(condition: Callable[[], bool]) -> None:
         time.sleep(0.001)
 
 
-def catch_up(disk: Disk, recorder: ServerRecorder) -> None:
+def catch_up(disk: Disk, recorder: BackgroundRecorder) -> None:
     """Let a disk run, and wait until it has taken all that waits."""
     disk.runs.set()
-    wait_for(lambda: not recorder._buffer.blocks and not recorder._batch)
+    wait_for(lambda: not recorder._recorder.bytes_pending)
+
+
+MakeRecorder = Callable[..., BackgroundRecorder]
+
+
+@pytest.fixture
+def record_on(monkeypatch: pytest.MonkeyPatch) -> MakeRecorder:
+    """Return a function that makes a recorder whose file is on a given disk."""
+
+    def make(
+        disk: RawIOBase, told: list[str], most_waiting: int = MAX_WAITING, name: str = "a.pcapng"
+    ) -> BackgroundRecorder:
+        monkeypatch.setattr(RotatingRecording, "_create_file", lambda files, path: disk)
+        return BackgroundRecorder(Recorder(Path(name), told.append), most_waiting=most_waiting)
+
+    return make
 
 
 def frames(path: Path, data: bytes) -> tuple[int, str, list[str]]:
@@ -64,7 +83,7 @@ def frames(path: Path, data: bytes) -> tuple[int, str, list[str]]:
 
 def test_what_is_taken_is_written(tmp_path: Path) -> None:
     path, told = tmp_path / "a.pcapng", list[str]()
-    recorder = ServerRecorder(create_capture(path), "a.pcapng", told.append)
+    recorder = BackgroundRecorder(Recorder(path, told.append))
     recorder.on_datagram(CLIENT, SERVER, REQUEST, TIME)
     recorder.on_segment(CLIENT, SERVER, REQUEST, TIME + 1)
     recorder.on_connection_end(CLIENT, SERVER)
@@ -81,7 +100,7 @@ def test_packets_are_made_for_a_while_only_before_the_server_looks_around(
 ) -> None:
     monkeypatch.setattr(module, "_MAKE_FOR_NS", 1)
     path = tmp_path / "a.pcapng"
-    recorder = ServerRecorder(create_capture(path), "a.pcapng", lambda text: None)
+    recorder = BackgroundRecorder(Recorder(path, lambda text: None))
     for number in range(5):
         recorder.on_datagram(CLIENT, SERVER, REQUEST, TIME + number)
     assert recorder.on_idle()
@@ -90,18 +109,11 @@ def test_packets_are_made_for_a_while_only_before_the_server_looks_around(
     assert len(frames(path, path.read_bytes())[2]) == 5
 
 
-@pytest.mark.lifecycle
-def test_a_file_is_never_written_over(tmp_path: Path) -> None:
-    path = tmp_path / "a.pcapng"
-    path.write_bytes(b"mine")
-    with pytest.raises(FileWriteError, match="file exists"):
-        create_capture(path)
-    assert path.read_bytes() == b"mine"
-
-
-def test_a_stuck_disk_holds_nobody_up_and_what_is_missing_is_told_and_noted(tmp_path: Path) -> None:
+def test_a_stuck_disk_holds_nobody_up_and_what_is_missing_is_told_and_noted(
+    tmp_path: Path, record_on: MakeRecorder
+) -> None:
     disk, told = Disk(), list[str]()
-    recorder = ServerRecorder(disk, "a.pcapng", told.append, most_waiting=50_000)
+    recorder = record_on(disk, told, most_waiting=50_000)
     began = time.monotonic()
     for number in range(1000):
         recorder.on_datagram(CLIENT, SERVER, REQUEST, TIME + number)
@@ -120,9 +132,9 @@ def test_a_stuck_disk_holds_nobody_up_and_what_is_missing_is_told_and_noted(tmp_
     assert comment.encode() in disk.taken.getvalue()
 
 
-def test_bytes_of_a_connection_that_are_missing_are_a_gap(tmp_path: Path) -> None:
+def test_bytes_of_a_connection_that_are_missing_are_a_gap(tmp_path: Path, record_on: MakeRecorder) -> None:
     disk, told = Disk(), list[str]()
-    recorder = ServerRecorder(disk, "a.pcapng", told.append, most_waiting=5_000)
+    recorder = record_on(disk, told, most_waiting=5_000)
     for number in range(100):
         recorder.on_segment(CLIENT, SERVER, REQUEST, TIME + number)
         recorder.on_idle()
@@ -139,7 +151,7 @@ def test_bytes_of_a_connection_that_are_missing_are_a_gap(tmp_path: Path) -> Non
 
 def test_the_ends_of_a_connection_are_written_if_the_rest_is(tmp_path: Path) -> None:
     path, told = tmp_path / "a.pcapng", list[str]()
-    recorder = ServerRecorder(create_capture(path), "a.pcapng", told.append)
+    recorder = BackgroundRecorder(Recorder(path, told.append))
     recorder.on_stream_end(CLIENT, SERVER, TIME)
     recorder.on_segment(CLIENT, SERVER, REQUEST, TIME + 1)
     recorder.on_stream_end(CLIENT, SERVER, TIME + 2)
@@ -151,9 +163,9 @@ def test_the_ends_of_a_connection_are_written_if_the_rest_is(tmp_path: Path) -> 
         assert [(packet[0] - TIME, packet[1][33]) for packet in capture] == [(1, 24), (2, 17), (3, 20)]
 
 
-def test_a_connection_that_ended_unseen_is_forgotten() -> None:
+def test_a_connection_that_ended_unseen_is_forgotten(record_on: MakeRecorder) -> None:
     disk = Disk()
-    recorder = ServerRecorder(disk, "a.pcapng", lambda text: None, most_waiting=5_000)
+    recorder = record_on(disk, [], most_waiting=5_000)
     for number in range(100):
         recorder.on_segment(CLIENT, SERVER, REQUEST, TIME + number)
         recorder.on_idle()
@@ -168,10 +180,12 @@ def test_a_connection_that_ended_unseen_is_forgotten() -> None:
     recorder.close()
 
 
-def test_a_disk_that_is_stuck_for_good_does_not_hold_up_the_end(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_disk_that_is_stuck_for_good_does_not_hold_up_the_end(
+    monkeypatch: pytest.MonkeyPatch, record_on: MakeRecorder
+) -> None:
     monkeypatch.setattr(module, "_ENDS_WITHIN", 0.05)
     disk, told = Disk(), list[str]()
-    recorder = ServerRecorder(disk, "a.pcapng", told.append)
+    recorder = record_on(disk, told)
     for _ in range(3):
         recorder.on_datagram(CLIENT, SERVER, REQUEST, TIME)
         recorder.on_idle()
@@ -180,11 +194,25 @@ def test_a_disk_that_is_stuck_for_good_does_not_hold_up_the_end(monkeypatch: pyt
     disk.runs.set()
 
 
-@pytest.mark.lifecycle
-@pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no disk that is always full")
-def test_a_full_disk_is_told_once_and_the_rest_goes_on() -> None:
+class SmallDisk(FileIO):
+    """A file on a disk with room for so many bytes."""
+
+    def __init__(self, path: Path, size: int) -> None:
+        super().__init__(path, "x")
+        self.size = size
+
+    def write(self, data: Any, /) -> int:
+        room = self.size - self.tell()
+        if not room:
+            raise OSError(errno.ENOSPC, "No space left on device")
+        return super().write(data[:room])
+
+
+def test_a_full_disk_is_told_once_and_the_rest_goes_on(tmp_path: Path, record_on: MakeRecorder) -> None:
     told = list[str]()
-    recorder = ServerRecorder(FileIO("/dev/full", "w"), "a\x1b.pcapng", told.append)
+    recorder = record_on(SmallDisk(tmp_path / "a.pcapng", 28), told, name="a\x1b.pcapng")
+    recorder.on_datagram(CLIENT, SERVER, REQUEST, TIME)
+    recorder.on_idle()
     wait_for(lambda: bool(told))
     for _ in range(3):
         recorder.on_datagram(CLIENT, SERVER, REQUEST, TIME)
@@ -192,21 +220,14 @@ def test_a_full_disk_is_told_once_and_the_rest_goes_on() -> None:
         recorder.on_connection_end(CLIENT, SERVER)
         recorder.on_idle()
     assert not recorder._steps
-    assert not recorder._buffer.blocks
+    assert not recorder._recorder.bytes_pending
     assert not recorder.close()
     assert told == ["a\\x1b.pcapng is not written any more: no space left on device"]
 
 
-def test_a_capture_on_a_full_disk_ends_with_a_whole_packet(tmp_path: Path) -> None:
-    class SmallDisk(FileIO):
-        def write(self, data: Any, /) -> int:
-            room = 5001 - self.tell()
-            if not room:
-                raise OSError(errno.ENOSPC, "No space left on device")
-            return super().write(data[:room])
-
+def test_a_capture_on_a_full_disk_ends_with_a_whole_packet(tmp_path: Path, record_on: MakeRecorder) -> None:
     told = list[str]()
-    recorder = ServerRecorder(SmallDisk(tmp_path / "a.pcapng", "x"), "a.pcapng", told.append)
+    recorder = record_on(SmallDisk(tmp_path / "a.pcapng", 5001), told)
     while not told:
         recorder.on_datagram(CLIENT, SERVER, REQUEST, TIME)
         recorder.on_idle()
@@ -214,3 +235,24 @@ def test_a_capture_on_a_full_disk_ends_with_a_whole_packet(tmp_path: Path) -> No
     assert not recorder.close()
     with captured(str(tmp_path / "a.pcapng")) as capture:
         assert len(list(capture)) > 10
+
+
+def seen(transport: Transport, direction: Direction, number: int) -> Observation:
+    conversation = Conversation(Endpoint(*CLIENT), Endpoint(*SERVER), transport, "")
+    item = Frame(encode_frame(number, 0, 1 if direction is Direction.REQUEST else 0))
+    return Observation(number, TIME + number, TIME + number, Flow(conversation, direction), item, 0)
+
+
+@pytest.mark.parametrize("transport", [Transport.UDP, Transport.TCP])
+def test_what_passed_is_read_as_it_was(tmp_path: Path, transport: Transport) -> None:
+    recorder = BackgroundRecorder(Recorder(tmp_path / "a.pcapng", lambda text: None))
+    for number in range(1, 4):
+        for direction in Direction:
+            recorder.on_observation(seen(transport, direction, number))
+    wait_for(lambda: not recorder._recorder.bytes_pending)
+    lines = run("calls", tmp_path / "a.pcapng").lines
+    assert len(lines) == 3
+    assert all("Service_Start" in line and "S_OK" in line and str(transport) in line for line in lines)
+    recorder.close()
+    recorder.on_observation(seen(transport, Direction.REQUEST, 9))
+    assert len(run("calls", tmp_path / "a.pcapng").lines) == 3

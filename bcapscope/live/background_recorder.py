@@ -1,6 +1,6 @@
-"""A capture of a server's traffic, written by a thread of its own so that no client waits for a disk.
+"""Records traffic of this process, such as a server's, with a thread that writes to the disk.
 
-The server's thread encodes packets after it has answered the client. Encoding in a second thread would take
+The caller's thread encodes packets, after it has answered the client. Encoding in a second thread would take
 the interpreter from the first and cost milliseconds. The recorder's thread only waits for the disk.
 """
 
@@ -10,23 +10,18 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable
-from contextlib import suppress
-from io import RawIOBase
-from pathlib import Path
-from typing import Any, BinaryIO, TypeAlias
+from typing import TypeAlias
 
-from bcapscope.capture.append_log import write_all
-from bcapscope.capture.pcapng_writer import is_packet_block
 from bcapscope.capture.socket_recording import Address, SocketRecording
-from bcapscope.errors import FileWriteError
+from bcapscope.live.recorder import Recorder
 from bcapscope.protocol.text_format import counted
-from bcapscope.render.escape import printable
+from bcapscope.traffic.observation import Observation, Transport
 
 MAX_WAITING = 16 << 20
 """Bytes that may wait for the disk, overhead included. Beyond that, packets are left out and counted."""
 
-_PACKET_OVERHEAD = 512
-"""Bytes of memory that a packet needs besides its data."""
+_STEP_OVERHEAD = 512
+"""Bytes of memory that a packet needs, besides its data, before it is encoded."""
 
 _WRITE_INTERVAL = 0.02
 """Seconds between writes to the disk."""
@@ -41,78 +36,39 @@ _WriteStep: TypeAlias = Callable[[SocketRecording], None]
 _Direction: TypeAlias = tuple[Address, Address]
 
 
-def create_capture(path: Path) -> BinaryIO | RawIOBase:
-    """Create a capture file. It is unbuffered, so that a kill loses nothing that was written.
+class BackgroundRecorder:
+    """Records without delaying the caller. It counts and reports packets that it cannot write in time.
 
-    Raises:
-        FileWriteError: The file exists already, or cannot be created.
-    """
-    try:
-        return path.open("xb", buffering=0)
-    except OSError as error:
-        raise FileWriteError(path, (error.strerror or str(error)).lower()) from None
-
-
-class _BlockBuffer(RawIOBase):
-    """Encoded packets that wait for the writing thread.
-
-    Attributes:
-        blocks: Blocks in the order of writing.
-        size: Total of all bytes ever written, plus `_PACKET_OVERHEAD` for each write.
+    All methods except `on_observation` run in one thread.
     """
 
-    def __init__(self) -> None:
-        self.blocks: deque[bytes] = deque()
-        self.size = 0
-
-    def write(self, data: Any) -> int:
-        """Append one block."""
-        self.blocks.append(bytes(data))
-        self.size += len(data) + _PACKET_OVERHEAD
-        return len(data)
-
-
-class ServerRecorder:
-    """Writes a capture without delaying the server. It counts and reports packets that it cannot write in
-    time.
-
-    All methods except the writing thread's run in the server's thread.
-    """
-
-    def __init__(
-        self,
-        file: BinaryIO | RawIOBase,
-        name: str,
-        warn: Callable[[str], None],
-        *,
-        most_waiting: int = MAX_WAITING,
-    ) -> None:
+    def __init__(self, recorder: Recorder, *, most_waiting: int = MAX_WAITING) -> None:
         """Start the writing thread.
 
         Args:
-            file: Unbuffered file to write to.
-            name: Name of the file, for messages.
-            warn: Called with a message. It must not block.
+            recorder: Where to record; not a ring.
             most_waiting: Bytes that may wait for the disk.
         """
-        self._file = file
-        self._name = printable(name)
-        self._warn = warn
+        self._recorder = recorder
         self._most_waiting = most_waiting
-        self._buffer = _BlockBuffer()
-        self._recording = SocketRecording(self._buffer)
         self._steps: deque[tuple[int, _WriteStep]] = deque()
-        self._batch: list[bytes] = []
-        self._queued_size = self._written_size = 0
+        self._queued_size = 0
         self._skipped = self._lost = 0
         self._recorded_directions: set[_Direction] = set()
         self._gap_bytes: dict[_Direction, int] = {}
         self._delayed_steps: list[_WriteStep] = []
-        self._failed = False
+        self._lock = threading.Lock()
         self._has_work, self._is_closing = threading.Event(), threading.Event()
-        self._thread = threading.Thread(target=self._write_blocks, name="recorder", daemon=True)
+        self._thread = threading.Thread(target=self._write_to_disk, name="recorder", daemon=True)
         self._thread.start()
-        self._has_work.set()
+
+    def on_observation(self, observation: Observation) -> None:
+        """Record a frame that this program's client sent or received. Any thread may call this."""
+        flow = observation.flow
+        add = self.on_segment if flow.conversation.transport is Transport.TCP else self.on_datagram
+        with self._lock:
+            add(flow.src, flow.dst, observation.item.raw, observation.time)
+            self.on_idle()
 
     def on_datagram(self, source: Address, target: Address, data: bytes, time: int) -> None:
         """Record a UDP datagram."""
@@ -125,16 +81,16 @@ class ServerRecorder:
 
     def on_segment(self, source: Address, target: Address, data: bytes, time: int) -> None:
         """Record bytes of a TCP connection."""
-        way = (source, target)
+        direction = (source, target)
         if self._has_room(len(data)):
             comment = self._end_gap()
-            self._recorded_directions.add(way)
+            self._recorded_directions.add(direction)
             self._queue_step(
                 len(data),
                 lambda recording: recording.write_segment(source, target, data, time, comment=comment),
             )
-        elif way in self._recorded_directions:
-            self._gap_bytes[way] = self._gap_bytes.get(way, 0) + len(data)
+        elif direction in self._recorded_directions:
+            self._gap_bytes[direction] = self._gap_bytes.get(direction, 0) + len(data)
 
     def on_stream_end(self, source: Address, target: Address, time: int, *, reset: bool = False) -> None:
         """Record that one end has closed a TCP connection, if any of its bytes are recorded."""
@@ -150,21 +106,21 @@ class ServerRecorder:
             )
 
     def on_connection_end(self, client: Address, server: Address) -> None:
-        """Forget a TCP connection."""
-        ways = {(client, server), (server, client)} & self._recorded_directions
-        if not ways or self._failed:
+        """Drop the state of a TCP connection."""
+        directions = {(client, server), (server, client)} & self._recorded_directions
+        if not directions or not self._recorder.is_complete:
             return
-        self._recorded_directions -= ways
-        for way in ways:
-            self._gap_bytes.pop(way, None)
+        self._recorded_directions -= directions
+        for direction in directions:
+            self._gap_bytes.pop(direction, None)
 
-        def forget(recording: SocketRecording) -> None:
+        def drop(recording: SocketRecording) -> None:
             recording.drop_connection(client, server)
 
         if self._skipped:
-            self._delayed_steps.append(forget)
+            self._delayed_steps.append(drop)
         else:
-            self._queue_step(0, forget)
+            self._queue_step(0, drop)
 
     def on_idle(self) -> bool:
         """Encode waiting packets and wake the writing thread. Call this once all requests are answered.
@@ -183,7 +139,7 @@ class ServerRecorder:
         while steps and time.monotonic_ns() < until:
             size, step = steps.popleft()
             self._queued_size -= size
-            step(self._recording)
+            step(self._recorder.packets)
         if not self._has_work.is_set():
             self._has_work.set()
         return bool(steps)
@@ -195,26 +151,28 @@ class ServerRecorder:
         self._has_work.set()
         self._thread.join(_ENDS_WITHIN)
         if not self._thread.is_alive():
-            self._file.close()
-        elif not self._failed:
-            self._lost += sum(map(is_packet_block, (*self._batch, *self._buffer.blocks)))
-        self._lost += len(self._steps)
-        self._lost += self._skipped
+            self._recorder.close()
+        elif self._recorder.is_complete:
+            self._lost += self._recorder.packets_pending
+        self._lost += len(self._steps) + self._skipped
         if self._lost:
-            self._warn(f"{self._name} lacks {counted(self._lost, 'packet')}: it was not written fast enough")
-        return not self._lost and not self._failed
+            lost = counted(self._lost, "packet")
+            self._recorder.warn(f"{self._recorder.name} lacks {lost}: it was not written fast enough")
+        return not self._lost and self._recorder.is_complete
 
     def _has_room(self, size: int) -> bool:
-        if self._failed:
+        if not self._recorder.is_complete:
             return False
-        waiting = self._queued_size + self._buffer.size - self._written_size
+        waiting = self._queued_size + self._recorder.bytes_pending
         # After a loss, half of the room must be free again: one long gap is better than many short ones.
-        if waiting + size + _PACKET_OVERHEAD <= (
+        if waiting + size + _STEP_OVERHEAD <= (
             self._most_waiting // 2 if self._skipped else self._most_waiting
         ):
             return True
         if not self._skipped and not self._lost:
-            self._warn(f"{self._name} is not written fast enough: packets are missing in it from now on")
+            self._recorder.warn(
+                f"{self._recorder.name} is not written fast enough: packets are missing in it from now on"
+            )
         self._skipped += 1
         return False
 
@@ -230,32 +188,19 @@ class ServerRecorder:
         return f"{counted(missing, 'packet')} before this one could not be written in time"
 
     def _queue_step(self, size: int, step: _WriteStep) -> None:
-        self._steps.append((size + _PACKET_OVERHEAD, step))
-        self._queued_size += size + _PACKET_OVERHEAD
+        self._steps.append((size + _STEP_OVERHEAD, step))
+        self._queued_size += size + _STEP_OVERHEAD
 
-    def _write_blocks(self) -> None:
-        blocks, size = self._buffer.blocks, 0
-        try:
-            while not self._is_closing.is_set() or blocks:
-                self._has_work.wait()
-                self._has_work.clear()
-                self._batch = [blocks.popleft() for _ in range(len(blocks))]
-                data = b"".join(self._batch)
-                write_all(self._file, data)
-                size += len(data)
-                self._written_size += len(data) + len(self._batch) * _PACKET_OVERHEAD
-                self._batch = []
-                self._is_closing.wait(_WRITE_INTERVAL)
-        except OSError as error:
-            self._failed = True
-            with suppress(OSError):
-                self._file.truncate(size)  # so that it ends with a whole packet
-            self._warn(f"{self._name} is not written any more: {(error.strerror or str(error)).lower()}")
-            blocks.clear()
+    def _write_to_disk(self) -> None:
+        while not self._is_closing.wait(_WRITE_INTERVAL):
+            self._has_work.wait()
+            self._has_work.clear()
+            self._recorder.flush()
+        self._recorder.flush()
 
 
 def _write_gap(recording: SocketRecording, late: list[_WriteStep], gaps: dict[_Direction, int]) -> None:
     for step in late:
         step(recording)
-    for way, size in gaps.items():
-        recording.skip_bytes(*way, size)
+    for direction, size in gaps.items():
+        recording.skip_bytes(*direction, size)

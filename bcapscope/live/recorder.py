@@ -1,0 +1,93 @@
+"""The recorder of everything that runs beside the user: proxy, simulator, Tester and live capture."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from bcapscope.capture.rotating_recording import RotatingRecording, RotationLimits
+from bcapscope.errors import FileWriteError
+from bcapscope.render.escape import printable
+
+
+class Recorder:
+    """A recording that never stops its program: if the disk fails, it warns once and drops later packets.
+
+    Attributes:
+        packets: Writes packets; `flush` makes them visible in the file. It raises nothing.
+        is_ring: Whether the recording is a ring of files.
+        is_complete: False once a file could not be written.
+        name: Path of the recording, for messages.
+        warn: Reports a message to the user.
+    """
+
+    def __init__(self, path: Path, warn: Callable[[str], None], ring: RotationLimits | None = None) -> None:
+        """Create the file.
+
+        Args:
+            path: New file. The files of a ring add a number and a time to its name.
+            warn: Called with a message. It must not block.
+            ring: Limits of a ring of files; None for a single file.
+
+        Raises:
+            FileWriteError: The file exists already, or cannot be written.
+        """
+        try:
+            self._files = RotatingRecording(path, ring)
+        except OSError as error:
+            raise FileWriteError(path, _reason(error)) from None
+        self.packets = self._files.recording
+        self.is_ring = ring is not None
+        self.is_complete = True
+        self.name = printable(str(path))
+        self.warn = warn
+        self._has_warned_full = False
+
+    @property
+    def bytes_pending(self) -> int:
+        """Bytes of memory that packets take that are not flushed yet."""
+        return self._files.bytes_pending
+
+    @property
+    def packets_pending(self) -> int:
+        """Number of packets that are not flushed yet, if each was written on its own."""
+        return self._files.packets_pending
+
+    def begin_packet(self) -> bool:
+        """Begin the next file of a ring if the current one is full. Call this before each packet of a ring.
+
+        Returns:
+            Whether a new file began.
+        """
+        try:
+            return self.is_complete and self._files.rotate_if_full()
+        except OSError as error:
+            self._give_up(error)
+            return False
+
+    def flush(self) -> None:
+        """Write all pending packets to the file."""
+        if not self.is_complete:
+            return
+        try:
+            self._files.flush()
+        except OSError as error:
+            self._give_up(error)
+            return
+        if self._files.files_freed and not self._has_warned_full:
+            self._has_warned_full = True
+            self.warn(f"the disk is full: the recording {self.name} removes its oldest files early")
+
+    def close(self) -> None:
+        """Write all pending packets and close the file."""
+        self.flush()
+        self._files.close()
+
+    def _give_up(self, error: OSError) -> None:
+        self.is_complete = False
+        self._files.close()
+        self.warn(f"{self.name} is not written any more: {_reason(error)}")
+
+
+def _reason(error: OSError) -> str:
+    return (error.strerror or str(error)).lower()

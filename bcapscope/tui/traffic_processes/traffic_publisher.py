@@ -1,0 +1,105 @@
+"""Traffic for the screen, from the process that reads it: files of frames and calls, and reports."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from bcapscope.capture.call_store import CallStoreWriter
+from bcapscope.capture.observation_store import ObservationStoreWriter
+from bcapscope.tui.traffic_processes.process_messages import ReadJob, ReadProgress, TrafficAnalysis
+
+if TYPE_CHECKING:
+    from bcapscope.tui.traffic_processes.running_diagnosis import RunningDiagnosis
+
+FLUSH_INTERVAL = 0.1
+"""Seconds between two reports of new frames; drawing them delays keys."""
+
+ANALYSIS_INTERVAL = 1.5
+"""Seconds between two reports of the analysis."""
+
+
+class TrafficPublisher:
+    """Publishes the traffic of one source.
+
+    Attributes:
+        journal: Receives all frames.
+        calls: Receives all settled calls.
+    """
+
+    def __init__(
+        self,
+        job: ReadJob,
+        send: Callable[[ReadProgress | TrafficAnalysis], object],
+        make_progress: Callable[[], ReadProgress],
+    ) -> None:
+        """Create the files.
+
+        Args:
+            job: What is read, and the folder for the files.
+            send: Sends a report to the screen.
+            make_progress: Returns the progress of reading.
+
+        Raises:
+            OSError: The files cannot be created.
+        """
+        folder = Path(job.folder)
+        self.journal = ObservationStoreWriter(folder)
+        self.calls = CallStoreWriter(folder)
+        self._job = job
+        self._send = send
+        self._make_progress = make_progress
+        self._diagnosis: RunningDiagnosis | None = None
+        self._last_flush = self._last_analysis = time.monotonic()
+        self._last_analysis_count = 0
+
+    @property
+    def has_diagnosis(self) -> bool:
+        """Whether the diagnosis is loaded. Loading it first would delay the first frames."""
+        return self._diagnosis is not None
+
+    def load_diagnosis(self) -> RunningDiagnosis:
+        """Return the diagnosis of the traffic so far, after loading it if necessary."""
+        if self._diagnosis is None:
+            from bcapscope.tui.traffic_processes.running_diagnosis import RunningDiagnosis  # noqa: PLC0415 - see has_diagnosis
+            from bcapscope.messages import Language  # noqa: PLC0415 - likewise
+            from bcapscope.tui.words import tongue  # noqa: PLC0415 - likewise
+
+            self._diagnosis = RunningDiagnosis(tongue(Language(self._job.language)))
+        return self._diagnosis
+
+    def report_progress(self) -> None:
+        """Make all frames and calls visible to the screen, and report that."""
+        self.journal.flush()
+        self.calls.flush()
+        self._send(self._make_progress())
+        self._last_flush = time.monotonic()
+
+    def report_if_due(self, end_time: int) -> None:
+        """Report progress, and more rarely the analysis.
+
+        Args:
+            end_time: Assumed end of the traffic, ns since 1970.
+        """
+        now = time.monotonic()
+        if now - self._last_flush < FLUSH_INTERVAL:
+            return
+        self.report_progress()
+        seen = self.journal.count + self.calls.count
+        if now - self._last_analysis >= ANALYSIS_INTERVAL and seen != self._last_analysis_count:
+            self._send(self.load_diagnosis().snapshot(end_time, self._job.own_clients))
+            self._last_analysis, self._last_analysis_count = time.monotonic(), seen
+
+    def report_end(self, end_time: int) -> None:
+        """Report the last analysis, then the last progress."""
+        self.journal.flush()
+        self.calls.flush()
+        self._send(self.load_diagnosis().snapshot(end_time, self._job.own_clients))
+        self._send(self._make_progress())
+
+    def close(self) -> None:
+        """Close the files."""
+        self.journal.close()
+        self.calls.close()

@@ -1,0 +1,137 @@
+"""What the watcher of a proxy does for the screen that started the proxy.
+
+The screen reads frames and calls from files, as it reads those of the reader process. Reports go to standard
+output, which the relay shares. The relay first writes its addresses there, and accepts clients afterwards;
+therefore there are no reports before the first client.
+"""
+
+from __future__ import annotations
+
+import io
+import threading
+from contextlib import suppress
+
+from bcapscope.analysis.diagnosis import Diagnosis
+from bcapscope.render.escape import printable
+from bcapscope.traffic.call import PairingResult
+from bcapscope.traffic.call_kind import RecentRequests
+from bcapscope.traffic.handle_tracker import TrackedObject
+from bcapscope.traffic.observation import Observation
+from bcapscope.tui.traffic_processes.process_messages import (
+    ReadJob,
+    ReadProgress,
+    TrafficAnalysis,
+    send_message,
+)
+from bcapscope.tui.traffic_processes.traffic_publisher import TrafficPublisher
+
+_SENT_WITHIN = 2.0
+"""Seconds for sending the last reports."""
+
+
+class ReportSender:
+    """Sends reports in a thread, so that a screen that stands still delays nothing.
+
+    A report that has not been sent yet is replaced by the next one of its kind.
+    """
+
+    def __init__(self, stream: io.RawIOBase) -> None:
+        """Start the thread; `stream` is unbuffered."""
+        self._stream = stream
+        self._waiting: dict[type, ReadProgress | TrafficAnalysis] = {}
+        self._changed = threading.Condition()
+        self._is_closing = False
+        self._thread = threading.Thread(target=self._run, name="reports", daemon=True)
+        self._thread.start()
+
+    def send(self, report: ReadProgress | TrafficAnalysis) -> None:
+        """Queue a report."""
+        with self._changed:
+            self._waiting.pop(type(report), None)  # the new report is the last in the order of sending
+            self._waiting[type(report)] = report
+            self._changed.notify()
+
+    def close(self) -> None:
+        """Send the remaining reports, as far as the time limit allows."""
+        with self._changed:
+            self._is_closing = True
+            self._changed.notify()
+        self._thread.join(_SENT_WITHIN)
+
+    def _run(self) -> None:
+        is_last = False
+        with suppress(OSError):  # the screen has gone
+            while not is_last:
+                with self._changed:
+                    self._changed.wait_for(lambda: self._waiting or self._is_closing)
+                    reports, self._waiting = self._waiting, {}
+                    is_last = self._is_closing
+                for report in reports.values():
+                    send_message(self._stream, report)
+
+
+class WatcherPublisher:
+    """Publishes what the watcher decodes. If a file cannot be written, it reports that and stops.
+
+    Attributes:
+        diagnosis: The watcher's diagnosis.
+    """
+
+    def __init__(self, job: ReadJob, sender: ReportSender) -> None:
+        """Create the files.
+
+        Raises:
+            OSError: The files cannot be created.
+        """
+        self._recording = job.path
+        self._sender = sender
+        self._publisher = TrafficPublisher(job, sender.send, self._make_progress)
+        self._running = self._publisher.load_diagnosis()
+        self.diagnosis: Diagnosis = self._running.diagnosis
+        self._call_kind_of = RecentRequests().kind_of
+        self._client_count = 0
+        self._has_ended, self._problem = False, ""
+
+    def on_frame(self, observation: Observation, note: str) -> None:
+        """Publish a frame, with a note of what a rule did to it."""
+        kind = self._call_kind_of(observation)
+        if not self._has_ended:
+            try:
+                self._publisher.journal.add(observation, kind, (note,) if note else ())
+            except OSError as error:
+                self._give_up(error)
+
+    def on_settled(self, settled: PairingResult, subject: TrackedObject | None) -> None:
+        """Publish a settled call, or a reply that belongs to no call."""
+        self._running.add_statistics(settled)
+        if not self._has_ended:
+            self._publisher.calls.add(settled, subject)
+
+    def report_if_due(self, client_count: int) -> None:
+        """Report what is new, if the last report is long enough ago."""
+        self._client_count = client_count
+        if client_count and not self._has_ended:
+            try:
+                self._publisher.report_if_due(0)
+            except OSError as error:
+                self._give_up(error)
+
+    def close(self, end_time: int) -> None:
+        """Report the end of the traffic, which was at `end_time` (ns since 1970), and close the files."""
+        if self._client_count and not self._has_ended:
+            self._has_ended = True
+            try:
+                self._publisher.report_end(end_time)
+            except OSError as error:
+                self._give_up(error)
+        self._sender.close()
+        self._publisher.close()
+
+    def _give_up(self, error: OSError) -> None:
+        self._has_ended, self._problem = True, printable(f"{error.strerror or error}")
+        self._sender.send(self._make_progress())
+
+    def _make_progress(self) -> ReadProgress:
+        return ReadProgress(
+            ended=self._has_ended, problem=self._problem, clients=self._client_count, packets=self._recording
+        )
