@@ -56,7 +56,7 @@ def test_a_place_that_was_not_given_stays_visible() -> None:
 
 
 def test_values_are_never_taken_for_places() -> None:
-    assert str(Message("traffic.trouble", reason="{0} {x}")) == "Reading ended: {0} {x}"
+    assert str(Message("traffic.reading-ended", reason="{0} {x}")) == "Reading ended: {0} {x}"
 
 
 def test_counts_follow_the_language() -> None:

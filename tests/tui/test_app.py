@@ -162,7 +162,7 @@ def test_ctrl_c_tells_how_to_end() -> None:
     async def act(pilot: Pilot[None]) -> None:
         await pilot.press("ctrl+c")
         (note,) = made._notifications
-        assert note.message == "Ctrl-Q ends"
+        assert note.message == "Ctrl-Q quits"
 
     spots = (ScreenEntry("there", "f3", "shell.keys", _There),)
     drive(made := make(*spots), act)

@@ -128,7 +128,7 @@ def test_a_call_that_is_not_answered_can_be_given_up(tmp_path: Path) -> None:
             await execute(pilot, "slvGetMode")
             await answered(pilot, RESULT, "waiting")
             await pilot.press("escape")
-            await answered(pilot, RESULT, "given up")
+            await answered(pilot, RESULT, "cancelled")
             await finish(pilot)
 
         drive(make_tester(tmp_path, "127.0.0.1", server.port), act)
@@ -166,12 +166,12 @@ def test_nobody_there_and_wrong_fields_are_told(tmp_path: Path) -> None:
         here.query_one("#option", Input).value = "Timeout=abc"
         assert isinstance(panel.wanted_connection(), str)
         assert "F5 Connect" in sight(pilot)
-        await until(pilot, lambda: "1 to 600000 is expected" in sight(pilot))
+        await until(pilot, lambda: "expected a whole number from 1 to 600000" in sight(pilot))
         here.query_one("#option", Input).value = "Timeout=50,Retry=1"
         here.query_one("#host", Input).value = "127.0.0.1:9"  # goes before what stands in the port's field
         here.query_one("#port", Input).value = "10"
         await pilot.press("f5")
-        await until(pilot, lambda: "no answer to 2 tries" in sight(pilot))
+        await until(pilot, lambda: "no reply to 2 attempts" in sight(pilot))
         assert "✗ service" in sight(pilot)
         await until(pilot, lambda: not here.query_one("#connect", Button).disabled)
         assert here.query_one("#port", Input).value == "9"

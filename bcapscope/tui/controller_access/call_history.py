@@ -20,7 +20,7 @@ from bcapscope.traffic.filter.field_table import RecordKind
 from bcapscope.traffic.filter.getters import CALL_GETTERS
 from bcapscope.traffic.tracker import Tracker
 from bcapscope.tui.controller_access.history_record import HistoryRecord, Initiator, failure_text
-from bcapscope.tui.words import told
+from bcapscope.tui.reader_language import localized
 
 _PLAIN_WORDS = re.compile(r"[\w\s.@:-]*")
 """Text without any character that only an expression of the filter language needs."""
@@ -42,7 +42,7 @@ def history_line(record: HistoryRecord, palette: Palette) -> str:
     head = f"{record.number:>5} {utc_text(record.began)[11:23]} {_INITIATOR_MARKS[record.initiator]}"
     name = f"{call_name(record.function_id, record.arguments)}{_subject_text(record)}{_argument_text(record)}"
     if record.reply is not None:
-        text = ReplyRenderer(palette, told).line(
+        text = ReplyRenderer(palette, localized).line(
             name, record.function_id, record.reply, record.took, record.attempts
         )
     else:

@@ -8,11 +8,12 @@ from enum import StrEnum
 from bcapscope.client.controller_target import os_error_text
 from bcapscope.client.handle_table import ObjectHandle
 from bcapscope.errors import Attempt, BcapError
+from bcapscope.messages.places import Count
 from bcapscope.protocol.codec.frame import Frame
 from bcapscope.protocol.codec.variant import Variant
 from bcapscope.protocol.tables.hresult import describe_hresult, hresult_name
 from bcapscope.traffic.observation import Direction, Observation
-from bcapscope.tui.words import say, told
+from bcapscope.tui.reader_language import label, localized, reader_words
 
 
 class RecordOutcome(StrEnum):
@@ -92,16 +93,15 @@ class HistoryRecord:
 def error_text(error: BcapError | OSError) -> str:
     """Return an error in one line; the record of a call shows the attempts of a time-out."""
     if isinstance(error, OSError) and not isinstance(error, BcapError):
-        return told(os_error_text(error))
-    return told(str(error).partition("\n")[0])
+        return localized(os_error_text(error))
+    return localized(str(error).partition("\n")[0])
 
 
 def failure_text(record: HistoryRecord) -> str:
     """Return in one clause why a call failed."""
     if record.outcome is RecordOutcome.REFUSED and record.reply is not None:
         code = record.reply.code
-        return f"{hresult_name(code)}, {told(describe_hresult(code).text)}"
+        return f"{hresult_name(code)}, {reader_words().text(describe_hresult(code).meaning)}"
     if record.outcome is RecordOutcome.UNANSWERED:
-        tries = len(record.attempts)
-        return say("desk.unanswered.one" if tries == 1 else "desk.unanswered.many", tries=tries)
-    return say("desk.given_up")
+        return label("controller.no-reply", attempts=Count(len(record.attempts), "attempt"))
+    return label("controller.cancelled")

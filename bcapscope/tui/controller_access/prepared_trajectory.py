@@ -16,7 +16,7 @@ from bcapscope.player.trajectory_reader import read_trajectories
 from bcapscope.protocol.slave_mode.modes import PERIOD_MS
 from bcapscope.render.color_palette import Palette
 from bcapscope.render.preflight_text import PreflightRenderer, source_lines, trajectory_line
-from bcapscope.tui.words import told
+from bcapscope.tui.reader_language import localized
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,14 +62,14 @@ class PreparedTrajectory:
 
     def summary_lines(self, palette: Palette, width: int) -> Iterator[str]:
         """Yield how the file was read, its content, and problems with playing it."""
-        yield from source_lines(self.trajectory, told, width)
+        yield from source_lines(self.trajectory, localized, width)
         if len(self.all_trajectories) > 1:
             yield from (
-                f"  {trajectory_line(number, each, told)}"
+                f"  {trajectory_line(number, each, localized)}"
                 for number, each in enumerate(self.all_trajectories, 1)
             )
         yield ""
-        yield from PreflightRenderer(palette, width, told).lines(self.preflight)
+        yield from PreflightRenderer(palette, width, localized).lines(self.preflight)
 
     def make_plan(self, target: ControllerTarget, robot: str, armed: bool, record: Path) -> PlayPlan:
         """Return the plan for the player.

@@ -21,8 +21,8 @@ from bcapscope.render.slave_run_charts import (
 )
 from bcapscope.tui.controller_access.playback_run import PlaybackRun
 from bcapscope.tui.ink import INK
+from bcapscope.tui.reader_language import label, localized
 from bcapscope.tui.widgets.inked_text import InkedText
-from bcapscope.tui.words import say, told
 
 _MIN_CHART_ROWS = 6
 """Minimum height of a chart in rows."""
@@ -75,7 +75,7 @@ class PlaybackView(Container, can_focus=True):
             width=size.width - 1,
             height=size.height,
             palette=INK,
-            tongue=told,
+            tongue=localized,
         )
 
     def _axes_by_travel(self, run: PlaybackRun) -> list[int]:
@@ -92,11 +92,11 @@ class PlaybackView(Container, can_focus=True):
         if run.ended is not None:
             yield from _wrapped_lines(play_summary_lines(run.ended), INK.name, width)
             yield from _wrapped_lines(
-                [say("tester.recorded", path=printable(run.plan.record or ""))], INK.dim, width
+                [label("tester.recorded", path=printable(run.plan.record or ""))], INK.dim, width
             )
         elif progress is not None:
             yield progress_bar(progress, max(1, width - 2), INK)
-            yield from run_figure_lines(progress, run.buffer_margin, INK, told)
+            yield from run_figure_lines(progress, run.buffer_margin, INK, localized)
         for trouble in run.troubles[-3:]:
             yield from _wrapped_lines(trouble_lines(trouble), INK.bad, width)
         if progress is not None and progress.cycle:
@@ -109,4 +109,6 @@ class PlaybackView(Container, can_focus=True):
 def _wrapped_lines(lines: Iterable[str], ink: str, width: int) -> Iterator[str]:
     """Translate lines into the language of the labels, and wrap them."""
     for line in lines:
-        yield from (f"{ink}{part}{INK.reset}" for part in wrap_text(told(line.strip()), max(20, width - 2)))
+        yield from (
+            f"{ink}{part}{INK.reset}" for part in wrap_text(localized(line.strip()), max(20, width - 2))
+        )

@@ -63,9 +63,9 @@ class TrafficPublisher:
     def load_diagnosis(self) -> RunningDiagnosis:
         """Return the diagnosis of the traffic so far, after loading it if necessary."""
         if self._diagnosis is None:
-            from bcapscope.tui.traffic_processes.running_diagnosis import RunningDiagnosis  # noqa: PLC0415 - see has_diagnosis
             from bcapscope.messages import Language  # noqa: PLC0415 - likewise
-            from bcapscope.tui.words import tongue  # noqa: PLC0415 - likewise
+            from bcapscope.tui.reader_language import tongue  # noqa: PLC0415 - likewise
+            from bcapscope.tui.traffic_processes.running_diagnosis import RunningDiagnosis  # noqa: PLC0415 - see has_diagnosis
 
             self._diagnosis = RunningDiagnosis(tongue(Language(self._job.language)))
         return self._diagnosis

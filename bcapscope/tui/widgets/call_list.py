@@ -12,6 +12,7 @@ from bcapscope.render.call_text import CallRenderer
 from bcapscope.render.timestamp import TimeFormat
 from bcapscope.traffic.call import Call
 from bcapscope.tui.ink import INK
+from bcapscope.tui.reader_language import label, localized
 from bcapscope.tui.widgets.frame_list import (
     FilteredRows,
     client_and_arrow,
@@ -20,7 +21,6 @@ from bcapscope.tui.widgets.frame_list import (
     right_aligned,
 )
 from bcapscope.tui.widgets.lines import Lines
-from bcapscope.tui.words import say, told
 
 
 class CallList(Lines):
@@ -52,7 +52,7 @@ class CallList(Lines):
         self._live = False
         self._start_time = 0
         self._unfolded: list[tuple[int, int]] = []
-        self._renderer = CallRenderer(palette=INK, write_endpoints=lambda flow: "", tongue=told)
+        self._renderer = CallRenderer(palette=INK, write_endpoints=lambda flow: "", tongue=localized)
 
     def open_calls(self, calls: CallStore, live: bool) -> None:
         """Show the calls of a store, from the end if it is `live`."""
@@ -69,7 +69,9 @@ class CallList(Lines):
         if (clock, with_client, first) == (self._clock, self._with_client, self._start_time):
             return
         self._clock, self._with_client, self._start_time = clock, with_client, first
-        self._renderer = CallRenderer(clock, INK, client_and_arrow if with_client else direction_arrow, told)
+        self._renderer = CallRenderer(
+            clock, INK, client_and_arrow if with_client else direction_arrow, localized
+        )
         self._renderer.set_time_origin(first)
         self.repaint()
 
@@ -184,9 +186,12 @@ class CallList(Lines):
             self.action_turn()
 
     def header(self) -> str:
-        client = f"{left_aligned(say('traffic.head.client'), 21)}   " if self._with_client else "   "
-        call, time = right_aligned(say("traffic.head.call"), 6), right_aligned(say("traffic.head.time"), 12)
-        return f" {call} {time} {client} {say('traffic.head.what')}"
+        client = f"{left_aligned(label('traffic.head.client'), 21)}   " if self._with_client else "   "
+        call, time = (
+            right_aligned(label("traffic.head.call"), 6),
+            right_aligned(label("traffic.head.time"), 12),
+        )
+        return f" {call} {time} {client} {label('traffic.head.what')}"
 
 
 def _start_of(row: StoredCall) -> int:

@@ -11,7 +11,7 @@ from textual.message import Message
 from textual.widgets import Input, Static
 
 from bcapscope.render.escape import printable
-from bcapscope.tui.words import told
+from bcapscope.tui.reader_language import localized
 
 
 class CheckedInput(Vertical):
@@ -93,6 +93,6 @@ class CheckedInput(Vertical):
     def _show_problem(self, wrong: str) -> None:
         error = self.query_one(f"#{self._field}-error", Static)
         reason, *where = wrong.split("\n")
-        error.update(Text("\n".join(map(printable, (told(reason), *where)))))
+        error.update(Text("\n".join(map(printable, (localized(reason), *where)))))
         error.display = bool(wrong)
         self.field.set_class(bool(wrong), "-invalid")

@@ -11,8 +11,8 @@ from textual.message import Message
 from bcapscope.render.frame_outline import FieldRow, FieldRowKind, FrameSection, field_rows
 from bcapscope.render.frame_tree import colored_value
 from bcapscope.tui.ink import INK
+from bcapscope.tui.reader_language import localized
 from bcapscope.tui.widgets.lines import Lines
-from bcapscope.tui.words import told
 
 MAX_ROWS = 20_000
 """Rows per section: a frame of a megabyte has more fields than a user can read."""
@@ -106,7 +106,7 @@ class FieldTree(Lines):
         at = self._visible[index]
         section, row, stop = self._entries[at]
         if row is None:
-            return f"{INK.dim}{told(self._sections[section].caption)}{INK.reset}"
+            return f"{INK.dim}{localized(self._sections[section].caption)}{INK.reset}"
         indent = "  " * row.depth
         if row.kind is FieldRowKind.PROBLEM:
             return f"       {indent}{INK.problem}!! {row.text}{INK.reset}"
@@ -131,7 +131,7 @@ class FieldTree(Lines):
         for number, section in enumerate(self._sections):
             if section.caption:
                 self._entries.append(_Entry(number, None, len(self._entries) + 1))
-            found = list(islice(field_rows(section, self._full, told), MAX_ROWS))
+            found = list(islice(field_rows(section, self._full, localized), MAX_ROWS))
             self._entries += _make_entries(number, found, len(self._entries))
         self._folded = {at for at in range(len(self._entries)) if self._is_short_branch(at)}
         self._update_visible()

@@ -32,12 +32,13 @@ from bcapscope.protocol.tables.command_table import COMMAND_ROWS
 from bcapscope.render.play_text import controller_line, play_summary_lines
 from bcapscope.render.slave_run_charts import run_figure_lines
 from bcapscope.tui import words
-from bcapscope.tui.words import PHRASES, told
+from bcapscope.tui.reader_language import localized
+from bcapscope.tui.words import PHRASES
 from bcapscope.tui.words.phrases import KINDS, LONGEST, Phrasebook
 from tests.player.ways import PERIOD, swing, way
 from tests.tui.words.english import left_over
 
-pytestmark = pytest.mark.usefixtures("speaking_japanese")
+pytestmark = pytest.mark.usefixtures("japanese_screen")
 
 JAPANESE = re.compile("[ぁ-んァ-ヶ一-龥]")
 BOOK = Phrasebook(
@@ -55,7 +56,7 @@ BOOK = Phrasebook(
 
 
 def is_japanese(text: str) -> bool:
-    japanese = told(text)
+    japanese = localized(text)
     return bool(JAPANESE.search(japanese)) and not left_over(japanese)
 
 
@@ -145,7 +146,7 @@ def messages() -> Iterator[str]:
     ],
 )
 def test_what_a_proxy_did_to_a_packet(note: str, translation: str) -> None:
-    assert told(note) == translation
+    assert localized(note) == translation
 
 
 def test_what_else_the_tester_shows() -> None:
@@ -168,12 +169,12 @@ def test_how_the_player_ended(outcome: PlayOutcome) -> None:
 
 def test_the_player_at_work() -> None:
     progress = PlayProgress(PlayState.PLAYING, 50, 100, 0.4, 0.4, Spread(50, 1000, 2000, 3000, 4000))
-    assert all(JAPANESE.search(line) for line in run_figure_lines(progress, (1, 8.0, 3.4), tongue=told))
+    assert all(JAPANESE.search(line) for line in run_figure_lines(progress, (1, 8.0, 3.4), tongue=localized))
 
 
 def test_who_is_there_before_anything_moves() -> None:
     facts = {"type name": "VS-068, no answer", "type": "10", "version": "3.0.0"}
-    assert controller_line(ControllerInfo(False, "RC7", facts, 0x002, (0.0,), 0.0), told) == (
+    assert controller_line(ControllerInfo(False, "RC7", facts, 0x002, (0.0,), 0.0), localized) == (
         "ロボットが動く可能性のあるコントローラ, RC7, 型式名 VS-068, no answer, 型式番号 10, "
         "バージョン 3.0.0; スレーブモード 0x002: J 型、Sync: slvMove は取り込まれたとき応答、遅れるとエラー"
     )

@@ -35,14 +35,14 @@ from bcapscope.render.statistics_text import statistics_lines
 from bcapscope.traffic.call import Call
 from bcapscope.traffic.tracker import Tracker
 from bcapscope.tui.controller_access.saved_requests import SavedRequestError, load_request
-from bcapscope.tui.words import told
+from bcapscope.tui.reader_language import localized
 from tests.analysis.plays import SCENES
 from tests.analysis.scenes import Story
 from tests.cli.run import CAPTURES
 from tests.render.scenes import ROBOT, observe
 from tests.tui.words.english import left_over, untold
 
-pytestmark = pytest.mark.usefixtures("speaking_japanese")
+pytestmark = pytest.mark.usefixtures("japanese_screen")
 
 JAPANESE = re.compile("[ぁ-んァ-ヶ一-龥]")
 
@@ -102,10 +102,10 @@ def _figures(capture: bytes) -> Iterator[str]:
     for settled in tracker.close():
         diagnosis.on_pairing_result(settled)
     stays += diagnosis.remaining_sessions()
-    yield from (line for stay in stays for line in slave_session_lines(stay, tongue=told))
+    yield from (line for stay in stays for line in slave_session_lines(stay, tongue=localized))
     statistics = summary.statistics()
     if statistics is not None:
-        yield from statistics_lines(statistics, tongue=told)
+        yield from statistics_lines(statistics, tongue=localized)
 
 
 def test_timing_and_statistics_have_no_english_line() -> None:
@@ -148,7 +148,7 @@ def test_why_a_file_is_no_trajectory(name: str, tmp_path: Path) -> None:
     (tmp_path / name).write_bytes(FILES[name])
     with pytest.raises(TrajectoryError) as raised:
         read_trajectories(tmp_path / name)
-    assert JAPANESE.search(told(str(raised.value))), str(raised.value)
+    assert JAPANESE.search(localized(str(raised.value))), str(raised.value)
 
 
 def test_why_there_is_no_file_or_project(tmp_path: Path) -> None:
@@ -156,7 +156,7 @@ def test_why_there_is_no_file_or_project(tmp_path: Path) -> None:
     for path in (tmp_path, tmp_path / "none.csv", "\0"):
         with pytest.raises(TrajectoryError) as raised:
             read_trajectories(path)
-        assert JAPANESE.search(told(str(raised.value))), str(raised.value)
+        assert JAPANESE.search(localized(str(raised.value))), str(raised.value)
 
 
 @pytest.mark.parametrize(
@@ -172,7 +172,10 @@ def test_how_a_file_was_read_and_its_preflight(content: bytes, tmp_path: Path) -
     (tmp_path / "a.csv").write_bytes(content)
     (trajectory,) = read_trajectories(tmp_path / "a.csv")
     made = resample(trajectory, 0.008)
-    lines = [*source_lines(made, told), *PreflightRenderer(tongue=told).lines(run_preflight(made, 0.008))]
+    lines = [
+        *source_lines(made, localized),
+        *PreflightRenderer(tongue=localized).lines(run_preflight(made, 0.008)),
+    ]
     checks = re.compile(r"^.*a\.csv|\b[a-z-]+:")  # the name of a check stays as it is
     assert {line: left for line in lines if (left := left_over(checks.sub("", line)))} == {}
 
@@ -213,13 +216,13 @@ def test_why_a_saved_request_cannot_be_read(content: str, tmp_path: Path) -> Non
     ],
 )
 def test_what_a_proxy_says(text: str) -> None:
-    japanese = told(text)
+    japanese = localized(text)
     assert _is_whole(re.sub("type-not-checked", "", japanese)), japanese
 
 
 @given(st.text(min_size=1, max_size=60).map(printable))
 def test_a_name_in_a_sentence_stays_as_it_was_escaped(name: str) -> None:
-    japanese = told(f"Your client called {name} at 0.100 s while slave mode was on.")
+    japanese = localized(f"Your client called {name} at 0.100 s while slave mode was on.")
     assert japanese == f"クライアントはスレーブモードのまま、0.100 s に {name} を呼びました。"
 
 
@@ -228,12 +231,12 @@ def test_a_name_in_a_sentence_stays_as_it_was_escaped(name: str) -> None:
 )
 def test_no_word_of_a_name_is_ever_exchanged(name: str) -> None:
     phrase = f"most likely the error of {name} 5 had switched it off"
-    assert told(phrase) == f"おそらく {name} 5 のエラーで OFF になっていました"
+    assert localized(phrase) == f"おそらく {name} 5 のエラーで OFF になっていました"
 
 
 @pytest.mark.parametrize("text", ["Something that nobody has said yet.", "x" * 5000, "a; b: c, d"])
 def test_what_is_not_known_is_shown_as_it_is(text: str) -> None:
-    assert told(text) == text
+    assert localized(text) == text
 
 
 @pytest.mark.parametrize(
@@ -251,14 +254,14 @@ def test_what_is_not_known_is_shown_as_it_is(text: str) -> None:
     ],
 )
 def test_what_numbers_and_keys_stand_for(table: Mapping[object, str]) -> None:
-    assert [text for text in table.values() if told(text) == text or left_over(told(text))] == []
+    assert [text for text in table.values() if localized(text) == text or left_over(localized(text))] == []
 
 
 def test_a_tree_is_japanese_but_for_names_and_what_is_from_the_wire() -> None:
     words = "handle of a Robot"
     arguments = ROBOT, Variant(VT.BSTR, words), Variant.array(VT.R8, (1.0,) * 40)
     seen = observe(parse_datagram(encode_frame(1, 0, 64, arguments))[0])
-    found = [row for section in frame_sections(seen, None) for row in field_rows(section, tongue=told)]
+    found = [row for section in frame_sections(seen, None) for row in field_rows(section, tongue=localized)]
     texts = {row.name: row.text for row in found}
     assert texts["hRobot"].endswith(", Robot のハンドル")
     assert texts["bstrCommand"] == f'VT_BSTR "{words}"'

@@ -1,0 +1,65 @@
+"""Language of the screen, and its labels in that language.
+
+The catalogue holds the labels; their ids begin with the name of a screen or widget, such as `shell.quit`.
+"""
+
+from __future__ import annotations
+
+import os
+from functools import lru_cache
+
+from bcapscope.messages import Language, Message, MessageFormatter, language_of
+from bcapscope.messages.message import PlaceValue
+from bcapscope.render.tongue import Tongue, english
+from bcapscope.tui.words.phrases import Phrasebook
+
+_CACHED = 1000
+"""Sentences whose Japanese is cached: the same ones are drawn again and again."""
+
+
+class _Reader:
+    words = MessageFormatter(language_of(os.environ))
+
+
+def set_language(language: Language) -> None:
+    """Choose the language of everything that this process shows from now on."""
+    _Reader.words = MessageFormatter(language)
+
+
+def current_language() -> Language:
+    """Return the language of this process's screen."""
+    return _Reader.words.language
+
+
+def reader_words() -> MessageFormatter:
+    """Return the formatter in the language of the screen."""
+    return _Reader.words
+
+
+def label(id: str, /, **places: PlaceValue) -> str:
+    """Return a text of the screen. Strings in `places` are escaped already."""
+    return _Reader.words(id, **places)
+
+
+def localized(sentence: Message | str) -> str:
+    """Return a sentence in the language of the screen; a string without a known translation is unchanged."""
+    if isinstance(sentence, Message):
+        return _Reader.words.text(sentence)
+    return tongue(_Reader.words.language)(sentence)
+
+
+def tongue(language: Language) -> Tongue:
+    """Return what puts English sentences of other packages into a language."""
+    return _japanese if language is Language.JAPANESE else english
+
+
+@lru_cache(1)
+def _phrasebook() -> Phrasebook:
+    from bcapscope.tui.words import PHRASES  # noqa: PLC0415 - takes as long to load as a screen
+
+    return Phrasebook(PHRASES)
+
+
+@lru_cache(_CACHED)
+def _japanese(sentence: str) -> str:
+    return _phrasebook().japanese(sentence)
