@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bcapscope.errors import BcapError
+from bcapscope.messages import Message
 from bcapscope.protocol.slave_mode.modes import PoseType
 from bcapscope.protocol.slave_mode.poses import AXES, SHORTEST_POSE, Axis
 
@@ -24,7 +25,7 @@ class TrajectoryError(BcapError, ValueError):
         column: Column of the fault, from 1; None if unknown.
     """
 
-    def __init__(self, message: str, line: int | None = None, column: int | None = None) -> None:
+    def __init__(self, message: Message | str, line: int | None = None, column: int | None = None) -> None:
         """Make the message; the place comes first if it is known."""
         places = (("line", line), ("column", column))
         place = ", ".join(f"{noun} {number}" for noun, number in places if number is not None)

@@ -8,8 +8,9 @@ from __future__ import annotations
 import os
 from functools import lru_cache
 
+from bcapscope.errors import BcapError
 from bcapscope.messages import Language, Message, MessageFormatter, language_of
-from bcapscope.messages.message import PlaceValue
+from bcapscope.messages.message import PlaceValue, has_message
 from bcapscope.render.tongue import Tongue, english
 from bcapscope.tui.words.phrases import Phrasebook
 
@@ -41,11 +42,12 @@ def label(id: str, /, **places: PlaceValue) -> str:
     return _Reader.words(id, **places)
 
 
-def localized(sentence: Message | str) -> str:
+def localized(sentence: Message | str | Exception) -> str:
     """Return a sentence in the language of the screen; a string without a known translation is unchanged."""
-    if isinstance(sentence, Message):
-        return _Reader.words.text(sentence)
-    return tongue(_Reader.words.language)(sentence)
+    message = sentence.message if isinstance(sentence, BcapError) else sentence
+    if isinstance(message, Message) and has_message(message.id):
+        return _Reader.words.text(message)
+    return tongue(_Reader.words.language)(str(message))
 
 
 def tongue(language: Language) -> Tongue:

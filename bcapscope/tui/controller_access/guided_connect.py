@@ -18,7 +18,7 @@ from bcapscope.tui.controller_access.controller_session import ControllerSession
 from bcapscope.tui.controller_access.history_record import HistoryRecord, Initiator, error_text, failure_text
 from bcapscope.tui.controller_access.history_recorder import INITIATOR
 from bcapscope.tui.controller_access.session_updates import ConnectStep, ConnectStepUpdate, ControllerIdentity
-from bcapscope.tui.reader_language import label, localized
+from bcapscope.tui.reader_language import label
 
 
 class ConnectStepError(BcapError):
@@ -108,7 +108,7 @@ async def _run_step(
 
 async def _open_link(session: ControllerSession, target: ControllerTarget) -> str:
     await session.open_link(target)
-    return localized(str(target))
+    return label("controller.target", address=target.address, transport="TCP" if target.tcp else "UDP")
 
 
 async def _start_service(session: ControllerSession) -> str:

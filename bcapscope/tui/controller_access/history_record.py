@@ -94,7 +94,7 @@ def error_text(error: BcapError | OSError) -> str:
     """Return an error in one line; the record of a call shows the attempts of a time-out."""
     if isinstance(error, OSError) and not isinstance(error, BcapError):
         return localized(os_error_text(error))
-    return localized(str(error).partition("\n")[0])
+    return localized(error).partition("\n")[0]
 
 
 def failure_text(record: HistoryRecord) -> str:

@@ -49,7 +49,7 @@ def check_text(vt: int, text: str) -> CheckedText:
     try:
         return CheckedText(parse_variant(f"{type_word(vt)}:{typed}"), "")
     except ValueError as error:
-        return CheckedText(None, f"{localized(str(error))}; {expected_input(vt)}")
+        return CheckedText(None, f"{localized(error)}; {expected_input(vt)}")
 
 
 def expected_input(vt: int) -> str:

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from bcapscope.client.controller_target import ControllerTarget
+from bcapscope.messages import Message
+from bcapscope.messages.places import Count
 from bcapscope.player.arm_limits import limits_for_arm, with_limits
 from bcapscope.player.player_messages import PlayPlan, SlaveModePacing
 from bcapscope.player.preflight import PreflightResult, run_preflight
@@ -108,7 +110,8 @@ def prepare_trajectory(settings: PlaybackSettings, type_name: str) -> PreparedTr
     """
     found = read_trajectories(settings.path)
     if not 1 <= settings.index <= len(found):
-        raise TrajectoryError(f"there are {len(found)} trajectories, and none has number {settings.index}")
+        count = Count(len(found), "trajectory")
+        raise TrajectoryError(Message("trajectory.no-number", count=count, number=settings.index))
     trajectory = found[settings.index - 1]
     if settings.always_resample or settings.speed != 1:
         trajectory = resample(trajectory, settings.interval / 1000, speed=settings.speed)

@@ -98,7 +98,7 @@ def load_request(path: Path) -> SavedRequest:
     except OSError as error:
         raise SavedRequestError(f"{path.name}: {error_text(error)}") from None
     except ValueError as error:  # not UTF-8, or a `DocumentError`
-        raise SavedRequestError(f"{path.name}: {localized(' '.join(str(error).split()))}") from None
+        raise SavedRequestError(f"{path.name}: {' '.join(localized(error).split())}") from None
     function = function_by_name(found.function)
     if function is None:
         raise SavedRequestError(
@@ -118,7 +118,7 @@ def _parse_argument(path: Path, param: Param, given: str | int | float | bool) -
     try:
         return parse_variant_as(text, (param.type,))
     except ValueError as error:
-        raise SavedRequestError(f"{path.name}: {param.name}: {localized(str(error))}") from None
+        raise SavedRequestError(f"{path.name}: {param.name}: {localized(error)}") from None
 
 
 def save_request(

@@ -30,8 +30,9 @@ def frame_description(frame: AnnotatedFrame, settled: PairingResult | None, note
     number = frame.observation.number
     parts = []
     if isinstance(settled, Call):
-        role = next((event.role for event in settled.frames if event.observation.number == number), "")
-        parts.append(label("traffic.about.request", number=number, role=localized(role), call=settled.number))
+        role = next(event.role for event in settled.frames if event.observation.number == number)
+        name = label(f"traffic.role.{role.name.lower()}")
+        parts.append(label("traffic.about.request", number=number, role=name, call=settled.number))
         reply, time = settled.reply, settled.latency
         if reply is None or time is None:
             parts.append(label(f"traffic.about.{settled.outcome}"))

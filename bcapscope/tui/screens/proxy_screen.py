@@ -155,7 +155,7 @@ class ProxyScreen(ViewsScreen):
         try:
             return ProxyStateRead(self._control_client.read_state())
         except BcapError as error:
-            return ProxyStateRead(None, str(error))
+            return ProxyStateRead(None, localized(error))
 
     @work(thread=True, group="order")
     def _send_order(self, order: control.ControlRequest, done: Callable[[], None] = lambda: None) -> None:
@@ -164,10 +164,10 @@ class ProxyScreen(ViewsScreen):
             self._control_client.send_order(order)
             self.post_message(OrderDone(done))
         except ControlRefused as error:
-            text = label("proxy.refusal", reason=printable(localized(str(error))))
+            text = label("proxy.refusal", reason=printable(localized(error)))
             self.post_message(OrderDone(partial(app_of(self).show_message, text, "error")))
         except BcapError as error:
-            self.post_message(ProxyStateRead(None, str(error)))
+            self.post_message(ProxyStateRead(None, localized(error)))
         self.post_message(self._read_state())
 
     def on_order_done(self, message: OrderDone) -> None:
@@ -180,7 +180,7 @@ class ProxyScreen(ViewsScreen):
             return
         if message.state is None:
             if not self._problem:
-                text = label("proxy.gone", reason=printable(localized(message.problem)))
+                text = label("proxy.gone", reason=printable(message.problem))
                 app_of(self).show_message(text, "error")
                 self._report_source_problem(text)
             self._problem = message.problem

@@ -178,7 +178,7 @@ class SlaveScreen(BaseScreen):
         try:
             ready = await asyncio.to_thread(prepare_trajectory, wish, self._session.status.identity.type_name)
         except ValueError as error:  # a problem with the file or the limits
-            self._show_report([f"{INK.bad}{printable(localized(str(error)))}{INK.reset}"])
+            self._show_report([f"{INK.bad}{printable(localized(error))}{INK.reset}"])
             return
         self._prepared = ready
         lines = list(ready.summary_lines(INK, self.query_one("#before").size.width - 2))

@@ -297,7 +297,7 @@ class TrafficScreen(TrafficViews):
         message.stop()
         path = printable(message.target)
         if message.reason:
-            text = label("traffic.unsaved", path=path, reason=printable(localized(message.reason)))
+            text = label("traffic.unsaved", path=path, reason=message.reason)
             app_of(self).show_message(text, "error")
         else:
             app_of(self).show_message(label("traffic.saved", path=path))
@@ -335,7 +335,7 @@ class TrafficScreen(TrafficViews):
         try:
             feed = TrafficFeed(path=path, ports=self.feed.job.ports)
         except TemporaryFolderError as error:
-            app_of(self).show_message(printable(localized(str(error))), "error")
+            app_of(self).show_message(printable(localized(error)), "error")
         else:
             self.replace_feed(feed, Path(path).name)
 

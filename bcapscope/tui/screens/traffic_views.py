@@ -15,13 +15,12 @@ from textual.events import Resize
 from textual.message import Message
 from textual.widgets import Static
 
-from bcapscope.render.escape import printable
 from bcapscope.render.timestamp import TimeFormat
 from bcapscope.traffic.filter.compiler import compile_filter
 from bcapscope.traffic.filter.field_table import RecordKind
 from bcapscope.traffic.filter.getters import AnnotatedFrame
 from bcapscope.tui.app import app_of
-from bcapscope.tui.reader_language import label, localized
+from bcapscope.tui.reader_language import label
 from bcapscope.tui.screens import frame_relations
 from bcapscope.tui.screens.progress_text import count_text, progress_texts
 from bcapscope.tui.screens.views_screen import ViewsScreen
@@ -185,9 +184,7 @@ class TrafficViews(ViewsScreen):
                 self._show_about(self._unsettled_frame)
         if progress.ended and progress.problem and not self._is_problem_shown:
             self._is_problem_shown = True
-            app_of(self).show_message(
-                label("traffic.reading-ended", reason=printable(localized(progress.problem))), "warning"
-            )
+            app_of(self).show_message(label("traffic.reading-ended", reason=progress.problem), "warning")
         if ended_now:
             self.refresh_bindings()
 

@@ -29,7 +29,7 @@ from bcapscope.tui.controller_access.history_record import (
     failure_text,
 )
 from bcapscope.tui.ink import INK
-from bcapscope.tui.reader_language import label, localized, reader_words
+from bcapscope.tui.reader_language import label, reader_words
 from bcapscope.tui.tester.call_runner import run_armed
 from bcapscope.tui.tester.caption import Caption
 from bcapscope.tui.widgets.inked_text import InkedText
@@ -92,7 +92,7 @@ class RecoveryDialog(ModalScreen[None]):
             return
         lines = [label("tester.recovery.none")] if not errors else []
         for code, text in errors:
-            lines.append(f"{INK.bad}{hresult_name(code)}{INK.reset} {printable(localized(text))}")
+            lines.append(f"{INK.bad}{hresult_name(code)}{INK.reset} {printable(text)}")
             lines += [f"  {line}" for line in list(result_advice(code, INK, reader_words()))[1:]]
         self._results[RecoveryStep.READ] = (True, "")
         self.query_one("#errors", InkedText).show_text("\n".join(lines))

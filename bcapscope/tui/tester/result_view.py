@@ -125,7 +125,7 @@ def _value_meaning(record: HistoryRecord) -> str:
     value = arguments[0].variant.value if arguments else None
     function = FUNCTIONS.get(record.function_id)
     if function is not None and function.creates is not None and arguments:
-        return localized(f"handle of a {function.creates}")
+        return label("tester.handle-of", object=function.creates)
     command = command_name(record.function_id, record.arguments)
     words = result_meanings(record.function_id, command, value) if isinstance(value, int) else ()
     return ", ".join(map(localized, words))

@@ -13,7 +13,7 @@ from typing import IO, Any, BinaryIO, TypeAlias, cast
 
 from bcapscope.capture.call_store import CallStore
 from bcapscope.capture.observation_store import ObservationStore
-from bcapscope.tui.reader_language import current_language
+from bcapscope.tui.reader_language import current_language, label
 from bcapscope.tui.traffic_processes.process_messages import (
     STOP_READING,
     ReadJob,
@@ -179,7 +179,7 @@ class TrafficFeed:
 
     def _last_error_line(self) -> str:
         self._errors.seek(0)
-        *_, last = self._errors.read().decode(errors="replace").splitlines() or ["reading ended"]
+        *_, last = self._errors.read().decode(errors="replace").splitlines() or [label("traffic.reader-gone")]
         return last
 
     def _publish(self, message: FeedUpdate) -> None:
@@ -220,7 +220,7 @@ class TrafficFeed:
         most = 0
         if self.journal is not None and not self.progress.ended and len(self.journal):
             most = self.journal.read_frame(len(self.journal)).observation.packet
-        return SaveJob(self.progress.packets, target, notes, most)
+        return SaveJob(self.progress.packets, target, notes, most, current_language())
 
     def save(self, job: SaveJob) -> str:
         """Run a save job. Unlike the other methods, this blocks: call it from a separate thread.

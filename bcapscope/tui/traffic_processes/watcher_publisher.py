@@ -12,7 +12,7 @@ import threading
 from contextlib import suppress
 
 from bcapscope.analysis.diagnosis import Diagnosis
-from bcapscope.render.escape import printable
+from bcapscope.messages.os_errors import os_reason
 from bcapscope.traffic.call import PairingResult
 from bcapscope.traffic.call_kind import RecentRequests
 from bcapscope.traffic.handle_tracker import TrackedObject
@@ -21,6 +21,7 @@ from bcapscope.tui.traffic_processes.process_messages import (
     ReadJob,
     ReadProgress,
     TrafficAnalysis,
+    problem_text,
     send_message,
 )
 from bcapscope.tui.traffic_processes.traffic_publisher import TrafficPublisher
@@ -83,7 +84,7 @@ class WatcherPublisher:
         Raises:
             OSError: The files cannot be created.
         """
-        self._recording = job.path
+        self._job = job
         self._sender = sender
         self._publisher = TrafficPublisher(job, sender.send, self._make_progress)
         self._running = self._publisher.load_diagnosis()
@@ -128,10 +129,10 @@ class WatcherPublisher:
         self._publisher.close()
 
     def _give_up(self, error: OSError) -> None:
-        self._has_ended, self._problem = True, printable(f"{error.strerror or error}")
+        self._has_ended, self._problem = True, problem_text(os_reason(error), self._job)
         self._sender.send(self._make_progress())
 
     def _make_progress(self) -> ReadProgress:
         return ReadProgress(
-            ended=self._has_ended, problem=self._problem, clients=self._client_count, packets=self._recording
+            ended=self._has_ended, problem=self._problem, clients=self._client_count, packets=self._job.path
         )

@@ -40,7 +40,7 @@ def test_what_is_typed_is_read(vt: int, text: str, value: Variant | None) -> Non
         (VT.BOOL, "yes", "true or false"),
         (ARRAY | VT.R4, "1, x", "separate several by commas"),
         (VT.EMPTY, "1", "leave this empty"),
-        (ARRAY | VT.VARIANT, "i4:x", "semicolons between"),
+        (ARRAY | VT.VARIANT, "i4:x", "separated by semicolons"),
     ],
 )
 def test_what_does_not_fit_is_told_with_what_is_expected(vt: int, text: str, what: str) -> None:
