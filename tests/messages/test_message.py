@@ -88,3 +88,7 @@ def test_params_are_for_programs() -> None:
 )
 def test_the_environment_chooses(environment: dict[str, str], language: Language) -> None:
     assert language_of(environment) is language
+
+
+def test_no_message_has_an_empty_id() -> None:
+    assert not has_message("")

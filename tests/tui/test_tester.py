@@ -254,7 +254,7 @@ def test_raw_bytes_are_explained_and_sent(tmp_path: Path) -> None:
         await focus(pilot, "#raw .value")
         field = here.query_one("#raw .value", Input)
         field.value = "01 1"
-        await answered(pilot, "#raw ResultView", "Pairs of hex")
+        await answered(pilot, "#raw ResultView", "Type pairs of hex")
         field.value = ""
         field.post_message(Paste("01 00 00 00 00 34 12 00\n00 13 00 00 00 00 00 04\n"))
         await answered(pilot, "#raw ResultView", "Controller_GetAttribute, serial 4660")
@@ -269,7 +269,7 @@ def test_raw_bytes_are_explained_and_sent(tmp_path: Path) -> None:
 def test_the_way_out_of_an_error(tmp_path: Path) -> None:
     async def act(pilot: Pilot[None]) -> None:
         here = await connected(pilot)
-        assert "needs RobSlave running" in await executed(pilot, "slvChangeMode", "2")
+        assert "needs RobSlave for this" in await executed(pilot, "slvChangeMode", "2")
         await pilot.press("ctrl+b")
         assert (await executed(pilot, "slvChangeMode", "2")).startswith("(EMPTY)")
         await executed(pilot, "slvMove", "12.42, 60.36, 17.63, 35.81, 20.43, 23.95")
@@ -434,7 +434,7 @@ def test_limits_that_the_user_knows_are_kept(tmp_path: Path) -> None:
         here = pilot.app.screen
         start = here.query_one("#start", Button)
         await pilot.press("f9")
-        assert "nothing to start yet" in sight(pilot)
+        assert "cannot start yet" in sight(pilot)
         here.query_one("#file", Input).value = str(trajectory(tmp_path))
         await until(pilot, lambda: not start.disabled)
         assert "limits of an unknown arm" in sight(pilot)
