@@ -446,7 +446,7 @@ def test_limits_that_the_user_knows_are_kept(tmp_path: Path) -> None:
         here.query_one("#limits", Input).value = "J6=20..30, J6.speed=300"
         await until(pilot, lambda: not start.disabled)
         here.query_one("#rounds", Input).value = "1.5"
-        await until(pilot, lambda: "rounds and no. whole" in sight(pilot))
+        await until(pilot, lambda: "rounds and no. are whole" in sight(pilot))
         await pilot.press("escape")
         await finish(pilot)
 

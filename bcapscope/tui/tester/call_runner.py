@@ -8,6 +8,7 @@ from typing import Any
 
 from bcapscope.client.handle_table import ObjectHandle
 from bcapscope.errors import BcapError
+from bcapscope.messages import Message
 from bcapscope.protocol.codec.variant import VT, Variant
 from bcapscope.protocol.tables.function_table import FUNCTIONS, Function, ObjectClass
 from bcapscope.render.escape import printable
@@ -110,7 +111,7 @@ class CallRunner:
         found = found or next((one for one in reversed(status.open_objects) if one.kind is kind), None)
         if found is None:
             key = "tester.missing" if status.is_connected else "tester.not_connected"
-            raise ObjectMissingError(label(key, kind=kind))
+            raise ObjectMissingError(Message(key, kind=kind))
         return found
 
     async def _run_reported(self, result_display: ResultDisplay, step: CallStep) -> bool:

@@ -130,7 +130,7 @@ class PacketPane(Vertical):
             try:
                 path = save_request(self._requests, name, record.function_id, record.arguments)
             except SavedRequestError as error:
-                app_of(self).show_message(str(error), "error")
+                app_of(self).show_message(localized(error), "error")
                 return
             app_of(self).show_message(label("tester.saved", path=printable(str(path))))
             self.query_one(SavedList).reload()
