@@ -336,7 +336,7 @@ def test_a_live_capture_on_a_full_disk_ends_with_a_reason_and_a_whole_packet(
     live = readings._LiveCapture("eth0", tmp_path / readings.LIVE_FILE)
     live.start(threading.Event())
     _wait(lambda: live.problem is not None)
-    assert str(live.problem) == "the packets cannot be kept: No space left on device"
+    assert str(live.problem) == "the packets cannot be stored: no space left on device"
     with open_capture(live.path) as capture:
         assert 5 < len(list(capture)) < 20
 
