@@ -16,7 +16,7 @@ from typing import Any
 
 import pytest
 
-from bcapscope.tui.words import spoken
+from bcapscope.tui.reader_language import current_language
 
 _SIGNALS = ("SIGINT", "SIGTERM", "SIGHUP", "SIGPIPE", "SIGTSTP", "SIGCONT", "SIGWINCH", "SIGCHLD")
 _FROZEN = 1000
@@ -45,7 +45,7 @@ _LOOKS: Mapping[str, Callable[[], object]] = MappingProxyType(
         "the processors": lambda: os.sched_getaffinity(0) if sys.platform == "linux" else None,
         "the limits": lambda: [resource.getrlimit(getattr(resource, name)) for name in _LIMITS],
         "the handlers of signals": lambda: [signal.getsignal(_number(name)) for name in _SIGNALS],
-        "the language of the screen": spoken,
+        "the language of the screen": current_language,
     }
 )
 

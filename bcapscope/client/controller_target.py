@@ -62,9 +62,14 @@ class ControllerTarget:
         allowed = client_conventions(datagrams)
         return self.convention if self.convention in allowed else allowed[0]
 
-    def __str__(self) -> str:
+    @property
+    def address(self) -> str:
+        """Host and port; an IPv6 address in brackets."""
         host = f"[{self.host}]" if ":" in self.host else self.host
-        return f"{host}:{self.port} over {'TCP' if self.tcp else 'UDP'}"
+        return f"{host}:{self.port}"
+
+    def __str__(self) -> str:
+        return f"{self.address} over {'TCP' if self.tcp else 'UDP'}"
 
 
 def split_host_port(text: str) -> tuple[str, str]:

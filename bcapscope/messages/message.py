@@ -211,7 +211,7 @@ def has_message(id: str) -> bool:
 def _template(language: Language, id: str) -> str | None:
     """Return the template of an id; the English one if the language lacks it, None if that is missing too."""
     found = _translations(language).gettext(id)
-    if found != id:
+    if id and found != id:  # gettext gives the header of the catalogue for an empty id
         return found
     if language is Language.ENGLISH:
         return None

@@ -23,14 +23,15 @@ from textual.filter import LineFilter
 from textual.reactive import reactive
 
 from bcapscope.messages import Language
+from bcapscope.messages.os_errors import os_reason
 from bcapscope.tui.browser_driver import make_server_safe_driver
 from bcapscope.tui.control_char_filter import ControlCharFilter
 from bcapscope.tui.halt_driver import HALT_KEYS, make_halt_driver
 from bcapscope.tui.ink import Styles
 from bcapscope.tui.key_order import KeyOrderApp
+from bcapscope.tui.reader_language import label, localized, set_language
 from bcapscope.tui.settings import default_settings_path, read_settings, write_settings
 from bcapscope.tui.themes import THEMES, theme_styles
-from bcapscope.tui.words import say, speak, told
 
 if TYPE_CHECKING:
     from bcapscope.tui.screens.base_screen import BaseScreen
@@ -118,7 +119,7 @@ class BcapApp(KeyOrderApp):
         if language is None and self.settings.language in tuple(Language):
             language = Language(self.settings.language)
         if language is not None:
-            speak(language)
+            set_language(language)
         self._closers: list[Closer] = []
         self._is_ending = False
         self._gc_thresholds = gc.get_threshold()
@@ -170,8 +171,10 @@ class BcapApp(KeyOrderApp):
         self.app_resume_signal.subscribe(self, lambda _: self.refresh(layout=True))
         gc.set_threshold(*_GC_THRESHOLDS)
         if self._settings_problem:
-            text = say(
-                "shell.settings.broken", path=str(self._settings_path), reason=told(self._settings_problem)
+            text = label(
+                "shell.settings.broken",
+                path=str(self._settings_path),
+                reason=localized(self._settings_problem),
             )
             self.show_message(text, "warning")
 
@@ -249,7 +252,7 @@ class BcapApp(KeyOrderApp):
         at, was_there = self._last_halt
         if time.monotonic() - at > HALT_KEY_WINDOW:
             was_there = self.halt()
-        self.show_message(say("shell.halted" if was_there else "shell.halt.nothing"), "warning")
+        self.show_message(label("shell.halted" if was_there else "shell.halt.nothing"), "warning")
 
     async def action_quit(self) -> None:
         """Run the closers, then close the screen."""
@@ -291,8 +294,7 @@ class BcapApp(KeyOrderApp):
         try:
             write_settings(self.settings, self._settings_path)
         except OSError as error:
-            reason = told(error.strerror or str(error))
-            text = say("shell.settings.unwritable", path=str(self._settings_path), reason=reason)
+            text = label("shell.settings.unwritable", path=str(self._settings_path), reason=os_reason(error))
             self.show_message(text, "warning")
 
     def copy_to_clipboard(self, text: str) -> None:
@@ -306,7 +308,7 @@ class BcapApp(KeyOrderApp):
 
     def action_help_quit(self) -> None:
         """Answer Ctrl-C with the key that quits, since Ctrl-C is an ordinary key here."""
-        self.show_message(say("shell.quit.hint"))
+        self.show_message(label("shell.quit.hint"))
 
     def action_next_theme(self) -> None:
         names = [theme.name for theme in THEMES]
@@ -322,7 +324,7 @@ class BcapApp(KeyOrderApp):
         """Remember the language for the next start; texts on the screen keep the present one."""
         self.settings.language = name
         self.save_settings()
-        self.show_message(say("shell.language.next"))
+        self.show_message(label("shell.language.next"))
 
 
 def app_of(node: DOMNode) -> BcapApp:

@@ -8,6 +8,8 @@ import msgspec
 import platformdirs
 
 from bcapscope.faults.document import read_document
+from bcapscope.messages import Message
+from bcapscope.messages.os_errors import os_reason
 from bcapscope.tui.atomic_file import write_atomically
 
 MAX_RECENT = 20
@@ -37,7 +39,7 @@ def default_settings_path() -> Path:
     return platformdirs.user_config_path("bcapscope", appauthor=False) / "screen.yaml"
 
 
-def read_settings(path: Path) -> tuple[Settings, str]:
+def read_settings(path: Path) -> tuple[Settings, Message | str]:
     """Read the settings.
 
     Returns:
@@ -48,7 +50,7 @@ def read_settings(path: Path) -> tuple[Settings, str]:
     except FileNotFoundError:
         return Settings(), ""
     except OSError as error:
-        return Settings(), error.strerror or str(error)
+        return Settings(), os_reason(error)
     except ValueError as error:  # not UTF-8, or a `DocumentError`
         return Settings(), " ".join(str(error).split())
 

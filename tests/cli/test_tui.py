@@ -49,7 +49,7 @@ def test_no_room_for_a_journal_is_told_in_one_sentence(tmp_path: Path) -> None:
         argv = [sys.executable, "-m", "bcapscope", "tui", *words]
         done = subprocess.run(argv, env=env, capture_output=True, text=True, check=False, timeout=LIMIT)
         assert done.returncode == 6
-        assert done.stderr.startswith("nothing can be kept in ")
+        assert done.stderr.startswith("cannot create temporary files in ")
         assert done.stderr.count("\n") == 1
 
 

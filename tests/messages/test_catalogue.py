@@ -24,7 +24,7 @@ PACKAGE = Path(bcapscope.__file__).parent
 LOCALE = PACKAGE / "messages" / "locale"
 SOURCES = sorted(PACKAGE.rglob("*.py"))
 TYPES = {Duration.type_name, *(kind.type_name for kind in Place.__subclasses__())} | {"message", ""}
-MAKERS = ("Message", "words", "say", "label")
+MAKERS = ("Message", "words", "label")
 """What makes a message from a literal id."""
 
 _CODES = re.compile(r"\b(?:[0-9A-F]{8}|842040xx|0x[0-9A-Fn]+|slv\w+)\b")

@@ -56,7 +56,7 @@ def test_a_place_that_was_not_given_stays_visible() -> None:
 
 
 def test_values_are_never_taken_for_places() -> None:
-    assert str(Message("traffic.trouble", reason="{0} {x}")) == "Reading ended: {0} {x}"
+    assert str(Message("traffic.reading-ended", reason="{0} {x}")) == "Reading ended: {0} {x}"
 
 
 def test_japanese_words_have_no_space_between_them() -> None:
@@ -106,3 +106,7 @@ def test_params_are_for_programs() -> None:
 )
 def test_the_environment_chooses(environment: dict[str, str], language: Language) -> None:
     assert language_of(environment) is language
+
+
+def test_no_message_has_an_empty_id() -> None:
+    assert not has_message("")

@@ -1,4 +1,4 @@
-"""No test of the screen reads or writes the settings of the user who runs it, or leaves another language."""
+"""No test of the screen uses the settings of the user who runs it, or leaves another language."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from bcapscope.messages import Language
-from bcapscope.tui.words import speak
+from bcapscope.tui.reader_language import set_language
 
 
 @pytest.fixture(autouse=True)
@@ -21,13 +21,13 @@ def _own_settings(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture(autouse=True)
 def _english() -> Iterator[None]:
-    """Begin and end in English, whatever language a test speaks."""
-    speak(Language.ENGLISH)
+    """Begin and end in English, whatever language a test sets."""
+    set_language(Language.ENGLISH)
     yield
-    speak(Language.ENGLISH)
+    set_language(Language.ENGLISH)
 
 
 @pytest.fixture
-def speaking_japanese(_english: None) -> None:
-    """Speak Japanese."""
-    speak(Language.JAPANESE)
+def japanese_screen(_english: None) -> None:
+    """Show labels in Japanese."""
+    set_language(Language.JAPANESE)

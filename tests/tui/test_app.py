@@ -162,7 +162,7 @@ def test_ctrl_c_tells_how_to_end() -> None:
     async def act(pilot: Pilot[None]) -> None:
         await pilot.press("ctrl+c")
         (note,) = made._notifications
-        assert note.message == "Ctrl-Q ends"
+        assert note.message == "Ctrl-Q quits"
 
     spots = (ScreenEntry("there", "f3", "shell.keys", _There),)
     drive(made := make(*spots), act)
@@ -192,7 +192,7 @@ def test_broken_settings_are_told_and_not_fatal(tmp_path: Path) -> None:
 
     async def act(pilot: Pilot[None]) -> None:
         (note,) = made._notifications
-        assert "cannot be read" in note.message
+        assert "Cannot read" in note.message
 
     drive(made := app(path), act)
     assert made.theme == "dark"
@@ -203,7 +203,7 @@ def test_settings_that_cannot_be_written_are_told(tmp_path: Path) -> None:
 
     async def act(pilot: Pilot[None]) -> None:
         await pilot.press("ctrl+t")
-        assert any("cannot be written" in note.message for note in made._notifications)
+        assert any("Cannot write" in note.message for note in made._notifications)
 
     drive(made := app(tmp_path / "file" / "screen.yaml"), act)
 

@@ -128,7 +128,7 @@ def test_a_call_that_is_not_answered_can_be_given_up(tmp_path: Path) -> None:
             await execute(pilot, "slvGetMode")
             await answered(pilot, RESULT, "waiting")
             await pilot.press("escape")
-            await answered(pilot, RESULT, "given up")
+            await answered(pilot, RESULT, "cancelled")
             await finish(pilot)
 
         drive(make_tester(tmp_path, "127.0.0.1", server.port), act)
@@ -166,12 +166,12 @@ def test_nobody_there_and_wrong_fields_are_told(tmp_path: Path) -> None:
         here.query_one("#option", Input).value = "Timeout=abc"
         assert isinstance(panel.wanted_connection(), str)
         assert "F5 Connect" in sight(pilot)
-        await until(pilot, lambda: "1 to 600000 is expected" in sight(pilot))
+        await until(pilot, lambda: "expected a whole number from 1 to 600000" in sight(pilot))
         here.query_one("#option", Input).value = "Timeout=50,Retry=1"
         here.query_one("#host", Input).value = "127.0.0.1:9"  # goes before what stands in the port's field
         here.query_one("#port", Input).value = "10"
         await pilot.press("f5")
-        await until(pilot, lambda: "no answer to 2 tries" in sight(pilot))
+        await until(pilot, lambda: "no reply to 2 attempts" in sight(pilot))
         assert "✗ service" in sight(pilot)
         await until(pilot, lambda: not here.query_one("#connect", Button).disabled)
         assert here.query_one("#port", Input).value == "9"
@@ -254,7 +254,7 @@ def test_raw_bytes_are_explained_and_sent(tmp_path: Path) -> None:
         await focus(pilot, "#raw .value")
         field = here.query_one("#raw .value", Input)
         field.value = "01 1"
-        await answered(pilot, "#raw ResultView", "Pairs of hex")
+        await answered(pilot, "#raw ResultView", "Type pairs of hex")
         field.value = ""
         field.post_message(Paste("01 00 00 00 00 34 12 00\n00 13 00 00 00 00 00 04\n"))
         await answered(pilot, "#raw ResultView", "Controller_GetAttribute, serial 4660")
@@ -269,7 +269,7 @@ def test_raw_bytes_are_explained_and_sent(tmp_path: Path) -> None:
 def test_the_way_out_of_an_error(tmp_path: Path) -> None:
     async def act(pilot: Pilot[None]) -> None:
         here = await connected(pilot)
-        assert "needs RobSlave running" in await executed(pilot, "slvChangeMode", "2")
+        assert "needs RobSlave for this" in await executed(pilot, "slvChangeMode", "2")
         await pilot.press("ctrl+b")
         assert (await executed(pilot, "slvChangeMode", "2")).startswith("(EMPTY)")
         await executed(pilot, "slvMove", "12.42, 60.36, 17.63, 35.81, 20.43, 23.95")
@@ -434,7 +434,7 @@ def test_limits_that_the_user_knows_are_kept(tmp_path: Path) -> None:
         here = pilot.app.screen
         start = here.query_one("#start", Button)
         await pilot.press("f9")
-        assert "nothing to start yet" in sight(pilot)
+        assert "cannot start yet" in sight(pilot)
         here.query_one("#file", Input).value = str(trajectory(tmp_path))
         await until(pilot, lambda: not start.disabled)
         assert "limits of an unknown arm" in sight(pilot)
@@ -446,7 +446,7 @@ def test_limits_that_the_user_knows_are_kept(tmp_path: Path) -> None:
         here.query_one("#limits", Input).value = "J6=20..30, J6.speed=300"
         await until(pilot, lambda: not start.disabled)
         here.query_one("#rounds", Input).value = "1.5"
-        await until(pilot, lambda: "rounds and no. whole" in sight(pilot))
+        await until(pilot, lambda: "rounds and no. are whole" in sight(pilot))
         await pilot.press("escape")
         await finish(pilot)
 

@@ -88,7 +88,7 @@ async def begin_to_move(pilot: Pilot[None]) -> None:
 
 
 @pytest.mark.parametrize(
-    ("tcp", "told"), [(False, "no answer to 5 tries"), (True, "closed the connection")], ids=["udp", "tcp"]
+    ("tcp", "told"), [(False, "no reply to 5 attempts"), (True, "closed the connection")], ids=["udp", "tcp"]
 )
 def test_killed_in_the_middle_of_a_call(tmp_path: Path, tcp: bool, told: str) -> None:
     async def act(pilot: Pilot[None]) -> None:
@@ -107,7 +107,7 @@ def test_killed_in_the_middle_of_a_call(tmp_path: Path, tcp: bool, told: str) ->
                 await until(pilot, lambda: not here.session.status.is_connected)
             await until(pilot, lambda: not here.query_one("#connect", Button).disabled)
             await pilot.press("f5")
-            refused = "connection refused" if tcp else "no answer to 5 tries"
+            refused = "connection refused" if tcp else "no reply to 5 attempts"
             await until(pilot, lambda: refused in sight(pilot))
             await finish(pilot)
 
@@ -124,7 +124,7 @@ def test_gone_in_the_middle_of_a_connect_over_udp(tmp_path: Path) -> None:
             await until(pilot, lambda: "✗ controller" in sight(pilot))
             assert "● service" in sight(pilot)
             await until(pilot, lambda: not here.query_one("#connect", Button).disabled)
-            assert "no answer to 2 tries" in sight(pilot)
+            assert "no reply to 2 attempts" in sight(pilot)
             assert not here.session.status.is_connected
             await finish(pilot)
 

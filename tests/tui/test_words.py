@@ -12,7 +12,7 @@ import pytest
 import bcapscope.tui
 from bcapscope.messages import Language
 from bcapscope.messages.message import has_message
-from bcapscope.tui.words import say, speak
+from bcapscope.tui.reader_language import label, set_language
 
 (_ROOT,) = map(Path, bcapscope.tui.__path__)
 SOURCES = sorted(path for path in _ROOT.rglob("*.py") if path.parent.name != "words")
@@ -62,8 +62,8 @@ def test_no_label_is_written_in_place(path: Path) -> None:
 
 
 def test_what_is_spoken_changes() -> None:
-    speak(Language.JAPANESE)
-    assert say("shell.quit") == "終了"
-    assert say("traffic.lost", count=3) == "3 パケット欠落"
-    speak(Language.ENGLISH)
-    assert say("shell.quit") == "Quit"
+    set_language(Language.JAPANESE)
+    assert label("shell.quit") == "終了"
+    assert label("traffic.lost", count=3) == "3 パケット欠落"
+    set_language(Language.ENGLISH)
+    assert label("shell.quit") == "Quit"

@@ -65,12 +65,12 @@ def show_proxy(options: ProxyScreenOptions) -> None:
 
 
 def _show_running_proxy(address: str) -> None:
+    from bcapscope.tui.reader_language import label
     from bcapscope.tui.traffic_processes.traffic_feed import TrafficFeed
-    from bcapscope.tui.words import say
 
     figures = _read_figures(address)
     if figures.recording is None:
-        _show_screens(None, _proxy_screen(address, figures, None, note=say("proxy.unrecorded")))
+        _show_screens(None, _proxy_screen(address, figures, None, note=label("proxy.unrecorded")))
         return
     feed = TrafficFeed(path=figures.recording, follow=True, ports=figures.ports, leg=_CLIENT_SIDE)
     try:

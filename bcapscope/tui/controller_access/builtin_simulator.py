@@ -20,6 +20,7 @@ from bcapscope.simulator.machine import InitialState
 from bcapscope.simulator.profile import PROFILES
 from bcapscope.simulator.simulator import Simulator
 from bcapscope.simulator.simulator_server import SimulatorServer
+from bcapscope.tui.reader_language import label
 
 DEFAULT_PROFILE = "rc7"
 """Profile of the controller that b-CAP Tester's screen shows (DENSO Wave 2009, How to use the Slave mode)."""
@@ -83,7 +84,7 @@ def run_builtin_simulator(profile: str = DEFAULT_PROFILE) -> Iterator[BuiltInSim
         try:
             line = process.stdout.readline()
             if not line:
-                raise ConnectionError("the built-in simulator has ended before it began")
+                raise ConnectionError(label("simulator.not-started"))
             yield BuiltInSimulator(_HOST, int(line), process)
         finally:
             process.stdin.close()

@@ -20,7 +20,7 @@ from bcapscope.traffic.filter.field_table import RecordKind
 from bcapscope.traffic.filter.getters import CALL_GETTERS
 from bcapscope.traffic.pipeline import CallCollector, Pipeline
 from bcapscope.tui.controller_access.history_record import HistoryRecord, Initiator, failure_text
-from bcapscope.tui.words import reader_words
+from bcapscope.tui.reader_language import reader_words
 
 _PLAIN_WORDS = re.compile(r"[\w\s.@:-]*")
 """Text without any character that only an expression of the filter language needs."""

@@ -24,6 +24,7 @@ from bcapscope.client.remote_objects import Robot
 from bcapscope.client.session import Session, open_target_session
 from bcapscope.client.variant_values import arguments_of
 from bcapscope.errors import BcapError, CallTimeout, ControllerError
+from bcapscope.messages import Message
 from bcapscope.protocol.codec.frame import Frame, Malformed, parse_datagram
 from bcapscope.protocol.codec.variant import Variant
 from bcapscope.protocol.guard import request_effect
@@ -47,7 +48,6 @@ from bcapscope.tui.controller_access.session_updates import (
     SessionStatus,
     SessionUpdate,
 )
-from bcapscope.tui.words import say
 
 R = TypeVar("R")
 
@@ -204,7 +204,7 @@ class ControllerSession:
             NotConnectedError: There is no connection.
         """
         if self._opener is None:
-            raise NotConnectedError(say("tester.not_connected"))
+            raise NotConnectedError(Message("tester.not_connected"))
         return self._opener
 
     async def call(
@@ -255,7 +255,7 @@ class ControllerSession:
         """
         found = self.opener.session.handles.latest(ObjectClass.CONTROLLER)
         if found is None:
-            raise NotConnectedError(say("tester.not_connected"))
+            raise NotConnectedError(Message("tester.not_connected"))
         return found
 
     def selected_robot(self) -> Robot:
@@ -265,7 +265,7 @@ class ControllerSession:
             NotConnectedError: None is open.
         """
         if self.status.robot is None:
-            raise NotConnectedError(say("desk.robot.missing"))
+            raise NotConnectedError(Message("controller.robot.missing"))
         return Robot(self.opener.session, self.status.robot.handle)
 
     @property
@@ -291,7 +291,7 @@ class ControllerSession:
 
     def _check_armed(self) -> None:
         if not self.arming.allows_armed_calls(self.now()):
-            raise NotArmedError(say("tester.not_armed"))
+            raise NotArmedError(Message("tester.not_armed"))
         self.arming.extend(self.now())
 
     async def record_calls(

@@ -18,7 +18,7 @@ from bcapscope.tui.controller_access.controller_session import ControllerSession
 from bcapscope.tui.controller_access.history_record import HistoryRecord, Initiator, error_text, failure_text
 from bcapscope.tui.controller_access.history_recorder import INITIATOR
 from bcapscope.tui.controller_access.session_updates import ConnectStep, ConnectStepUpdate, ControllerIdentity
-from bcapscope.tui.words import say, told
+from bcapscope.tui.reader_language import label
 
 
 class ConnectStepError(BcapError):
@@ -108,7 +108,7 @@ async def _run_step(
 
 async def _open_link(session: ControllerSession, target: ControllerTarget) -> str:
     await session.open_link(target)
-    return told(str(target))
+    return label("controller.target", address=target.address, transport="TCP" if target.tcp else "UDP")
 
 
 async def _start_service(session: ControllerSession) -> str:
@@ -149,8 +149,8 @@ async def _identify_controller(session: ControllerSession) -> str:
     version = await _read_fact(session, Controller(opener.session, controller.handle), "@VERSION")
     session.arming.is_required = not simulator
     session.update_status(identity=ControllerIdentity(simulator, version))
-    kind = say("desk.simulator" if simulator else "desk.controller")
-    return f"{kind}, {say('desk.version', version=version)}" if version else kind
+    kind = label("controller.kind.simulator" if simulator else "controller.kind.controller")
+    return f"{kind}, {label('controller.version', version=version)}" if version else kind
 
 
 async def _read_robot_type(session: ControllerSession, robot: ObjectHandle) -> str:

@@ -8,11 +8,12 @@ from enum import StrEnum
 from bcapscope.client.handle_table import ObjectHandle
 from bcapscope.errors import Attempt, BcapError
 from bcapscope.messages.os_errors import os_reason
+from bcapscope.messages.places import Count
 from bcapscope.protocol.codec.frame import Frame
 from bcapscope.protocol.codec.variant import Variant
 from bcapscope.protocol.tables.hresult import describe_hresult, hresult_name
 from bcapscope.traffic.observation import Direction, Observation
-from bcapscope.tui.words import reader_words, say, told
+from bcapscope.tui.reader_language import label, reader_words
 
 
 class RecordOutcome(StrEnum):
@@ -99,8 +100,7 @@ def failure_text(record: HistoryRecord) -> str:
     """Return in one clause why a call failed."""
     if record.outcome is RecordOutcome.REFUSED and record.reply is not None:
         code = record.reply.code
-        return f"{hresult_name(code)}, {told(describe_hresult(code).text)}"
+        return f"{hresult_name(code)}, {reader_words().text(describe_hresult(code).meaning)}"
     if record.outcome is RecordOutcome.UNANSWERED:
-        tries = len(record.attempts)
-        return say("desk.unanswered.one" if tries == 1 else "desk.unanswered.many", tries=tries)
-    return say("desk.given_up")
+        return label("controller.no-reply", attempts=Count(len(record.attempts), "attempt"))
+    return label("controller.cancelled")

@@ -9,7 +9,7 @@ from dataclasses import replace
 
 from bcapscope.client.controller_target import ControllerTarget
 from bcapscope.protocol.retry.reserved_convention import ReservedConvention, client_conventions
-from bcapscope.tui.words import say
+from bcapscope.tui.reader_language import label
 
 _SERVICE_KEYS = ("wdt", "invoketimeout")
 
@@ -41,7 +41,7 @@ def read_option_field(text: str, host: str, port: int, tcp: bool) -> tuple[Contr
         if key.startswith("@") or folded in ("interval", "server"):
             target = replace(target, connect_option=",".join(filter(None, (target.connect_option, part))))
         elif not equals:
-            raise ValueError(say("desk.option.pair", part=part, help=say("desk.option.help")))
+            raise ValueError(label("controller.option.pair", part=part, help=label("controller.option.help")))
         elif folded in _SERVICE_KEYS:
             _bounded_integer(key, value, 80, 10_000_000)
             target = replace(target, service=f"{target.service},{key}={value}")
@@ -64,18 +64,18 @@ def _with_own_key(target: ControllerTarget, key: str, value: str) -> ControllerT
         return replace(target, name=value)
     if folded == "reserved":
         return replace(target, convention=_convention(value, target.tcp))
-    raise ValueError(say("desk.option.unknown", key=key, help=say("desk.option.help")))
+    raise ValueError(label("controller.option.unknown", key=key, help=label("controller.option.help")))
 
 
 def _bounded_integer(key: str, value: str, low: int, high: int) -> int:
     number = int(value) if value.isascii() and value.isdecimal() and len(value) < 12 else -1
     if not low <= number <= high:
-        raise ValueError(say("desk.option.whole", key=key, value=value, low=low, high=high))
+        raise ValueError(label("controller.option.whole", key=key, value=value, low=low, high=high))
     return number
 
 
 def _convention(value: str, tcp: bool) -> ReservedConvention:
     allowed = [each.value for each in client_conventions(not tcp)]
     if value.casefold() not in allowed:
-        raise ValueError(say("desk.option.reserved", value=value, allowed=", ".join(allowed)))
+        raise ValueError(label("controller.option.reserved", value=value, allowed=", ".join(allowed)))
     return ReservedConvention(value.casefold())

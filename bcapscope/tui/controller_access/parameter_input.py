@@ -8,7 +8,7 @@ from bcapscope.protocol.codec.variant import ARRAY, VT, Variant, vt_name
 from bcapscope.protocol.codec.variant_notation import parse_variant
 from bcapscope.protocol.tables.command_catalogue import CommandSpec, find_command
 from bcapscope.render.notation_text import type_word
-from bcapscope.tui.words import say, table_text, told
+from bcapscope.tui.reader_language import label, localized, table_text
 
 PARAMETER_TYPES: tuple[int, ...] = (
     *(int(vt) for vt in VT if vt is not VT.VARIANT),
@@ -49,16 +49,16 @@ def check_text(vt: int, text: str) -> CheckedText:
     try:
         return CheckedText(parse_variant(f"{type_word(vt)}:{typed}"), "")
     except ValueError as error:
-        return CheckedText(None, f"{told(str(error))}; {expected_input(vt)}")
+        return CheckedText(None, f"{localized(error)}; {expected_input(vt)}")
 
 
 def expected_input(vt: int) -> str:
     """Return a hint on what to type for a type."""
     if vt in (VT.EMPTY, VT.NULL):
-        return say("desk.expected.nothing")
-    what = say(f"desk.expected.{VT(vt & ~ARRAY).name}")
+        return label("controller.expected.nothing")
+    what = label(f"controller.expected.{VT(vt & ~ARRAY).name}")
     several = vt & ARRAY and vt != ARRAY | VT.VARIANT
-    return say("desk.expected.several" if several else "desk.expected", what=what)
+    return label("controller.expected.several" if several else "controller.expected", what=what)
 
 
 class CommandHint(NamedTuple):
@@ -85,11 +85,11 @@ def command_hint(function_id: int, name: str) -> CommandHint | None:
 def _hint_text(known: CommandSpec) -> str:
     parts = [table_text(known.text)]
     if known.elements:
-        parts.append(say("desk.command.parameter", elements=table_text(known.elements)))
+        parts.append(label("controller.command.parameter", elements=table_text(known.elements)))
     if known.returns:
-        parts.append(say("desk.command.returns", returns=table_text(known.returns)))
+        parts.append(label("controller.command.returns", returns=table_text(known.returns)))
     if known.in_slave_mode is False:
-        parts.append(say("desk.command.refused"))
+        parts.append(label("controller.command.refused"))
     if known.controllers:
         parts.append(table_text(known.controllers))
     return "; ".join(parts)

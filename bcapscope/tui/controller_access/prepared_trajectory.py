@@ -17,7 +17,7 @@ from bcapscope.player.trajectory_reader import read_trajectories
 from bcapscope.protocol.slave_mode.modes import PERIOD_MS
 from bcapscope.render.color_palette import Palette
 from bcapscope.render.preflight_text import PreflightRenderer, source_lines, trajectory_line
-from bcapscope.tui.words import reader_words
+from bcapscope.tui.reader_language import reader_words
 
 
 @dataclass(frozen=True, slots=True)

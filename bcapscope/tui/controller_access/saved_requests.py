@@ -21,13 +21,14 @@ import platformdirs
 
 from bcapscope.errors import BcapError
 from bcapscope.faults.document import read_document
+from bcapscope.messages import Message
+from bcapscope.messages.os_errors import os_reason
 from bcapscope.protocol.codec.variant import VT, Variant
 from bcapscope.protocol.codec.variant_notation import parse_variant_as
 from bcapscope.protocol.tables.function_table import FUNCTIONS, Function, Param, function_by_name
 from bcapscope.render.notation_text import typed_text
 from bcapscope.tui.atomic_file import write_atomically
-from bcapscope.tui.controller_access.history_record import error_text
-from bcapscope.tui.words import say, told
+from bcapscope.tui.reader_language import localized
 
 MAX_FILE_SIZE = 100_000
 """Maximum size of a file; a b-CAP request written by hand is far smaller."""
@@ -80,7 +81,7 @@ def _load_or_reason(path: Path) -> SavedRequest | str:
     try:
         return load_request(path)
     except SavedRequestError as error:
-        return str(error)
+        return localized(error)
 
 
 def load_request(path: Path) -> SavedRequest:
@@ -93,20 +94,26 @@ def load_request(path: Path) -> SavedRequest:
         with path.open("rb") as file:
             content = file.read(MAX_FILE_SIZE + 1)
         if len(content) > MAX_FILE_SIZE:
-            raise SavedRequestError(say("desk.saved.large", name=path.name, most=MAX_FILE_SIZE))
+            raise SavedRequestError(Message("controller.saved.large", name=path.name, most=MAX_FILE_SIZE))
         found = read_document(content.decode("utf-8"), _RequestFile)
     except OSError as error:
-        raise SavedRequestError(f"{path.name}: {error_text(error)}") from None
+        raise SavedRequestError(
+            Message("controller.saved.problem", name=path.name, reason=os_reason(error))
+        ) from None
     except ValueError as error:  # not UTF-8, or a `DocumentError`
-        raise SavedRequestError(f"{path.name}: {told(' '.join(str(error).split()))}") from None
+        raise SavedRequestError(
+            Message("controller.saved.problem", name=path.name, reason=" ".join(localized(error).split()))
+        ) from None
     function = function_by_name(found.function)
     if function is None:
-        raise SavedRequestError(say("desk.saved.function", name=path.name, function=repr(found.function)))
+        raise SavedRequestError(
+            Message("controller.saved.function", name=path.name, function=repr(found.function))
+        )
     params = function.params[1:] if function.takes_handle else function.params
     if len(params) != len(found.arguments):
-        names = ", ".join(param.name for param in params) or say("desk.saved.none")
+        names = ", ".join(param.name for param in params) or Message("controller.saved.none")
         count = len(found.arguments)
-        raise SavedRequestError(say("desk.saved.count", name=path.name, count=count, names=names))
+        raise SavedRequestError(Message("controller.saved.count", name=path.name, count=count, names=names))
     values = tuple(_parse_argument(path, *each) for each in zip(params, found.arguments, strict=True))
     return SavedRequest(path.stem, function, values, found.note)
 
@@ -116,7 +123,9 @@ def _parse_argument(path: Path, param: Param, given: str | int | float | bool) -
     try:
         return parse_variant_as(text, (param.type,))
     except ValueError as error:
-        raise SavedRequestError(f"{path.name}: {param.name}: {told(str(error))}") from None
+        raise SavedRequestError(
+            Message("controller.saved.problem", name=f"{path.name}: {param.name}", reason=localized(error))
+        ) from None
 
 
 def save_request(
@@ -136,24 +145,26 @@ def save_request(
     """
     function = FUNCTIONS.get(function_id)
     if function is None or len(function.params) != len(arguments):
-        raise SavedRequestError(say("desk.saved.unknown"))
+        raise SavedRequestError(Message("controller.saved.unknown"))
     skipped = 1 if function.takes_handle else 0
     pairs = list(zip(function.params, arguments, strict=True))[skipped:]
     texts = [_argument_text(param, argument) for param, argument in pairs]
     if None in texts:
-        raise SavedRequestError(say("desk.saved.nested"))
+        raise SavedRequestError(Message("controller.saved.nested"))
     stem = _UNSAFE.sub("_", name).strip(" .")[:80]
     if not stem:
-        raise SavedRequestError(say("desk.saved.name"))
+        raise SavedRequestError(Message("controller.saved.name"))
     try:
         content = msgspec.yaml.encode(_RequestFile(function.name, [text or "" for text in texts], note))
     except UnicodeEncodeError:  # a lone surrogate
-        raise SavedRequestError(say("desk.saved.half")) from None
+        raise SavedRequestError(Message("controller.saved.half")) from None
     path = folder / f"{stem}{_SUFFIX}"
     try:
         write_atomically(path, content)
     except OSError as error:
-        raise SavedRequestError(f"{folder}: {error_text(error)}") from None
+        raise SavedRequestError(
+            Message("controller.saved.problem", name=str(folder), reason=os_reason(error))
+        ) from None
     return path
 
 

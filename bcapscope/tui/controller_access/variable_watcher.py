@@ -12,7 +12,7 @@ from bcapscope.tui.controller_access.controller_session import ControllerSession
 from bcapscope.tui.controller_access.history_record import Initiator, RecordOutcome, error_text, failure_text
 from bcapscope.tui.controller_access.session_updates import WatchUpdate
 from bcapscope.tui.controller_access.watched_variable import WatchedVariable
-from bcapscope.tui.words import say
+from bcapscope.tui.reader_language import label
 
 READ_INTERVAL = 0.5
 """Seconds between two reads."""
@@ -64,7 +64,7 @@ class VariableWatcher:
     async def _read_variable(self, variable: WatchedVariable) -> None:
         """Read one variable; skip it in slave mode, which any call but a set point may end."""
         if self._session.polling_paused:
-            variable.set_problem(say("desk.resting"))
+            variable.set_problem(label("controller.not-read"))
             return
         try:
             record = await self._session.invoke(

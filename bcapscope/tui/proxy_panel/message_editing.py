@@ -9,7 +9,7 @@ from bcapscope.faults.rewriter import rewrite_message
 from bcapscope.protocol.codec.frame import Frame, parse_datagram
 from bcapscope.render.notation_text import untyped_text
 from bcapscope.traffic.observation import Flow
-from bcapscope.tui.words import say
+from bcapscope.tui.reader_language import label
 
 _HEX = re.compile(r"[0-9A-Fa-f\s]+")
 _BARE = re.compile(r'[^\s"]+')
@@ -27,12 +27,12 @@ def edited_message(data: bytes, flow: Flow, text: str) -> bytes:
         ValueError: The edit is invalid or changes nothing; says why.
     """
     if not text.strip():
-        raise ValueError(say("proxy.edit.empty"))
+        raise ValueError(label("proxy.edit.empty"))
     if _HEX.fullmatch(text):
         return _from_hex(text)
     made = rewrite_message(data, flow, text)
     if made == data:
-        raise ValueError(say("proxy.edit.same"))
+        raise ValueError(label("proxy.edit.same"))
     return made
 
 
@@ -40,7 +40,7 @@ def _from_hex(text: str) -> bytes:
     try:
         return bytes.fromhex(text)
     except ValueError:
-        raise ValueError(say("proxy.edit.hex")) from None
+        raise ValueError(label("proxy.edit.hex")) from None
 
 
 def proposed_edit(data: bytes, offset: int) -> str:

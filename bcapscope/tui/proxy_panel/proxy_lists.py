@@ -9,8 +9,8 @@ from rich.cells import cell_len
 from bcapscope.proxy.control_messages import ClientStatus, FaultStatus, HeldStatus
 from bcapscope.render.escape import printable
 from bcapscope.tui.ink import INK
+from bcapscope.tui.reader_language import label
 from bcapscope.tui.widgets.lines import Lines
-from bcapscope.tui.words import say
 
 _SILENT_AFTER = 1.0
 """Seconds without a reply to the last request after which the list shows the controller as silent."""
@@ -63,7 +63,7 @@ class ItemList(Lines, Generic[T]):
     def line(self, index: int) -> str:
         if index < len(self.items):
             return self.item_line(self.items[index])
-        return f"{INK.dim} {say(self.EMPTY)}{INK.reset}"
+        return f"{INK.dim} {label(self.EMPTY)}{INK.reset}"
 
 
 class ClientList(ItemList[ClientStatus]):
@@ -74,10 +74,10 @@ class ClientList(ItemList[ClientStatus]):
 
     def header(self) -> str:
         return (
-            f" {_left_aligned(say('proxy.head.client'), 21)} {' ' * 4}"
-            f" {_right_aligned(say('proxy.head.since'), 7)} {_right_aligned(say('proxy.head.up'), 8)}"
-            f" {_right_aligned(say('proxy.head.down'), 8)} {_right_aligned(say('proxy.head.heard'), 8)}"
-            f"  {say('proxy.head.upstream')}"
+            f" {_left_aligned(label('proxy.head.client'), 21)} {' ' * 4}"
+            f" {_right_aligned(label('proxy.head.since'), 7)} {_right_aligned(label('proxy.head.up'), 8)}"
+            f" {_right_aligned(label('proxy.head.down'), 8)} {_right_aligned(label('proxy.head.last'), 8)}"
+            f"  {label('proxy.head.upstream')}"
         )
 
     def item_line(self, item: ClientStatus) -> str:
@@ -91,13 +91,13 @@ def _upstream_text(client: ClientStatus) -> str:
     """Return the controller's state as this client sees it."""
     heard, answered = client.heard_s, client.answered_s
     if client.upstream in ("refused", "connecting"):
-        return f"{INK.bad}{say(f'proxy.upstream.{client.upstream}')}{INK.reset}"
+        return f"{INK.bad}{label(f'proxy.upstream.{client.upstream}')}{INK.reset}"
     if answered is None:
         key = "proxy.upstream.unanswered" if client.up else "proxy.upstream.open"
-        return f"{INK.bad if client.up else INK.dim}{say(key)}{INK.reset}"
+        return f"{INK.bad if client.up else INK.dim}{label(key)}{INK.reset}"
     if heard is not None and answered - heard > _SILENT_AFTER:
-        return f"{INK.bad}{say('proxy.upstream.silent', seconds=f'{answered:.0f}')}{INK.reset}"
-    return f"{INK.good}{say('proxy.upstream.answers')}{INK.reset}"
+        return f"{INK.bad}{label('proxy.upstream.silent', seconds=f'{answered:.0f}')}{INK.reset}"
+    return f"{INK.good}{label('proxy.upstream.answers')}{INK.reset}"
 
 
 class RuleList(ItemList[FaultStatus]):
@@ -110,14 +110,14 @@ class RuleList(ItemList[FaultStatus]):
 
     def header(self) -> str:
         name, injected = (
-            _left_aligned(say("proxy.head.rule"), 16),
-            _right_aligned(say("proxy.head.injected"), 8),
+            _left_aligned(label("proxy.head.rule"), 16),
+            _right_aligned(label("proxy.head.injected"), 8),
         )
-        return f"       {name} {injected}  {say('proxy.head.what')}"
+        return f"       {name} {injected}  {label('proxy.head.what')}"
 
     def item_line(self, item: FaultStatus) -> str:
         state = f"{INK.good}●{INK.reset}" if item.on else f"{INK.dim}○{INK.reset}"
-        word = _left_aligned(say("proxy.on" if item.on else "proxy.off"), 4)
+        word = _left_aligned(label("proxy.on" if item.on else "proxy.off"), 4)
         count = f"{INK.number}{item.injected:>8,}{INK.reset}"
         name = _left_aligned(printable(item.name), 16)
         return f" {state} {word}{INK.name}{name}{INK.reset} {count}  {printable(item.rule)}"
@@ -133,8 +133,9 @@ class HeldList(ItemList[HeldStatus]):
 
     def header(self) -> str:
         return (
-            f" {_right_aligned('#', 4)} {_left_aligned(say('proxy.head.client'), 21)} {_left_aligned('', 8)}"
-            f" {_right_aligned(say('proxy.head.left'), 7)}  {say('proxy.head.message')}"
+            f" {_right_aligned('#', 4)} {_left_aligned(label('proxy.head.client'), 21)}"
+            f" {_left_aligned('', 8)} {_right_aligned(label('proxy.head.left'), 7)}"
+            f"  {label('proxy.head.message')}"
         )
 
     def item_line(self, item: HeldStatus) -> str:
@@ -176,7 +177,7 @@ class ProxyLog(Lines):
     def line(self, index: int) -> str:
         if index < len(self._messages):
             return f" {self._messages[index]}"
-        return f"{INK.dim} {say('proxy.empty.told')}{INK.reset}"
+        return f"{INK.dim} {label('proxy.empty.messages')}{INK.reset}"
 
 
 def _left_aligned(text: str, width: int) -> str:

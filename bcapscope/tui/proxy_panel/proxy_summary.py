@@ -10,7 +10,7 @@ from bcapscope.proxy.control_messages import ProxyStats, RelayDelays
 from bcapscope.proxy.ring_buffer import SET_POINT_DEADLINE_NS
 from bcapscope.render.escape import printable
 from bcapscope.tui.ink import INK
-from bcapscope.tui.words import say
+from bcapscope.tui.reader_language import label
 
 
 def summary_lines(figures: ProxyStats) -> list[str]:
@@ -28,35 +28,35 @@ def summary_lines(figures: ProxyStats) -> list[str]:
 
 def _delay_line(key: str, times: Sequence[int]) -> str:
     p50, p99, p999, most = (f"{INK.number}{time / 1000:,.0f}{INK.reset}" for time in times)
-    return f" {say(key)}  p50 {p50}  p99 {p99}  p99.9 {p999}  {say('proxy.most')} {most} µs"
+    return f" {label(key)}  p50 {p50}  p99 {p99}  p99.9 {p999}  {label('proxy.most')} {most} µs"
 
 
 def _traffic_counts(figures: ProxyStats) -> Iterator[str]:
     is_tcp = figures.bytes_up or figures.bytes_down
     if figures.came_up or figures.came_down or not is_tcp:  # no room for a transport that is not used
         up, down = f"{figures.came_up:,}/{figures.left_up:,}", f"{figures.came_down:,}/{figures.left_down:,}"
-        yield say("proxy.datagrams", up=up, down=down)
+        yield label("proxy.datagrams", up=up, down=down)
     if is_tcp:
-        yield say("proxy.tcp", up=f"{figures.bytes_up:,}", down=f"{figures.bytes_down:,}")
+        yield label("proxy.tcp", up=f"{figures.bytes_up:,}", down=f"{figures.bytes_down:,}")
 
 
 def _problem_counts(figures: ProxyStats) -> Iterator[str]:
     if figures.are_scripts_off:
-        yield f"{INK.problem}{say('proxy.script.off')}{INK.reset}"
-    yield say("proxy.faults", count=f"{sum(figures.injected.values()):,}")
+        yield f"{INK.problem}{label('proxy.script.off')}{INK.reset}"
+    yield label("proxy.faults", count=f"{sum(figures.injected.values()):,}")
     if figures.guard:
-        yield say("proxy.refused", count=f"{figures.refused:,}")
+        yield label("proxy.refused", count=f"{figures.refused:,}")
     for key, count in (("lost", figures.lost + figures.full), ("denied", figures.denied)):
         ink = INK.problem if count else ""
         if count or key == "lost":
-            yield f"{ink}{say(f'proxy.{key}', count=f'{count:,}')}{INK.reset if ink else ''}"
+            yield f"{ink}{label(f'proxy.{key}', count=f'{count:,}')}{INK.reset if ink else ''}"
     if figures.unwatched:
-        yield f"{INK.problem}{say('proxy.unwatched', count=f'{figures.unwatched:,}')}{INK.reset}"
+        yield f"{INK.problem}{label('proxy.not-recorded', count=f'{figures.unwatched:,}')}{INK.reset}"
 
 
 def _slow_warning(delays: RelayDelays) -> str:
     worst = max(delays.most_up, delays.most_down) / 1e6
-    text = say(
+    text = label(
         "proxy.slow", count=f"{delays.slow:,}", limit=SET_POINT_DEADLINE_NS // 1_000_000, worst=f"{worst:.1f}"
     )
     return f"{INK.problem} {text}{INK.reset}"
@@ -65,5 +65,5 @@ def _slow_warning(delays: RelayDelays) -> str:
 def intercept_line(figures: ProxyStats) -> str:
     """Return the line that shows which messages are held, escaped and with marks of `INK`."""
     if figures.intercept is None:
-        return f"{INK.dim} {say('proxy.intercept.none')}{INK.reset}"
-    return f" {say('proxy.intercept.is')} {INK.name}{printable(figures.intercept)}{INK.reset}"
+        return f"{INK.dim} {label('proxy.intercept.none')}{INK.reset}"
+    return f" {label('proxy.intercept.is')} {INK.name}{printable(figures.intercept)}{INK.reset}"

@@ -13,12 +13,12 @@ from textual.events import ScreenResume
 from textual.screen import Screen
 
 from bcapscope.tui.app import app_of
+from bcapscope.tui.reader_language import label
 from bcapscope.tui.screens.help_screen import HelpScreen
 from bcapscope.tui.screens.screen_commands import ScreenCommandProvider, all_commands
 from bcapscope.tui.widgets.key_bar import KeyBar
 from bcapscope.tui.widgets.plain_containers import PlainContainer
 from bcapscope.tui.widgets.top_bar import TopBar
-from bcapscope.tui.words import say
 
 
 class BaseScreen(Screen[None], PlainContainer):
@@ -63,7 +63,7 @@ class BaseScreen(Screen[None], PlainContainer):
 
     async def action_palette(self) -> None:
         """Open the command palette."""
-        palette = CommandPalette(providers=[ScreenCommandProvider], placeholder=say("shell.palette.hint"))
+        palette = CommandPalette(providers=[ScreenCommandProvider], placeholder=label("shell.palette.hint"))
         await self.app.push_screen(palette)
 
     async def action_help(self) -> None:
@@ -73,4 +73,4 @@ class BaseScreen(Screen[None], PlainContainer):
             for command in all_commands(self, app_of(self))
             if command.key
         ]
-        await self.app.push_screen(HelpScreen(say(self.NAME), say(self.ABOUT), keys))
+        await self.app.push_screen(HelpScreen(label(self.NAME), label(self.ABOUT), keys))

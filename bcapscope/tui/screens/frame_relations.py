@@ -12,8 +12,7 @@ from bcapscope.render.call_text import milliseconds
 from bcapscope.render.escape import printable, quoted
 from bcapscope.traffic.call import Call, PairingResult
 from bcapscope.traffic.filter.getters import AnnotatedFrame
-from bcapscope.tui.words import say
-from bcapscope.tui.words import told as spoken
+from bcapscope.tui.reader_language import label, localized
 
 _SECONDS_PATTERN = re.compile(r"([0-9]+(?:\.[0-9]*)?)\s*s")
 _MAX_SECONDS = 1e9  # 30 years after the start
@@ -31,22 +30,23 @@ def frame_description(frame: AnnotatedFrame, settled: PairingResult | None, note
     number = frame.observation.number
     parts = []
     if isinstance(settled, Call):
-        role = next((event.role for event in settled.frames if event.observation.number == number), "")
-        parts.append(say("traffic.about.request", number=number, role=spoken(role), call=settled.number))
+        role = next(event.role for event in settled.frames if event.observation.number == number)
+        name = label(f"traffic.role.{role.name.lower()}")
+        parts.append(label("traffic.about.request", number=number, role=name, call=settled.number))
         reply, time = settled.reply, settled.latency
         if reply is None or time is None:
-            parts.append(say(f"traffic.about.{settled.outcome}"))
+            parts.append(label(f"traffic.about.{settled.outcome}"))
         elif reply.number != number:
-            parts.append(say("traffic.about.answered", frame=reply.number, time=milliseconds(time)))
+            parts.append(label("traffic.about.answered", frame=reply.number, time=milliseconds(time)))
     elif settled is not None:
-        parts.append(say("traffic.about.stray", number=number))
+        parts.append(label("traffic.about.stray", number=number))
     else:
-        parts.append(say("traffic.about.frame", number=number))
+        parts.append(label("traffic.about.frame", number=number))
     if frame.observation.packet and frame.observation.packet != number:
-        parts.append(say("traffic.about.packet", packet=frame.observation.packet))
+        parts.append(label("traffic.about.packet", packet=frame.observation.packet))
     flow = frame.observation.flow
     parts.append(printable(f"{flow.src_text} > {flow.dst_text} {flow.conversation.transport}"))
-    parts += [f"# {printable(spoken(comment))}" for comment in frame.comments]
+    parts += [f"# {printable(localized(comment))}" for comment in frame.comments]
     parts += [f"# {printable(note)}"] if note else []
     return " " + " · ".join(parts)
 

@@ -15,7 +15,7 @@ from textual.screen import ModalScreen
 from textual.widgets import Static
 
 from bcapscope.tui.app import app_of
-from bcapscope.tui.words import say
+from bcapscope.tui.reader_language import label
 
 HelpKeys = list[tuple[str, str, str]]
 """A key as the documentation writes it, what it does, and an explanation or ""."""
@@ -36,8 +36,8 @@ class HelpScreen(ModalScreen[None]):
     def compose(self) -> ComposeResult:
         """Put text and table into one page that scrolls."""
         with VerticalScroll(id="help") as page:
-            page.border_title = Text(say("shell.help.title", name=self._title)).markup
-            page.border_subtitle = say("shell.close.hint")
+            page.border_title = Text(label("shell.help.title", name=self._title)).markup
+            page.border_subtitle = label("shell.close.hint")
             yield Static(Group(*self._parts()), id="help-text")
 
     def on_mount(self) -> None:
@@ -48,7 +48,7 @@ class HelpScreen(ModalScreen[None]):
         inks = app_of(self).text_styles
         for paragraph in self._text.split("\n"):
             yield Text(paragraph)
-        yield Text(f"\n{say('shell.keys')}", style=inks["name"])
+        yield Text(f"\n{label('shell.keys')}", style=inks["name"])
         table = Table.grid(padding=(0, 2))
         table.add_column(no_wrap=True)
         table.add_column(no_wrap=True)

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from bcapscope.render.escape import printable
+from bcapscope.tui.reader_language import label
 from bcapscope.tui.traffic_processes.process_messages import ReadProgress
-from bcapscope.tui.words import say
 
 _BAR = 12
 
@@ -22,19 +22,19 @@ def progress_texts(
     """
     long, short = [], []
     if searched is not None:
-        long.append(say("traffic.searching", percent=searched))
+        long.append(label("traffic.searching", percent=searched))
         short.append(f"/{searched}%")
     if progress.lost:
-        long.append(say("traffic.lost", count=progress.lost))
+        long.append(label("traffic.lost", count=progress.lost))
     if source_problem:
         long.append(f"○ {printable(source_problem)}")
-        short.append(f"○ {say('traffic.ended')}")
+        short.append(f"○ {label('traffic.ended')}")
     elif not progress.ended and progress.size:
         percent = 100 * progress.position // progress.size
-        long.append(f"{say('traffic.reading')} {_progress_bar(percent)} {percent:>3} %")
+        long.append(f"{label('traffic.reading')} {_progress_bar(percent)} {percent:>3} %")
         short.append(f"{percent}%")
     elif not progress.ended:
-        long.append(f"● {say('traffic.live')}")
+        long.append(f"● {label('traffic.live')}")
         short.append("●")
     return "  ".join((*long, printable(title))), "  ".join(long), " ".join(short)
 

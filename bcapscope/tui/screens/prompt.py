@@ -11,7 +11,7 @@ from textual.containers import Vertical
 from textual.screen import ModalScreen
 from textual.widgets import Input, Static
 
-from bcapscope.tui.words import say
+from bcapscope.tui.reader_language import label
 
 
 class Prompt(ModalScreen[str | None]):
@@ -32,7 +32,7 @@ class Prompt(ModalScreen[str | None]):
             yield Static(Text(self._question), id="prompt-title")
             yield Input(self._value, id="prompt-input")
             yield Static(
-                Text(f"{self._hint}   ⏎ {say('prompt.accept')}   esc {say('prompt.cancel')}"),
+                Text(f"{self._hint}   ⏎ {label('prompt.accept')}   esc {label('prompt.cancel')}"),
                 id="prompt-hint",
             )
 

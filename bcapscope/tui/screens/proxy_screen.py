@@ -28,6 +28,7 @@ from bcapscope.tui.proxy_panel.proxy_events import OrderDone, ProxyOutput, Proxy
 from bcapscope.tui.proxy_panel.proxy_lists import ClientList, HeldList, ProxyLog, RuleList
 from bcapscope.tui.proxy_panel.proxy_summary import intercept_line, summary_lines
 from bcapscope.tui.proxy_panel.shared_control_client import ProxyState, SharedControlClient
+from bcapscope.tui.reader_language import label, localized
 from bcapscope.tui.screens.prompt import Prompt
 from bcapscope.tui.screens.views_screen import ViewsScreen, view_keys
 from bcapscope.tui.traffic_processes.traffic_feed import TrafficFeed
@@ -38,7 +39,6 @@ from bcapscope.tui.widgets.lines import Lines
 from bcapscope.tui.widgets.packet_view import PacketView
 from bcapscope.tui.widgets.plain_containers import PlainVertical, Switcher
 from bcapscope.tui.widgets.view_bar import ViewBar
-from bcapscope.tui.words import error_words, say, told
 
 POLL_INTERVAL = 0.5
 """Seconds between two queries of the proxy's state."""
@@ -57,7 +57,7 @@ class ProxyScreen(ViewsScreen):
         "clients": "proxy.clients",
         "rules": "proxy.rules",
         "held": "proxy.held",
-        "told": "proxy.told",
+        "messages": "proxy.messages",
     }
     BINDINGS: ClassVar[list[BindingType]] = [
         *view_keys(VIEWS, "proxy.view.tip"),
@@ -109,12 +109,12 @@ class ProxyScreen(ViewsScreen):
             yield ClientList(id="clients")
             yield RuleList(id="rules")
             yield HeldList(id="held")
-            yield ProxyLog(id="told")
-        yield CheckedInput("fault", read_fault, say("proxy.add.hint"))
+            yield ProxyLog(id="messages")
+        yield CheckedInput("fault", read_fault, label("proxy.add.hint"))
         with PlainVertical(id="message"):
             yield InkedText(id="intercepts")
             yield PacketView(id="packet")
-            yield CheckedInput("change", self._edited_bytes, say("proxy.edit.hint"))
+            yield CheckedInput("change", self._edited_bytes, label("proxy.edit.hint"))
 
     def on_mount(self) -> None:
         """Start to query the proxy."""
@@ -155,7 +155,7 @@ class ProxyScreen(ViewsScreen):
         try:
             return ProxyStateRead(self._control_client.read_state())
         except BcapError as error:
-            return ProxyStateRead(None, error_words(error))
+            return ProxyStateRead(None, localized(error))
 
     @work(thread=True, group="order")
     def _send_order(self, order: control.ControlRequest, done: Callable[[], None] = lambda: None) -> None:
@@ -164,10 +164,10 @@ class ProxyScreen(ViewsScreen):
             self._control_client.send_order(order)
             self.post_message(OrderDone(done))
         except ControlRefused as error:
-            text = say("proxy.refusal", reason=printable(error_words(error)))
+            text = label("proxy.refusal", reason=printable(localized(error)))
             self.post_message(OrderDone(partial(app_of(self).show_message, text, "error")))
         except BcapError as error:
-            self.post_message(ProxyStateRead(None, error_words(error)))
+            self.post_message(ProxyStateRead(None, localized(error)))
         self.post_message(self._read_state())
 
     def on_order_done(self, message: OrderDone) -> None:
@@ -180,7 +180,7 @@ class ProxyScreen(ViewsScreen):
             return
         if message.state is None:
             if not self._problem:
-                text = say("proxy.gone", reason=printable(told(message.problem)))
+                text = label("proxy.gone", reason=printable(message.problem))
                 app_of(self).show_message(text, "error")
                 self._report_source_problem(text)
             self._problem = message.problem
@@ -202,15 +202,15 @@ class ProxyScreen(ViewsScreen):
     def on_proxy_output(self, message: ProxyOutput) -> None:
         message.stop()
         if message.is_end:
-            reason = printable(told(message.text)) or say("proxy.no_words")
+            reason = printable(localized(message.text)) or label("proxy.killed")
             self._has_ended = True
-            self._problem = say("proxy.ended", reason=reason)
+            self._problem = label("proxy.ended", reason=reason)
             app_of(self).show_message(self._problem, "error")
             self._report_source_problem(self._problem)
             if self._feed is not None:
                 self._feed.stop_reading()
         else:
-            self.query_one(ProxyLog).add_message(told(message.text))
+            self.query_one(ProxyLog).add_message(localized(message.text))
         self.show_state()
 
     # display
@@ -234,10 +234,10 @@ class ProxyScreen(ViewsScreen):
         waiting = (
             ""
             if standing is None or not standing.held or self._has_ended
-            else f" · {say('proxy.waiting', count=len(standing.held))}"
+            else f" · {label('proxy.waiting', count=len(standing.held))}"
         )
-        app.status = ((f"{say(key, way=printable(self.route))}{waiting} ", ink),)
-        counts = {"told": f"{self.query_one(ProxyLog).message_count or ''}"}
+        app.status = ((f"{label(key, way=printable(self.route))}{waiting} ", ink),)
+        counts = {"messages": f"{self.query_one(ProxyLog).message_count or ''}"}
         lines = [] if standing is None else summary_lines(standing.figures)
         if self._problem:
             lines.append(f"{INK.problem} {printable(self._problem)}{INK.reset}")
@@ -322,7 +322,7 @@ class ProxyScreen(ViewsScreen):
         """Ask which messages to hold."""
         self.action_view("held")
         known = self._state.figures.intercept if self._state is not None else None
-        prompt = Prompt(say("proxy.intercept.title"), say("proxy.intercept.hint"), known or "")
+        prompt = Prompt(label("proxy.intercept.title"), label("proxy.intercept.hint"), known or "")
         answer = await self.app.push_screen_wait(prompt)
         if answer is not None:
             self._send_order(control.SetIntercept(answer.strip() or None))
@@ -336,7 +336,7 @@ class ProxyScreen(ViewsScreen):
     def _send_decision(self, decide: Callable[[int], control.ControlRequest], word: str) -> None:
         held = self.held.current_item
         if held is not None:
-            text = say(word, number=held.number)
+            text = label(word, number=held.number)
             self._send_order(decide(held.number), partial(self._decision_done, text))
 
     def _decision_done(self, text: str) -> None:

@@ -15,8 +15,8 @@ from textual.widget import Widget
 from bcapscope.messages import Language
 from bcapscope.messages.message import has_message
 from bcapscope.tui.app import BcapApp
+from bcapscope.tui.reader_language import label
 from bcapscope.tui.themes import THEMES
-from bcapscope.tui.words import say
 
 
 class ScreenCommand(NamedTuple):
@@ -42,11 +42,11 @@ def node_commands(node: DOMNode, app: BcapApp) -> Iterator[ScreenCommand]:
     for kind in type(node).__mro__:
         for binding in vars(kind).get("BINDINGS", ()):
             if isinstance(binding, Binding) and has_message(binding.description):
-                tip = say(binding.tooltip) if has_message(binding.tooltip) else ""
+                tip = label(binding.tooltip) if has_message(binding.tooltip) else ""
                 key = app.get_key_display(
                     Binding(binding.key.partition(",")[0], "", "", key_display=binding.key_display)
                 )
-                yield ScreenCommand(say(binding.description), tip, binding.action, node, key)
+                yield ScreenCommand(label(binding.description), tip, binding.action, node, key)
 
 
 def all_commands(screen: DOMNode, app: BcapApp) -> Iterator[ScreenCommand]:
@@ -65,16 +65,16 @@ def all_commands(screen: DOMNode, app: BcapApp) -> Iterator[ScreenCommand]:
 
 def _app_commands(app: BcapApp) -> Iterator[ScreenCommand]:
     for spot in app.screen_entries:
-        name = say("shell.screen", name=say(spot.name))
+        name = label("shell.screen", name=label(spot.name))
         yield ScreenCommand(
-            name, say("shell.screen.tip"), f"switch_mode('{spot.mode}')", app, spot.key.upper()
+            name, label("shell.screen.tip"), f"switch_mode('{spot.mode}')", app, spot.key.upper()
         )
     for theme in THEMES:
-        name = say("shell.theme", name=say(f"shell.theme.{theme.name}"))
-        yield ScreenCommand(name, say("shell.theme.tip"), f"theme('{theme.name}')", app)
+        name = label("shell.theme", name=label(f"shell.theme.{theme.name}"))
+        yield ScreenCommand(name, label("shell.theme.tip"), f"theme('{theme.name}')", app)
     for code, key in (("", "auto"), *((each.value, each.value) for each in Language)):
-        name = say("shell.language", name=say(f"shell.language.{key}"))
-        yield ScreenCommand(name, say("shell.language.tip"), f"language('{code}')", app)
+        name = label("shell.language", name=label(f"shell.language.{key}"))
+        yield ScreenCommand(name, label("shell.language.tip"), f"language('{code}')", app)
 
 
 class ScreenCommandProvider(Provider):

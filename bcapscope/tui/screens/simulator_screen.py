@@ -7,9 +7,9 @@ from textual.message import Message
 from bcapscope.live.child_process import ChildProcess
 from bcapscope.render.escape import printable
 from bcapscope.tui.app import app_of
+from bcapscope.tui.reader_language import label, localized
 from bcapscope.tui.screens.traffic_screen import TrafficScreen
 from bcapscope.tui.traffic_processes.traffic_feed import TrafficFeed
-from bcapscope.tui.words import say, told
 
 
 class SimulatorEnded(Message):
@@ -32,7 +32,7 @@ class SimulatorScreen(TrafficScreen):
     def on_mount(self) -> None:
         """Show the address."""
         self._show_address("good", "●")
-        app_of(self).show_message(say("simulator.listens", address=printable(self._address)))
+        app_of(self).show_message(label("simulator.listens", address=printable(self._address)))
         self._child.subscribe_end(self._post_end)
 
     def _post_end(self, text: str) -> None:
@@ -45,7 +45,7 @@ class SimulatorScreen(TrafficScreen):
     def on_simulator_ended(self, message: SimulatorEnded) -> None:
         """Report that the simulator has ended; its traffic stays on the screen."""
         message.stop()
-        reason = say("simulator.ended", reason=printable(told(message.text)) or say("proxy.no_words"))
+        reason = label("simulator.ended", reason=printable(localized(message.text)) or label("proxy.killed"))
         self.feed.stop_reading()
         self.feed.report_source_problem(reason)
         self._show_address("bad", "○")

@@ -41,6 +41,7 @@ from bcapscope.tui.controller_access.prepared_trajectory import (
 )
 from bcapscope.tui.controller_access.session_updates import SessionStatus
 from bcapscope.tui.ink import INK
+from bcapscope.tui.reader_language import label, localized, reader_words
 from bcapscope.tui.screens.base_screen import BaseScreen
 from bcapscope.tui.settings import with_recent
 from bcapscope.tui.tester.caption import Caption
@@ -49,7 +50,6 @@ from bcapscope.tui.tester.file_picker import FilePicker
 from bcapscope.tui.tester.playback_view import PlaybackView
 from bcapscope.tui.tester.tick_box import TickBox
 from bcapscope.tui.widgets.inked_text import InkedText
-from bcapscope.tui.words import error_words, reader_words, say
 
 _MODE_NUMBERS = (0x001, 0x002, 0x003, 0x101, 0x102, 0x103, 0x201, 0x202, 0x203)
 _MODES: tuple[tuple[str, SlaveModePacing | int], ...] = (
@@ -114,7 +114,7 @@ class SlaveScreen(BaseScreen):
             with Horizontal(classes="row"):
                 yield Caption("tester.file")
                 yield Input(self._initial_path, id="file")
-                yield Button(say("tester.browse"), compact=True, id="browse")
+                yield Button(label("tester.browse"), compact=True, id="browse")
             with Horizontal(classes="row"):
                 yield Caption("tester.mode")
                 yield Select(_MODES, value=SlaveModePacing.SYNC, allow_blank=False, compact=True, id="mode")
@@ -129,11 +129,13 @@ class SlaveScreen(BaseScreen):
             with Horizontal(classes="row"):
                 yield Caption("tester.limits")
                 yield Input(placeholder="J1=-170..170 J1..J3.speed=300 J1.acceleration=6000", id="limits")
-                yield TickBox(say("tester.resample"), id="again")
+                yield TickBox(label("tester.resample"), id="again")
             with Horizontal(classes="row"):
-                yield Button(say("tester.start"), compact=True, variant="success", id="start", disabled=True)
-                yield Button(say("tester.stop"), compact=True, variant="warning", id="stop", disabled=True)
-                yield Button(say("shell.halt"), compact=True, variant="error", id="halt")
+                yield Button(
+                    label("tester.start"), compact=True, variant="success", id="start", disabled=True
+                )
+                yield Button(label("tester.stop"), compact=True, variant="warning", id="stop", disabled=True)
+                yield Button(label("shell.halt"), compact=True, variant="error", id="halt")
                 yield InkedText(id="slave-state")
             with ContentSwitcher(initial="before", id="slave-views"):
                 with VerticalScroll(id="before"):
@@ -172,11 +174,11 @@ class SlaveScreen(BaseScreen):
         if isinstance(wish, str):
             self._show_report([f"{INK.dim}{wish}{INK.reset}"])
             return
-        self._show_report([f"{INK.dim}{say('tester.reading')}{INK.reset}"])
+        self._show_report([f"{INK.dim}{label('tester.reading')}{INK.reset}"])
         try:
             ready = await asyncio.to_thread(prepare_trajectory, wish, self._session.status.identity.type_name)
         except ValueError as error:  # a problem with the file or the limits
-            self._show_report([f"{INK.bad}{printable(error_words(error))}{INK.reset}"])
+            self._show_report([f"{INK.bad}{printable(localized(error))}{INK.reset}"])
             return
         self._prepared = ready
         lines = list(ready.summary_lines(INK, self.query_one("#before").size.width - 2))
@@ -193,13 +195,13 @@ class SlaveScreen(BaseScreen):
         """Return the settings in the fields, or what is wrong with them."""
         path = self.query_one("#file", Input).value.strip()
         if not path:
-            return say("tester.file.missing")
+            return label("tester.file.missing")
         interval = parse_number(self._field_text("interval"), 0.5, 1000)
         speed = parse_number(self._field_text("speed"), 0.01, 10)
         rounds = parse_integer(self._field_text("rounds"), 0, _MAX_ROUNDS)
         index = parse_integer(self._field_text("index"), 0, _MAX_ROUNDS)
         if interval is None or speed is None or rounds is None or index is None:
-            return say("tester.play.numbers")
+            return label("tester.play.numbers")
         return PlaybackSettings(
             path=str(Path(path).expanduser()),
             mode=self._chosen_mode,
@@ -234,7 +236,7 @@ class SlaveScreen(BaseScreen):
         here = Path(self.query_one("#file", Input).value).expanduser().parent
         recent = app_of(self).settings.trajectories
         self.app.push_screen(
-            FilePicker(say("tester.browse"), recent, here if here.is_dir() else Path.cwd()), take
+            FilePicker(label("tester.browse"), recent, here if here.is_dir() else Path.cwd()), take
         )
 
     # While it plays.
@@ -243,7 +245,7 @@ class SlaveScreen(BaseScreen):
     def action_start(self) -> None:
         """Start playing, or report that no trajectory is ready."""
         if self._prepared is None and not self._player_slot.is_playing:
-            self._show_state(f"{INK.bad}{say('tester.start.none')}")
+            self._show_state(f"{INK.bad}{label('tester.start.none')}")
         elif (
             self._prepared is not None
             and self._prepared.preflight.is_playable
@@ -254,10 +256,10 @@ class SlaveScreen(BaseScreen):
     async def _play(self, ready: PreparedTrajectory) -> None:
         session, status = self._session, self._session.status
         if status.target is None:
-            self._show_state(f"{INK.bad}{say('tester.not_connected')}")
+            self._show_state(f"{INK.bad}{label('tester.not_connected')}")
             return
         if not session.arming.allows_armed_calls(session.now()) and not await self._ask_to_arm():
-            self._show_state(f"{INK.bad}{say('tester.not_armed')}")
+            self._show_state(f"{INK.bad}{label('tester.not_armed')}")
             return
         if not await self._release_controller(status):
             return
@@ -316,7 +318,7 @@ class SlaveScreen(BaseScreen):
                     self._player_slot.answer_question(answer)
             if run.question is not None:
                 self._ask_user(run)
-            doing = reader_words().text(run.progress.state.message) if run.progress else say("tester.waiting")
+            doing = localized(run.progress.state.message) if run.progress else label("tester.waiting")
             self._show_state(f"{INK.number}{printable(doing)}")
             live.show_run(run)
         self._show_end(run)

@@ -6,10 +6,10 @@ from collections.abc import Iterator
 
 from textual.widget import Widget
 
+from bcapscope.tui.reader_language import label
 from bcapscope.tui.screens.base_screen import BaseScreen
 from bcapscope.tui.tester.form_tabs import TABS, FormTabs
 from bcapscope.tui.tester.packet_pane import VIEWS, PacketPane
-from bcapscope.tui.words import say
 
 _PART_SELECTOR = "#left .box, #function, #raw, #right"
 _FOCUS_SELECTOR = "Input, HexView, Lines, Button"
@@ -23,11 +23,15 @@ class TesterNavigation(BaseScreen):
     def commands(self) -> Iterator[tuple[str, str, str]]:
         """Yield commands for the tabs and views, which otherwise take several keys."""
         for tab in TABS:
-            yield say("tester.tab", name=say(f"tester.tab.{tab}")), say("tester.tab.tip"), f"tab('{tab}')"
+            yield (
+                label("tester.tab", name=label(f"tester.tab.{tab}")),
+                label("tester.tab.tip"),
+                f"tab('{tab}')",
+            )
         for view in VIEWS:
             yield (
-                say("tester.view", name=say(f"tester.view.{view}")),
-                say("tester.view.tip"),
+                label("tester.view", name=label(f"tester.view.{view}")),
+                label("tester.view.tip"),
                 f"view('{view}')",
             )
 

@@ -40,6 +40,7 @@ from bcapscope.tui.controller_access.session_updates import (
     WatchUpdate,
 )
 from bcapscope.tui.controller_access.variable_watcher import VariableWatcher
+from bcapscope.tui.reader_language import label
 from bcapscope.tui.screens.slave_screen import SlaveScreen
 from bcapscope.tui.screens.tester_navigation import TesterNavigation
 from bcapscope.tui.settings import with_recent
@@ -66,7 +67,6 @@ from bcapscope.tui.tester.wanted_messages import (
     WatchWanted,
 )
 from bcapscope.tui.tester.watch_list import WatchList
-from bcapscope.tui.words import say
 
 _EXECUTE_CONTROLLER = 17
 
@@ -166,7 +166,7 @@ class TesterScreen(TesterNavigation):
             ("variable", "tester.box.variable"),
             ("task-box", "tester.box.task"),
         ):
-            self.query_one(f"#{name}").border_title = say(title)
+            self.query_one(f"#{name}").border_title = label(title)
         app = app_of(self)
         app.add_halt_callback(self.player_slot.halt)
         app.add_halt_callback(self.session.halt)
@@ -189,7 +189,7 @@ class TesterScreen(TesterNavigation):
         try:
             self._simulator = await entered
         except OSError as error:
-            panel.show_problem(say("tester.simulator.failed", reason=printable(error_text(error))))
+            panel.show_problem(label("tester.simulator.failed", reason=printable(error_text(error))))
             return
         panel.fill_address(self._simulator.host, self._simulator.port)
 
@@ -223,10 +223,10 @@ class TesterScreen(TesterNavigation):
         elif isinstance(news, WatchUpdate):
             self.query_one(WatchList).show_variables(tuple(self.variable_watcher.variables))
         elif isinstance(news, ConnectionLost):
-            self.query_one(ConnectionPanel).show_problem(say("tester.lost", reason=printable(news.reason)))
-            app_of(self).show_message(say("tester.lost", reason=printable(news.reason)), "error")
+            self.query_one(ConnectionPanel).show_problem(label("tester.lost", reason=printable(news.reason)))
+            app_of(self).show_message(label("tester.lost", reason=printable(news.reason)), "error")
         elif isinstance(news, SessionProblem):
-            app_of(self).show_message(say("tester.log.broken", reason=printable(news.text)), "warning")
+            app_of(self).show_message(label("tester.log.broken", reason=printable(news.text)), "warning")
 
     def _apply_status(self, status: SessionStatus) -> None:
         if status.is_connected != self._is_connected:
@@ -240,10 +240,10 @@ class TesterScreen(TesterNavigation):
         before, self._halt_update = self._halt_update, news
         if news.state in (HaltState.HALTED, HaltState.FAILED):
             key = "tester.halted" if news.state is HaltState.HALTED else "tester.unhalted"
-            text = say(key, ms=f"{news.round_trip / 1e6:.1f}", reason=printable(news.reason))
+            text = label(key, ms=f"{news.round_trip / 1e6:.1f}", reason=printable(news.reason))
             app_of(self).show_message(text, "warning" if news.state is HaltState.HALTED else "error")
         elif news.state is HaltState.LOST and before.state is HaltState.READY:
-            app_of(self).show_message(say("tester.halt.gone", reason=printable(news.reason)), "error")
+            app_of(self).show_message(label("tester.halt.gone", reason=printable(news.reason)), "error")
         self._show_status()
 
     def _show_status(self) -> None:
@@ -374,10 +374,10 @@ class TesterScreen(TesterNavigation):
         )
         text = copy_text(record, what, target)
         if text is None:
-            app_of(self).show_message(say("tester.copy.none"), "warning")
+            app_of(self).show_message(label("tester.copy.none"), "warning")
             return
         self.app.copy_to_clipboard(text)
-        app_of(self).show_message(say("tester.copied", text=printable(text.partition("\n")[0])[:200]))
+        app_of(self).show_message(label("tester.copied", text=printable(text.partition("\n")[0])[:200]))
 
     # Keys.
 
@@ -435,7 +435,7 @@ class TesterScreen(TesterNavigation):
         """Ask the user to arm; return whether the session is armed then."""
         status = self.session.status
         if status.target is None:
-            app_of(self).show_message(say("tester.not_connected"), "warning")
+            app_of(self).show_message(label("tester.not_connected"), "warning")
             return False
         if not await self.app.push_screen_wait(ArmDialog(arming_facts(status))):
             return False

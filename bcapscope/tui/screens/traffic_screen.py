@@ -13,6 +13,7 @@ from textual.message import Message
 from bcapscope.render.escape import printable
 from bcapscope.render.timestamp import TimeFormat
 from bcapscope.tui.app import app_of
+from bcapscope.tui.reader_language import label, localized
 from bcapscope.tui.screens import frame_relations
 from bcapscope.tui.screens.prompt import Prompt
 from bcapscope.tui.screens.traffic_views import RECORD_KINDS, TrafficViews
@@ -23,7 +24,6 @@ from bcapscope.tui.traffic_processes.traffic_feed import TrafficFeed
 from bcapscope.tui.widgets.checked_input import CheckedInput
 from bcapscope.tui.widgets.finding_page import FindingPage
 from bcapscope.tui.widgets.lines import Lines
-from bcapscope.tui.words import error_words, say, told
 
 _FRAME_ACTIONS = frozenset({"filter", "partner", "call", "mark", "note", "clock", "goto", "follow"})
 _CLOCKS = (TimeFormat.RELATIVE, TimeFormat.DELTA, TimeFormat.UTC)
@@ -76,9 +76,7 @@ class TrafficScreen(TrafficViews):
         Binding(
             "H", "follow('handle')", "traffic.follow.handle", show=False, tooltip="traffic.follow.handle.tip"
         ),
-        Binding(
-            "X", "follow('chain')", "traffic.follow.chain", show=False, tooltip="traffic.follow.chain.tip"
-        ),
+        Binding("X", "follow('chain')", "traffic.follow.call", show=False, tooltip="traffic.follow.call.tip"),
         Binding("K", "follow('kind')", "traffic.follow.kind", show=False, tooltip="traffic.follow.kind.tip"),
         Binding("S", "stop", "traffic.stop", id="traffic.stop", show=False, tooltip="traffic.stop.tip"),
     ]
@@ -123,7 +121,7 @@ class TrafficScreen(TrafficViews):
         index = self.frames.rows.index(number)
         if index is None:
             self.set_filter("")
-            app_of(self).show_message(say("traffic.hidden", number=number))
+            app_of(self).show_message(label("traffic.hidden", number=number))
             index = number - 1
         self.frames.move_cursor_to(index)
 
@@ -137,7 +135,7 @@ class TrafficScreen(TrafficViews):
             None if row is None else calls.read_call(row).settled, number
         )
         if other is None:
-            app_of(self).show_message(say(why))
+            app_of(self).show_message(label(why))
         else:
             self.go_to_frame(other)
 
@@ -151,7 +149,7 @@ class TrafficScreen(TrafficViews):
             return
         row = calls.index_of_frame(number)
         if row is None:
-            app_of(self).show_message(say("traffic.no_call"))
+            app_of(self).show_message(label("traffic.no_call"))
             return
         self.action_view("calls")
         if not self.calls.go_to_call(row + 1):
@@ -167,7 +165,7 @@ class TrafficScreen(TrafficViews):
             if cause:
                 page.go_to_finding(cause)
             else:
-                app_of(self).show_message(say("traffic.no_cause"))
+                app_of(self).show_message(label("traffic.no_cause"))
             return
         frame, calls = self.frame_number, self.feed.calls
         if frame is None or calls is None:
@@ -181,7 +179,7 @@ class TrafficScreen(TrafficViews):
                 self.action_view("findings")
                 page.go_to_finding(number)
                 return
-        app_of(self).show_message(say("traffic.no_finding"))
+        app_of(self).show_message(label("traffic.no_finding"))
 
     @on(FindingPage.Chosen)
     def _line_chosen(self, message: Lines.Chosen) -> None:
@@ -221,7 +219,7 @@ class TrafficScreen(TrafficViews):
             what, self.frames.read_frame(number), None if row is None else calls.read_call(row).settled
         )
         if found is None:
-            app_of(self).show_message(say("traffic.no_handle" if what == "handle" else "traffic.no_call"))
+            app_of(self).show_message(label("traffic.no_handle" if what == "handle" else "traffic.no_call"))
             return
         view = {"handle": "calls", "chain": "frames"}.get(what, self.view)
         if view != self.view:
@@ -232,12 +230,14 @@ class TrafficScreen(TrafficViews):
     async def action_goto(self) -> None:
         """Ask for a frame number or a time, and go there."""
         journal = self.feed.journal
-        answer = await self.app.push_screen_wait(Prompt(say("traffic.goto.title"), say("traffic.goto.hint")))
+        answer = await self.app.push_screen_wait(
+            Prompt(label("traffic.goto.title"), label("traffic.goto.hint"))
+        )
         if not answer or journal is None or not len(journal):
             return
         number = frame_relations.find_frame(answer, journal)
         if number is None:
-            app_of(self).show_message(say("traffic.goto.wrong", text=printable(answer)), "warning")
+            app_of(self).show_message(label("traffic.goto.wrong", text=printable(answer)), "warning")
         else:
             self.go_to_frame(number)
 
@@ -259,8 +259,8 @@ class TrafficScreen(TrafficViews):
         number = self.frame_number
         if number is None:
             return
-        title = say("traffic.note.title", number=number)
-        prompt = Prompt(title, say("traffic.note.hint"), self.frames.marks.get(number, ""))
+        title = label("traffic.note.title", number=number)
+        prompt = Prompt(title, label("traffic.note.hint"), self.frames.marks.get(number, ""))
         note = await self.app.push_screen_wait(prompt)
         if note is None:
             return
@@ -276,15 +276,15 @@ class TrafficScreen(TrafficViews):
         """Save the packets, with marks and notes, in a new file."""
         packets = self.feed.progress.packets
         if not packets or self.feed.journal is None:
-            app_of(self).show_message(say("traffic.nothing_to_save"), "warning")
+            app_of(self).show_message(label("traffic.nothing_to_save"), "warning")
             return
         source = self.feed.display_path
         proposed = source.with_name(f"{source.name.removesuffix('.gz').rpartition('.')[0]}-notes.pcapng")
-        prompt = Prompt(say("traffic.save.title"), say("traffic.save.hint"), str(proposed))
+        prompt = Prompt(label("traffic.save.title"), label("traffic.save.hint"), str(proposed))
         target = await self.app.push_screen_wait(prompt)
         if target:
             notes = frame_relations.notes_by_packet(self.frames.marks, self.frames.read_frame)
-            app_of(self).show_message(say("traffic.saving", path=printable(target)))
+            app_of(self).show_message(label("traffic.saving", path=printable(target)))
             self._save_packets(self.feed.make_save_job(str(Path(target).expanduser()), notes))
 
     @work(thread=True)
@@ -297,17 +297,17 @@ class TrafficScreen(TrafficViews):
         message.stop()
         path = printable(message.target)
         if message.reason:
-            text = say("traffic.unsaved", path=path, reason=printable(told(message.reason)))
+            text = label("traffic.unsaved", path=path, reason=message.reason)
             app_of(self).show_message(text, "error")
         else:
-            app_of(self).show_message(say("traffic.saved", path=path))
+            app_of(self).show_message(label("traffic.saved", path=path))
 
     def commands(self) -> Iterator[tuple[str, str, str]]:
         """Yield commands for recently opened captures."""
         if self.check_action("open", ()):
             for number, path in enumerate(app_of(self).settings.captures):
-                name = say("traffic.open.recent", path=printable(path))
-                yield name, say("traffic.open.tip"), f"open_recent({number})"
+                name = label("traffic.open.recent", path=printable(path))
+                yield name, label("traffic.open.tip"), f"open_recent({number})"
 
     def action_open_recent(self, number: int) -> None:
         """Replace the shown capture with a recent one."""
@@ -318,7 +318,9 @@ class TrafficScreen(TrafficViews):
         """Ask for another capture and show it instead."""
         known = app_of(self).settings.captures
         folder = f"{Path(known[0]).parent}/" if known else ""
-        path = await self.app.push_screen_wait(Prompt(say("traffic.open"), say("traffic.open.hint"), folder))
+        path = await self.app.push_screen_wait(
+            Prompt(label("traffic.open"), label("traffic.open.hint"), folder)
+        )
         if path:
             self._open_capture(str(Path(path).expanduser()))
 
@@ -328,12 +330,12 @@ class TrafficScreen(TrafficViews):
         except OSError:  # no file can have this name
             is_there = False
         if not is_there:
-            app_of(self).show_message(say("traffic.open.none", path=printable(path)), "warning")
+            app_of(self).show_message(label("traffic.open.none", path=printable(path)), "warning")
             return
         try:
             feed = TrafficFeed(path=path, ports=self.feed.job.ports)
         except TemporaryFolderError as error:
-            app_of(self).show_message(printable(error_words(error)), "error")
+            app_of(self).show_message(printable(localized(error)), "error")
         else:
             self.replace_feed(feed, Path(path).name)
 

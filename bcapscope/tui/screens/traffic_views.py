@@ -15,12 +15,12 @@ from textual.events import Resize
 from textual.message import Message
 from textual.widgets import Static
 
-from bcapscope.render.escape import printable
 from bcapscope.render.timestamp import TimeFormat
 from bcapscope.traffic.filter.compiler import compile_filter
 from bcapscope.traffic.filter.field_table import RecordKind
 from bcapscope.traffic.filter.getters import AnnotatedFrame
 from bcapscope.tui.app import app_of
+from bcapscope.tui.reader_language import label
 from bcapscope.tui.screens import frame_relations
 from bcapscope.tui.screens.progress_text import count_text, progress_texts
 from bcapscope.tui.screens.views_screen import ViewsScreen
@@ -41,8 +41,6 @@ from bcapscope.tui.widgets.packet_view import PacketView
 from bcapscope.tui.widgets.plain_containers import PlainVertical, Switcher
 from bcapscope.tui.widgets.text_page import TextPage
 from bcapscope.tui.widgets.view_bar import ViewBar
-from bcapscope.tui.words import say
-from bcapscope.tui.words import told as spoken
 
 RECORD_KINDS = {"frames": RecordKind.FRAME, "calls": RecordKind.CALL}
 """Views whose lines are frames or calls, with the kind of record that their filter tests."""
@@ -102,14 +100,16 @@ class TrafficViews(ViewsScreen):
     def content(self) -> ComposeResult:
         """Yield the views, and below them the frame under the cursor."""
         yield self.make_view_bar()
-        yield CheckedInput("filter", self._check_filter, say("traffic.filter.hint"), say("traffic.filter"))
+        yield CheckedInput(
+            "filter", self._check_filter, label("traffic.filter.hint"), label("traffic.filter")
+        )
         yield Static(id="head")
         with Switcher(initial="frames", id="lists"):
             yield FrameList(id="frames")
             yield CallList(id="calls")
             yield FindingPage(id="findings")
-            yield TextPage([say("traffic.empty.slave")], id="slave")
-            yield TextPage([say("traffic.empty.statistics")], id="statistics")
+            yield TextPage([label("traffic.empty.slave")], id="slave")
+            yield TextPage([label("traffic.empty.statistics")], id="statistics")
         with PlainVertical(id="detail"):
             yield Static(id="about")
             yield PacketView(id="packet")
@@ -156,17 +156,17 @@ class TrafficViews(ViewsScreen):
     def on_feed_updated(self, message: FeedUpdated) -> None:
         """Apply an update from a process of the feed."""
         message.stop()
-        told = message.update
+        update = message.update
         if message.feed is not self.feed or message.feed.is_closed:
             return
-        if isinstance(told, ReadProgress):
-            self._show_progress(told)
-        elif isinstance(told, TrafficAnalysis):
-            self._show_analysis(told)
-        elif isinstance(told, SourceProblem):
-            self._source_problem = told.reason
-        elif told.generation == self._generation:
-            self._add_matches(told)
+        if isinstance(update, ReadProgress):
+            self._show_progress(update)
+        elif isinstance(update, TrafficAnalysis):
+            self._show_analysis(update)
+        elif isinstance(update, SourceProblem):
+            self._source_problem = update.reason
+        elif update.generation == self._generation:
+            self._add_matches(update)
         self.show_state()
 
     def _show_progress(self, progress: ReadProgress) -> None:
@@ -184,9 +184,7 @@ class TrafficViews(ViewsScreen):
                 self._show_about(self._unsettled_frame)
         if progress.ended and progress.problem and not self._is_problem_shown:
             self._is_problem_shown = True
-            app_of(self).show_message(
-                say("traffic.trouble", reason=printable(spoken(progress.problem))), "warning"
-            )
+            app_of(self).show_message(label("traffic.reading-ended", reason=progress.problem), "warning")
         if ended_now:
             self.refresh_bindings()
 
@@ -199,9 +197,11 @@ class TrafficViews(ViewsScreen):
     def _show_analysis(self, analysis: TrafficAnalysis) -> None:
         self.analysis = analysis
         self.query_one(FindingPage).show_analysis(analysis)
-        self.query_one("#slave", TextPage).show_lines(analysis.slave_sessions or [say("traffic.empty.slave")])
+        self.query_one("#slave", TextPage).show_lines(
+            analysis.slave_sessions or [label("traffic.empty.slave")]
+        )
         self.query_one("#statistics", TextPage).show_lines(
-            analysis.statistics or [say("traffic.empty.statistics")]
+            analysis.statistics or [label("traffic.empty.statistics")]
         )
 
     def _add_matches(self, matches: SearchMatches) -> None:
@@ -245,8 +245,8 @@ class TrafficViews(ViewsScreen):
             target = self.shown_list
             if isinstance(target, FrameList | CallList) and target.rows.matches is not None:
                 counts[self.view] = f"{count_text(len(target.rows.matches), brief)}/{counts[self.view]}"
-        told = progress_texts(self.feed.progress, self._source_problem, self._search_percent(), self._title)
-        self.query_one(ViewBar).show_counts(self.view, counts, told)
+        states = progress_texts(self.feed.progress, self._source_problem, self._search_percent(), self._title)
+        self.query_one(ViewBar).show_counts(self.view, counts, states)
 
     def _search_percent(self) -> int | None:
         """Return the percentage of rows searched; None if no row is left to search."""
@@ -283,9 +283,9 @@ class TrafficViews(ViewsScreen):
             packet.show_packet(None)
             self.query_one("#about", Static).update("", layout=False)
             return
-        told = self.frames.read_frame(number)
-        packet.show_packet(told.observation, told.call_kind)
-        self._show_about(told)
+        frame = self.frames.read_frame(number)
+        packet.show_packet(frame.observation, frame.call_kind)
+        self._show_about(frame)
 
     def _show_about(self, frame: AnnotatedFrame) -> None:
         """Show which call a frame belongs to, once that call has settled."""

@@ -8,6 +8,7 @@ from typing import Any
 
 from bcapscope.client.handle_table import ObjectHandle
 from bcapscope.errors import BcapError
+from bcapscope.messages import Message
 from bcapscope.protocol.codec.variant import VT, Variant
 from bcapscope.protocol.tables.function_table import FUNCTIONS, Function, ObjectClass
 from bcapscope.render.escape import printable
@@ -18,8 +19,8 @@ from bcapscope.tui.controller_access.controller_session import (
 from bcapscope.tui.controller_access.guided_connect import add_robot, start_robslave
 from bcapscope.tui.controller_access.history_record import HistoryRecord, error_text
 from bcapscope.tui.controller_access.saved_requests import SavedRequest
+from bcapscope.tui.reader_language import label
 from bcapscope.tui.tester.wanted_messages import CallWanted, OpenWanted, ResultDisplay
-from bcapscope.tui.words import say
 
 CallStep = Callable[[], Coroutine[Any, Any, HistoryRecord]]
 
@@ -95,7 +96,7 @@ class CallRunner:
         found = [one for one in self._session.status.open_objects if one.kind is wanted.kind]
         subject = next((one for one in reversed(found) if one.label.casefold() == name), None)
         if subject is None:
-            wanted.result_display.show_error(say("tester.release.missing", name=printable(wanted.name)))
+            wanted.result_display.show_error(label("tester.release.missing", name=printable(wanted.name)))
             return
         await self.make_call(wanted.result_display, _RELEASES[wanted.kind], (), subject)
 
@@ -110,7 +111,7 @@ class CallRunner:
         found = found or next((one for one in reversed(status.open_objects) if one.kind is kind), None)
         if found is None:
             key = "tester.missing" if status.is_connected else "tester.not_connected"
-            raise ObjectMissingError(say(key, kind=kind))
+            raise ObjectMissingError(Message(key, kind=kind))
         return found
 
     async def _run_reported(self, result_display: ResultDisplay, step: CallStep) -> bool:
@@ -123,10 +124,10 @@ class CallRunner:
         try:
             result_display.show_record(await run_armed(self._session, self._ask_to_arm, step))
         except asyncio.CancelledError:
-            result_display.show_error(say("tester.cancelled"))
+            result_display.show_error(label("tester.cancelled"))
             raise
         except NotArmedError:
-            result_display.show_error(say("tester.not_armed"))
+            result_display.show_error(label("tester.not_armed"))
         except (BcapError, OSError) as error:
             result_display.show_error(error_text(error))
         else:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from textual.widgets import Label
 
-from bcapscope.tui.words import say
+from bcapscope.tui.reader_language import label
 
 
 class Caption(Label):
     """A word before a field; `key` is its key in the catalogue of words."""
 
     def __init__(self, key: str) -> None:
-        super().__init__(say(key), markup=False)
+        super().__init__(label(key), markup=False)

@@ -13,7 +13,7 @@ from textual.message import Message
 from textual.reactive import reactive
 from textual.widget import Widget
 
-from bcapscope.tui.words import say
+from bcapscope.tui.reader_language import label
 
 
 class ChoiceRow(Widget, can_focus=True):
@@ -56,7 +56,7 @@ class ChoiceRow(Widget, can_focus=True):
         text = Text(no_wrap=True, end="")
         for value, name in self._options:
             kind = "choice--chosen" if value == self.chosen else "choice--other"
-            text.append(f" {say(name)} ", style=self.get_component_rich_style(kind))
+            text.append(f" {label(name)} ", style=self.get_component_rich_style(kind))
         return text
 
     def action_step(self, by: int) -> None:
@@ -68,7 +68,7 @@ class ChoiceRow(Widget, can_focus=True):
         """Choose the clicked name."""
         at = 0
         for value, name in self._options:
-            width = Text(f" {say(name)} ").cell_len
+            width = Text(f" {label(name)} ").cell_len
             if at <= event.x < at + width:
                 self.chosen = value
                 return

@@ -16,12 +16,12 @@ from bcapscope.protocol.tables.command_catalogue import commands_of
 from bcapscope.protocol.tables.function_table import FUNCTIONS
 from bcapscope.tui.app import app_of
 from bcapscope.tui.controller_access.parameter_input import command_hint, expected_input
+from bcapscope.tui.reader_language import label
 from bcapscope.tui.tester.caption import Caption
 from bcapscope.tui.tester.list_pickers import CommandPicker
 from bcapscope.tui.tester.result_view import ResultView
 from bcapscope.tui.tester.typed_value import TypedValue
 from bcapscope.tui.tester.wanted_messages import CallWanted
-from bcapscope.tui.words import say
 
 
 class CommandForm(Vertical):
@@ -47,7 +47,7 @@ class CommandForm(Vertical):
         with Horizontal(classes="row"):
             yield Caption("tester.parameter")
             yield TypedValue()
-            yield Button(say("tester.execute"), compact=True, variant="primary", classes="execute")
+            yield Button(label("tester.execute"), compact=True, variant="primary", classes="execute")
         yield ResultView()
 
     def fill_command(self, name: str, parameter: Variant, text: str) -> None:
@@ -114,7 +114,7 @@ class CommandForm(Vertical):
         result, name = self.query_one(ResultView), self.query_one(".command", Input).value.strip()
         checked = self.query_one(TypedValue).checked_text
         if not name:
-            result.show_problem(say("tester.command.missing"))
+            result.show_problem(label("tester.command.missing"))
         elif checked.value is None:
             result.show_problem(checked.problem)
         else:

@@ -15,11 +15,11 @@ from bcapscope.tui.app import app_of
 from bcapscope.tui.controller_access.option_field import read_option_field
 from bcapscope.tui.controller_access.session_updates import ConnectStep, ConnectStepUpdate, SessionStatus
 from bcapscope.tui.ink import INK
+from bcapscope.tui.reader_language import label
 from bcapscope.tui.tester.caption import Caption
 from bcapscope.tui.tester.tick_box import TickBox
 from bcapscope.tui.tester.wanted_messages import ConnectWanted, DisconnectWanted
 from bcapscope.tui.widgets.inked_text import InkedText
-from bcapscope.tui.words import say
 
 DEFAULT_PORT = 5007
 _STEP_MARKS = {None: "◌", True: "●", False: "✗"}
@@ -48,8 +48,8 @@ class ConnectionPanel(Vertical):
             yield Caption("tester.option")
             yield Input(option, placeholder="Timeout=300", id="option")
         with Horizontal(classes="row"):
-            yield Button(say("tester.connect"), compact=True, variant="primary", id="connect")
-            yield Button(say("tester.disconnect"), compact=True, id="disconnect", disabled=True)
+            yield Button(label("tester.connect"), compact=True, variant="primary", id="connect")
+            yield Button(label("tester.disconnect"), compact=True, id="disconnect", disabled=True)
             yield InkedText(id="steps")
         yield InkedText(id="found")
 
@@ -78,10 +78,10 @@ class ConnectionPanel(Vertical):
         tcp = not self.query_one("#udp", TickBox).value
         option = self.query_one("#option", Input).value
         if not host:
-            return say("tester.host.missing")
+            return label("tester.host.missing")
         number = parse_integer(port, 1, 65535)
         if number is None:
-            return say("tester.port.wrong")
+            return label("tester.port.wrong")
         try:
             read_option_field(option, host, number, tcp)
         except ValueError as error:
@@ -133,12 +133,12 @@ class ConnectionPanel(Vertical):
             text = f"{color}{printable(last.text)}{INK.reset}"
         if not text:
             hint = "tester.simulator.starting" if self._is_address_pending else "tester.connect.hint"
-            text = f"{INK.dim}{say(hint)}{INK.reset}"
+            text = f"{INK.dim}{label(hint)}{INK.reset}"
         self.query_one("#steps", InkedText).show_text(" ".join(parts))
         self.query_one("#found", InkedText).show_text(text)
 
     def _step_text(self, step: ConnectStep) -> str:
-        name, news = say(f"tester.step.{step}"), self._steps.get(step)
+        name, news = label(f"tester.step.{step}"), self._steps.get(step)
         if news is None:
             return f"{INK.dim}○ {name}{INK.reset}"
         color = {None: INK.number, True: INK.good, False: INK.bad}[news.done]

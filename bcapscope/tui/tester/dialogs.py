@@ -12,7 +12,7 @@ from textual.containers import Horizontal, Vertical
 from textual.screen import ModalScreen
 from textual.widgets import Button, Input, Static
 
-from bcapscope.tui.words import say, told
+from bcapscope.tui.reader_language import label, localized
 
 _ARROW_BINDINGS = (
     Binding("left", "app.focus_previous", show=False),
@@ -37,12 +37,12 @@ class ArmDialog(ModalScreen[bool]):
     def compose(self) -> ComposeResult:
         """Put the answers below the facts."""
         with Vertical(classes="dialog -warning") as box:
-            box.border_title = say("tester.arm.title")
+            box.border_title = label("tester.arm.title")
             yield Static("\n".join(self._facts), markup=False, id="facts")
-            yield Static(say("tester.arm.warning"), markup=False)
+            yield Static(label("tester.arm.warning"), markup=False)
             with Horizontal(classes="answers"):
-                yield Button(say("tester.arm.no"), compact=True, id="no")
-                yield Button(say("tester.arm.yes"), compact=True, variant="error", id="yes")
+                yield Button(label("tester.arm.no"), compact=True, id="no")
+                yield Button(label("tester.arm.yes"), compact=True, variant="error", id="yes")
 
     def on_mount(self) -> None:
         """Focus the harmless answer, so that Enter does nothing."""
@@ -73,7 +73,10 @@ class ChoiceDialog(ModalScreen[str | None]):
             with Horizontal(classes="answers"):
                 for at, choice in enumerate(self._choices):
                     yield Button(
-                        told(choice), compact=True, id=f"choice{at}", variant="error" if at else "default"
+                        localized(choice),
+                        compact=True,
+                        id=f"choice{at}",
+                        variant="error" if at else "default",
                     )
 
     def on_mount(self) -> None:

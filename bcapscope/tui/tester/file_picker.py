@@ -16,7 +16,7 @@ from textual.widgets import DirectoryTree, OptionList, Static
 from textual.widgets.option_list import Option
 
 from bcapscope.render.escape import printable
-from bcapscope.tui.words import say
+from bcapscope.tui.reader_language import label
 
 
 class FilePicker(ModalScreen[str | None]):
@@ -38,9 +38,9 @@ class FilePicker(ModalScreen[str | None]):
         """Put the recent files above the tree."""
         with Vertical(classes="dialog -tall") as box:
             box.border_title = self._title
-            box.border_subtitle = say("tester.browse.hint")
+            box.border_subtitle = label("tester.browse.hint")
             if self._recent:
-                yield Static(say("tester.recent"), markup=False, classes="caption")
+                yield Static(label("tester.recent"), markup=False, classes="caption")
                 options = [Option(Text(printable(path)), id=str(at)) for at, path in enumerate(self._recent)]
                 yield OptionList(*options, markup=False, id="recent")
             yield DirectoryTree(self._folder, id="tree")

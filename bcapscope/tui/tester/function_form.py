@@ -13,11 +13,11 @@ from bcapscope.protocol.codec.variant import VT, Variant
 from bcapscope.protocol.tables.enumerations import INTERPOLATIONS, TASK_START_MODES, TASK_STOP_MODES
 from bcapscope.protocol.tables.function_table import Function, Param
 from bcapscope.tui.controller_access.parameter_input import PARAMETER_TYPES, expected_input
+from bcapscope.tui.reader_language import label, table_text
 from bcapscope.tui.tester.caption import Caption
 from bcapscope.tui.tester.result_view import ResultView
 from bcapscope.tui.tester.typed_value import TypedValue
 from bcapscope.tui.tester.wanted_messages import CallWanted
-from bcapscope.tui.words import say, table_text
 
 _PARAMETER_TYPES = {"VT_I4": VT.I4, "VT_R4": VT.R4, "VT_BSTR": VT.BSTR}
 _NAMED_VALUES: dict[tuple[str, str], Mapping[int, str]] = {
@@ -50,7 +50,7 @@ class FunctionForm(Vertical):
         yield ResultView()
 
     def _execute_button(self) -> Button:
-        return Button(say("tester.execute"), compact=True, variant="primary", classes="execute")
+        return Button(label("tester.execute"), compact=True, variant="primary", classes="execute")
 
     def _make_field(self, index: int, param: Param) -> Iterator[Select[int] | TypedValue]:
         known = _NAMED_VALUES.get((self.function.name, param.name))

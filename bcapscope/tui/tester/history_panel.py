@@ -13,9 +13,9 @@ from textual.message import Message
 from bcapscope.tui.controller_access.call_history import history_filter, history_line
 from bcapscope.tui.controller_access.history_record import HistoryRecord
 from bcapscope.tui.ink import INK
+from bcapscope.tui.reader_language import label
 from bcapscope.tui.widgets.checked_input import CheckedInput
 from bcapscope.tui.widgets.lines import Lines
-from bcapscope.tui.words import say
 
 MAX_CALLS = 20_000
 """Maximum number of calls; the oldest are dropped first."""
@@ -115,7 +115,7 @@ class HistoryPanel(Vertical):
 
     def compose(self) -> ComposeResult:
         """Put the filter above the calls."""
-        yield CheckedInput("history-filter", history_filter, say("tester.filter"))
+        yield CheckedInput("history-filter", history_filter, label("tester.filter"))
         yield HistoryLines()
 
     @property

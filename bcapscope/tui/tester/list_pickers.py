@@ -17,7 +17,7 @@ from bcapscope.protocol.tables.call_effect import CallEffect
 from bcapscope.protocol.tables.command_catalogue import CommandSpec, commands_of
 from bcapscope.protocol.tables.function_table import FUNCTIONS
 from bcapscope.tui.app import app_of
-from bcapscope.tui.words import say, table_text
+from bcapscope.tui.reader_language import label, table_text
 
 _WARNINGS = {CallEffect.ENERGISES: "tester.energises", CallEffect.MOVES: "tester.moves"}
 
@@ -38,7 +38,7 @@ class ListPicker(ModalScreen[str | None]):
         """Put the field above the list."""
         with Vertical(classes="dialog") as box:
             box.border_title = self._title
-            yield Input(placeholder=say("tester.narrow"))
+            yield Input(placeholder=label("tester.narrow"))
             yield OptionList(markup=False)
 
     def on_mount(self) -> None:
@@ -78,7 +78,7 @@ class CommandPicker(ListPicker):
     """The commands of one ..._Execute function."""
 
     def __init__(self, function_id: int) -> None:
-        super().__init__(say("tester.catalogue", name=FUNCTIONS[function_id].name))
+        super().__init__(label("tester.catalogue", name=FUNCTIONS[function_id].name))
         self._commands = commands_of(function_id)
 
     def matching_options(self, words: list[str]) -> list[Option]:
@@ -95,14 +95,14 @@ class CommandPicker(ListPicker):
         return Text.assemble(
             (f"{each.name:<24} ", inks["name"]),
             (f"{types:<14} ", inks["number"]),
-            (f"{say(_WARNINGS[each.effect])} ", inks["bad"]) if each.effect in _WARNINGS else "",
+            (f"{label(_WARNINGS[each.effect])} ", inks["bad"]) if each.effect in _WARNINGS else "",
             (table_text(each.text), inks["dim"]),
         )
 
 
 class FunctionPicker(ListPicker):
     def __init__(self) -> None:
-        super().__init__(say("tester.functions"))
+        super().__init__(label("tester.functions"))
 
     def matching_options(self, words: list[str]) -> list[Option]:
         """Return options with id, name and arguments."""

@@ -11,9 +11,9 @@ from textual.suggester import SuggestFromList
 from textual.widgets import Button, Input
 
 from bcapscope.protocol.tables.function_table import ObjectClass
+from bcapscope.tui.reader_language import label
 from bcapscope.tui.tester.caption import Caption
 from bcapscope.tui.tester.wanted_messages import OpenWanted, ResultDisplay
-from bcapscope.tui.words import say
 
 
 class OpenObjectRow(Horizontal):
@@ -55,8 +55,8 @@ class OpenObjectRow(Horizontal):
         )
         yield Caption("tester.option")
         yield Input(classes="option")
-        yield Button(say("tester.add"), compact=True, variant="primary", classes="add")
-        yield Button(say("tester.release"), compact=True, classes="release")
+        yield Button(label("tester.add"), compact=True, variant="primary", classes="add")
+        yield Button(label("tester.release"), compact=True, classes="release")
 
     @property
     def object_name(self) -> str:
@@ -71,7 +71,7 @@ class OpenObjectRow(Horizontal):
     def _add(self, message: Button.Pressed | Input.Submitted) -> None:
         message.stop()
         if not self.object_name:
-            self._result_display.show_error(say("tester.name.missing"))
+            self._result_display.show_error(label("tester.name.missing"))
             return
         self.post_message(self._make_message(OpenWanted))
 

@@ -12,9 +12,9 @@ from bcapscope.protocol.codec.frame import Frame
 from bcapscope.traffic.call_kind import CallKind
 from bcapscope.traffic.observation import Observation
 from bcapscope.tui.ink import INK
+from bcapscope.tui.reader_language import label
 from bcapscope.tui.widgets.inked_text import InkedText
 from bcapscope.tui.widgets.packet_view import PacketView
-from bcapscope.tui.words import say
 
 MAX_PACKETS = 2000
 MAX_BYTES = 16 << 20
@@ -89,10 +89,10 @@ class PacketBox(Vertical):
         self._show_title()
 
     def _show_title(self) -> None:
-        text = f"{INK.name}{say(self._title)}{INK.reset}"
+        text = f"{INK.name}{label(self._title)}{INK.reset}"
         if self._packets:
             item = self._packets[self._index][0].item
-            text += f"  {INK.dim}{say('tester.size', count=len(item.raw))}"
+            text += f"  {INK.dim}{label('tester.size', count=len(item.raw))}"
             if isinstance(item, Frame):
                 text += f"  serial {item.serial}  reserved {item.reserved}"
             if len(self._packets) > 1:

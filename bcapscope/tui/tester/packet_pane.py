@@ -16,6 +16,7 @@ from bcapscope.tui.app import app_of
 from bcapscope.tui.controller_access.history_record import HistoryRecord, Initiator
 from bcapscope.tui.controller_access.saved_requests import SavedRequestError, save_request
 from bcapscope.tui.ink import INK
+from bcapscope.tui.reader_language import label, localized, reader_words
 from bcapscope.tui.tester.choice_row import ChoiceRow
 from bcapscope.tui.tester.dialogs import NameDialog
 from bcapscope.tui.tester.history_panel import HistoryLines, HistoryPanel
@@ -24,7 +25,6 @@ from bcapscope.tui.tester.saved_list import SavedList
 from bcapscope.tui.tester.tick_box import TickBox
 from bcapscope.tui.tester.watch_list import WatchList
 from bcapscope.tui.widgets.inked_text import InkedText
-from bcapscope.tui.words import reader_words, say
 
 VIEWS = ("sent", "received", "history", "watch", "saved")
 """Names of the views, in their order."""
@@ -47,8 +47,8 @@ class PacketPane(Vertical):
         """Put the packets above the lists."""
         with Horizontal(classes="row", id="views"):
             yield ChoiceRow([(view, f"tester.view.{view}") for view in VIEWS], id="view")
-            yield TickBox(say("tester.overwrite"), True, id="overwrite")
-            yield Button(say("tester.clear"), compact=True, id="clear")
+            yield TickBox(label("tester.overwrite"), True, id="overwrite")
+            yield Button(label("tester.clear"), compact=True, id="clear")
         yield PacketBox("tester.senddata", id="sent")
         yield PacketBox("tester.receivedata", id="received")
         yield InkedText(id="tries")
@@ -99,7 +99,7 @@ class PacketPane(Vertical):
             if record.notices:
                 lines.append(f"{INK.number}S_EXECUTING × {record.notices}{INK.reset}")
             if record.late_replies:
-                lines.append(f"{INK.problem}{say('tester.late', count=record.late_replies)}{INK.reset}")
+                lines.append(f"{INK.problem}{label('tester.late', count=record.late_replies)}{INK.reset}")
         tries = self.query_one("#tries", InkedText)
         tries.show_text("\n".join(lines))
         tries.set_class(not lines, "-empty")
@@ -130,13 +130,13 @@ class PacketPane(Vertical):
             try:
                 path = save_request(self._requests, name, record.function_id, record.arguments)
             except SavedRequestError as error:
-                app_of(self).show_message(str(error), "error")
+                app_of(self).show_message(localized(error), "error")
                 return
-            app_of(self).show_message(say("tester.saved", path=printable(str(path))))
+            app_of(self).show_message(label("tester.saved", path=printable(str(path))))
             self.query_one(SavedList).reload()
 
         first = call_name(record.function_id, record.arguments)
-        self.app.push_screen(NameDialog(say("tester.save"), printable(first)), take)
+        self.app.push_screen(NameDialog(label("tester.save"), printable(first)), take)
 
     @on(HistoryPanel.RecordSelected)
     def _record_selected(self, message: HistoryPanel.RecordSelected) -> None:

@@ -21,8 +21,8 @@ from bcapscope.render.slave_run_charts import (
 )
 from bcapscope.tui.controller_access.playback_run import PlaybackRun
 from bcapscope.tui.ink import INK
+from bcapscope.tui.reader_language import label, reader_words
 from bcapscope.tui.widgets.inked_text import InkedText
-from bcapscope.tui.words import reader_words, say
 
 _MIN_CHART_ROWS = 6
 """Minimum height of a chart in rows."""
@@ -92,7 +92,7 @@ class PlaybackView(Container, can_focus=True):
         if run.ended is not None:
             yield from _wrapped_lines(play_summary_lines(run.ended, reader_words()), INK.name, width)
             yield from _wrapped_lines(
-                [say("tester.recorded", path=printable(run.plan.record or ""))], INK.dim, width
+                [label("tester.recorded", path=printable(run.plan.record or ""))], INK.dim, width
             )
         elif progress is not None:
             yield progress_bar(progress, max(1, width - 2), INK)

@@ -12,11 +12,11 @@ from textual.widgets import Button, Input
 
 from bcapscope.protocol.codec.frame import Frame, Problem, parse_datagram
 from bcapscope.protocol.tables.function_table import function_name
+from bcapscope.tui.reader_language import label, reader_words
 from bcapscope.tui.tester.caption import Caption
 from bcapscope.tui.tester.result_view import ResultView
 from bcapscope.tui.tester.tick_box import TickBox
 from bcapscope.tui.tester.wanted_messages import RawWanted
-from bcapscope.tui.words import reader_words, say
 
 MAX_DATAGRAM = 65_507
 """Maximum payload of a datagram in bytes."""
@@ -41,8 +41,8 @@ class RawForm(Vertical):
             yield Caption("tester.bytes")
             yield BytesField(placeholder=_EXAMPLE, classes="value")
         with Horizontal(classes="row"):
-            yield TickBox(say("tester.raw.length"), True)
-            yield Button(say("tester.send"), compact=True, variant="primary", classes="execute")
+            yield TickBox(label("tester.raw.length"), True)
+            yield Button(label("tester.send"), compact=True, variant="primary", classes="execute")
         yield ResultView()
 
     def fill_bytes(self, raw: bytes) -> None:
@@ -55,9 +55,9 @@ class RawForm(Vertical):
         try:
             raw = bytes.fromhex(text)
         except ValueError:
-            return say("tester.raw.hex")
+            return label("tester.raw.hex")
         if not 0 < len(raw) <= MAX_DATAGRAM:
-            return say("tester.raw.size", most=MAX_DATAGRAM)
+            return label("tester.raw.size", most=MAX_DATAGRAM)
         right = self.query_one(TickBox).value and len(raw) >= 16
         return raw[:1] + len(raw).to_bytes(4, "little") + raw[5:] if right else raw
 
@@ -85,7 +85,7 @@ class RawForm(Vertical):
 def _frame_text(item: object) -> str:
     """Return a description of the bytes: the function of the frame, and its problems."""
     if isinstance(item, Frame):
-        head = say("tester.raw.frame", name=function_name(item.code), serial=item.serial, count=item.argc)
+        head = label("tester.raw.frame", name=function_name(item.code), serial=item.serial, count=item.argc)
         return ": ".join(filter(None, (head, _problem_text(item.problems))))
     return _problem_text(getattr(item, "problems", ()))
 

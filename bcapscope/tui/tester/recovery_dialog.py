@@ -29,10 +29,10 @@ from bcapscope.tui.controller_access.history_record import (
     failure_text,
 )
 from bcapscope.tui.ink import INK
+from bcapscope.tui.reader_language import label, reader_words
 from bcapscope.tui.tester.call_runner import run_armed
 from bcapscope.tui.tester.caption import Caption
 from bcapscope.tui.widgets.inked_text import InkedText
-from bcapscope.tui.words import reader_words, say, told
 
 _STEP_MARKS = {None: "○", True: "●", False: "✗"}
 
@@ -64,12 +64,12 @@ class RecoveryDialog(ModalScreen[None]):
     def compose(self) -> ComposeResult:
         """Put the steps below the errors."""
         with Vertical(classes="dialog") as box:
-            box.border_title = say("tester.recovery")
+            box.border_title = label("tester.recovery")
             yield InkedText(id="errors")
             for each in list(RecoveryStep)[1:]:
                 with Horizontal(classes="row"):
                     yield Button(
-                        say(f"tester.recovery.{each}"), compact=True, id=f"do-{each}", classes="step"
+                        label(f"tester.recovery.{each}"), compact=True, id=f"do-{each}", classes="step"
                     )
                     yield InkedText(id=f"done-{each}", classes="done")
             with Horizontal(classes="row"):
@@ -81,7 +81,7 @@ class RecoveryDialog(ModalScreen[None]):
     def on_mount(self) -> None:
         """Read the errors before anything clears them."""
         self.query_one("#do-clear").focus()
-        self._show_step(RecoveryStep.READ, None, say("tester.waiting"))
+        self._show_step(RecoveryStep.READ, None, label("tester.waiting"))
         self.run_worker(self._read_errors(), group="recovery")
 
     async def _read_errors(self) -> None:
@@ -90,9 +90,9 @@ class RecoveryDialog(ModalScreen[None]):
         except (BcapError, OSError) as error:
             self._show_step(RecoveryStep.READ, False, error_text(error))
             return
-        lines = [say("tester.recovery.none")] if not errors else []
+        lines = [label("tester.recovery.none")] if not errors else []
         for code, text in errors:
-            lines.append(f"{INK.bad}{hresult_name(code)}{INK.reset} {printable(told(text))}")
+            lines.append(f"{INK.bad}{hresult_name(code)}{INK.reset} {printable(text)}")
             lines += [f"  {line}" for line in list(result_advice(code, INK, reader_words()))[1:]]
         self._results[RecoveryStep.READ] = (True, "")
         self.query_one("#errors", InkedText).show_text("\n".join(lines))
@@ -107,9 +107,9 @@ class RecoveryDialog(ModalScreen[None]):
         first, text = self.query_one("#first", Input).value, self.query_one("#mode", Input).value
         mode = parse_integer(text, -(1 << 31), (1 << 31) - 1)
         if mode is None:
-            self._show_step(step_wanted, False, say("tester.recovery.number"))
+            self._show_step(step_wanted, False, label("tester.recovery.number"))
             return
-        self._show_step(step_wanted, None, say("tester.waiting"))
+        self._show_step(step_wanted, None, label("tester.waiting"))
         try:
             record = await run_armed(
                 self._session,
@@ -117,7 +117,7 @@ class RecoveryDialog(ModalScreen[None]):
                 lambda: run_recovery_step(self._session, step_wanted, first, mode),
             )
         except NotArmedError:
-            self._show_step(step_wanted, False, say("tester.not_armed"))
+            self._show_step(step_wanted, False, label("tester.not_armed"))
         except (BcapError, OSError) as error:
             self._show_step(step_wanted, False, error_text(error))
         else:

@@ -15,8 +15,8 @@ from bcapscope.render.result_advice import result_advice
 from bcapscope.render.result_values import reply_values_text
 from bcapscope.tui.controller_access.history_record import HistoryRecord, RecordOutcome, failure_text
 from bcapscope.tui.ink import INK
+from bcapscope.tui.reader_language import label, reader_words, table_text
 from bcapscope.tui.widgets.inked_text import InkedText
-from bcapscope.tui.words import reader_words, say, table_text
 
 
 class ResultView(InkedText, can_focus=True):
@@ -45,7 +45,7 @@ class ResultView(InkedText, can_focus=True):
     def show_pending(self) -> None:
         """Show that the call is under way."""
         self.record = None
-        self._show_line(f"{INK.dim}{say('tester.waiting')}{INK.reset}")
+        self._show_line(f"{INK.dim}{label('tester.waiting')}{INK.reset}")
 
     def show_record(self, record: HistoryRecord) -> None:
         """Show how a call ended."""
@@ -88,7 +88,7 @@ class ResultView(InkedText, can_focus=True):
             return
         self._line = line
         self.set_class(not line, "-empty")
-        head = f"{INK.name}{say('tester.result')}{INK.reset}  " if self.record is not None else ""
+        head = f"{INK.name}{label('tester.result')}{INK.reset}  " if self.record is not None else ""
         self.show_text(head + line)
 
 
@@ -103,7 +103,7 @@ def _record_text(record: HistoryRecord, full: bool) -> str:
     if record.outcome is RecordOutcome.REFUSED and record.reply is not None:
         first, *rest = result_advice(record.reply.code, INK, reader_words())
         if _may_lack_robslave(record):
-            rest.append(say("tester.robslave.needed"))
+            rest.append(label("tester.robslave.needed"))
         return "\n".join([first + took, *rest])
     return f"{INK.bad}{failure_text(record)}{INK.reset}{took}"
 
@@ -125,7 +125,7 @@ def _value_meaning(record: HistoryRecord) -> str:
     value = arguments[0].variant.value if arguments else None
     function = FUNCTIONS.get(record.function_id)
     if function is not None and function.creates is not None and arguments:
-        return say("field.handle", object=function.creates.value)
+        return label("field.handle", object=function.creates.value)
     command = command_name(record.function_id, record.arguments)
     meanings = result_meanings(record.function_id, command, value) if isinstance(value, int) else ()
-    return say("list.comma").join(table_text(each) for each in meanings)
+    return label("list.comma").join(table_text(each) for each in meanings)

@@ -8,13 +8,13 @@ from textual.containers import Horizontal, Vertical, VerticalScroll
 from textual.widgets import Button, ContentSwitcher
 
 from bcapscope.protocol.tables.function_table import FUNCTIONS, ObjectClass
+from bcapscope.tui.reader_language import label
 from bcapscope.tui.tester.choice_row import ChoiceRow
 from bcapscope.tui.tester.command_form import CommandForm
 from bcapscope.tui.tester.function_form import FunctionForm
 from bcapscope.tui.tester.open_object_row import OpenObjectRow
 from bcapscope.tui.tester.result_view import ResultView
 from bcapscope.tui.tester.variable_panel import VariablePanel
-from bcapscope.tui.words import say
 
 _MOVE, _EXECUTE, _CHANGE = 72, 64, 66
 
@@ -32,7 +32,7 @@ class RobotPanel(VerticalScroll, can_focus=False):
                     [("execute", "tester.execute"), ("move", "tester.move"), ("change", "tester.change")],
                     id="robot-choice",
                 )
-                yield Button(say("tester.slave"), compact=True, variant="warning", id="slave-mode")
+                yield Button(label("tester.slave"), compact=True, variant="warning", id="slave-mode")
             with ContentSwitcher(initial="execute", id="robot-switch"):
                 yield CommandForm(_EXECUTE, id="execute")
                 yield FunctionForm(FUNCTIONS[_MOVE], id="move")

@@ -12,8 +12,8 @@ from textual.message import Message
 from bcapscope.render.escape import printable
 from bcapscope.tui.controller_access.saved_requests import SavedRequest, list_requests
 from bcapscope.tui.ink import INK
+from bcapscope.tui.reader_language import label
 from bcapscope.tui.widgets.lines import Lines
-from bcapscope.tui.words import say
 
 _NAME_WIDTH = 28
 
@@ -60,7 +60,7 @@ class SavedList(Lines):
 
     def line(self, index: int) -> str:
         if index == len(self._requests):
-            return f"{INK.dim}{say('tester.saved.folder', path=printable(str(self.folder)))}{INK.reset}"
+            return f"{INK.dim}{label('tester.saved.folder', path=printable(str(self.folder)))}{INK.reset}"
         name, found = self._requests[index]
         head = f"{INK.name}{set_cell_size(printable(name), _NAME_WIDTH)}{INK.reset}"
         if isinstance(found, str):

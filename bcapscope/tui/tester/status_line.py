@@ -8,7 +8,7 @@ from bcapscope.tui.controller_access.arming_state import ArmingState
 from bcapscope.tui.controller_access.halt_connection import HaltState, HaltUpdate
 from bcapscope.tui.controller_access.reply_monitor import ReplyMonitor
 from bcapscope.tui.controller_access.session_updates import SessionStatus
-from bcapscope.tui.words import say
+from bcapscope.tui.reader_language import label
 
 StatusPiece = tuple[str, str]
 """A text and the name of its ink."""
@@ -23,17 +23,17 @@ def status_pieces(
     status: SessionStatus, arming: ArmingState, now: int, halt: HaltUpdate, reply_monitor: ReplyMonitor
 ) -> list[StatusPiece]:
     if status.target is None:
-        return [(f" {say('tester.status.none')} ", "dim")]
+        return [(f" {label('tester.status.none')} ", "dim")]
     age = reply_monitor.silence(now)
     if reply_monitor.is_reply_overdue(now):
         pieces = [
             _peer_piece(status, "◌", "bad"),
-            (f"{say('tester.status.silent', seconds=age // _SECOND)} ", "bad"),
+            (f"{label('tester.status.silent', seconds=age // _SECOND)} ", "bad"),
         ]
     elif age >= _LONG_SILENCE:  # no request is due, as in slave mode, so the controller may be there or not
         pieces = [
             _peer_piece(status, "●", ""),
-            (f"{say('tester.status.age', seconds=age // _SECOND)} ", "dim"),
+            (f"{label('tester.status.age', seconds=age // _SECOND)} ", "dim"),
         ]
     else:
         took = f"{status.round_trip / 1e6:.1f} ms " if status.round_trip else ""
@@ -41,16 +41,16 @@ def status_pieces(
     if status.slave_mode:
         kind = pose_type_of_mode(status.slave_mode) or ""
         pieces.append(
-            (f" {say('tester.status.slave', mode=f'{status.slave_mode:03X}', kind=kind)} ", "problem")
+            (f" {label('tester.status.slave', mode=f'{status.slave_mode:03X}', kind=kind)} ", "problem")
         )
     pieces.append(_arming_piece(arming, now))
-    pieces.append((f" F12 {say(f'tester.halt.{halt.state}')} ", _HALT_STYLES.get(halt.state, "bad")))
+    pieces.append((f" F12 {label(f'tester.halt.{halt.state}')} ", _HALT_STYLES.get(halt.state, "bad")))
     return pieces
 
 
 def _peer_piece(status: SessionStatus, mark: str, ink: str) -> StatusPiece:
     assert status.target is not None
-    name = say("tester.status.simulator")
+    name = label("tester.status.simulator")
     if not status.identity.is_simulator:
         name = printable(status.target.host)[:_MAX_HOST_LENGTH]
     return f" {mark} {name} ", ink
@@ -58,22 +58,22 @@ def _peer_piece(status: SessionStatus, mark: str, ink: str) -> StatusPiece:
 
 def _arming_piece(arming: ArmingState, now: int) -> StatusPiece:
     if not arming.is_required:
-        return f" {say('tester.status.free')} ", "good"
+        return f" {label('tester.status.free')} ", "good"
     if not arming.is_armed(now):
-        return f" {say('tester.status.safe')} ", "good"
+        return f" {label('tester.status.safe')} ", "good"
     seconds = arming.remaining(now) // _SECOND
-    return f" {say('tester.status.armed')} {seconds // 60}:{seconds % 60:02d} ", "bad"
+    return f" {label('tester.status.armed')} {seconds // 60}:{seconds % 60:02d} ", "bad"
 
 
 def arming_facts(status: SessionStatus) -> list[str]:
     """Return lines on the controller and its robot, for the user to read before anything moves."""
     identity, robot = status.identity, status.robot
-    unknown = say("tester.fact.unknown")
+    unknown = label("tester.fact.unknown")
     return [
-        say("tester.fact.peer", peer=printable(str(status.target))),
-        say("tester.fact.version", version=printable(identity.version) or unknown),
-        say("tester.fact.robot", robot=printable(robot.label) if robot else unknown),
-        say(
+        label("tester.fact.peer", peer=printable(str(status.target))),
+        label("tester.fact.version", version=printable(identity.version) or unknown),
+        label("tester.fact.robot", robot=printable(robot.label) if robot else unknown),
+        label(
             "tester.fact.type",
             name=printable(identity.type_name) or unknown,
             number=printable(identity.type_number) or unknown,

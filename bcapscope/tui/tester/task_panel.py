@@ -13,12 +13,12 @@ from bcapscope.client.handle_table import ObjectHandle
 from bcapscope.protocol.codec.variant import EMPTY, VT, Variant
 from bcapscope.protocol.tables.enumerations import TASK_START_MODES, TASK_STOP_MODES
 from bcapscope.protocol.tables.function_table import FUNCTIONS, ObjectClass
+from bcapscope.tui.reader_language import label, table_text
 from bcapscope.tui.tester.caption import Caption
 from bcapscope.tui.tester.command_form import CommandForm
 from bcapscope.tui.tester.open_object_row import OpenObjectRow
 from bcapscope.tui.tester.result_view import ResultView
 from bcapscope.tui.tester.wanted_messages import CallWanted, RobSlaveWanted
-from bcapscope.tui.words import say, table_text
 
 _EXECUTE, _START, _STOP = 87, 88, 89
 _NO_OPTION = Variant(VT.BSTR, "")
@@ -39,13 +39,13 @@ class TaskPanel(VerticalScroll, can_focus=False):
             with Horizontal(classes="row"):
                 yield Caption("tester.mode")
                 yield _mode_select(TASK_START_MODES, "start-mode")
-                yield Button(say("tester.start"), compact=True, variant="primary", id="start")
-                yield Button(say("tester.robslave"), compact=True, id="robslave")
+                yield Button(label("tester.start"), compact=True, variant="primary", id="start")
+                yield Button(label("tester.robslave"), compact=True, id="robslave")
             with Horizontal(classes="row"):
                 yield Caption("tester.mode")
                 yield _mode_select(TASK_STOP_MODES, "stop-mode")
-                yield Button(say("tester.stop"), compact=True, id="stop")
-                yield Button(say("tester.state"), compact=True, id="state")
+                yield Button(label("tester.stop"), compact=True, id="stop")
+                yield Button(label("tester.state"), compact=True, id="state")
             yield result
         with Vertical(classes="box", id="task-execute"):
             yield CommandForm(_EXECUTE)
@@ -88,7 +88,7 @@ class TaskPanel(VerticalScroll, can_focus=False):
         message.stop()
         found = self.selected_task
         if found is None:
-            self._result_view.show_error(say("tester.task.missing"))
+            self._result_view.show_error(label("tester.task.missing"))
         else:
             self.post_message(CallWanted(self._result_view, FUNCTIONS[function_id], values, found))
 

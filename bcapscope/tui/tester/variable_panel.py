@@ -14,12 +14,12 @@ from bcapscope.protocol.codec.variant import VT
 from bcapscope.protocol.tables.function_table import FUNCTIONS, ObjectClass
 from bcapscope.protocol.tables.variables import VARIABLES, find_variable
 from bcapscope.tui.controller_access.parameter_input import expected_input, type_number
+from bcapscope.tui.reader_language import label
 from bcapscope.tui.tester.caption import Caption
 from bcapscope.tui.tester.open_object_row import OpenObjectRow
 from bcapscope.tui.tester.result_view import ResultView
 from bcapscope.tui.tester.typed_value import TypedValue
 from bcapscope.tui.tester.wanted_messages import CallWanted, WatchWanted
-from bcapscope.tui.words import say
 
 _GET, _PUT = 101, 102
 
@@ -46,9 +46,9 @@ class VariablePanel(Vertical):
         with Horizontal(classes="row"):
             yield Caption("tester.value")
             yield TypedValue(VT.I4)
-            yield Button(say("tester.get"), compact=True, variant="primary", classes="get")
-            yield Button(say("tester.put"), compact=True, classes="put")
-            yield Button(say("tester.watch"), compact=True, classes="watch")
+            yield Button(label("tester.get"), compact=True, variant="primary", classes="get")
+            yield Button(label("tester.put"), compact=True, classes="put")
+            yield Button(label("tester.watch"), compact=True, classes="watch")
         yield result
 
     def set_open_objects(self, open_objects: Sequence[ObjectHandle]) -> None:
@@ -112,5 +112,5 @@ class VariablePanel(Vertical):
     def _require_variable(self) -> ObjectHandle | None:
         found = self.selected_variable
         if found is None:
-            self.query_one(ResultView).show_error(say("tester.variable.missing"))
+            self.query_one(ResultView).show_error(label("tester.variable.missing"))
         return found

@@ -13,8 +13,8 @@ from bcapscope.render.escape import printable
 from bcapscope.render.result_values import variant_values_text
 from bcapscope.tui.controller_access.watched_variable import WatchedVariable, WatchSeries
 from bcapscope.tui.ink import INK
+from bcapscope.tui.reader_language import label
 from bcapscope.tui.widgets.lines import Lines
-from bcapscope.tui.words import say
 
 
 class ColumnWidths(NamedTuple):
@@ -104,10 +104,10 @@ class WatchList(Lines):
 
 
 def _title_row(widths: ColumnWidths) -> str:
-    titles = [say(f"tester.watch.{key}") for key in ("value", "rate", "least", "most")]
+    titles = [label(f"tester.watch.{key}") for key in ("value", "rate", "least", "most")]
     numbers = "".join(f"{' ' * (widths.number - cell_len(title))}{title} " for title in titles)
-    name = set_cell_size(say("tester.watch.name"), widths.name)
-    return f"{INK.dim}{name} {numbers} {say('tester.watch.course')}{INK.reset}"
+    name = set_cell_size(label("tester.watch.name"), widths.name)
+    return f"{INK.dim}{name} {numbers} {label('tester.watch.trend')}{INK.reset}"
 
 
 def _number_columns(series: WatchSeries, widths: ColumnWidths, decimals: int) -> str:

@@ -13,6 +13,8 @@ import msgspec
 
 from bcapscope.analysis.finding import TrafficTotals
 from bcapscope.capture.append_log import write_all
+from bcapscope.messages import Language, Message, MessageFormatter
+from bcapscope.render.escape import printable
 
 _NICE = 5
 _LENGTH_PREFIX = struct.Struct("<I")
@@ -142,12 +144,19 @@ class SaveJob(msgspec.Struct, frozen=True):
         target: New file, which must not exist.
         notes: Notes by packet number.
         max_packets: Maximum number of packets, since a capture may still grow; 0 for all.
+        language: Language of the reason for a failure, ``en`` or ``ja``.
     """
 
     source: str
     target: str
     notes: dict[int, str]
     max_packets: int = 0
+    language: str = "en"
+
+
+def problem_text(problem: Message | None, job: ReadJob | SaveJob) -> str:
+    """Return why a job failed, escaped and in the job's language; "" if it did not."""
+    return "" if problem is None else printable(MessageFormatter(Language(job.language)).text(problem))
 
 
 def send_message(stream: BinaryIO | io.RawIOBase, message: object) -> None:

@@ -30,7 +30,6 @@ from bcapscope.capture.rotating_recording import RotatingRecording
 from bcapscope.errors import CaptureError
 from bcapscope.messages import Message
 from bcapscope.messages.os_errors import os_reason
-from bcapscope.render.escape import printable
 from bcapscope.traffic.call_kind import RecentRequests
 from bcapscope.traffic.observation import Observation
 from bcapscope.traffic.pipeline import Pipeline
@@ -38,6 +37,7 @@ from bcapscope.tui.traffic_processes.process_messages import (
     ReadJob,
     ReadProgress,
     lower_priority,
+    problem_text,
     receive_messages,
     send_message,
 )
@@ -69,7 +69,8 @@ class TrafficReader:
         self._publisher = TrafficPublisher(job, partial(send_message, reports), self._make_progress)
         self._observer = PacketDecoder(frozenset(job.ports) or BCAP_PORTS, job.leg)
         self._pipeline: Pipeline
-        self._has_ended, self._problem = False, ""
+        self._has_ended = False
+        self._problem: Message | None = None
         self._undiagnosed: list[Observation] = []
         self._file: CaptureFile | None = None
         self._live = _LiveCapture(job.interface, folder / LIVE_FILE) if job.interface else None
@@ -82,9 +83,9 @@ class TrafficReader:
             try:
                 self._read()
             except CaptureError as error:
-                self._problem = printable(str(error))
+                self._problem = error.message
             except OSError as error:
-                self._problem = printable(f"{error.strerror or error}")
+                self._problem = os_reason(error)
             self._load_diagnosis()
             end = self._observer.end_time
             self._pipeline.finish(end)
@@ -160,7 +161,7 @@ class TrafficReader:
             position=file.position if file is not None else 0,
             size=(file.size or 0) if file is not None else 0,
             ended=self._has_ended,
-            problem=self._problem,
+            problem=problem_text(self._problem, self._job),
             clients=len(self._observer.conversations),
             packets=self._packet_file,
             lost=self._live.lost if self._live is not None else 0,

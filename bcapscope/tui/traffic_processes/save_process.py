@@ -14,32 +14,33 @@ from pathlib import Path
 from bcapscope.capture.capture_file import open_capture
 from bcapscope.capture.pcapng_writer import write_annotated
 from bcapscope.errors import CaptureError
-from bcapscope.render.escape import printable
-from bcapscope.tui.traffic_processes.process_messages import SaveJob, receive_messages
+from bcapscope.messages import Message
+from bcapscope.messages.os_errors import os_reason
+from bcapscope.tui.traffic_processes.process_messages import SaveJob, problem_text, receive_messages
 
 
-def save_packets(job: SaveJob) -> str:
-    """Write the new file; return why that failed or is incomplete, "" on success."""
+def save_packets(job: SaveJob) -> Message | None:
+    """Write the new file; return why that failed or is incomplete, None on success."""
     target = Path(job.target)
     try:
         file = target.open("xb")
     except OSError as error:
-        return error.strerror or str(error)
+        return os_reason(error)
     try:
         with file, open_capture(job.source) as capture:
             write_annotated(islice(capture, job.max_packets or None), job.notes, file)
     except CaptureError as error:
-        return str(error)
+        return error.message
     except OSError as error:
         target.unlink(missing_ok=True)
-        return error.strerror or str(error)
-    return ""
+        return os_reason(error)
+    return None
 
 
 def main() -> None:
     """Run the job from standard input."""
     for wanted in receive_messages(io.FileIO(0, closefd=False), SaveJob):
-        sys.stdout.write(printable(save_packets(wanted)))
+        sys.stdout.write(problem_text(save_packets(wanted), wanted))
         return
 
 

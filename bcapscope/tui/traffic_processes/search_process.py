@@ -72,24 +72,24 @@ class TrafficSearch:
         fits, size = (
             self._frame_search(request) if request.kind == RecordKind.FRAME else self._call_search(request)
         )
-        searched, rows, told = 0, array("I"), 0.0
-        told_at = -1
+        searched, rows, reported = 0, array("I"), 0.0
+        reported_at = -1
         while self._latest_request is request:  # checked here, since `_request_arrived` may be set only later
             there = size()
             stop = min(there, searched + _BATCH)
             rows.extend(row for row in range(searched + 1, stop + 1) if fits(row))
             searched = stop
             now = time.monotonic()
-            if now - told >= REPORT_INTERVAL and searched != told_at:
+            if now - reported >= REPORT_INTERVAL and searched != reported_at:
                 send_message(self._answers, SearchMatches(request.generation, rows.tobytes(), searched))
-                rows, told, told_at = array("I"), now, searched
+                rows, reported, reported_at = array("I"), now, searched
             if searched == there and self._request_arrived.wait(REPORT_INTERVAL):
                 self._request_arrived.clear()
 
     def _frame_search(self, request: SearchRequest) -> tuple[Callable[[int], bool], Callable[[], int]]:
         test = compile_filter(request.expression, RecordKind.FRAME).bind(FRAME_GETTERS)
-        told = self._journal.read_frame
-        return lambda row: test(told(row)), self._journal.refresh
+        read_frame = self._journal.read_frame
+        return lambda row: test(read_frame(row)), self._journal.refresh
 
     def _call_search(self, request: SearchRequest) -> tuple[Callable[[int], bool], Callable[[], int]]:
         test = compile_filter(request.expression, RecordKind.CALL).bind(CALL_GETTERS)

@@ -14,6 +14,8 @@ from types import TracebackType
 import platformdirs
 
 from bcapscope.errors import BcapError
+from bcapscope.messages import Message
+from bcapscope.messages.os_errors import os_reason
 from bcapscope.tui.traffic_processes import folder_cleanup
 
 _PREFIX = "traffic-"
@@ -48,7 +50,8 @@ class TemporaryFolder:
             _remove_leftovers(root)
             self.path = Path(tempfile.mkdtemp(prefix=f"{_PREFIX}{os.getpid()}-", dir=root))
         except OSError as error:
-            raise TemporaryFolderError(f"nothing can be kept in {root}: {error.strerror}") from error
+            message = Message("folder.not-created", root=str(root), reason=os_reason(error))
+            raise TemporaryFolderError(message) from error
         argv = [sys.executable, "-I", "-S", folder_cleanup.__file__, str(self.path)]
         self._cleanup_process = subprocess.Popen(
             argv,

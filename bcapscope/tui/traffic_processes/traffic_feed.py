@@ -13,6 +13,7 @@ from typing import IO, Any, BinaryIO, TypeAlias, cast
 
 from bcapscope.capture.call_store import CallStore
 from bcapscope.capture.observation_store import ObservationStore
+from bcapscope.tui.reader_language import current_language, label
 from bcapscope.tui.traffic_processes.process_messages import (
     STOP_READING,
     ReadJob,
@@ -25,7 +26,6 @@ from bcapscope.tui.traffic_processes.process_messages import (
     send_message,
 )
 from bcapscope.tui.traffic_processes.temporary_folder import TemporaryFolder, cache_root
-from bcapscope.tui.words import spoken
 
 _END_TIMEOUT = 2.0
 """Seconds that a process has to end before it is killed."""
@@ -62,7 +62,7 @@ def watcher_job(folder: Path, recording: Path) -> ReadJob:
         folder: Existing folder without files of another job.
         recording: The proxy's recording.
     """
-    return ReadJob(str(folder), str(recording), follow=True, language=spoken())
+    return ReadJob(str(folder), str(recording), follow=True, language=current_language())
 
 
 FeedUpdate: TypeAlias = ReadProgress | TrafficAnalysis | SearchMatches | SourceProblem
@@ -99,7 +99,7 @@ class TrafficFeed:
         if published is None:
             self._folder = TemporaryFolder()
             folder = str(self._folder.path)
-            self.job = ReadJob(folder, path, interface, follow, ports, leg, spoken(), own_clients)
+            self.job = ReadJob(folder, path, interface, follow, ports, leg, current_language(), own_clients)
         else:
             self.job = published.job
         self.journal: ObservationStore | None = None
@@ -179,7 +179,7 @@ class TrafficFeed:
 
     def _last_error_line(self) -> str:
         self._errors.seek(0)
-        *_, last = self._errors.read().decode(errors="replace").splitlines() or ["reading ended"]
+        *_, last = self._errors.read().decode(errors="replace").splitlines() or [label("traffic.reader-gone")]
         return last
 
     def _publish(self, message: FeedUpdate) -> None:
@@ -220,7 +220,7 @@ class TrafficFeed:
         most = 0
         if self.journal is not None and not self.progress.ended and len(self.journal):
             most = self.journal.read_frame(len(self.journal)).observation.packet
-        return SaveJob(self.progress.packets, target, notes, most)
+        return SaveJob(self.progress.packets, target, notes, most, current_language())
 
     def save(self, job: SaveJob) -> str:
         """Run a save job. Unlike the other methods, this blocks: call it from a separate thread.

@@ -12,13 +12,14 @@ import threading
 from contextlib import suppress
 
 from bcapscope.analysis.diagnosis import Diagnosis
-from bcapscope.render.escape import printable
+from bcapscope.messages.os_errors import os_reason
 from bcapscope.traffic.call_kind import RecentRequests
 from bcapscope.traffic.observation import Observation
 from bcapscope.tui.traffic_processes.process_messages import (
     ReadJob,
     ReadProgress,
     TrafficAnalysis,
+    problem_text,
     send_message,
 )
 from bcapscope.tui.traffic_processes.traffic_publisher import TrafficPublisher
@@ -82,7 +83,7 @@ class WatcherPublisher:
         Raises:
             OSError: The files cannot be created.
         """
-        self._recording = job.path
+        self._job = job
         self._sender = sender
         self._publisher = TrafficPublisher(job, sender.send, self._make_progress)
         self.diagnosis: Diagnosis = self._publisher.load_diagnosis().diagnosis
@@ -121,11 +122,11 @@ class WatcherPublisher:
         self._publisher.close()
 
     def _give_up(self, error: OSError) -> None:
-        self._has_ended, self._problem = True, printable(f"{error.strerror or error}")
+        self._has_ended, self._problem = True, problem_text(os_reason(error), self._job)
         self._publisher.call_recorder.is_active = False
         self._sender.send(self._make_progress())
 
     def _make_progress(self) -> ReadProgress:
         return ReadProgress(
-            ended=self._has_ended, problem=self._problem, clients=self._client_count, packets=self._recording
+            ended=self._has_ended, problem=self._problem, clients=self._client_count, packets=self._job.path
         )

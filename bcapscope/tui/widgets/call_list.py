@@ -12,6 +12,7 @@ from bcapscope.render.call_text import CallRenderer
 from bcapscope.render.timestamp import TimeFormat
 from bcapscope.traffic.call import Call
 from bcapscope.tui.ink import INK
+from bcapscope.tui.reader_language import label, reader_words
 from bcapscope.tui.widgets.frame_list import (
     FilteredRows,
     client_and_arrow,
@@ -20,7 +21,6 @@ from bcapscope.tui.widgets.frame_list import (
     right_aligned,
 )
 from bcapscope.tui.widgets.lines import Lines
-from bcapscope.tui.words import reader_words, say
 
 
 class CallList(Lines):
@@ -186,9 +186,12 @@ class CallList(Lines):
             self.action_turn()
 
     def header(self) -> str:
-        client = f"{left_aligned(say('traffic.head.client'), 21)}   " if self._with_client else "   "
-        call, time = right_aligned(say("traffic.head.call"), 6), right_aligned(say("traffic.head.time"), 12)
-        return f" {call} {time} {client} {say('traffic.head.what')}"
+        client = f"{left_aligned(label('traffic.head.client'), 21)}   " if self._with_client else "   "
+        call, time = (
+            right_aligned(label("traffic.head.call"), 6),
+            right_aligned(label("traffic.head.time"), 12),
+        )
+        return f" {call} {time} {client} {label('traffic.head.what')}"
 
 
 def _start_of(row: StoredCall) -> int:

@@ -12,7 +12,7 @@ from textual.widgets import Input, Static
 
 from bcapscope.errors import BcapError
 from bcapscope.render.escape import printable
-from bcapscope.tui.words import error_words, told
+from bcapscope.tui.reader_language import localized
 
 
 class CheckedInput(Vertical):
@@ -86,7 +86,7 @@ class CheckedInput(Vertical):
         try:
             made = self._parse(text) if text else None
         except ValueError as wrong:
-            self._show_problem(error_words(wrong) if isinstance(wrong, BcapError) else str(wrong))
+            self._show_problem(localized(wrong) if isinstance(wrong, BcapError) else str(wrong))
             return
         self._show_problem("")
         self.post_message(message(self, text, made))
@@ -94,6 +94,6 @@ class CheckedInput(Vertical):
     def _show_problem(self, wrong: str) -> None:
         error = self.query_one(f"#{self._field}-error", Static)
         reason, *where = wrong.split("\n")
-        error.update(Text("\n".join(map(printable, (told(reason), *where)))))
+        error.update(Text("\n".join(map(printable, (localized(reason), *where)))))
         error.display = bool(wrong)
         self.field.set_class(bool(wrong), "-invalid")

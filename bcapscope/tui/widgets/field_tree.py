@@ -11,8 +11,8 @@ from textual.message import Message
 from bcapscope.render.frame_outline import FieldRow, FieldRowKind, FrameSection, field_rows
 from bcapscope.render.frame_tree import colored_value
 from bcapscope.tui.ink import INK
+from bcapscope.tui.reader_language import reader_words
 from bcapscope.tui.widgets.lines import Lines
-from bcapscope.tui.words import reader_words
 
 MAX_ROWS = 20_000
 """Rows per section: a frame of a megabyte has more fields than a user can read."""

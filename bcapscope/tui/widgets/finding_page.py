@@ -9,13 +9,14 @@ from textual.binding import Binding, BindingType
 from textual.events import Resize
 
 from bcapscope.analysis.finding import Severity
+from bcapscope.messages import Language
 from bcapscope.protocol.text_format import display_width
 from bcapscope.render.columns import wrap_text
 from bcapscope.render.diagnosis_summary import diagnosis_summary as summed_up
 from bcapscope.tui.ink import INK
+from bcapscope.tui.reader_language import current_language, label, reader_words
 from bcapscope.tui.traffic_processes.process_messages import NO_ANALYSIS, ShownFinding, TrafficAnalysis
 from bcapscope.tui.widgets.lines import Lines
-from bcapscope.tui.words import reader_words, say, spoken, titled
 
 _INDENT_STEP, _MAX_DEPTH = 3, 4
 _MAX_WIDTH, _MIN_WIDTH = 120, 30
@@ -87,7 +88,7 @@ class FindingPage(Lines):
             ]
             self._lines.append(("", number))
         if not self._lines:
-            self._lines = [(f" {say('traffic.empty.findings')}", 0)]
+            self._lines = [(f" {label('traffic.empty.findings')}", 0)]
         self.reset_lines(min(self.cursor, len(self._lines) - 1))
         if here is not None and here != self.current_finding():
             self.go_to_finding(here)
@@ -95,23 +96,23 @@ class FindingPage(Lines):
     def _finding_lines(self, number: int, cause: ShownFinding, indent: int) -> Iterator[str]:
         width = max(_MIN_WIDTH, min(self._columns - indent - 4, _MAX_WIDTH))
         shade = INK.bad if cause.severity == Severity.ERROR else INK.name
-        follows = (
-            f", {say('traffic.finding.follows', number=cause.consequence_of)}" if cause.consequence_of else ""
-        )
-        title = titled(cause.rule)
-        severity = say(f"severity.{cause.severity}")
+        title = label(f"rule.{cause.rule}.title") if current_language() is Language.JAPANESE else cause.rule
+        head = title
+        if cause.consequence_of:
+            head += f", {label('traffic.finding.follows', number=cause.consequence_of)}"
+        severity = label(f"severity.{cause.severity}")
         lead = display_width(f"{number} {severity} ")
-        first, *rest = wrap_text(f"{title}{follows}", width + 2 - lead)
+        first, *rest = wrap_text(head, width + 2 - lead)
         yield f"{INK.number}{number}{INK.reset} {shade}{severity}{INK.reset} {first}"
         yield from (f"{' ' * lead}{line}" for line in rest)
         frames = ", ".join(map(str, cause.frames[:_MAX_FRAMES])) + (
             " …" if len(cause.frames) > _MAX_FRAMES else ""
         )
         for text, color in (
-            (cause.sentence[spoken()], INK.name),
-            (say("traffic.finding.frames", frames=frames) if frames else "", INK.number),
-            (say("traffic.finding.advice", advice=cause.advice[spoken()]), INK.good),
-            (say("traffic.finding.source", source=cause.source) if cause.source else "", INK.dim),
+            (cause.sentence[current_language()], INK.name),
+            (label("traffic.finding.frames", frames=frames) if frames else "", INK.number),
+            (label("traffic.finding.advice", advice=cause.advice[current_language()]), INK.good),
+            (label("traffic.finding.source", source=cause.source) if cause.source else "", INK.dim),
             (cause.rule if title != cause.rule else "", INK.dim),
         ):
             if text:

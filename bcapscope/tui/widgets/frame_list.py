@@ -14,8 +14,8 @@ from bcapscope.render.timestamp import TimeFormat
 from bcapscope.traffic.filter.getters import AnnotatedFrame
 from bcapscope.traffic.observation import Direction, Flow
 from bcapscope.tui.ink import INK
+from bcapscope.tui.reader_language import label, localized, reader_words
 from bcapscope.tui.widgets.lines import Lines
-from bcapscope.tui.words import reader_words, say, told
 
 MARKED, RELATED, EVIDENCE = "●", "┃", "◆"
 """Marks before a frame: marked by the user, part of the call under the cursor, evidence of the selected
@@ -141,7 +141,7 @@ class FrameList(Lines):
         if self._clock is TimeFormat.DELTA and index and self._journal is not None:
             self._renderer.set_time_origin(self._journal.time_of(self.rows.number(index - 1)))
         seen, question, comments = self.read_frame(number)
-        comments = tuple(map(told, comments))
+        comments = tuple(map(localized, comments))
         note = self.marks.get(number)
         if note:
             comments = (*comments, note)
@@ -166,9 +166,9 @@ class FrameList(Lines):
 
     def header(self) -> str:
         time = {TimeFormat.UTC: 30, TimeFormat.EPOCH: 20}.get(self._clock, 12)
-        client = f"{left_aligned(say('traffic.head.client'), 21)}   " if self._with_client else "  "
+        client = f"{left_aligned(label('traffic.head.client'), 21)}   " if self._with_client else "  "
         words: Mapping[str, str] = {
-            name: say(f"traffic.head.{name}") for name in ("number", "time", "serial", "reserved", "what")
+            name: label(f"traffic.head.{name}") for name in ("number", "time", "serial", "reserved", "what")
         }
         return (
             f"  {right_aligned(words['number'], 6)} {right_aligned(words['time'], time)} {client}"

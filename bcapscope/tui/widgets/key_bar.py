@@ -11,7 +11,7 @@ from textual.screen import Screen
 from textual.widget import Widget
 
 from bcapscope.messages.message import has_message
-from bcapscope.tui.words import say
+from bcapscope.tui.reader_language import label
 
 _ALWAYS_SHOWN = ("f12", "f1", "ctrl+p")
 """Keys that are always shown: HALT, help, the command palette."""
@@ -34,7 +34,7 @@ class KeyBar(Widget):
     def _visible_keys(self) -> Iterator[tuple[str, str]]:
         """Yield keys and their actions, as many as fit."""
         found = [
-            (self.app.get_key_display(active.binding), say(active.binding.description), key)
+            (self.app.get_key_display(active.binding), label(active.binding.description), key)
             for key, active in self.screen.active_bindings.items()
             if active.binding.show and has_message(active.binding.description)
         ]

@@ -135,11 +135,11 @@ class Lines(ScrollView, can_focus=True):
     def _update_scrollbar_thumb(self) -> None:
         """Update the thumb of the scroll bar, but only if its look changes: drawing it is slow."""
         bar, height = self.vertical_scrollbar, self.size.height
-        there, told = self.virtual_size.height, bar.window_virtual_size
-        before = _scroll_thumb(told, bar.window_size, bar.position)
+        there, shown = self.virtual_size.height, bar.window_virtual_size
+        before = _scroll_thumb(shown, bar.window_size, bar.position)
         if (
             before != _scroll_thumb(there, height, self.scroll_y)
-            or not told <= there <= told + told // _SCROLLBAR_SLACK
+            or not shown <= there <= shown + shown // _SCROLLBAR_SLACK
         ):
             bar.window_virtual_size, bar.window_size, bar.position = there, height, self.scroll_y
 

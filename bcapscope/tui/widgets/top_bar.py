@@ -9,7 +9,7 @@ from textual.events import Click
 from textual.widget import Widget
 
 from bcapscope.tui.app import app_of
-from bcapscope.tui.words import say
+from bcapscope.tui.reader_language import label
 
 
 class TopBar(Widget):
@@ -44,7 +44,9 @@ class TopBar(Widget):
         return self.get_component_rich_style("topbar--here" if here else "topbar--there")
 
     def _screen_labels(self) -> list[tuple[str, str]]:
-        return [(spot.mode, f" {spot.key.upper()} {say(spot.name)} ") for spot in app_of(self).screen_entries]
+        return [
+            (spot.mode, f" {spot.key.upper()} {label(spot.name)} ") for spot in app_of(self).screen_entries
+        ]
 
     async def on_click(self, event: Click) -> None:
         """Open the clicked screen."""

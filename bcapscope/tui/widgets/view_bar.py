@@ -12,7 +12,7 @@ from textual.message import Message
 from textual.strip import Strip
 from textual.widget import Widget
 
-from bcapscope.tui.words import say
+from bcapscope.tui.reader_language import label
 
 
 class ViewBar(Widget):
@@ -47,7 +47,7 @@ class ViewBar(Widget):
         found = []
         for number, (view, name) in enumerate(self._views, 1):
             count = self._counts.get(view, "")
-            found.append((view, f" {number} ", f"{say(name)}{f' {count}' if count else ''} "))
+            found.append((view, f" {number} ", f"{label(name)}{f' {count}' if count else ''} "))
         return found
 
     def notify_style_update(self) -> None:
@@ -66,21 +66,21 @@ class ViewBar(Widget):
         """Render the bar, and omit what does not fit."""
         width = self.size.width
         bar: list[Segment] = []
-        for view, key, label in self._view_labels():
+        for view, key, text in self._view_labels():
             is_here = view == self._current_view
             bar.append(Segment(key, self._style("here" if is_here else "key")))
-            bar.append(Segment(label, self._style("here" if is_here else "there")))
+            bar.append(Segment(text, self._style("here" if is_here else "there")))
         space = width - sum(segment.cell_length for segment in bar)
-        told = next((f"{text} " for text in self._states if cell_len(text) < space), "")
-        if told:
-            bar.append(Segment(" " * (space - cell_len(told)), self._style("")))
-            bar.append(Segment(told, self._style("state")))
+        state = next((f"{text} " for text in self._states if cell_len(text) < space), "")
+        if state:
+            bar.append(Segment(" " * (space - cell_len(state)), self._style("")))
+            bar.append(Segment(state, self._style("state")))
         return Strip(bar).adjust_cell_length(width, self._style(""))
 
     def on_click(self, event: Click) -> None:
         at = 0
-        for view, key, label in self._view_labels():
-            width = cell_len(key + label)
+        for view, key, text in self._view_labels():
+            width = cell_len(key + text)
             if at <= event.x < at + width:
                 self.post_message(self.ViewWanted(view))
             at += width

@@ -76,7 +76,6 @@ PHRASES: dict[str, str] = {
     "{n} set points, none of which can be played": "指令値は {n} 個ありますが、再生できるものがありません",
     "the set points are of type {word}, not {word2}": "指令値は {word} 型で、{word2} 型ではありません",
     "the set points of stay {n} are of no known type": "スレーブモード区間 {n} の指令値の型が不明です",
-    "there are {n} trajectories, and none has number {n2}": "軌道は {n} 個で、番号 {n2} はありません",
     "{n} s in steps of {n2} s are too many set points": "{n} s を {n2} s 刻みにすると指令値が多すぎます",
     "the time of set point {n} is not later than that of the one before": "指令値 {n} の時刻が直前より後ではありません",
     # projects

@@ -56,8 +56,6 @@ PHRASES: dict[str, str] = {
     "cannot capture on {text}: {text2}": "{text} を受信できません: {text2}",
     "capturing on {text} ended: {text2}": "{text} の受信が終了しました: {text2}",
     "the packets cannot be kept: {text}": "パケットを保存できません: {text}",
-    "nothing can be kept in {text}: {text2}": "{text} に保存できません: {text2}",
-    "reading ended": "読み込みが終了しました",
     # filters
     "write == to compare": "比較には == を使ってください",
     "write && or and": "&& または and を使ってください",

@@ -33,8 +33,8 @@ def test_each_key_goes_where_it_belongs() -> None:
         ("Timeout=0", "1 to 600000"),
         ("WDT=5", "80 to"),
         ("Reserved=tcp0", "seed, own, chain"),
-        ("Speed=3", "Speed is not known"),
-        ("=", "is not known"),
+        ("Speed=3", "Speed: unknown key"),
+        ("=", ": unknown key"),
         ("Timeout=³", "1 to 600000"),
     ],
 )

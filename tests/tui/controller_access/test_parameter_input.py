@@ -38,9 +38,9 @@ def test_what_is_typed_is_read(vt: int, text: str, value: Variant | None) -> Non
         (VT.I2, "70000", "-32768 to 32767"),
         (VT.I4, "two", "a whole number"),
         (VT.BOOL, "yes", "true or false"),
-        (ARRAY | VT.R4, "1, x", "several of it, commas between"),
-        (VT.EMPTY, "1", "nothing is expected"),
-        (ARRAY | VT.VARIANT, "i4:x", "semicolons between"),
+        (ARRAY | VT.R4, "1, x", "separate several by commas"),
+        (VT.EMPTY, "1", "leave this empty"),
+        (ARRAY | VT.VARIANT, "i4:x", "separated by semicolons"),
     ],
 )
 def test_what_does_not_fit_is_told_with_what_is_expected(vt: int, text: str, what: str) -> None:

@@ -83,7 +83,7 @@ def test_what_cannot_be_written_down(tmp_path: Path) -> None:
         save_request(tmp_path, "x", 64, (MODE[0], Variant(VT.BSTR, "\ud800"), EMPTY))
     with pytest.raises(SavedRequestError, match="known functions"):
         save_request(tmp_path, "x", 200, ())
-    with pytest.raises(SavedRequestError, match="name is expected"):
+    with pytest.raises(SavedRequestError, match="the name is missing"):
         save_request(tmp_path, " .", 64, MODE)
 
 

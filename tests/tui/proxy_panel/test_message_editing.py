@@ -34,7 +34,7 @@ def test_what_is_typed_is_done(text: str, made: bytes) -> None:
 @pytest.mark.parametrize(
     ("text", "reason"),
     [
-        ("", "expected set"),
+        ("", "expected: set"),
         ("0", "two hex digits"),
         ("set arg[7]=1", "changes nothing"),
         ("set arg[2]=258", "changes nothing"),

@@ -268,10 +268,10 @@ def test_a_relay_that_is_killed_is_told_in_one_sentence(simulated: tuple[int, Pa
             await until(pilot, lambda: "p99.9" in text_of(place, "#summary"))
             assert await ask(port, "Service_Start", "") == "answered"
             os.kill(child.pid, signal.SIGKILL)
-            await until(pilot, lambda: "The proxy has ended: it was killed" in text_of(place, "#summary"))
+            await until(pilot, lambda: "The proxy ended: it was killed" in text_of(place, "#summary"))
             assert "○ 127.0.0.1" in shown(app)
             await pilot.press("f3")
-            await until(pilot, lambda: "The proxy has ended: it was killed" in states(pilot))
+            await until(pilot, lambda: "The proxy ended: it was killed" in states(pilot))
             assert "live" not in states(pilot)
             await until(pilot, lambda: traffic_screen(pilot).feed.progress.ended)
             assert traffic_screen(pilot).frames.count == 4

@@ -63,7 +63,7 @@ def test_from_frame_to_reply_to_call_to_finding_and_back() -> None:
         await pilot.press("w")
         assert screen(pilot).view == "findings"
         await pilot.press("w")
-        assert "first cause" in note(pilot)
+        assert "root cause" in note(pilot)
         await pilot.press("enter")
         assert "Frame 1," in about(pilot)
         await pilot.press("n", "n")

@@ -112,10 +112,10 @@ def test_a_source_that_ends_is_read_to_its_end_and_doubted_aloud() -> None:
     feed = TrafficFeed(path=str(CAPTURES / "retry-story.pcapng"), follow=True)
     try:
         ear = Ear(feed)
-        feed.report_source_problem("The proxy has ended: it was killed")
+        feed.report_source_problem("The proxy ended: it was killed")
         feed.stop_reading()
         ear.wait(ended)
-        assert SourceProblem("The proxy has ended: it was killed") in ear.heard
+        assert SourceProblem("The proxy ended: it was killed") in ear.heard
         assert feed.open_journal()
         assert feed.journal is not None
         assert feed.journal.refresh() == 6

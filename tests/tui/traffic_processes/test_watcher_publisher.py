@@ -116,7 +116,7 @@ def test_files_that_cannot_be_written_are_reported_and_the_watcher_goes_on(
     chain.end()
     *_, end = sent.reports()
     assert end == ReadProgress(
-        ended=True, problem="No space left on device", clients=2, packets=str(tmp_path / "all.pcapng")
+        ended=True, problem="no space left on device", clients=2, packets=str(tmp_path / "all.pcapng")
     )
     with open_capture(tmp_path / "all.pcapng") as capture:
         assert len(list(PacketDecoder(interface_prefix="clients of ").decode(capture))) == 3 * 19

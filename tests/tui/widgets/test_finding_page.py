@@ -7,10 +7,10 @@ from textual.pilot import Pilot
 from bcapscope.messages import Language
 from bcapscope.protocol.text_format import display_width
 from bcapscope.tui.ink import strip_styles
+from bcapscope.tui.reader_language import set_language
 from bcapscope.tui.traffic_processes.process_messages import TrafficAnalysis
 from bcapscope.tui.traffic_processes.running_diagnosis import shown_finding
 from bcapscope.tui.widgets.finding_page import FindingPage
-from bcapscope.tui.words import speak
 from tests.analysis.plays import SCENES
 from tests.analysis.scenes import stage
 from tests.tui.pilot import shown
@@ -23,7 +23,7 @@ def test_nothing_of_a_finding_is_cut_off() -> None:
 
     async def act(pilot: Pilot[None]) -> None:
         page = pilot.app.screen.query_one(FindingPage)
-        speak(Language.JAPANESE)
+        set_language(Language.JAPANESE)
         page.show_analysis(TrafficAnalysis(causes, found[0].seen, [], []))
         await pilot.pause()
         assert "対処" in shown(scope(pilot))

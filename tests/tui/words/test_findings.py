@@ -12,10 +12,10 @@ from bcapscope.errors import CaptureError
 from bcapscope.traffic.call import FrameRole
 from bcapscope.traffic.filter.compiler import FilterError, compile_filter
 from bcapscope.traffic.filter.field_table import RecordKind
-from bcapscope.tui.words import told
+from bcapscope.tui.reader_language import localized
 from tests.cli.run import CAPTURES
 
-pytestmark = pytest.mark.usefixtures("speaking_japanese")
+pytestmark = pytest.mark.usefixtures("japanese_screen")
 
 JAPANESE = re.compile("[ぁ-んァ-ヶ一-龥]")
 _CODES = re.compile(r"\b(?:[0-9A-F]{8}|842040xx|0x[0-9A-Fn]+|\d+ ms|[A-Z][a-z]+[A-Z]\w+|slv\w+)\b")
@@ -24,7 +24,7 @@ _CODES = re.compile(r"\b(?:[0-9A-F]{8}|842040xx|0x[0-9A-Fn]+|\d+ ms|[A-Z][a-z]+[
 
 @pytest.mark.parametrize("role", FrameRole)
 def test_what_a_frame_is_to_its_call(role: FrameRole) -> None:
-    assert JAPANESE.search(told(role))
+    assert JAPANESE.search(localized(role))
 
 
 @pytest.mark.parametrize(
@@ -62,7 +62,7 @@ def test_what_is_wrong_with_a_filter(expression: str) -> None:
     kind = RecordKind.CALL if "latency" in expression else RecordKind.FRAME
     with pytest.raises(FilterError) as raised:
         compile_filter(expression, kind)
-    assert JAPANESE.search(told(str(raised.value).partition("\n")[0]))
+    assert JAPANESE.search(localized(str(raised.value).partition("\n")[0]))
 
 
 @pytest.mark.parametrize(
@@ -75,7 +75,7 @@ def test_what_is_wrong_with_a_capture(data: bytes, tmp_path: Path) -> None:
     path.write_bytes(data)
     with pytest.raises(CaptureError) as raised, open_capture(path) as capture:
         list(capture)
-    assert JAPANESE.search(told(str(raised.value)))
+    assert JAPANESE.search(localized(str(raised.value)))
 
 
 def test_a_capture_that_breaks_off_or_is_not_there(tmp_path: Path) -> None:
@@ -84,4 +84,4 @@ def test_a_capture_that_breaks_off_or_is_not_there(tmp_path: Path) -> None:
     for each in (path, tmp_path / "none"):
         with pytest.raises(CaptureError) as raised, open_capture(each) as capture:
             list(capture)
-        assert JAPANESE.search(told(str(raised.value)))
+        assert JAPANESE.search(localized(str(raised.value)))

@@ -26,11 +26,12 @@ from bcapscope.protocol.tables.table_text import table_message
 from bcapscope.render.play_text import controller_line
 from bcapscope.render.slave_run_charts import run_figure_lines
 from bcapscope.tui import words
-from bcapscope.tui.words import PHRASES, reader_words, told
+from bcapscope.tui.reader_language import localized, reader_words
+from bcapscope.tui.words import PHRASES
 from bcapscope.tui.words.phrases import KINDS, LONGEST, Phrasebook
 from tests.tui.words.english import left_over
 
-pytestmark = pytest.mark.usefixtures("speaking_japanese")
+pytestmark = pytest.mark.usefixtures("japanese_screen")
 
 JAPANESE = re.compile("[ぁ-んァ-ヶ一-龥]")
 BOOK = Phrasebook(
@@ -48,7 +49,7 @@ BOOK = Phrasebook(
 
 
 def is_japanese(text: str) -> bool:
-    japanese = told(text)
+    japanese = localized(text)
     return bool(JAPANESE.search(japanese)) and not left_over(japanese)
 
 
@@ -129,7 +130,7 @@ def messages() -> Iterator[str]:
     ],
 )
 def test_what_a_proxy_did_to_a_packet(note: str, translation: str) -> None:
-    assert told(note) == translation
+    assert localized(note) == translation
 
 
 def test_what_else_the_tester_shows() -> None:
