@@ -10,7 +10,6 @@ from textual.containers import Horizontal, Vertical
 from textual.message import Message
 from textual.widgets import Input, Static
 
-from bcapscope.errors import BcapError
 from bcapscope.render.escape import printable
 from bcapscope.tui.reader_language import localized
 
@@ -86,14 +85,13 @@ class CheckedInput(Vertical):
         try:
             made = self._parse(text) if text else None
         except ValueError as wrong:
-            self._show_problem(localized(wrong) if isinstance(wrong, BcapError) else str(wrong))
+            self._show_problem(localized(wrong))
             return
         self._show_problem("")
         self.post_message(message(self, text, made))
 
     def _show_problem(self, wrong: str) -> None:
         error = self.query_one(f"#{self._field}-error", Static)
-        reason, *where = wrong.split("\n")
-        error.update(Text("\n".join(map(printable, (localized(reason), *where)))))
+        error.update(Text("\n".join(map(printable, wrong.split("\n")))))
         error.display = bool(wrong)
         self.field.set_class(bool(wrong), "-invalid")

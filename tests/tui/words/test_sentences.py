@@ -45,7 +45,7 @@ from tests.tui.words.english import left_over, untold
 
 WORDS = MessageFormatter(Language.JAPANESE)
 
-pytestmark = pytest.mark.usefixtures("speaking_japanese")
+pytestmark = pytest.mark.usefixtures("japanese_screen")
 
 JAPANESE = re.compile("[ぁ-んァ-ヶ一-龥]")
 
