@@ -20,6 +20,7 @@ from bcapscope.live.standard_streams import choose_palette
 from bcapscope.player.arm_limits import UNKNOWN_ARM, with_limits
 from bcapscope.player.player_messages import PlayPlan, SlaveModePacing
 from bcapscope.player.preflight import run_preflight
+from bcapscope.player.trajectory import Trajectory
 from bcapscope.protocol.number_parsing import parse_integer
 from bcapscope.protocol.text_format import shortened
 
@@ -111,20 +112,11 @@ def command(
     was not confirmed, or another client moves the robot; 11: the trajectory failed the pre-flight check; 130:
     stopped or halted.
     """
-    if os.name != "posix":
-        raise click.UsageError("play needs POSIX signals: run it on Linux or macOS")
-    for path in (log, record):
-        if path is not None:
-            check_output_path(path)
+    _check_platform_and_files(log, record)
     trajectory = way.read_trajectory()
     view = PlayOutput(as_json, choose_palette(color), shutil.get_terminal_size().columns)
     view.show_source(trajectory)
-    before = run_preflight(
-        trajectory, way.interval / 1000, with_limits(UNKNOWN_ARM, way.limits), loop=way.rounds != 1
-    )
-    if not before.is_playable:
-        view.show_preflight(before)
-        sys.exit(ExitCode.UNFIT)
+    _check_motion(trajectory, way, view)
     plan = PlayPlan(
         target=target,
         robot=robot,
@@ -144,6 +136,24 @@ def command(
         realtime=not no_realtime,
     )
     sys.exit(PlayRunner(plan, trajectory, view).run())
+
+
+def _check_platform_and_files(*new_files: Path | None) -> None:
+    if os.name != "posix":
+        raise click.UsageError("play needs POSIX signals: run it on Linux or macOS")
+    for path in new_files:
+        if path is not None:
+            check_output_path(path)
+
+
+def _check_motion(trajectory: Trajectory, way: TrajectoryOptions, view: PlayOutput) -> None:
+    """Exit if the set points cannot be played on any arm."""
+    before = run_preflight(
+        trajectory, way.interval / 1000, with_limits(UNKNOWN_ARM, way.limits), loop=way.rounds != 1
+    )
+    if not before.is_playable:
+        view.show_preflight(before)
+        sys.exit(ExitCode.UNFIT)
 
 
 def _absolute_text(path: Path | None) -> str | None:

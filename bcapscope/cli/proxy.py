@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from contextlib import ExitStack, closing
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -35,7 +36,7 @@ from bcapscope.traffic.filter.field_table import RecordKind
 from bcapscope.traffic.observation import Endpoint
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
     from bcapscope.live.proxy_options import WatcherSubscriber
     from bcapscope.proxy.rule_policy import RulePolicy
@@ -182,54 +183,93 @@ def command(
     if ring is not None and record is None:
         raise click.UsageError("--ring needs --record FILE.pcapng")
     shown = None if quiet else RecordKind.CALL if calls else RecordKind.FRAME
-    look = ViewOptions(shown, form or TrafficFormat.LINE, wanted, TimeFormat(clock), words.language)
-    try:
-        listeners = parse_listener_specs(listen, to, transport, allow)
-        look.compiled_filter()
-    except ListenerSpecError as error:
-        raise click.UsageError(str(error)) from None
-    except FilterError as error:
-        raise click.BadParameter(f"\n{error}", context, param_hint="--filter") from None
+    view = ViewOptions(shown, form or TrafficFormat.LINE, wanted, TimeFormat(clock), words.language)
+    listeners = _parse_listeners(listen, to, transport, allow)
+    _check_filter(context, view)
     if record is not None and ring is None:
         check_output_path(record)
-    wishes = ProxyOptions(record, ring, look, color, open_subscriber)
-    with ExitStack() as opened:
-        listening: list[str] = []
-        try:
-            scripts = rules.start_scripts(opened)
-            policy = rules.build_rules(scripts)
-            ends = opened.enter_context(end_signal_socket())
-            proxy = opened.enter_context(
-                closing(ProxySupervisor(wishes, ends, policy, low_latency=low_latency))
-            )
-            for line in rules.summary_lines():
-                print_stderr(line)
-            state = {"recording": _single_recording(record, ring), "listening": listening}
-            control = None if policy is None else rules.attach_rules(policy, proxy.relay, state)
-            if control is not None:
-                opened.callback(control.close)
-            addresses = [proxy.listen(listener, round(forget * 1e9)) for listener in listeners]
-            _start_watcher(proxy, policy, scripts)
-        except (ProxyListenError, ControlError, ScriptError) as error:
-            print_stderr(printable(str(error)))
-            sys.exit(ExitCode.UNREADABLE)
-        except UnreachableError as error:
-            print_stderr(str(error))
-            sys.exit(ExitCode.UNANSWERED)
-        pairs = list(zip(listeners, addresses, strict=True))
-        listening += [f"{address} > {each.to}" for each, address in pairs]
-        greetings = [_greeting(*pair) for pair in pairs]
-        if attended:
-            proxy.run(
-                partial(_announce_to_parent, proxy, greetings, listening, control.address if control else "")
-            )
-        else:
-            proxy.run(partial(_print_greetings, proxy, greetings))
-    if proxy.is_recording_incomplete:
-        sys.exit(ExitCode.UNWRITABLE)
+    proxy_options = ProxyOptions(record, ring, view, color, open_subscriber)
+    _ProxyRun(listeners, rules, round(forget * 1e9), low_latency, attended).run(proxy_options)
 
 
 command.add_command(ctl)
+
+
+def _parse_listeners(
+    listen: tuple[str, ...], to: tuple[str, ...], transport: str, allow: tuple[str, ...]
+) -> Sequence[ListenerSpec]:
+    try:
+        return parse_listener_specs(listen, to, transport, allow)
+    except ListenerSpecError as error:
+        raise click.UsageError(str(error)) from None
+
+
+def _check_filter(context: click.Context, view: ViewOptions) -> None:
+    try:
+        view.compiled_filter()
+    except FilterError as error:
+        raise click.BadParameter(f"\n{error}", context, param_hint="--filter") from None
+
+
+@dataclass(frozen=True, slots=True)
+class _ProxyRun:
+    """One run of the proxy.
+
+    Attributes:
+        listeners: What to listen on, and where to forward to.
+        rules: What to change or refuse.
+        forget_ns: Silence after which a UDP client is forgotten, ns.
+        low_latency: Whether to keep the processors awake.
+        attended: Whether a parent process reads the output.
+    """
+
+    listeners: Sequence[ListenerSpec]
+    rules: RuleOptions
+    forget_ns: int
+    low_latency: bool
+    attended: bool
+
+    def run(self, proxy_options: ProxyOptions) -> None:
+        """Forward traffic until the user ends it."""
+        with ExitStack() as opened:
+            try:
+                proxy, greet = self._open(opened, proxy_options)
+            except (ProxyListenError, ControlError, ScriptError) as error:
+                print_stderr(printable(str(error)))
+                sys.exit(ExitCode.UNREADABLE)
+            except UnreachableError as error:
+                print_stderr(str(error))
+                sys.exit(ExitCode.UNANSWERED)
+            proxy.run(greet)
+        if proxy.is_recording_incomplete:
+            sys.exit(ExitCode.UNWRITABLE)
+
+    def _open(
+        self, opened: ExitStack, proxy_options: ProxyOptions
+    ) -> tuple[ProxySupervisor, Callable[[], None]]:
+        """Start the proxy; return it, and what tells where it listens."""
+        listening: list[str] = []
+        scripts = self.rules.start_scripts(opened)
+        policy = self.rules.build_rules(scripts)
+        ends = opened.enter_context(end_signal_socket())
+        supervisor = ProxySupervisor(proxy_options, ends, policy, low_latency=self.low_latency)
+        proxy = opened.enter_context(closing(supervisor))
+        for line in self.rules.summary_lines():
+            print_stderr(line)
+        recording = _single_recording(proxy_options.record, proxy_options.ring)
+        state = {"recording": recording, "listening": listening}
+        control = None if policy is None else self.rules.attach_rules(policy, proxy.relay, state)
+        if control is not None:
+            opened.callback(control.close)
+        addresses = [proxy.listen(listener, self.forget_ns) for listener in self.listeners]
+        _start_watcher(proxy, policy, scripts)
+        pairs = list(zip(self.listeners, addresses, strict=True))
+        listening += [f"{address} > {each.to}" for each, address in pairs]
+        greetings = [_greeting(*pair) for pair in pairs]
+        if not self.attended:
+            return proxy, partial(_print_greetings, proxy, greetings)
+        control_address = control.address if control else ""
+        return proxy, partial(_announce_to_parent, proxy, greetings, listening, control_address)
 
 
 def _start_watcher(proxy: ProxySupervisor, policy: RulePolicy | None, scripts: ScriptProcess | None) -> None:

@@ -162,16 +162,7 @@ def command(
     script = _choose_script(CaptureReader([capture], (), words=words), wanted, client, words)
     if side == "server":
         serving = ServerRunner(quiet=quiet, record=record, words=words)
-        standin = RecordedController(script, serving.log.on_call, delays=not no_delay)
-        with exit_if_not_listening(), serving.listen(standin, listen, target.port) as server:
-            host, port = server.address
-            print_stderr(
-                f"the recorded controller answers on {host} port {port}, UDP and TCP; "
-                f"{reachability_text(host)}"
-            )
-            serving.serve(server)
-        if not serving.close(_served_text(serving.log.call_count, standin.unknown_calls, words)):
-            sys.exit(ExitCode.UNWRITABLE)
+        _serve(script, serving, (listen, target.port), not no_delay, words)
         return
     flight = _PreflightCheck(script, limits, color, quiet)
     flight.check(UNKNOWN_ARM)
@@ -181,6 +172,25 @@ def command(
         with realtime_priority():
             code = run_blocking(stage.play(target, arm, round(longest_pause * 1e9)))
         sys.exit(code)
+
+
+def _serve(
+    script: ReplayScript,
+    serving: ServerRunner,
+    address: tuple[str, int],
+    delays: bool,
+    words: MessageFormatter,
+) -> None:
+    """Answer clients until the user ends it."""
+    standin = RecordedController(script, serving.log.on_call, delays=delays)
+    with exit_if_not_listening(), serving.listen(standin, *address) as server:
+        host, port = server.address
+        print_stderr(
+            f"the recorded controller answers on {host} port {port}, UDP and TCP; {reachability_text(host)}"
+        )
+        serving.serve(server)
+    if not serving.close(_served_text(serving.log.call_count, standin.unknown_calls, words)):
+        sys.exit(ExitCode.UNWRITABLE)
 
 
 def _choose_script(

@@ -128,10 +128,10 @@ def command(
     """
     if sum((bool(path), bool(interface), proxy is not None, sim)) > 1:
         raise click.UsageError("give only one of HOST, FILE, -i, --proxy and --sim")
-    if proxy is None and (listen or to or record or rules.command_line or rules.control):
-        raise click.UsageError("--listen, --to, --record and rules need --proxy: add --proxy")
     if scenario is not None and not sim:
         raise click.UsageError("--scenario has no effect without --sim: add --sim")
+    if proxy is None and (listen or to or record or rules.command_line or rules.control):
+        raise click.UsageError("--listen, --to, --record and rules need --proxy: add --proxy")
     if serve.is_wanted:
         serve_screen(serve)
     if proxy is not None:
@@ -139,11 +139,7 @@ def command(
             show_proxy(ProxyScreenOptions(proxy, listen, to, record, rules))
         return
     if sim:
-        typed = context.get_parameter_source("profile") is ParameterSource.COMMANDLINE
-        words = ["--profile", profile] if typed else []
-        words += ["--scenario", scenario] if scenario else []
-        with _exit_without_folder():
-            show_simulator(_server_port(ports), words)
+        _show_simulator(context, _server_port(ports), profile, scenario)
         return
     is_file = bool(path) and Path(path or "").exists()
     if path and not is_file and (os.sep in path or Path(path).suffix in _SUFFIXES):
@@ -154,6 +150,14 @@ def command(
             _show_traffic(path or "", interface or "", ports)
         else:
             _show_tester(TesterTarget(path or "", _server_port(ports), tcp, option, profile), requests)
+
+
+def _show_simulator(context: click.Context, port: int, profile: str, scenario: str | None) -> None:
+    is_typed = context.get_parameter_source("profile") is ParameterSource.COMMANDLINE
+    arguments = ["--profile", profile] if is_typed else []
+    arguments += ["--scenario", scenario] if scenario else []
+    with _exit_without_folder():
+        show_simulator(port, arguments)
 
 
 def _server_port(ports: tuple[int, ...]) -> int:

@@ -1,4 +1,4 @@
-"""Pictures of a stay in slave mode: the pace of the set points, and where they led."""
+"""Pictures of a slave-mode session: the pace of the set points, and where they led."""
 
 from __future__ import annotations
 
@@ -32,8 +32,7 @@ from bcapscope.render.report_figure import (
 
 _MAX_DOTS = 400  # so many points can be told apart as dots on a line
 _LEAST_MOTION = 1e-9
-_COLUMNS = 2
-_COLUMN_GAP = 0.12
+_COLUMNS, _COLUMN_GAP = 2, 0.12
 _NOTABLE_LAG = 0.5
 
 
@@ -442,7 +441,7 @@ def _axis_title(each: AxisMotion, number: str) -> dict[str, Any]:
 
 
 def percentiles_text(found: DistributionSummary | None) -> str:
-    """Say how values in ms are spread, in one line."""
+    """Return the percentiles of values in ms as one line."""
     if found is None:
         return "none"
     return (
