@@ -195,7 +195,7 @@ def test_a_call_that_is_given_up_leaves_room_for_the_next() -> None:
 
 def test_one_call_at_a_time() -> None:
     requester = _calling()
-    with pytest.raises(LocalProtocolError, match="under way"):
+    with pytest.raises(LocalProtocolError, match="in progress"):
         requester.start_call(20, (), PACE, 0)
     assert len(requester.data_to_send()) == 1
 
@@ -207,7 +207,7 @@ def test_a_packet_of_503_bytes_is_the_largest_on_udp(convention: ReservedConvent
     requester.start_call(52, (fits,), PACE, 0)
     assert len(requester.data_to_send()[0]) == 503
     other = Requester(convention)
-    with pytest.raises(LocalProtocolError, match=r"File_GetValue .* 504 bytes.* 503: connect over TCP"):
+    with pytest.raises(LocalProtocolError, match=r"File_GetValue .* 504 bytes.* 503\. Connect over TCP"):
         other.start_call(52, (Variant.array(VT.UI1, bytes(504 - 26)),), PACE, 0)
     assert (other.data_to_send(), other.call_in_progress) == ([], False)
 
