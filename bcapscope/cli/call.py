@@ -124,7 +124,7 @@ def command(
     names = {owner: given for owner in _NAMED if (given := _given_name(named, owner)) is not None}
     check_owners(requests, {*DEFAULT_OBJECT_NAMES, *names})
     calls = _CallRunner(target, names, arm, _AnswerPrinter(dump, as_json, color, words))
-    with exit_on_failure(target):
+    with exit_on_failure(target, words):
         try:
             code = run_interruptible(calls.run(requests))
         except ValueError as error:

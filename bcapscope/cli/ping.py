@@ -22,8 +22,9 @@ from bcapscope.client.remote_objects import Controller, Robot
 from bcapscope.client.session import Session, open_target_session
 from bcapscope.errors import ControllerError
 from bcapscope.live.end_signals import run_interruptible
-from bcapscope.messages import Message
+from bcapscope.messages import Message, MessageFormatter
 from bcapscope.messages.os_errors import os_reason
+from bcapscope.messages.places import Count
 from bcapscope.protocol.codec.variant import VT, Variant
 from bcapscope.protocol.retry.requester import CallTimedOut
 from bcapscope.protocol.tables.function_table import ObjectClass
@@ -79,7 +80,10 @@ class _PingResult:
     help="Start a call every this many ms.",
 )
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
-def command(*, target: ControllerTarget, count: int, interval: float, as_json: bool) -> None:
+@options.language
+def command(
+    *, target: ControllerTarget, count: int, interval: float, as_json: bool, words: MessageFormatter
+) -> None:
     """Check that a controller answers, identify it, and measure round trips.
 
     `ping` connects and makes calls that only read. It sends each of them once, without retries. Then it
@@ -93,7 +97,7 @@ def command(*, target: ControllerTarget, count: int, interval: float, as_json: b
     """
     found = _PingResult()
     code = ExitCode.UNANSWERED
-    with exit_on_failure(target):
+    with exit_on_failure(target, words):
         try:
             run_interruptible(_ping(target, count, interval / 1000, found))
             code = ExitCode.OK if found.round_trips and found.break_reason is None else ExitCode.UNANSWERED
@@ -102,7 +106,7 @@ def command(*, target: ControllerTarget, count: int, interval: float, as_json: b
     if as_json:
         echo(orjson.dumps(_record(target, found)))
     else:
-        for line in _lines(target, found):
+        for line in _lines(target, found, words):
             echo(line)
     sys.exit(code)
 
@@ -154,27 +158,24 @@ async def _measure(session: Session, handle: int, count: int, interval: float, f
         session.retry_policies = usual
 
 
-def _lines(target: ControllerTarget, found: _PingResult) -> Iterator[str]:
-    spread = _spread(found)
+def _lines(target: ControllerTarget, found: _PingResult, words: MessageFormatter) -> Iterator[str]:
+    spread, name = _spread(found), words.text(target.message)
     if not found.is_answering:
-        yield f"{target}: no answer"
+        yield words("ping.no-answer", target=name)
         return
-    kind = "bcapscope's simulator" if found.is_simulator else "a controller"
-    facts = "".join(f", {name} {printable(str(value))}" for name, value in found.facts.items())
-    yield f"{target}: {kind}{facts}"
+    facts = "".join(f", {fact} {printable(str(value))}" for fact, value in found.facts.items())
+    yield words("ping.simulator" if found.is_simulator else "ping.controller", target=name) + facts
     if found.refusal is not None:
-        yield f"connection refused: {printable(str(found.refusal))}"
-    yield f"{len(found.round_trips) + found.lost} calls, {found.lost} lost"
+        yield printable(words("ping.refused", reason=found.refusal))
+    yield words("ping.calls", calls=Count(len(found.round_trips) + found.lost, "call"), lost=found.lost)
     if found.break_reason is not None:
-        yield f"ended early: {printable(str(found.break_reason))}"
+        yield printable(words("ping.ended-early", reason=found.break_reason))
     if spread is not None:
-        yield (
-            f"round trip, ms: p50 {spread.p50:.3f}, p90 {spread.p90:.3f}, p99 {spread.p99:.3f}, "
-            f"p99.9 {spread.p999:.3f}, most {spread.most:.3f}"
-        )
+        levels = ("p50", "p90", "p99", "p999", "most")
+        yield words("ping.round-trip", **{level: f"{getattr(spread, level):.3f}" for level in levels})
     for verdict in _verdicts(found):
-        word = "fit" if verdict.fit else "not fit"
-        yield f"{word} for set points every {verdict.period_ms:g} ms: {verdict.reason}"
+        fit = "ping.fit" if verdict.fit else "ping.not-fit"
+        yield words(fit, period=f"{verdict.period_ms:g}", reason=verdict.reason)
 
 
 def _record(target: ControllerTarget, found: _PingResult) -> dict[str, object]:

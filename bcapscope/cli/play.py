@@ -17,6 +17,7 @@ from bcapscope.cli.common.target_options import ControllerTarget, target_options
 from bcapscope.cli.common.trajectory_options import TrajectoryOptions, trajectory_options
 from bcapscope.client.controller_target import DEFAULT_ROBOT, ROBSLAVE
 from bcapscope.live.standard_streams import choose_palette
+from bcapscope.messages import MessageFormatter
 from bcapscope.player.arm_limits import UNKNOWN_ARM, with_limits
 from bcapscope.player.player_messages import PlayPlan, SlaveModePacing
 from bcapscope.player.preflight import run_preflight
@@ -77,6 +78,7 @@ def _parse_mode(context: click.Context, parameter: click.Parameter, value: str) 
 @click.option("--no-realtime", is_flag=True, help="Run without real-time priority.")
 @click.option("--json", "as_json", is_flag=True, help="Print the pre-flight check and the summary as JSON.")
 @options.color
+@options.language
 def command(
     *,
     way: TrajectoryOptions,
@@ -93,6 +95,7 @@ def command(
     no_realtime: bool,
     as_json: bool,
     color: str,
+    words: MessageFormatter,
 ) -> None:
     """Move the robot of HOST along the set points of FILE, in slave mode.
 
@@ -114,7 +117,7 @@ def command(
     """
     _check_platform_and_files(log, record)
     trajectory = way.read_trajectory()
-    view = PlayOutput(as_json, choose_palette(color), shutil.get_terminal_size().columns)
+    view = PlayOutput(as_json, choose_palette(color), shutil.get_terminal_size().columns, words)
     view.show_source(trajectory)
     _check_motion(trajectory, way, view)
     plan = PlayPlan(

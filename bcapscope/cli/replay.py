@@ -167,7 +167,7 @@ def command(
     flight = _PreflightCheck(script, limits, color, quiet)
     flight.check(UNKNOWN_ARM)
     stage = _ReplayRunner(script, flight, keep_going, anywhere, _ReplayPrinter(as_json, quiet, color, words))
-    with exit_on_failure(target):
+    with exit_on_failure(target, words):
         interrupt_on_end_signals()
         with realtime_priority():
             code = run_blocking(stage.play(target, arm, round(longest_pause * 1e9)))

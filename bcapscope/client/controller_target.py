@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from bcapscope.client.retry_policies import DEFAULT_PORT, DEFAULT_RETRY_POLICIES, RetryPolicies
+from bcapscope.messages import Message
 from bcapscope.protocol.retry.requester import RetryPolicy
 from bcapscope.protocol.retry.reserved_convention import ReservedConvention, client_conventions
 
@@ -68,8 +69,13 @@ class ControllerTarget:
         host = f"[{self.host}]" if ":" in self.host else self.host
         return f"{host}:{self.port}"
 
+    @property
+    def message(self) -> Message:
+        """Address and transport."""
+        return Message("target", address=self.address, transport="TCP" if self.tcp else "UDP")
+
     def __str__(self) -> str:
-        return f"{self.address} over {'TCP' if self.tcp else 'UDP'}"
+        return str(self.message)
 
 
 def split_host_port(text: str) -> tuple[str, str]:

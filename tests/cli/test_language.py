@@ -78,3 +78,12 @@ def test_a_report_is_in_the_language_of_its_reader(tmp_path: Path) -> None:
     assert '<html lang="ja"' in pages["ja"]
     assert "検出事項" in pages["ja"]
     assert "検出事項" not in pages["en"]
+
+
+def test_ping_and_play_follow_the_language() -> None:
+    pinged = run_here("ping", "127.0.0.1", "-p", "1", "-n", "1", "--lang", "ja")
+    assert JAPANESE.search(pinged.err)
+    path = CAPTURES / "joint-trajectory.yaml"
+    played = run_here("play", path, "127.0.0.1", "-p", "1", "--dry-run", "--lang", "ja")
+    assert JAPANESE.search(played.out)
+    assert pinged.code == 9

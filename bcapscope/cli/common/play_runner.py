@@ -15,6 +15,7 @@ from bcapscope.cli.common.exit_codes import ExitCode
 from bcapscope.client.action_log import LoggedConnection
 from bcapscope.live.standard_streams import print_stderr
 from bcapscope.live.terminal_keys import TerminalKeys
+from bcapscope.messages import ENGLISH_WORDS, MessageFormatter
 from bcapscope.player.armed_message_logger import ArmedMessageLogger
 from bcapscope.player.player_messages import (
     ControllerInfo,
@@ -58,15 +59,21 @@ _EXIT_CODES = {
 }
 _STOP_KEYS = "s "
 _HALT_KEYS = ("h", "\x1b\x1b")
-_KEY_HINT = "s or Ctrl-C: bring the robot to rest; h or Escape twice: halt it at once"
 _POLL_INTERVAL = 1.0
 _TERMINAL_CLOSED = getattr(signal, "SIGHUP", None)
 
 
 class PlayOutput:
-    """Prints data to stdout, everything else to stderr."""
+    """Prints data to stdout, everything else to stderr.
 
-    def __init__(self, as_json: bool, palette: Palette, width: int) -> None:
+    Attributes:
+        words: Language of the text; JSON is English.
+    """
+
+    def __init__(
+        self, as_json: bool, palette: Palette, width: int, words: MessageFormatter = ENGLISH_WORDS
+    ) -> None:
+        self.words = words
         self._json = as_json
         self._palette = palette
         self._width = width
@@ -81,7 +88,7 @@ class PlayOutput:
     def show_source(self, trajectory: Trajectory) -> None:
         """Print how the file was read."""
         if not self._json:
-            for line in source_lines(trajectory):
+            for line in source_lines(trajectory, self.words):
                 echo(line)
 
     def show_preflight(self, preflight: PreflightResult) -> None:
@@ -89,7 +96,7 @@ class PlayOutput:
         if self._json:
             self._print_data(preflight_record(preflight))
             return
-        for line in PreflightRenderer(self._palette, self._width).lines(preflight):
+        for line in PreflightRenderer(self._palette, self._width, self.words).lines(preflight):
             self._print_data(line)
 
     def show_end(self, ended: PlayEnded) -> None:
@@ -98,7 +105,7 @@ class PlayOutput:
         if self._json:
             self._print_data(play_summary_record(ended))
             return
-        for line in play_summary_lines(ended):
+        for line in play_summary_lines(ended, self.words):
             self._print_data(line)
 
     def print_line(self, text: str) -> None:
@@ -189,14 +196,14 @@ class PlayRunner:
         elif isinstance(message, ControllerInfo):
             self._check_trajectory(message)
         elif isinstance(message, RealtimeReport) and not self._plan.look_only:
-            self._output.print_line(printable(str(message.text)))
+            self._output.print_line(printable(self._output.words.text(message.text)))
         elif isinstance(message, PlayerProblem):
-            for line in trouble_lines(message):
+            for line in trouble_lines(message, self._output.words):
                 self._output.print_line(line)
 
     def _check_trajectory(self, peer: ControllerInfo) -> None:
         """Check the trajectory against the connected robot."""
-        self._output.print_line(controller_line(peer))
+        self._output.print_line(controller_line(peer, self._output.words))
         found = run_preflight_for(self._trajectory, self._plan, peer)
         self._output.show_preflight(found)
         self._is_fit = found.is_playable
@@ -205,13 +212,10 @@ class PlayRunner:
         """Answer a question of the player, or ask the user."""
         if call_kind.topic is QuestionTopic.BEGIN:
             if self._is_fit:
-                self._output.print_line(
-                    _KEY_HINT
-                    if self._can_prompt
-                    else "Ctrl-C: bring the robot to rest; twice: halt it at once"
-                )
+                hint = "play.keys" if self._can_prompt else "play.keys.signals"
+                self._output.print_line(self._output.words(hint))
             return "yes" if self._is_fit else "no"
-        self._output.print_line(printable(str(call_kind.text)))
+        self._output.print_line(printable(self._output.words.text(call_kind.text)))
         if not self._can_prompt:
             return call_kind.choices[0]
         self._keys.stop()

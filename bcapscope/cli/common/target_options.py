@@ -17,6 +17,7 @@ from bcapscope.client.controller_target import ControllerTarget, split_host_port
 from bcapscope.client.retry_policies import DEFAULT_PORT, DEFAULT_RETRY_POLICIES
 from bcapscope.errors import BcapError, CallTimeout, ControllerError, FileWriteError
 from bcapscope.live.standard_streams import print_stderr
+from bcapscope.messages import MessageFormatter
 from bcapscope.messages.os_errors import os_reason
 from bcapscope.protocol.number_parsing import parse_integer
 from bcapscope.protocol.retry.reserved_convention import ReservedConvention, client_conventions
@@ -160,20 +161,21 @@ def _can_be_resolved(host: str) -> bool:
 
 
 @contextmanager
-def exit_on_failure(target: ControllerTarget) -> Iterator[None]:
+def exit_on_failure(target: ControllerTarget, words: MessageFormatter) -> Iterator[None]:
     """Print errors of the connection to the controller, and exit with the matching `ExitCode`."""
+    name = words.text(target.message)
     try:
         yield
     except (BrokenPipeError, FileWriteError):
         raise
     except ControllerError as error:
-        _exit_with(str(error), ExitCode.REFUSED)
+        _exit_with(words.text(error.message), ExitCode.REFUSED)
     except CallTimeout as error:
-        _exit_with(f"{target}: {error}", ExitCode.UNANSWERED)
+        _exit_with(f"{name}: {words.text(error.message)}", ExitCode.UNANSWERED)
     except OSError as error:
-        _exit_with(f"{target}: {os_reason(error)}", ExitCode.UNANSWERED)
+        _exit_with(f"{name}: {words.text(os_reason(error))}", ExitCode.UNANSWERED)
     except BcapError as error:
-        _exit_with(str(error), ExitCode.USAGE)
+        _exit_with(words.text(error.message), ExitCode.USAGE)
 
 
 def _exit_with(text: str, code: ExitCode) -> None:
