@@ -38,7 +38,7 @@ from bcapscope.player.set_point_sequence import SetPointSequence
 from bcapscope.protocol.codec.frame import Frame
 from bcapscope.protocol.codec.variant import VT, Variant
 from bcapscope.protocol.retry.requester import CallTimedOut, RequesterOutcome, RetryPolicy
-from bcapscope.protocol.slave_mode.modes import ModeKind, SlaveMode
+from bcapscope.protocol.slave_mode.modes import PERIOD_NS, ModeKind, SlaveMode
 from bcapscope.protocol.tables.hresult import (
     E_SLAVE_OVERFLOW,
     S_BUF_FULL,
@@ -68,7 +68,6 @@ _PREPARATION, _PREPARATION_MAX, _PREPARATION_SHARE = 300_000, 1_000_000, 0.4
 first steps after a sleep take ten times as long as later ones, because other programs have filled the
 caches."""
 
-_IDLE_INTERVAL = 8_000_000
 _MOTION_ERRORS = 0x8420
 """Upper half of the results that late set points can cause: the buffer ran empty, or an axis was too fast."""
 _GAPS_KEPT = 8
@@ -230,8 +229,8 @@ class Pacer:
     def _wait_until(self, due: int) -> None:
         """Wait for a deadline; during a long wait, call `on_idle` regularly."""
         link = self._caller.link
-        while (now := link.now()) < due - 2 * _IDLE_INTERVAL:
-            link.wait_until(now + _IDLE_INTERVAL)
+        while (now := link.now()) < due - 2 * PERIOD_NS:
+            link.wait_until(now + PERIOD_NS)
             self._on_idle(link.now())
         link.wait_until(due)
 
@@ -243,7 +242,7 @@ class Pacer:
         if by_clock and not self._is_behind:
             self._sleep_until(until)
         while True:
-            look = link.now() + _IDLE_INTERVAL
+            look = link.now() + PERIOD_NS
             settled = exchanger.wait_for_outcome(min(look, until) if by_clock else look)
             if settled is not None:
                 return settled
@@ -253,7 +252,7 @@ class Pacer:
 
     def _sleep_until(self, until: int) -> None:
         """Sleep without watching for replies; after a long sleep, call `on_idle`."""
-        look = self._caller.link.now() + _IDLE_INTERVAL
+        look = self._caller.link.now() + PERIOD_NS
         self._caller.sleep_until_due(min(look, until))
         if look < until:
             self._on_idle(self._caller.link.now())
@@ -300,9 +299,7 @@ class Pacer:
         exchanger, attempts = self._caller, settled.attempts
         serials, give_up = [each.serial for each in attempts], attempts[0].sent + self._silence
         while (
-            found := exchanger.wait_for_late_reply(
-                serials, min(give_up, exchanger.link.now() + _IDLE_INTERVAL)
-            )
+            found := exchanger.wait_for_late_reply(serials, min(give_up, exchanger.link.now() + PERIOD_NS))
         ) is None:
             now = exchanger.link.now()
             if now >= give_up:

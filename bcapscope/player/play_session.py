@@ -52,11 +52,16 @@ from bcapscope.player.set_point_sequence import SetPointSequence
 from bcapscope.player.smooth_curve import FIG_COLUMN, matches_posture
 from bcapscope.player.trajectory import Trajectory, TrajectorySource
 from bcapscope.protocol.codec.variant import VT, Variant
-from bcapscope.protocol.slave_mode.modes import Generation, PoseType, SlaveMode, slave_mode_by_number
+from bcapscope.protocol.slave_mode.modes import (
+    PERIOD_NS,
+    Generation,
+    PoseType,
+    SlaveMode,
+    slave_mode_by_number,
+)
 from bcapscope.protocol.tables.function_table import ObjectClass
 
 _ROBOT_EXECUTE = 64
-_CONTROL_PERIOD = 8_000_000
 _LATENESS_CAPACITY = 1_000_000  # set points whose lateness is kept: two hours at 8 ms
 
 _MODES = {
@@ -267,7 +272,7 @@ class PlaySession:
     async def _play(self, mode: SlaveMode, trajectory: Trajectory) -> None:
         """Send the set points; on an order, come to rest or halt."""
         plan, robot = self._plan, self._robot
-        hold = max(mode.buffer_slots + 1, -(-2 * _CONTROL_PERIOD // plan.period))
+        hold = max(mode.buffer_slots + 1, -(-2 * PERIOD_NS // plan.period))
         sequence = SetPointSequence(trajectory, plan.period / 1e9, self._stop_limits(), plan.rounds, hold)
         handle = robot.robot.handle
         probe = (Variant(VT.I4, handle), Variant(VT.BSTR, "slvMove"))

@@ -16,7 +16,13 @@ from bcapscope.client.controller_target import DEFAULT_ROBOT, ROBSLAVE, Controll
 from bcapscope.messages import Message
 from bcapscope.messages.message_codec import message_from_data, message_to_data
 from bcapscope.player.lateness import Spread
-from bcapscope.protocol.slave_mode.modes import Generation, PoseType, SlaveMode, slave_mode_by_number
+from bcapscope.protocol.slave_mode.modes import (
+    PERIOD_NS,
+    Generation,
+    PoseType,
+    SlaveMode,
+    slave_mode_by_number,
+)
 
 SetPointValues: TypeAlias = tuple[float, ...]
 """Numbers of one set point, in the order and units of its pose type (`protocol.slave_mode.poses.AXES`)."""
@@ -93,7 +99,7 @@ class PlayPlan(msgspec.Struct, frozen=True, kw_only=True):
     task: str = ROBSLAVE
     kind: PoseType = PoseType.J
     mode: SlaveModePacing | int = SlaveModePacing.SYNC
-    period: int = 8_000_000
+    period: int = PERIOD_NS
     points: Sequence[SetPointValues] = ()
     limits: tuple[str, ...] = ()
     rounds: int = 1

@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from bcapscope.messages import Message
 from bcapscope.messages.places import Measured
 from bcapscope.player.smooth_curve import Array
+from bcapscope.protocol.slave_mode.modes import PERIOD_MS
 
-CYCLES = (0.008, 0.001)
+CYCLES = (PERIOD_MS / 1000, 0.001)
 """Cycle times of set points, seconds (DENSO Wave 2009, How to use the Slave mode)."""
 
 EVEN_TOLERANCE = 0.01

@@ -11,10 +11,11 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 from bcapscope.protocol.codec.variant import Variant
+from bcapscope.protocol.slave_mode.modes import PERIOD_NS
 from bcapscope.simulator.argument_values import bstr, i4, r8, variant_array
 from bcapscope.simulator.kinematics import Joints
 
-PERIOD = 8_000_000
+PERIOD = PERIOD_NS
 """Time between two records, ns."""
 
 MAX_RECORDS = 10_000

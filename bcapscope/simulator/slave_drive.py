@@ -12,14 +12,14 @@ from collections import deque
 from dataclasses import dataclass
 
 from bcapscope.protocol.slave_mode.formats import POSE_ONLY_FORMAT, ReceiveFormat
-from bcapscope.protocol.slave_mode.modes import ModeKind, SlaveMode
+from bcapscope.protocol.slave_mode.modes import PERIOD_NS, ModeKind, SlaveMode
 from bcapscope.protocol.tables.hresult import E_SLAVE_OVERFLOW, E_SLAVE_UNDERFLOW
-from bcapscope.simulator.arm import MS, Arm
+from bcapscope.simulator.arm import Arm
 from bcapscope.simulator.call_outcome import RefusedError
 from bcapscope.simulator.kinematics import AXIS_COUNT, AXIS_LIMITS, AxisLimit, Joints
 from bcapscope.simulator.result_codes import ACCELERATION_LIMIT, SPEED_LIMIT
 
-PERIOD = 8 * MS
+PERIOD = PERIOD_NS
 MOVING_THRESHOLD = 0.01
 """Degrees in 8 ms."""
 

@@ -8,7 +8,6 @@ from bcapscope.analysis.client_state import ClientRegistry, ClientState, folded_
 from bcapscope.analysis.finding import Severity
 from bcapscope.analysis.finding_places import call_name_place, call_place, client_place
 from bcapscope.analysis.rules.rule_checker import (
-    MS,
     CallHealth,
     DiagnosisRule,
     Occurrence,
@@ -19,6 +18,7 @@ from bcapscope.analysis.slave.slave_session import SlaveSession
 from bcapscope.messages import Message
 from bcapscope.messages.places import Count, Duration, Moment
 from bcapscope.protocol.guard import request_effect
+from bcapscope.protocol.slave_mode.modes import PERIOD_NS
 from bcapscope.protocol.tables.call_effect import CallEffect
 from bcapscope.protocol.tables.function_table import ID
 from bcapscope.traffic.call import Call
@@ -73,8 +73,6 @@ MIXED_CONVENTIONS = DiagnosisRule(
     Severity.NOTE,
     f"{_SEED}; orin_bcap C/src/bCAPClient/bcap_client.c; start-jsk/denso b-Cap.c",
 )
-
-_PERIOD_NS = 8 * MS
 
 
 class RetryChecker(RuleChecker):
@@ -141,7 +139,7 @@ class RetryChecker(RuleChecker):
     def _check_retry_delay(self, call: Call) -> None:
         first, second = call.attempts[:2] if len(call.attempts) > 1 else (call.request, call.request)
         waited = second.time - first.time
-        if waited > _PERIOD_NS:
+        if waited > PERIOD_NS:
             places = {"call": call_place(call), "waited": Duration(waited)}
             fact = Message("finding.slow-retry", client=client_place(call.conversation), **places)
             self.report_call(SLOW_RETRY, call, fact, Message("clause.slow-retry", **places))

@@ -13,7 +13,9 @@ from enum import StrEnum
 from bcapscope.messages import Message
 
 PERIOD_MS = 8
-"""Cycle time of the controller, ms: it consumes one set point per cycle."""
+"""Cycle time of the controller, ms: it consumes one set point per cycle. The only place that says so."""
+
+PERIOD_NS = PERIOD_MS * 1_000_000
 
 POSE_MASK, KIND_MASK = 0x000F, 0x0F00
 

@@ -12,7 +12,7 @@ decoded as RC7's 600B and marked as a guess.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 from bcapscope.messages import Message
 from bcapscope.protocol.tables.hresult_table import (
@@ -61,7 +61,7 @@ SUBSYSTEMS = frozenset((2, 4, 5, 6, 8))
 """Third hex digits that name a part of the controller: motion, servo, system, user programs, pendant."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)  # without slots, since `text` is kept: JSON of a million replies asks for it
 class HresultInfo:
     """What is known about a result.
 
@@ -89,15 +89,10 @@ class HresultInfo:
     is_listed: bool = False
     is_guess: bool = False
 
-    @property
+    @cached_property
     def text(self) -> str:
         """Meaning in English."""
-        return _english(self.meaning)
-
-
-@lru_cache(maxsize=4096)
-def _english(meaning: Message) -> str:
-    return str(meaning)
+        return str(self.meaning)
 
 
 def is_failure(code: int) -> bool:
