@@ -66,9 +66,9 @@ class CallSelection:
         self._report_occurrence(self._marked(occurrence))
 
     def provisional_occurrences(self, at_end: Iterable[Occurrence]) -> Iterator[Occurrence]:
-        """Yield what counts if the traffic ended now: the occurrences that wait, then those of `at_end`.
+        """Yield the occurrences as if the traffic ended now: the held ones, then those of `at_end`.
 
-        The occurrences that wait then concern no call. They are not reported.
+        The frames of held occurrences then belong to no call. This method reports no occurrence.
         """
         return map(self._marked, chain(*self._held_occurrences.values(), at_end))
 

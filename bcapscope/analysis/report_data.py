@@ -192,7 +192,7 @@ class ReportDataBuilder(PipelineSubscriber):
         """Return the data of the report so far; None without any observation.
 
         Args:
-            ended_at: Time when the traffic ended, ns since 1970; the last frame counts if it is later.
+            ended_at: Time when the traffic ended, ns since 1970. A later last frame takes precedence.
         """
         if self._start is None:
             return None

@@ -158,7 +158,7 @@ class HexBlock:
         return False
 
     def _position_of(self, offset: str, base: int) -> int | None:
-        """Return the position of an offset in the block, in bytes; None if it is no number in that base."""
+        """Return the byte position of an offset in the block; None if `offset` is no number in `base`."""
         try:
             return int(offset.rstrip(":"), base) - int(self.offset.rstrip(":"), base) - self._skipped
         except ValueError:

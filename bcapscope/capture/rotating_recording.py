@@ -68,7 +68,7 @@ def parse_rotation(text: str) -> RotationLimits:
                 f"{part!r} is no size, such as 100MB, and no time, such as 1h, or is there twice"
             )
     if (size and size < _SMALLEST) or not size + seconds:
-        raise ValueError(f"{text!r}: a file holds 10kB and a second at least")
+        raise ValueError(f"{text!r}: each file must hold at least 10kB and at least one second")
     return RotationLimits(int(found[1]), size, seconds)
 
 

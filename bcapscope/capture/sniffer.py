@@ -97,5 +97,5 @@ def main(name: str, out: BinaryIO) -> None:
 
 
 if __name__ == "__main__":
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the reading process decides when to end
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # ignore Ctrl-C: the reading process decides when to end
     main(sys.argv[1], sys.stdout.buffer)

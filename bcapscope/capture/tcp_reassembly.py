@@ -153,7 +153,7 @@ class TcpStream:
     def receive_frame(self, segment: TcpSegment, time: int, packet: int) -> TimedItem | None:
         """Accept a segment that comes next in order and is exactly one frame; the fast path.
 
-        The caller makes sure that the stream is not `is_waiting`.
+        Call this only while `is_waiting` is False.
 
         Returns:
             The frame. None for any other segment, which is left untouched for `receive`.

@@ -69,7 +69,7 @@ class UndecidedConversation:
     def __init__(
         self, ends: tuple[Endpoint, Endpoint], transport: Transport, is_tentative: bool = False
     ) -> None:
-        """Create a conversation; a tentative one must start with a sound frame to count as b-CAP."""
+        """Create a conversation. A tentative one counts as b-CAP only if its first frame is valid."""
         self._ends = ends
         self._transport = transport
         self.is_tentative = is_tentative

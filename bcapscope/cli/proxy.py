@@ -169,7 +169,8 @@ def command(
     Rules change or refuse traffic. Each message passes them in this order: scripts (--script), held messages
     (--intercept), faults (--fault, --rules), and the guard (--read-only, --block, --allow-command). With
     `--control ADDRESS`, you can change the rules while the proxy runs: `bcapscope proxy ctl ADDRESS`. When
-    the proxy ends, it sends held replies and held requests that stop the robot, and drops the others.
+    the proxy ends, it sends all held replies. Of the held requests, it sends those that stop the robot and
+    drops the others.
 
     All scripts run in one separate process. Only messages that a script can change wait for it; stops never
     wait. All scripts are switched off if one of them exceeds --script-timeout, or if their process ends.

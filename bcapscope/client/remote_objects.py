@@ -249,11 +249,14 @@ class Task(_DescribedObject, _ObjectWithVariables, _ExecutingObject):
     owner = ObjectClass.TASK
 
     async def start(self, mode: int, option: str = "") -> None:
-        """Start the task: 1 one cycle, 2 repeatedly, 3 one step."""
+        """Start the task. Modes: 1 = one cycle, 2 = repeat, 3 = one step."""
         await self._invoke("Start", mode, option)
 
     async def stop(self, mode: int, option: str = "") -> None:
-        """Stop the task: 0 default, 1 at once, 2 after the step, 3 after the cycle, 4 initialise."""
+        """Stop the task.
+
+        Modes: 0 = default, 1 = at once, 2 = after the step, 3 = after the cycle, 4 = initialise.
+        """
         await self._invoke("Stop", mode, option)
 
     async def delete(self, option: str = "") -> None:

@@ -50,7 +50,7 @@ def over_tcp(host: str, port: int = DEFAULT_PORT) -> LinkOpener:
 
 
 def over_link(link: MemoryLink) -> LinkOpener:
-    """Return an opener for a controller in this process."""
+    """Return an opener that uses `link`, for a controller in this process."""
 
     async def open_it(receiver: LinkReceiver) -> Link:
         link.receiver = receiver

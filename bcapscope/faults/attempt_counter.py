@@ -46,7 +46,7 @@ class CallAttempt(NamedTuple):
 
 
 def _content_key(request: Frame) -> bytes:
-    """Return what all attempts of a call have in common, in at most 512 bytes."""
+    """Return the bytes that all attempts of a call share, or their hash if there are more than 512."""
     content = request.raw[9:]
     return content if len(content) <= _LONGEST_KEPT else blake2b(content).digest()
 

@@ -150,7 +150,7 @@ class HresultQuantity(int):
 
 
 class FrameCondition:
-    """A filter for frames of both directions. A response has the function and command of its request.
+    """A filter that selects requests and replies. A reply has the function and command of its request.
 
     Attributes:
         filter: The compiled filter.

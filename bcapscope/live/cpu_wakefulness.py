@@ -118,7 +118,7 @@ class CpuWakefulness:
             self._not_before = now + PAUSED_FOR
 
     def _is_much_stolen(self, now: float) -> bool:
-        """Measure what the host took since the last time. Return whether it exceeds `MAX_STOLEN_SHARE`."""
+        """Return whether the host took more than `MAX_STOLEN_SHARE` of the time since the last check."""
         since, before = now - self._measured_at, self._stolen_before
         self._measured_at, self._stolen_before = now, self._sleep.stolen_seconds()
         return (

@@ -316,7 +316,6 @@ class ProxySupervisor:
             self._is_terminal_closed = True
 
     def _do_periodic_work(self) -> None:
-        """Do the periodic work of the relay process."""
         if self._wakefulness is not None:
             self._wakefulness.update(datagrams_passed(self._ring.counts), time.monotonic())
         if self._is_watched and self._watcher_priority is not None:

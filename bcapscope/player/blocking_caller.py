@@ -199,7 +199,7 @@ class BlockingCaller:
         self.link.close()
 
     def _receive(self, until: int) -> bytes | None:
-        """Return received bytes; on UDP, note that the port is closed and let the retries go on."""
+        """Return received bytes. Record a closed UDP port and return None, so that retries continue."""
         link = self.link
         end = max(until, link.now())
         try:

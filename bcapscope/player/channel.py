@@ -39,7 +39,7 @@ takes time."""
 
 
 class Channel(BaseLink, Protocol):
-    """The link and the waits that the player uses. All times are ns of `now`."""
+    """A link to the controller, and waits until given times. All times are ns of the clock of `now`."""
 
     @property
     def arrival_time(self) -> int:

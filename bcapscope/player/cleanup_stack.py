@@ -34,7 +34,7 @@ class CleanupStack:
         self._tasks: list[CleanupTask] = []
 
     async def run_and_push(self, task: CleanupTask, step: Callable[[], Awaitable[None]]) -> None:
-        """Push a task and run the step that makes it necessary.
+        """Push a cleanup task, then run the step that it undoes.
 
         The task is pushed before the call, because its reply may be lost. It is removed if the controller
         refuses the call.

@@ -1,10 +1,10 @@
 """A session with a controller: inspect, prepare, play, clean up.
 
 However the session ends, the player undoes what it began, in reverse order: slave mode, the log, motor, arm,
-RobSlave, handles, Controller_Disconnect, Service_Stop. Only if the controller no longer answers does the rest
-stay undone. After an order to stop, the robot first comes to rest on its way. After anything else it cannot:
-on an error the controller has left slave mode, and a controller that does not answer accepts no set points.
-An order ends every wait until the cleanup begins.
+RobSlave, handles, Controller_Disconnect, Service_Stop. If the controller stops answering, the player
+skips the rest. After an order to stop, the robot first slows to a halt on its path. In all other cases it
+cannot: on an error the controller has left slave mode, and a controller that does not answer accepts no set
+points. Before the cleanup, an order ends every wait.
 """
 
 from __future__ import annotations

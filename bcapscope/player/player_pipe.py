@@ -25,7 +25,7 @@ from bcapscope.player.player_messages import (
 )
 
 _ATOMIC_WRITE_SIZE = 4096
-"""Bytes that a pipe accepts whole or not at all (PIPE_BUF on Linux)."""
+"""Size, in bytes, of the largest write that a pipe never splits (PIPE_BUF on Linux)."""
 
 _SEND_TIMEOUT = 2.0
 """Seconds that the last messages wait for a reader."""

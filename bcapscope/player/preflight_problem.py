@@ -30,7 +30,7 @@ class PreflightProblem:
         fact: What is wrong, one clause.
         advice: What to do, one clause; None if there is nothing to do.
         points: Numbers of set points that show the problem, from 1, at most `MAX_NUMBERS`.
-        count: Total number of such set points; 0 if the problem concerns no single ones.
+        count: Total number of such set points; 0 if the problem concerns the trajectory as a whole.
     """
 
     check: str

@@ -23,10 +23,10 @@ from bcapscope.player.trajectory import Trajectory, TrajectoryError
 FileReader: TypeAlias = Callable[[Path], tuple[Trajectory, ...]]
 
 MAX_FILES = 5000
-"""Files of a folder that are examined."""
+"""Maximum number of files in a folder that are examined."""
 
 MAX_TRAJECTORIES = 64
-"""Trajectories that are read from a folder; nobody chooses from more."""
+"""Maximum number of trajectories read from a folder. Nobody chooses from a longer list."""
 
 _DEEPEST = 8
 _SUFFIXES = frozenset((".csv", ".tsv", ".txt", ".log", ".json", ".yaml", ".yml"))

@@ -42,9 +42,9 @@ class RulePolicy:
     """Decides what happens to each message.
 
     Attributes:
-        shaper: The faults.
+        shaper: Applies the faults.
         intercept: Holds messages.
-        scripts: Messages that wait for the user's scripts; None without scripts.
+        scripts: Queue of messages that the user's scripts have yet to answer; None without scripts.
         dropped_held: Number of held requests that were dropped because their client no longer waited.
         notify: Called with a message for the user.
     """

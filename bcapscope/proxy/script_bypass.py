@@ -20,11 +20,11 @@ _HALTS = frozenset((ID["Robot_Halt"], ID["Robot_Hold"]))
 
 
 class BypassResult(NamedTuple):
-    """A request that no script has seen.
+    """The result of removing motion from a request that bypasses the scripts.
 
     Attributes:
-        passing: Bytes that go on.
-        refused: Frames that would move something.
+        passing: Bytes to forward.
+        refused: Frames that were removed because they may move something.
     """
 
     passing: bytes

@@ -1,4 +1,4 @@
-"""Messages between the proxy and the process of the scripts: a length of four bytes, then MessagePack.
+"""Messages between the proxy and the script process. Each is a length of four bytes, then MessagePack.
 
 The process runs the user's code, so the proxy trusts nothing that it sends. Types and lengths are checked
 here, and nothing in a message can run code.
@@ -127,7 +127,7 @@ class ScriptAnswer(_WireFrame, frozen=True):
 
 
 ScriptStatement: TypeAlias = ScriptsLoaded | ScriptsUnusable | ScriptAnswer
-"""What the process of the scripts sends: first whether they can be used, then answers."""
+"""A message from the script process: first whether the scripts are usable, then one answer after another."""
 
 _encoder = msgspec.msgpack.Encoder()
 

@@ -82,7 +82,7 @@ class CsvTrajectoryWriter:
 
 
 class JsonTrajectoryWriter:
-    """Writes one trajectory as JSON: `head`, any number of `rows`, `tail`."""
+    """Writes one trajectory as JSON. Call `head` first, `rows` any number of times, and `tail` last."""
 
     def __init__(self, trajectory: CapturedTrajectory) -> None:
         self._trajectory = trajectory
@@ -97,7 +97,7 @@ class JsonTrajectoryWriter:
         return b"{" + members + b',"rows":['
 
     def rows(self, steps: Sequence[TrajectoryStep]) -> bytes:
-        """Write an array a set point."""
+        """Write one array per set point."""
         begun, self._point_count = bool(self._point_count), self._point_count + len(steps)
         text = b",\n".join(self._arrays(steps))
         return (b",\n" if begun and text else b"\n" if text else b"") + text

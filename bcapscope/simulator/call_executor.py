@@ -1,4 +1,4 @@
-"""The frames of one client: requests in, replies out, one call after another.
+"""Execute the calls of one client, one after another: take request frames, return reply frames.
 
 Keep-alive, InvokeTimeout and busy: orin_bcap C/src/bCAPServer/bcap_server.c, observed on loopback. In the C
 server a stuck call blocks one TCP connection, or all UDP clients. Here it blocks only its own client.

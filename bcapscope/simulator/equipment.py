@@ -12,7 +12,7 @@ CoordinateFrame: TypeAlias = tuple[float, ...]
 """X, Y, Z [mm], Rx, Ry, Rz [deg]."""
 
 MAX_FRAMES = 64
-"""Number of tools and of works, numbered 0 to 63; assumed."""
+"""Number of tool frames, and of work frames. They are numbered 0 to 63. The limit is assumed."""
 
 MAX_AREAS = 32
 MAX_LINES = 256

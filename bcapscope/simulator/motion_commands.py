@@ -148,8 +148,8 @@ class _MotionOptions(NamedTuple):
     """Options of a motion.
 
     Attributes:
-        speed: Internal speed in percent; None for the robot's own setting.
-        time: Least duration, ns.
+        speed: Internal speed in percent; None to use the robot's current setting.
+        time: Minimum duration, ns.
         next: Whether the call returns before the motion ends.
     """
 

@@ -1,4 +1,4 @@
-"""The controller's time: the machine's time without pauses in which this process got no processor time.
+"""The controller's time: the machine's time, stopped while this process gets no processor.
 
 A real controller never waits for a processor. If this process gets none while something is due or a request
 is in its socket, the model's time stands still until it runs again. Otherwise 8 ms would pass before the

@@ -84,7 +84,7 @@ class AlikeSetPoints:
 
 
 def _form_of(frame: Frame) -> FrameForm | None:
-    """Return the form of a frame; None if the frame has problems, is large, or is not framed plainly."""
+    """Return the form of a frame; None if the frame is damaged, too large, or not of `Framing.PLAIN`."""
     if len(frame.raw) > LARGEST_TEMPLATE_FRAME or frame.external_problem is not None:
         return None
     content = FrameContent(frame.raw)

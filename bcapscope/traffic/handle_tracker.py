@@ -260,6 +260,6 @@ def _handles_made(call: Call) -> list[int]:
 
 
 def _succeeded(call: Call) -> bool:
-    """Tell whether the controller executed the request, even if the client does not know it."""
+    """Return whether any reply reports success, even a lost or late one."""
     replies = (call.reply, *call.late_replies, *call.lost_replies)
     return any(reply is not None and is_success(reply.item.code) for reply in replies)

@@ -244,7 +244,7 @@ class BcapApp(KeyOrderApp):
         return any([each() for each in tuple(self._halts)])
 
     def _halt_by_key(self) -> None:
-        """Halt as soon as the driver reads the key. The same key reaches `action_halt` later."""
+        """Halt as soon as the terminal driver reads the key. The same key reaches `action_halt` later."""
         self._last_halt = time.monotonic(), self.halt()
 
     def action_halt(self) -> None:

@@ -321,8 +321,8 @@ def _controller_silent(first: Call, last: Call, calls: int, ended_at: int) -> Oc
 def _waited_for_room(call: Call, client: ClientState) -> bool:
     """Return whether the controller delayed the reply to a set point until its buffer had room.
 
-    It does so in modes whose replies wait. DENSO recommends a time-out of 2 ms for these modes, so the client
-    retries in the meantime. A lost packet among these attempts does no harm.
+    The controller delays replies only in modes that pace the client. DENSO recommends a time-out of 2 ms for
+    these modes, so the client retries in the meantime. A lost packet among these attempts does no harm.
     """
     mode, latency = client.slave_mode, call.latency
     if mode is None or not mode.paces_client or latency is None:

@@ -24,7 +24,7 @@ from bcapscope.protocol.codec.frame_template import FrameTemplate, fixed_bytes, 
 from bcapscope.protocol.codec.variant import Variant
 
 MAX_TEMPLATES = 16
-"""Templates for one direction of a slave-mode session. Frames that match none of them are read one by one."""
+"""Maximum number of templates per direction of a slave-mode session. Other frames are read one by one."""
 
 MAX_NUMBERS = 256
 """Frames with more numbers than this are read one by one; a set point has about twelve."""

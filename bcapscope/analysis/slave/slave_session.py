@@ -1,7 +1,7 @@
 """Facts about one slave-mode session: plain fields for people, programs and rules.
 
-Times are ns since 1970-01-01 UTC, durations are ms, and frames are observation numbers. Lists that a bad
-capture could make long hold the first few entries; a separate field counts all.
+Times are ns since 1970-01-01 UTC, durations are ms, and frames are observation numbers. A list that
+could grow long in a bad capture holds only its first few entries. A separate field holds the total count.
 """
 
 from __future__ import annotations

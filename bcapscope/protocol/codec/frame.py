@@ -299,9 +299,9 @@ def _encode_number_row(serial: int, reserved: int, code: int, row: Variant) -> b
 
 @lru_cache(maxsize=256)
 def _packer(vt: int, count: int) -> tuple[Callable[..., bytes], int, int]:
-    """Return a function that packs a frame with `count` numbers.
+    """Return a function that packs a frame with `count` numbers, and two lengths in bytes.
 
-    The second and third value are the lengths of the frame and of its argument, bytes.
+    The lengths are those of the frame and of its argument.
     """
     whole = struct.Struct(f"<BIHHIHIHI{count}{NUMBER_FORMATS[vt & ~ARRAY]}B")
     return whole.pack, whole.size, whole.size - SMALLEST_FRAME - 4

@@ -165,7 +165,7 @@ def _one_zero_less(data: bytes) -> Iterator[tuple[bytes, int]]:
 
 
 def _zero_edits(raw: bytes, repaired: bytes) -> tuple[ByteEdit, ...]:
-    """Return the zeros by which two versions of the same bytes differ."""
+    """Return the edits that turn `raw` into `repaired`; each inserts or removes zero bytes."""
     edits: list[ByteEdit] = []
     at = to = 0
     while at < len(raw) or to < len(repaired):

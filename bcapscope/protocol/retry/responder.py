@@ -108,8 +108,8 @@ def _is_ahead(serial: int, other: int) -> bool:
 def _is_chain_unbroken(serial: int, call: _Call, calls: Iterable[_Call]) -> bool:
     """Return whether no known call lies between `call` and a later serial.
 
-    Only calls that were executed after `call` count; `calls` lists the newest first. Earlier calls whose
-    serials are ahead belong to an earlier program.
+    `calls` lists the newest call first. Only calls executed after `call` are examined. If an earlier call has
+    a later serial, an earlier program made it.
     """
     later = takewhile(lambda other: other is not call, calls)
     return not any(

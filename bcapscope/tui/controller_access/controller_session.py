@@ -297,7 +297,7 @@ class ControllerSession:
     async def record_calls(
         self, steps: Coroutine[Any, Any, object], initiator: Initiator = Initiator.USER
     ) -> HistoryRecord:
-        """Run steps that make calls, up to the first that fails; return the record of the last call.
+        """Run steps that make calls, until one fails or all are done. Return the record of the last call.
 
         Raises:
             NotArmedError, LocalProtocolError, ConnectionError: As for `call`.

@@ -25,8 +25,8 @@ class BaseScreen(Screen[None], PlainContainer):
     """A screen that the user can open; `content` yields its widgets.
 
     Attributes:
-        NAME: Key of its name in the catalogue of words.
-        ABOUT: Key of its description for F1.
+        NAME: Catalogue key of the screen's name.
+        ABOUT: Catalogue key of the description that F1 shows.
     """
 
     NAME: ClassVar[str]

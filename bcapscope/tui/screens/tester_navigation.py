@@ -18,7 +18,7 @@ _SKIP_SELECTOR = "#slave-mode, #clear, #history-filter"
 
 
 class TesterNavigation(BaseScreen):
-    """A screen with parts, among them `FormTabs` and a `PacketPane`; a subclass binds the keys."""
+    """Commands of a screen that contains `FormTabs` and a `PacketPane`. A subclass binds the keys."""
 
     def commands(self) -> Iterator[tuple[str, str, str]]:
         """Yield commands for the tabs and views, which otherwise take several keys."""

@@ -27,7 +27,7 @@ class ViewsScreen(BaseScreen):
     `Lines` widget for each of `VIEWS`, with the view's name as id.
 
     Attributes:
-        VIEWS: Names of the views, each with the key of its label; the first is visible at first.
+        VIEWS: Catalogue key of the label, by name of the view. The first view is shown initially.
         view: Name of the visible view.
     """
 

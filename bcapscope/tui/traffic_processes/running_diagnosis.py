@@ -20,7 +20,7 @@ MAX_LINES = 20_000
 
 
 class RunningDiagnosis:
-    """Diagnosis and figures; `snapshot` returns them at any time."""
+    """Diagnosis and statistics of the traffic so far; `snapshot` returns them at any time."""
 
     def __init__(self, words: MessageFormatter = ENGLISH_WORDS) -> None:
         """Start without calls.

@@ -28,7 +28,7 @@ class TemporaryFolderError(BcapError):
 
 
 class TemporaryFolder:
-    """A folder that is removed when the screen ends, even if it is killed; also a context manager.
+    """A folder that is removed when the screen ends, even if the screen is killed. It is a context manager.
 
     Its files need names, since several processes open them, such as the proxy's relay. Windows cannot remove
     a file that is open. A separate process therefore waits for the end of the screen and then removes the

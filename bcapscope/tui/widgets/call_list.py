@@ -27,7 +27,7 @@ class CallList(Lines):
     """Shows calls; `open_calls` sets their source.
 
     Attributes:
-        rows: Selects the calls to show.
+        rows: Rows of the calls that the filter selects.
     """
 
     BINDINGS: ClassVar[list[BindingType]] = [

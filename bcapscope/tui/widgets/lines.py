@@ -29,8 +29,8 @@ _MAX_STRIPS = 500
 _SIDEWAYS_COLUMNS = 8
 
 _SCROLLBAR_SLACK = 8
-"""The list may grow by this fraction (one part in eight) before the scroll bar is updated, if the thumb looks
-the same. A dragged thumb scrolls by the size that the scroll bar knows."""
+"""A divisor: a list may grow by 1/8 before the scroll bar learns its new length, if the thumb looks the same.
+The limit is needed because dragging the thumb scrolls by the length that the scroll bar knows."""
 
 _EIGHTHS = 8
 """Textual draws the ends of a scroll bar thumb to an eighth of a line."""

@@ -1,4 +1,4 @@
-"""Sentences that rooms below say, which know English only, put into Japanese."""
+"""Translate sentences of lower layers, which are written in English only, into Japanese."""
 
 from __future__ import annotations
 
@@ -107,9 +107,9 @@ class _Pattern:
 class Phrasebook:
     """Japanese by English.
 
-    A phrase may have places with names, such as ``{n}`` and ``{n2}`` for two numbers; a name without its digits is
-    one of `KINDS` and tells what can stand there. What stands in the place of a text, a client or a number of
-    times is put into Japanese as well, if it is a phrase. A clause has to be one, or the phrase does not fit.
+    A phrase may contain named places, such as ``{n}`` and ``{n2}`` for two numbers. The name without its digits is
+    a key of `KINDS`, which defines the text that fits there. If the text in the place of a text, a client or a
+    number of times is a phrase, it is translated as well. A clause must be a phrase, or the whole does not fit.
 
     What is no phrase is taken apart at semicolons, colons and commas, and at a full stop, which may come with a
     capital letter. What is not known even then is left as it is.
