@@ -146,7 +146,7 @@ def endpoint_of(address: SocketAddress) -> Endpoint:
 def local_address_for(sock: socket.socket, client: SocketAddress) -> Endpoint:
     """Return the address by which `client` reaches a UDP socket of this machine.
 
-    If the socket listens on all addresses, this is the one that the system replies from.
+    If the socket listens on all addresses, the system replies from this address.
     """
     own = sock.getsockname()
     if own[0] not in ("0.0.0.0", "::"):

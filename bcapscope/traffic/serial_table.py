@@ -33,7 +33,7 @@ class SerialTable:
         return self._settled.get(serial) or self._older_settled.get(serial)
 
     def release_all(self, call: Call) -> None:
-        """Release every serial of a call, also the one that its retries name."""
+        """Release every serial of a call, including the serial in the reserved field of its retries."""
         reserved = call.request.item.reserved
         for serial in {*call.serials, *((reserved,) if reserved else ())}:
             self.release(serial, call)

@@ -274,7 +274,7 @@ class Responder:
         if frame.code == _SERVICE_START:
             self.convention = (
                 self._given_convention
-            )  # a program starts, not necessarily the one that used this port before
+            )  # a program starts; another program may have used this port before
         if frame.reserved and self.convention is ReservedConvention.UNKNOWN:
             self._detect_convention(frame)
         # Every request of every client takes this path: one set look-up instead of a scan of all calls.
