@@ -11,6 +11,7 @@ from operator import attrgetter
 from typing import TYPE_CHECKING, NamedTuple
 
 from bcapscope.messages import Message
+from bcapscope.messages.message import foreign_text
 
 if TYPE_CHECKING:
     from pathlib import Path  # `bcapscope --help` loads this module; pathlib takes a tenth of its run time
@@ -25,10 +26,24 @@ class BcapError(Exception):
 
     def __init__(self, message: Message | str) -> None:
         super().__init__(message)
-        self.message = message if isinstance(message, Message) else Message.from_table("text", message)
+        self.message = message if isinstance(message, Message) else foreign_text(message)
 
     def __str__(self) -> str:
         return str(self.message)
+
+
+def message_of(error: Exception) -> Message:
+    """Return the message of an exception; that of another library stays as it is in every language."""
+    if isinstance(error, UnicodeDecodeError):
+        byte = f"0x{error.object[error.start]:02x}"
+        return Message(
+            "text.not-decoded",
+            encoding=error.encoding,
+            byte=byte,
+            position=error.start,
+            reason=error.reason,
+        )
+    return error.message if isinstance(error, BcapError) else foreign_text(str(error))
 
 
 class InputError(BcapError, ValueError):

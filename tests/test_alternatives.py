@@ -16,6 +16,7 @@ from bcapscope.capture.hex_line import EndOffset, ProseText
 from bcapscope.faults.fault import CloseMode
 from bcapscope.faults.wire_message import CloseConnection
 from bcapscope.faults.wire_message import SendBytes as SendMessage
+from bcapscope.messages import Message
 from bcapscope.protocol.codec.frame import Frame, encode_frame
 from bcapscope.protocol.retry.requester import (
     CallAnswered,
@@ -85,7 +86,7 @@ def test_the_unions_of_a_module_are_found() -> None:
         (LateReply(REPLY, 1, 2), UnmatchedItem(REPLY, 1)),
         (ProseText("00"), EndOffset("00")),
         (SendMessage(talk().up, b""), CloseConnection(talk().up.conversation, CloseMode.RESET)),
-        (SendAction(1, Direction.REQUEST, b""), CloseAction(1, False, "")),
+        (SendAction(1, Direction.REQUEST, b""), CloseAction(1, False, Message("client.ended"))),
         (Alarm(1, 2), SlaveModeFault(1, 2)),
     ],
 )

@@ -22,9 +22,10 @@ from bcapscope.live.cpu_wakefulness import low_latency_problem
 from bcapscope.live.end_signals import end_signal_socket
 from bcapscope.live.proxy_options import ProxyOptions, TrafficFormat, ViewOptions
 from bcapscope.live.proxy_supervisor import ProxySupervisor
-from bcapscope.live.server_runner import reachability_text
+from bcapscope.live.server_runner import reachability
 from bcapscope.live.standard_streams import print_stderr
-from bcapscope.messages import MessageFormatter
+from bcapscope.messages import Message, MessageFormatter
+from bcapscope.messages.places import Clauses, Listing
 from bcapscope.proxy.control_socket import ControlError
 from bcapscope.proxy.listener_spec import ListenerSpec, ListenerSpecError, parse_listener_specs
 from bcapscope.proxy.script_protocol import ScriptError
@@ -50,12 +51,6 @@ def _parse_ring(
         return None if value is None else parse_rotation(value)
     except ValueError as error:
         raise click.BadParameter(f"{error}", context, parameter) from None
-
-
-def _warn_no_low_latency(context: click.Context, parameter: click.Parameter, wanted: bool) -> bool:
-    if wanted and (problem := low_latency_problem()):
-        print_stderr(f"--low-latency has no effect: {problem}")
-    return wanted
 
 
 @click.group(invoke_without_command=True, short_help="Proxy: watch, record and disturb live traffic.")
@@ -103,7 +98,6 @@ def _warn_no_low_latency(context: click.Context, parameter: click.Parameter, wan
 @click.option(
     "--low-latency",
     is_flag=True,
-    callback=_warn_no_low_latency,
     help="Keep the processors of this machine out of deep sleep while there is much traffic. Needs write "
     "access to /dev/cpu_dma_latency (Linux) and costs electricity.",
 )
@@ -181,6 +175,8 @@ def command(
     """
     if context.invoked_subcommand is not None:
         return
+    if low_latency and (problem := low_latency_problem()) is not None:
+        print_stderr(words("low-latency.no-effect", reason=problem))
     if ring is not None and record is None:
         raise click.UsageError("--ring needs --record FILE.pcapng")
     shown = None if quiet else RecordKind.CALL if calls else RecordKind.FRAME
@@ -190,7 +186,7 @@ def command(
     if record is not None and ring is None:
         check_output_path(record)
     proxy_options = ProxyOptions(record, ring, view, color, open_subscriber)
-    _ProxyRun(listeners, rules, round(forget * 1e9), low_latency, attended).run(proxy_options)
+    _ProxyRun(listeners, rules, round(forget * 1e9), low_latency, attended, words).run(proxy_options)
 
 
 command.add_command(ctl)
@@ -222,6 +218,7 @@ class _ProxyRun:
         forget_ns: Silence after which a UDP client is forgotten, ns.
         low_latency: Whether to keep the processors awake.
         attended: Whether a parent process reads the output.
+        words: Language of the output.
     """
 
     listeners: Sequence[ListenerSpec]
@@ -229,6 +226,7 @@ class _ProxyRun:
     forget_ns: int
     low_latency: bool
     attended: bool
+    words: MessageFormatter
 
     def run(self, proxy_options: ProxyOptions) -> None:
         """Forward traffic until the user ends it."""
@@ -236,10 +234,10 @@ class _ProxyRun:
             try:
                 proxy, greet = self._open(opened, proxy_options)
             except (ProxyListenError, ControlError, ScriptError) as error:
-                print_stderr(printable(str(error)))
+                print_stderr(printable(self.words.text(error.message)))
                 sys.exit(ExitCode.UNREADABLE)
             except UnreachableError as error:
-                print_stderr(str(error))
+                print_stderr(self.words.text(error.message))
                 sys.exit(ExitCode.UNANSWERED)
             proxy.run(greet)
         if proxy.is_recording_incomplete:
@@ -255,13 +253,14 @@ class _ProxyRun:
         ends = opened.enter_context(end_signal_socket())
         supervisor = ProxySupervisor(proxy_options, ends, policy, low_latency=self.low_latency)
         proxy = opened.enter_context(closing(supervisor))
-        for line in self.rules.summary_lines():
-            print_stderr(line)
+        for line in self.rules.summary():
+            print_stderr(self.words.text(line))
         recording = _single_recording(proxy_options.record, proxy_options.ring)
         state = {"recording": recording, "listening": listening}
         control = None if policy is None else self.rules.attach_rules(policy, proxy.relay, state)
         if control is not None:
             opened.callback(control.close)
+            print_stderr(self.words("rules.control", address=control.address))
         addresses = [proxy.listen(listener, self.forget_ns) for listener in self.listeners]
         _start_watcher(proxy, policy, scripts)
         pairs = list(zip(self.listeners, addresses, strict=True))
@@ -270,7 +269,8 @@ class _ProxyRun:
         if not self.attended:
             return proxy, partial(_print_greetings, proxy, greetings)
         control_address = control.address if control else ""
-        return proxy, partial(_announce_to_parent, proxy, greetings, listening, control_address)
+        texts = [self.words.text(greeting) for greeting in greetings]
+        return proxy, partial(_announce_to_parent, proxy, texts, listening, control_address)
 
 
 def _start_watcher(proxy: ProxySupervisor, policy: RulePolicy | None, scripts: ScriptProcess | None) -> None:
@@ -287,7 +287,7 @@ def _single_recording(record: Path | None, ring: RotationLimits | None) -> str |
     return None if record is None or ring is not None else str(record.resolve())
 
 
-def _print_greetings(proxy: ProxySupervisor, greetings: list[str]) -> None:
+def _print_greetings(proxy: ProxySupervisor, greetings: list[Message]) -> None:
     """Print the greetings through the watcher, which now owns the bottom line of the terminal."""
     for greeting in greetings:
         proxy.relay.notify(greeting)
@@ -302,7 +302,12 @@ def _announce_to_parent(
     proxy.end_with_parent()
 
 
-def _greeting(listener: ListenerSpec, address: Endpoint) -> str:
-    transports = " and ".join(each.upper() for each in listener.transports)
-    only = f"; only {', '.join(map(str, listener.allow))} may connect" if listener.allow else ""
-    return f"{address} {transports} > {listener.to}; {reachability_text(address.host)}{only}"
+def _greeting(listener: ListenerSpec, address: Endpoint) -> Message:
+    transports = Listing(tuple(each.upper() for each in listener.transports))
+    clauses = [
+        Message("proxy.route", address=str(address), transports=transports, controller=str(listener.to)),
+        reachability(address.host),
+    ]
+    if listener.allow:
+        clauses.append(Message("proxy.only", clients=", ".join(map(str, listener.allow))))
+    return Message("list.clauses", items=Clauses(tuple(clauses)))

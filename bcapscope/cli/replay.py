@@ -29,7 +29,7 @@ from bcapscope.client.object_opener import ObjectOpener
 from bcapscope.client.session import Session
 from bcapscope.errors import BcapError
 from bcapscope.live.end_signals import interrupt_on_end_signals
-from bcapscope.live.server_runner import ServerRunner, reachability_text
+from bcapscope.live.server_runner import ServerRunner, reachability
 from bcapscope.live.standard_streams import choose_palette, print_stderr
 from bcapscope.messages import Message, MessageFormatter
 from bcapscope.messages.places import Count
@@ -185,9 +185,7 @@ def _serve(
     standin = RecordedController(script, serving.log.on_call, delays=delays)
     with exit_if_not_listening(), serving.listen(standin, *address) as server:
         host, port = server.address
-        print_stderr(
-            f"the recorded controller answers on {host} port {port}, UDP and TCP; {reachability_text(host)}"
-        )
+        print_stderr(words("replay.answers", host=host, port=port, reach=reachability(host)))
         serving.serve(server)
     if not serving.close(_served_text(serving.log.call_count, standin.unknown_calls, words)):
         sys.exit(ExitCode.UNWRITABLE)

@@ -16,7 +16,7 @@ from bcapscope.cli.common.behaviour_list import list_behaviours
 from bcapscope.cli.common.exit_codes import ExitCode
 from bcapscope.cli.common.scenario_options import choose_scenario, list_scenarios, scenario_introduction
 from bcapscope.cli.common.serving import exit_if_not_listening
-from bcapscope.live.server_runner import ServerRunner, reachability_text
+from bcapscope.live.server_runner import ServerRunner, reachability
 from bcapscope.live.standard_streams import print_stderr
 from bcapscope.messages import MessageFormatter
 from bcapscope.simulator.profile import PROFILES, NoArgument
@@ -170,9 +170,7 @@ def _played_scenario(
 def _greeting(simulator: Simulator, server: SimulatorServer) -> str:
     host, port = server.address
     profile = simulator.machine.profile
-    return (
-        f"{profile.title}, no robot, on {host} port {port}, UDP and TCP; {reachability_text(host)}\n{_HELP}"
-    )
+    return f"{profile.title}, no robot, on {host} port {port}, UDP and TCP; {reachability(host)}\n{_HELP}"
 
 
 def _quit() -> None:

@@ -17,8 +17,9 @@ from bcapscope.cli.common.data_output import require_terminal
 from bcapscope.cli.common.exit_codes import ExitCode
 from bcapscope.cli.common.proxy_rule_options import RuleOptions, rule_options
 from bcapscope.cli.common.serve_options import ServeOptions, serve_options, serve_screen
-from bcapscope.cli.common.tui_sources import ProxyScreenOptions, show_proxy, show_simulator
+from bcapscope.cli.common.tui_sources import ProxyScreenOptions, choose_language, show_proxy, show_simulator
 from bcapscope.live.standard_streams import print_stderr
+from bcapscope.messages import MessageFormatter
 from bcapscope.render.escape import printable
 
 _SUFFIXES = (".pcap", ".pcapng", ".cap", ".txt", ".gz")
@@ -89,6 +90,7 @@ class TesterTarget(NamedTuple):
     type=click.Path(path_type=Path),
     help="Keep saved requests in this folder. Default: a folder of bcapscope in your user data.",
 )
+@options.language
 @serve_options
 @rule_options
 @click.pass_context
@@ -110,6 +112,7 @@ def command(
     scenario: str | None,
     rules: RuleOptions,
     serve: ServeOptions,
+    words: MessageFormatter,
 ) -> None:
     """Open the screen: test a controller, or show the traffic of a capture, interface, proxy or simulator.
 
@@ -119,8 +122,8 @@ def command(
     FILE or -i shows frames, calls, findings, slave mode and statistics. --proxy shows the same of a proxy's
     traffic, and clients, rules and held messages on a second screen. --sim shows the traffic of a simulator.
 
-    F1 shows the keys, Ctrl-P lists all commands, F12 halts the robot, Ctrl-Q quits. Labels are in English or
-    Japanese (LANG).
+    F1 shows the keys, Ctrl-P lists all commands, F12 halts the robot, Ctrl-Q quits. --lang chooses
+    English or Japanese, before the language in your settings.
 
     Exit codes: 0: you ended it; 2: invalid command line; 4: the capture cannot be opened, an address cannot
     be listened on, or no proxy was found; 6: a recording or temporary file cannot be written; 9: the name of
@@ -134,6 +137,7 @@ def command(
         raise click.UsageError("--listen, --to, --record and rules need --proxy: add --proxy")
     if serve.is_wanted:
         serve_screen(serve)
+    choose_language(context, words)
     if proxy is not None:
         with _exit_without_folder():
             show_proxy(ProxyScreenOptions(proxy, listen, to, record, rules))

@@ -19,13 +19,15 @@ try:
 except ImportError:  # PyYAML was built without libyaml
     from yaml import SafeLoader  # type: ignore[assignment]  # the same loader, in Python
 
+from bcapscope.errors import InputError
 from bcapscope.faults.fault import ALIASES, AnyFault
 from bcapscope.faults.quantities import QUANTITIES
 from bcapscope.faults.yaml_events import YamlError, yaml_events
 from bcapscope.messages import Message
+from bcapscope.messages.message import foreign_text
 from bcapscope.protocol.number_parsing import LONGEST_NUMBER
 from bcapscope.protocol.text_format import shortened
-from bcapscope.traffic.filter.tokens import nearest
+from bcapscope.traffic.filter.tokens import with_nearest
 
 LONGEST_DOCUMENT = 1 << 20
 """Limit in characters; the longest documents that people write have about ten thousand."""
@@ -34,11 +36,12 @@ T = TypeVar("T")
 
 _AT = re.compile(r" - at `([^`]*)`$")
 _PATH_STEP = re.compile(r"\.([^.\[]+)|\[([0-9]+)\]")
+_EXPECTED = re.compile(r"Expected `([^`]+)`, got `([^`]+)`")
 _FIELD = re.compile(r"field `([^`]*)`")
 
 
-class DocumentError(ValueError):
-    """An invalid document. Its text shows line, field and reason.
+class DocumentError(InputError):
+    """An invalid document; `message` has line, field and reason.
 
     Attributes:
         path: Names and indexes that lead to the error.
@@ -46,30 +49,29 @@ class DocumentError(ValueError):
         reason: What is wrong there.
     """
 
-    def __init__(self, path: tuple[str | int, ...], line: int, reason: str) -> None:
-        super().__init__(path, line, reason)
+    def __init__(self, path: tuple[str | int, ...], line: int, reason: Message) -> None:
+        where = "".join(f"[{step}]" if isinstance(step, int) else f".{step}" for step in path)
+        message = reason
+        if where:
+            message = Message("document.field", field=where.removeprefix("."), reason=message)
+        if line:
+            message = Message("document.line", line=line, reason=message)
+        super().__init__(message)
         self.path = path
         self.line = line
         self.reason = reason
 
-    def __str__(self) -> str:
-        where = "".join(f"[{step}]" if isinstance(step, int) else f".{step}" for step in self.path)
-        parts = (f"line {self.line}" if self.line else "", where.removeprefix("."), self.reason)
-        return ": ".join(part for part in parts if part)
 
-
-class FieldError(ValueError):
+class FieldError(InputError):
     """Raised by a struct whose fields contradict each other; names the field to change.
 
     Attributes:
         path: Names and indexes that lead from the struct to the field.
-        reason: What is wrong there.
     """
 
-    def __init__(self, path: tuple[str | int, ...], reason: str) -> None:
-        super().__init__(path, reason)
+    def __init__(self, path: tuple[str | int, ...], reason: Message) -> None:
+        super().__init__(reason)
         self.path = path
-        self.reason = reason
 
 
 class RuleFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -112,7 +114,7 @@ def convert_data(data: object, kind: Any) -> Any:
     except msgspec.ValidationError as error:
         raise _document_error(error, data, kind) from error
     except RecursionError:
-        raise DocumentError((), 0, "lists inside lists without end") from None
+        raise DocumentError((), 0, Message("document.endless")) from None
 
 
 def fault_from(data: object) -> AnyFault:
@@ -151,11 +153,9 @@ class _Loader(SafeLoader):
         seen = set()
         for key, _ in node.value:
             if not isinstance(key, yaml.ScalarNode):
-                raise yaml.MarkedYAMLError(problem="a key is one word", problem_mark=key.start_mark)
+                raise YamlError(Message("yaml.key"), key.start_mark)
             if key.value in seen:
-                raise yaml.MarkedYAMLError(
-                    problem=f"{key.value!r} stands here twice", problem_mark=key.start_mark
-                )
+                raise YamlError(Message("input.twice", name=f"{key.value!r}"), key.start_mark)
             seen.add(key.value)
         return super().construct_mapping(node, deep)
 
@@ -166,9 +166,7 @@ _Loader.add_constructor("tag:yaml.org,2002:float", _Loader.construct_yaml_float)
 
 def _check_number(node: yaml.ScalarNode) -> None:
     if len(node.value) > LONGEST_NUMBER:
-        raise yaml.MarkedYAMLError(
-            problem=f"a number of more than {LONGEST_NUMBER} characters", problem_mark=node.start_mark
-        )
+        raise YamlError(Message("input.long-number", limit=LONGEST_NUMBER), node.start_mark)
 
 
 def _check_events(text: str) -> None:
@@ -180,19 +178,20 @@ def _check_events(text: str) -> None:
 
 def _parse(text: str) -> tuple[yaml.Node | None, object]:
     if len(text) > LONGEST_DOCUMENT:
-        raise DocumentError((), 0, f"longer than {LONGEST_DOCUMENT} characters, the most that is read")
+        raise DocumentError((), 0, Message("input.too-long", limit=LONGEST_DOCUMENT))
     try:
         _check_events(text)
         loader = _Loader(text)
         root = loader.get_single_node()
         return root, None if root is None else loader.construct_document(root)
     except YamlError as error:
-        raise DocumentError((), error.line, str(error)) from error
+        raise DocumentError((), error.line, error.message) from error
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark
-        raise DocumentError((), mark.line + 1 if mark else 0, error.problem or "no YAML") from error
+        reason = foreign_text(error.problem or "no YAML")
+        raise DocumentError((), mark.line + 1 if mark else 0, reason) from error
     except ValueError as error:  # an overlong number or an invalid date
-        raise DocumentError((), 0, f"this is no YAML: {error}") from error
+        raise DocumentError((), 0, Message("yaml.invalid", reason=str(error))) from error
 
 
 class _ErrorPlace(NamedTuple):
@@ -213,32 +212,47 @@ def _document_error(error: msgspec.ValidationError, data: object, kind: Any) -> 
     reason = text[: match.start()] if match else text
     steps = _PATH_STEP.findall(match[1].partition("[...]")[0]) if match else []  # mapping keys are unnamed
     path: tuple[str | int, ...] = tuple(int(index) if index else name for name, index in steps)
-    if isinstance(error.__cause__, FieldError):
-        return DocumentError((*path, *error.__cause__.path), 0, error.__cause__.reason)
+    cause = error.__cause__
+    if isinstance(cause, FieldError):
+        return DocumentError((*path, *cause.path), 0, cause.message)
+    if isinstance(cause, InputError):
+        return DocumentError(path, 0, cause.message)
     place = _ErrorPlace(path, _kinds_at(path, data, kind))
     return DocumentError(path, 0, _readable_reason(reason, place, data))
 
 
-def _readable_reason(reason: str, place: _ErrorPlace, data: object) -> str:
+def _readable_reason(reason: str, place: _ErrorPlace, data: object) -> Message:
     field = _FIELD.search(reason)
-    if field and "missing" in reason:
-        hint = f", such as {' or '.join(sorted(_actions(place.kinds)))}" if field[1] == "action" else ""
-        return f"{field[1]} is missing{hint}"
     if field:
-        fields = [name for kind in place.kinds for name in kind.__struct_encode_fields__]
-        return f"there is no field {shortened(field[1], 40)!r}{nearest(field[1], fields)}"
+        return _field_reason(field[1], "missing" in reason, place)
     last = place.path[-1] if place.path else ""
     if last == "action" and reason.startswith("Invalid value"):
         word = str(_value_at(place.path, data))
-        hint = nearest(ALIASES.get(word, word), _actions(place.kinds))
-        return f"there is no action {shortened(word, 40)!r}{hint}"
+        unknown = Message("fault.no-such-action", name=f"{shortened(word, 40)!r}")
+        return with_nearest(unknown, ALIASES.get(word, word), _actions(place.kinds))
     if reason.startswith("Invalid enum value"):
         wrong = _value_at(place.path, data)
         name = next((step for step in reversed(place.path) if isinstance(step, str)), "")
-        return f"{shortened(str(wrong), 40)!r} is none of {', '.join(_enum_values(place.kinds, name))}"
+        values = ", ".join(_enum_values(place.kinds, name))
+        return Message("document.none-of", value=f"{shortened(str(wrong), 40)!r}", values=values)
     if reason.startswith("Expected `str` matching regex"):
-        return "a name has at most 60 letters, digits and _ . + -"
-    return reason.replace("`", "")
+        return Message("fault.name")
+    types = _EXPECTED.fullmatch(reason)
+    if types:
+        return Message("document.other-type", expected=types[1], found=types[2])
+    return foreign_text(reason.replace("`", ""))
+
+
+def _field_reason(name: str, is_missing: bool, place: _ErrorPlace) -> Message:
+    if not is_missing:
+        fields = [field for kind in place.kinds for field in kind.__struct_encode_fields__]
+        unknown = Message("input.no-such-field", name=f"{shortened(name, 40)!r}")
+        return with_nearest(unknown, name, fields)
+    missing = Message("document.missing", name=name)
+    if name != "action":
+        return missing
+    actions = ", ".join(sorted(_actions(place.kinds)))
+    return Message("document.missing-action", reason=missing, actions=actions)
 
 
 def _actions(kinds: Iterable[type[msgspec.Struct]]) -> list[str]:
@@ -319,7 +333,7 @@ def _line(root: yaml.Node | None, error: DocumentError) -> int:
             if not found:
                 break
             line, node = found[0][0].start_mark.line + 1, found[0][1]
-    quoted = re.search(r"no field '([^']*)'", error.reason)
+    quoted = re.search(r"no field '([^']*)'", str(error.reason))
     if quoted and isinstance(node, yaml.MappingNode):
         line = next((key.start_mark.line + 1 for key, _ in node.value if key.value == quoted[1]), line)
     return line

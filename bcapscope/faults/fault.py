@@ -15,6 +15,7 @@ from typing import Annotated, ClassVar, TypeAlias, get_args
 import msgspec
 from msgspec import Meta
 
+from bcapscope.errors import InputError
 from bcapscope.faults.quantities import (
     LARGEST_END,
     DurationQuantity,
@@ -25,6 +26,7 @@ from bcapscope.faults.quantities import (
     Span,
     read_path,
 )
+from bcapscope.messages import Message
 from bcapscope.protocol.codec.frame import LARGEST_FRAME
 from bcapscope.traffic.observation import Direction
 
@@ -243,7 +245,7 @@ class RewriteFault(Fault, frozen=True, kw_only=True, tag="rewrite"):
 
     def __post_init__(self) -> None:
         if self.serial is self.reserved is self.code is None and not (self.set or self.limit or self.step):
-            raise ValueError("a rewrite needs serial, reserved, code, set, limit or step")
+            raise InputError(Message("fault.rewrite-nothing"))
         for path in (*self.set, *self.limit, *self.step):
             read_path(path)
 
@@ -292,9 +294,9 @@ class ExecutingFault(Fault, frozen=True, kw_only=True, tag="executing"):
 
     def __post_init__(self) -> None:
         if self.every < MS:
-            raise ValueError("every is 1ms at least")
+            raise InputError(Message("fault.notices-often"))
         if self.time > self.every * MAX_NOTICES:
-            raise ValueError(f"more than {MAX_NOTICES} notices")
+            raise InputError(Message("fault.notices-many", limit=MAX_NOTICES))
 
 
 class CloseFault(Fault, frozen=True, kw_only=True, tag="close"):

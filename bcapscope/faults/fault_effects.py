@@ -36,6 +36,7 @@ from bcapscope.faults.fault import (
 from bcapscope.faults.reply_factory import ReplyFactory, encode_reply
 from bcapscope.faults.rewriter import Rewriter, with_header
 from bcapscope.faults.wire_message import WireMessage
+from bcapscope.messages import Message
 from bcapscope.protocol.codec.frame import Frame, parse_datagram
 from bcapscope.protocol.tables.hresult import S_EXECUTING, hresult_name
 from bcapscope.traffic.observation import Conversation, Direction
@@ -116,7 +117,7 @@ class FaultEffect(Generic[F]):
         """Draw the random part of the effect; None if the message is not hit."""
         return True
 
-    def apply(self, faulted: FaultedMessage, drawn: Any, ends_at: int | None) -> str:
+    def apply(self, faulted: FaultedMessage, drawn: Any, ends_at: int | None) -> Message | None:
         """Apply the effect.
 
         Args:
@@ -125,19 +126,19 @@ class FaultEffect(Generic[F]):
             ends_at: Time at which the fault ends, ns; None for never.
 
         Returns:
-            What was done, for people; "" if nothing.
+            What was done; None if nothing.
         """
         faulted.is_final = True
-        return "passed"
+        return Message("fault.passed")
 
     def close_conversation(self, conversation: Conversation) -> None:
         """Forget a conversation that has ended."""
 
 
 class _DropEffect(FaultEffect[DropFault]):
-    def apply(self, faulted: FaultedMessage, drawn: Any, ends_at: int | None) -> str:
+    def apply(self, faulted: FaultedMessage, drawn: Any, ends_at: int | None) -> Message | None:
         faulted.drop()
-        return "dropped"
+        return Message("fault.dropped")
 
 
 class _BurstEffect(FaultEffect[BurstFault]):
@@ -152,9 +153,9 @@ class _BurstEffect(FaultEffect[BurstFault]):
             self._bad[direction] = not self._bad[direction]
         return loss < (fault.bad if self._bad[direction] else fault.good) or None
 
-    def apply(self, faulted: FaultedMessage, drawn: Any, ends_at: int | None) -> str:
+    def apply(self, faulted: FaultedMessage, drawn: Any, ends_at: int | None) -> Message | None:
         faulted.drop()
-        return "dropped in a burst"
+        return Message("fault.dropped.burst")
 
 
 class _DelayEffect(FaultEffect[DelayFault]):
@@ -171,35 +172,37 @@ class _DelayEffect(FaultEffect[DelayFault]):
                 return rng.paretovariate(PARETO_SHAPE) - _PARETO_MEAN
         return 2 * rng.random() - 1
 
-    def apply(self, faulted: FaultedMessage, drawn: Any, ends_at: int | None) -> str:
+    def apply(self, faulted: FaultedMessage, drawn: Any, ends_at: int | None) -> Message | None:
         faulted.delay += drawn
-        return f"delayed by {milliseconds(drawn)}"
+        return _delayed(drawn)
 
 
 class _DuplicateEffect(FaultEffect[DuplicateFault]):
-    def apply(self, faulted: FaultedMessage, drawn: Any, ends_at: int | None) -> str:
+    def apply(self, faulted: FaultedMessage, drawn: Any, ends_at: int | None) -> Message | None:
         fault = self.fault
         faulted.copy_delays += [fault.time * number for number in range(1, fault.copies + 1)]
-        return "duplicated" if fault.copies == 1 else f"duplicated {fault.copies} times"
+        return Message(
+            "fault.duplicated" if fault.copies == 1 else "fault.duplicated.times", count=fault.copies
+        )
 
 
 class _ReorderEffect(FaultEffect[ReorderFault]):
-    def apply(self, faulted: FaultedMessage, drawn: Any, ends_at: int | None) -> str:
+    def apply(self, faulted: FaultedMessage, drawn: Any, ends_at: int | None) -> Message | None:
         faulted.held_behind = (self.fault.by, self.fault.time)
-        return f"held back behind {self.fault.by} more"
+        return Message("fault.reordered", count=self.fault.by)
 
 
 class _CorruptEffect(FaultEffect[CorruptFault]):
     def draw(self, rng: random.Random, message: WireMessage) -> Any:
         return [rng.random() for _ in range(self.fault.bits)]
 
-    def apply(self, faulted: FaultedMessage, drawn: Any, ends_at: int | None) -> str:
+    def apply(self, faulted: FaultedMessage, drawn: Any, ends_at: int | None) -> Message | None:
         data = bytearray(faulted.data)
         first, count = 0, len(data)
         if self.fault.offset is not None:
             first, count = self.fault.offset, min(1, max(0, len(data) - self.fault.offset))
         if not count:
-            return ""
+            return None
         hit = set()
         for lot in drawn:
             bit = first * 8 + int(lot * count * 8)
@@ -208,30 +211,30 @@ class _CorruptEffect(FaultEffect[CorruptFault]):
         faulted.data = bytes(data)
         places = sorted(hit)
         some = f"{', '.join(map(str, places[:4]))}{', …' if len(places) > 4 else ''}"
-        return f"corrupted at byte {some}"
+        return Message("fault.corrupted", bytes=some)
 
 
 class _TruncateEffect(FaultEffect[TruncateFault]):
     def draw(self, rng: random.Random, message: WireMessage) -> Any:
         return rng.random() if self.fault.keep is None else 0.0
 
-    def apply(self, faulted: FaultedMessage, drawn: Any, ends_at: int | None) -> str:
+    def apply(self, faulted: FaultedMessage, drawn: Any, ends_at: int | None) -> Message | None:
         size = len(faulted.data)
         keep = int(drawn * size) if self.fault.keep is None else self.fault.keep
         if keep >= size:
-            return ""
+            return None
         faulted.data = faulted.data[:keep]
-        return f"cut to {keep} of {size} bytes"
+        return Message("fault.cut", kept=keep, size=size)
 
 
 class _GarbageEffect(FaultEffect[GarbageFault]):
     def draw(self, rng: random.Random, message: WireMessage) -> Any:
         return (rng.getrandbits(64),)
 
-    def apply(self, faulted: FaultedMessage, drawn: Any, ends_at: int | None) -> str:
+    def apply(self, faulted: FaultedMessage, drawn: Any, ends_at: int | None) -> Message | None:
         size = self.fault.size or len(faulted.data)
         faulted.data = random.Random(drawn[0]).randbytes(size)
-        return f"replaced by {size} random bytes"
+        return Message("fault.garbage", size=size)
 
 
 class _RewriteEffect(FaultEffect[RewriteFault]):
@@ -239,48 +242,48 @@ class _RewriteEffect(FaultEffect[RewriteFault]):
         super().__init__(fault)
         self._rewriter = Rewriter(fault)
 
-    def apply(self, faulted: FaultedMessage, drawn: Any, ends_at: int | None) -> str:
+    def apply(self, faulted: FaultedMessage, drawn: Any, ends_at: int | None) -> Message | None:
         changed = [self._rewriter.rewrite(frame, faulted.original.flow) for frame in faulted.frames]
         raw = b"".join(changed)
         if not changed or raw == faulted.data:
-            return ""
+            return None
         faulted.data = raw
-        return "rewritten"
+        return Message("fault.rewritten")
 
     def close_conversation(self, conversation: Conversation) -> None:
         self._rewriter.close_conversation(conversation)
 
 
 class _SerialEffect(FaultEffect[SerialFault]):
-    def apply(self, faulted: FaultedMessage, drawn: Any, ends_at: int | None) -> str:
+    def apply(self, faulted: FaultedMessage, drawn: Any, ends_at: int | None) -> Message | None:
         frames = faulted.frames
         if not frames:
-            return ""
+            return None
         faulted.data = b"".join(
             with_header(frame, serial=(frame.serial + self.fault.by) & 0xFFFF) for frame in frames
         )
-        return f"serial changed by {self.fault.by:+d}"
+        return Message("fault.serial", by=f"{self.fault.by:+d}")
 
 
 class _AnswerEffect(FaultEffect[AnswerFault]):
-    def apply(self, faulted: FaultedMessage, drawn: Any, ends_at: int | None) -> str:
+    def apply(self, faulted: FaultedMessage, drawn: Any, ends_at: int | None) -> Message | None:
         frames, flow, code = faulted.frames, faulted.original.flow, self.fault.hresult
         if not frames:
-            return ""
+            return None
         if flow.direction is Direction.RESPONSE:
             faulted.data = b"".join(encode_reply(frame, frame.reserved, code) for frame in frames)
-            return f"answer replaced by {hresult_name(code)}"
+            return Message("fault.answer-replaced", code=hresult_name(code))
         answers = [faulted.reply_factory.make_reply(flow.conversation, frame, code) for frame in frames]
         faulted.replies += [(faulted.delay, raw) for raw in answers]
         faulted.drop()
-        return f"answered with {hresult_name(code)}"
+        return Message("fault.answered", code=hresult_name(code))
 
 
 class _ExecutingEffect(FaultEffect[ExecutingFault]):
-    def apply(self, faulted: FaultedMessage, drawn: Any, ends_at: int | None) -> str:
+    def apply(self, faulted: FaultedMessage, drawn: Any, ends_at: int | None) -> Message | None:
         frames, flow, fault = faulted.frames, faulted.original.flow, self.fault
         if not frames:
-            return ""
+            return None
         for frame in frames:
             if flow.direction is Direction.REQUEST:
                 raw = faulted.reply_factory.make_reply(flow.conversation, frame, S_EXECUTING)
@@ -288,16 +291,16 @@ class _ExecutingEffect(FaultEffect[ExecutingFault]):
                 raw = encode_reply(frame, frame.reserved, S_EXECUTING)
             faulted.replies += [(faulted.delay + late, raw) for late in range(0, fault.time, fault.every)]
         faulted.delay += fault.time
-        return f"S_EXECUTING for {milliseconds(fault.time)}"
+        return Message("fault.executing", time=_milliseconds(fault.time))
 
 
 class _CloseEffect(FaultEffect[CloseFault]):
-    def apply(self, faulted: FaultedMessage, drawn: Any, ends_at: int | None) -> str:
+    def apply(self, faulted: FaultedMessage, drawn: Any, ends_at: int | None) -> Message | None:
         if faulted.original.is_datagram:
-            return ""
+            return None
         faulted.close_mode = self.fault.how
         faulted.drop()
-        return "connection reset" if self.fault.how is CloseMode.RESET else "connection closed"
+        return Message(f"fault.connection-{self.fault.how}")
 
 
 class _BandwidthEffect(FaultEffect[BandwidthFault]):
@@ -305,7 +308,7 @@ class _BandwidthEffect(FaultEffect[BandwidthFault]):
         super().__init__(fault)
         self._free_at = dict.fromkeys(Direction, 0)
 
-    def apply(self, faulted: FaultedMessage, drawn: Any, ends_at: int | None) -> str:
+    def apply(self, faulted: FaultedMessage, drawn: Any, ends_at: int | None) -> Message | None:
         message, fault = faulted.original, self.fault
         direction = message.flow.direction
         arrives = message.now + faulted.delay
@@ -313,27 +316,27 @@ class _BandwidthEffect(FaultEffect[BandwidthFault]):
         waiting = (starts - arrives) / 1e9 * fault.rate
         if message.is_datagram and waiting + len(faulted.data) > fault.queue:
             faulted.drop()
-            return "dropped, the line's queue is full"
+            return Message("fault.dropped.queue")
         done = starts + round(len(faulted.data) / fault.rate * 1e9)
         self._free_at[direction] = done
         faulted.delay = done - message.now
-        return f"delayed by {milliseconds(done - arrives)}"
+        return _delayed(done - arrives)
 
 
 class _PartitionEffect(FaultEffect[PartitionFault]):
-    def apply(self, faulted: FaultedMessage, drawn: Any, ends_at: int | None) -> str:
+    def apply(self, faulted: FaultedMessage, drawn: Any, ends_at: int | None) -> Message | None:
         if faulted.original.is_datagram or ends_at is None:
             faulted.drop()
-            return "dropped"
+            return Message("fault.dropped")
         faulted.delay = max(faulted.delay, ends_at - faulted.original.now)
-        return "held until the partition ends"
+        return Message("fault.held")
 
 
 class _HalfOpenEffect(FaultEffect[HalfOpenFault]):
-    def apply(self, faulted: FaultedMessage, drawn: Any, ends_at: int | None) -> str:
+    def apply(self, faulted: FaultedMessage, drawn: Any, ends_at: int | None) -> Message | None:
         faulted.half_open = True
         faulted.drop()
-        return "dropped, the conversation is dead"
+        return Message("fault.dropped.dead")
 
 
 EFFECTS: Mapping[type[Fault], type[FaultEffect[Any]]] = {
@@ -358,6 +361,10 @@ EFFECTS: Mapping[type[Fault], type[FaultEffect[Any]]] = {
 """Effect of each fault class."""
 
 
-def milliseconds(duration: int) -> str:
+def _delayed(duration: int) -> Message:
+    return Message("fault.delayed", time=_milliseconds(duration))
+
+
+def _milliseconds(duration: int) -> str:
     """Return a duration of ns as text in ms."""
     return f"{duration / 1e6:.3f}".rstrip("0").rstrip(".") + " ms"

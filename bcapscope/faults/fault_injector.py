@@ -19,12 +19,14 @@ import heapq
 from collections.abc import Iterable
 from typing import Any, TypeAlias
 
+from bcapscope.errors import InputError
 from bcapscope.faults.attempt_counter import AttemptCounter
 from bcapscope.faults.fault import AnyFault, CloseMode, Fault
 from bcapscope.faults.fault_effects import EFFECTS, FaultedMessage, FaultEffect
 from bcapscope.faults.fault_matcher import FaultMatcher
 from bcapscope.faults.reply_factory import ReplyFactory
 from bcapscope.faults.wire_message import CloseConnection, FaultOutput, FaultResult, SendBytes, WireMessage
+from bcapscope.messages import Message
 from bcapscope.traffic.call_kind import RecentRequests
 from bcapscope.traffic.observation import Conversation, Direction, Flow, Transport
 
@@ -87,7 +89,7 @@ class FaultInjector:
             epoch: Offset of that clock from 1970-01-01 UTC, ns, for filters on the time.
 
         Raises:
-            ValueError: Two faults have the same name.
+            InputError: Two faults have the same name.
         """
         self.active_faults: list[ActiveFault] = []
         self._seed = seed
@@ -104,7 +106,7 @@ class FaultInjector:
         self._queued_bytes = 0
         self._stream_busy_until: dict[_FlowKey, int] = {}
         self._held_behind: dict[_FlowKey, list[_QueuedOutput]] = {}
-        self._half_open: dict[Conversation, str] = {}
+        self._half_open: dict[Conversation, Message] = {}
         for fault in faults:
             self.add(fault, now)
 
@@ -114,11 +116,11 @@ class FaultInjector:
         """Append a fault and return its name.
 
         Raises:
-            ValueError: Another fault has this name.
+            InputError: Another fault has this name.
         """
         names = {rule.matcher.name for rule in self.active_faults}
         if fault.name in names:
-            raise ValueError(f"there is a fault {fault.name} already")
+            raise InputError(Message("fault.exists", name=fault.name))
         name = fault.name or _generated_name(fault, names)
         self.active_faults.append(ActiveFault(FaultMatcher(fault, name, self._seed, now)))
         self._update_needs_pairing()
@@ -191,7 +193,7 @@ class FaultInjector:
         """
         outputs = self.advance(now) if self._queue else []
         if flow.conversation in self._half_open:
-            return self._drop_half_open(flow.conversation, outputs)
+            return FaultResult(outputs, (self._half_open[flow.conversation],), False)
         if not self.active_faults:
             return self._pass_unchanged(flow, data, now, outputs)
         self._message_count += 1
@@ -205,7 +207,7 @@ class FaultInjector:
         work = FaultedMessage(message, self._reply_factory)
         touched = tuple(self._apply_hits(work, struck))
         if work.half_open:
-            self._half_open[flow.conversation] = touched[-1].partition(":")[0]
+            self._half_open[flow.conversation] = touched[-1]
         if self.is_full and message.is_datagram and not work.is_lost:
             touched = (*touched, *_drop_beyond_limit(work))
         self._schedule(work, touched)
@@ -292,19 +294,14 @@ class FaultInjector:
                     struck.append((rule, drawn))
         return struck
 
-    def _apply_hits(self, faulted: FaultedMessage, hits: list[tuple[ActiveFault, Any]]) -> Iterable[str]:
+    def _apply_hits(self, faulted: FaultedMessage, hits: list[tuple[ActiveFault, Any]]) -> Iterable[Message]:
         for rule, drawn in hits:
             if faulted.is_final:
                 return
             what = rule.effect.apply(faulted, drawn, rule.matcher.ends_at)
-            if what:
+            if what is not None:
                 rule.matcher.count_hit()
-                yield f"{rule.matcher.name}: {what}"
-
-    def _drop_half_open(self, conversation: Conversation, outputs: list[FaultOutput]) -> FaultResult:
-        return FaultResult(
-            outputs, (f"{self._half_open[conversation]}: dropped, the conversation is dead",), False
-        )
+                yield Message("fault.did", name=rule.matcher.name, what=what)
 
     def _pass_unchanged(self, flow: Flow, data: bytes, now: int, outputs: list[FaultOutput]) -> FaultResult:
         if not self._queue and not self._held_behind:
@@ -313,7 +310,7 @@ class FaultInjector:
         self._enqueue_send(flow, SendBytes(flow, data), now)
         return FaultResult(outputs + self.advance(now))
 
-    def _schedule(self, faulted: FaultedMessage, notes: tuple[str, ...]) -> None:
+    def _schedule(self, faulted: FaultedMessage, notes: tuple[Message, ...]) -> None:
         message = faulted.original
         flow, now = message.flow, message.now
         back = _to_client(flow) if faulted.replies else flow
@@ -377,14 +374,14 @@ class FaultInjector:
             del self._held_behind[way]
 
 
-def _drop_beyond_limit(faulted: FaultedMessage) -> Iterable[str]:
+def _drop_beyond_limit(faulted: FaultedMessage) -> Iterable[Message]:
     """Drop a datagram, or its copies, that would be held beyond the limit."""
     if faulted.delay or faulted.held_behind:
         faulted.drop()
-        yield "dropped, too much is held already"
+        yield Message("fault.dropped.too-much")
     elif any(faulted.copy_delays):
         faulted.copy_delays = [late for late in faulted.copy_delays if not late]
-        yield "copies dropped, too much is held already"
+        yield Message("fault.copies-dropped")
 
 
 def _generated_name(fault: Fault, names: set[str]) -> str:

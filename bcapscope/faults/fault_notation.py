@@ -57,8 +57,9 @@ from typing import Any, NamedTuple, NoReturn
 
 from bcapscope.faults.document import DocumentError, fault_from, to_plain_data
 from bcapscope.faults.fault import ACTIONS, ALIASES, AnyFault, Fault
+from bcapscope.messages import Message
 from bcapscope.protocol.number_parsing import LONGEST_NUMBER
-from bcapscope.traffic.filter.tokens import FilterError, nearest
+from bcapscope.traffic.filter.tokens import FilterError, with_nearest
 
 _WORD = re.compile(r'(?:"(?:[^"\\]|\\.)*"|[^\s"])+')
 _INTEGER = re.compile(r"[-+]?[0-9]+")
@@ -147,7 +148,8 @@ class _FaultParser:
 
     def read(self) -> AnyFault:
         if not self.words:
-            self.fail_at(0, f"expected an action: {', '.join(sorted([*ACTIONS, *ALIASES]))}")
+            actions = ", ".join(sorted([*ACTIONS, *ALIASES]))
+            self.fail_at(0, Message("fault.no-action", actions=actions))
         self.words.reverse()
         self.read_action(self.words.pop())
         while self.words:
@@ -164,15 +166,15 @@ class _FaultParser:
         written, equals, value = word.text.partition("=")
         action = ALIASES.get(written, written)
         if action not in ACTIONS:
-            hint = nearest(written, [*ACTIONS, *ALIASES])
-            self.fail_at(word.start, f"there is no action {written!r}{hint}")
+            unknown = Message("fault.no-such-action", name=f"{written!r}")
+            self.fail_at(word.start, with_nearest(unknown, written, [*ACTIONS, *ALIASES]))
         self.set_field("action", action, word)
         names = _MAIN_FIELDS.get(written, ())
         start = word.start + len(written) + 1
         if equals and not names:
-            self.fail_at(start - 1, f"{written} has no value")
+            self.fail_at(start - 1, Message("fault.needless-value", name=written))
         if not equals and written in ALIASES:
-            self.fail_at(word.start + len(written), f"expected = and a value after {written}")
+            self.fail_at(word.start + len(written), Message("fault.no-equals", name=written))
         if equals:
             self.read_main(written, _Word(value, start), names)
 
@@ -182,7 +184,7 @@ class _FaultParser:
         separator = _SEPARATORS.get(written)
         values = word.text.split(separator) if separator else [word.text]
         if len(values) > len(names):
-            self.fail_at(word.start, f"expected {(separator or '').join(names)}")
+            self.fail_at(word.start, Message("fault.too-many-values", names=(separator or "").join(names)))
         start = word.start
         for name, value in zip(names, values, strict=False):
             self.set_field(name, self.parse_value(value, start), _Word(value, start))
@@ -198,11 +200,12 @@ class _FaultParser:
             self.read_field(word)
         else:
             known = [*fields, *_DIRECTIONS]
-            self.fail_at(word.start, f"{word.text!r} means nothing here{nearest(word.text, known)}")
+            unknown = Message("input.meaningless", text=f"{word.text!r}")
+            self.fail_at(word.start, with_nearest(unknown, word.text, known))
 
     def read_field(self, name: _Word) -> None:
         if not self.words:
-            self.fail_at(len(self.text), f"a value for {name.text} is missing")
+            self.fail_at(len(self.text), Message("fault.no-value", name=name.text))
         word = self.words.pop()
         if name.text not in _MAPPINGS:
             self.set_field(
@@ -211,11 +214,11 @@ class _FaultParser:
             return
         path, equals, value = word.text.partition("=")
         if not equals:
-            self.fail_at(word.start, f"expected an argument, = and a value, such as {name.text} arg[2][0]=10")
+            self.fail_at(word.start, Message("fault.no-argument", name=name.text))
         mapping = self.fields.setdefault(name.text, {})
         self.starts.setdefault(name.text, word.start)
         if path in mapping:
-            self.fail_at(word.start, f"{name.text} {path} stands here twice")
+            self.fail_at(word.start, Message("input.twice", name=f"{name.text} {path}"))
         mapping[path] = self.parse_value(value, word.start + len(path) + 1)
 
     def parse_value(self, text: str, start: int, is_text: bool = False) -> object:
@@ -224,22 +227,22 @@ class _FaultParser:
             try:
                 return json.loads(text)
             except ValueError:
-                self.fail_at(start, "this text makes no sense in its quotes")
+                self.fail_at(start, Message("fault.quotes"))
         if is_text:
             return text
         if _NUMBER.fullmatch(text):
             if len(text) > LONGEST_NUMBER:
-                self.fail_at(start, f"a number of more than {LONGEST_NUMBER} characters")
+                self.fail_at(start, Message("input.long-number", limit=LONGEST_NUMBER))
             return int(text) if _INTEGER.fullmatch(text) else float(text)
         return {"true": True, "false": False, "any": None}.get(text, text)
 
     def set_field(self, name: str, value: object, word: _Word) -> None:
         if name in self.fields:
-            self.fail_at(word.start, f"{name} stands here twice")
+            self.fail_at(word.start, Message("input.twice", name=name))
         self.fields[name] = value
         self.starts[name] = word.start
 
-    def fail_at(self, start: int, reason: str) -> NoReturn:
+    def fail_at(self, start: int, reason: Message) -> NoReturn:
         raise NotationError(self.text, start, reason)
 
     def locate_error(self, error: DocumentError) -> NotationError:
@@ -247,9 +250,9 @@ class _FaultParser:
         cause = error.__cause__.__cause__ if error.__cause__ else None
         if isinstance(cause, FilterError):
             shift = self.text.index(cause.expression, self.starts["if"] + len("if"))
-            return NotationError(self.text, shift + cause.position, cause.message)
+            return NotationError(self.text, shift + cause.position, cause.reason)
         start = self.starts.get(str(error.path[0]), 0) if error.path else 0
-        if not error.path and error.reason.endswith("is missing"):
+        if not error.path and error.reason.id == "document.missing":
             return NotationError(self.text, len(self.text_before_condition()), error.reason)
         return NotationError(self.text, start, error.reason)
 

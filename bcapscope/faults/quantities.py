@@ -10,12 +10,14 @@ import re
 from fractions import Fraction
 from typing import Self
 
+from bcapscope.errors import InputError
+from bcapscope.messages import Message
 from bcapscope.protocol.tables.hresult import hresult_name
 from bcapscope.protocol.tables.hresult_table import NAMED_CODES
 from bcapscope.traffic.filter.compiler import Filter, compile_filter
 from bcapscope.traffic.filter.field_table import RecordKind
 from bcapscope.traffic.filter.operands import UNITS
-from bcapscope.traffic.filter.tokens import nearest
+from bcapscope.traffic.filter.tokens import with_nearest
 
 LONGEST_DURATION = 10**9 * 86_400 * 365
 """A year, in ns: far beyond any test, and sums stay exact."""
@@ -47,16 +49,16 @@ class DurationQuantity(int):
         """Read a duration.
 
         Raises:
-            ValueError: It is no duration, or longer than a year.
+            InputError: It is no duration, or longer than a year.
         """
         if written == 0 and not isinstance(written, bool):
             return cls(0)
         match = _DURATION.fullmatch(written.strip()) if isinstance(written, str) else None
         if match is None or match[2] not in UNITS:
-            raise ValueError(f"{_shown(written)} is no duration, such as 3ms; units are ns, us, ms and s")
+            raise _invalid("duration", written)
         value = round(Fraction(match[1]) * UNITS[match[2]])
         if value > LONGEST_DURATION:
-            raise ValueError(f"{_shown(written)} is longer than a year")
+            raise _invalid("duration.long", written)
         return cls(value)
 
     @property
@@ -74,7 +76,7 @@ class Share(float):
         """Read a share.
 
         Raises:
-            ValueError: It is no share, or not between 0 and 1.
+            InputError: It is no share, or not between 0 and 1.
         """
         match = _SHARE.fullmatch(written.strip()) if isinstance(written, str) else None
         value: float
@@ -83,9 +85,9 @@ class Share(float):
         elif isinstance(written, int | float) and not isinstance(written, bool):
             value = written
         else:
-            raise ValueError(f"{_shown(written)} is no percentage, such as 5%")
+            raise _invalid("share", written)
         if not 0 <= value <= 1:  # before the conversion: a float cannot hold every integer
-            raise ValueError(f"{_shown(written)} is not within 0% and 100%")
+            raise _invalid("share.outside", written)
         return cls(value)
 
     @property
@@ -102,14 +104,14 @@ class Rate(float):
         """Read a rate.
 
         Raises:
-            ValueError: It is no rate, or less than one byte per second.
+            InputError: It is no rate, or less than one byte per second.
         """
         match = _RATE.fullmatch(written.strip()) if isinstance(written, str) else None
         if match is None:
-            raise ValueError(f"{_shown(written)} is no rate, such as 64kbit/s or 8kB/s")
+            raise _invalid("rate", written)
         value = Fraction(match[1]) * _MULTIPLES[match[2]] / (8 if match[3] == "bit" else 1)
         if value < 1:
-            raise ValueError(f"{_shown(written)} is less than a byte a second")
+            raise _invalid("rate.low", written)
         return cls(float(value))
 
     @property
@@ -129,17 +131,18 @@ class HresultQuantity(int):
         """Read a result code.
 
         Raises:
-            ValueError: The name is unknown, or the number has more than 32 bits.
+            InputError: The name is unknown, or the number has more than 32 bits.
         """
         if isinstance(written, str):
             known = _FOLDED_CODES.get(written.strip().casefold())
             if known is not None:
                 return cls(known)
             if not _CODE.fullmatch(written.strip()):
-                raise ValueError(f"{_shown(written)} is no HRESULT{nearest(written, _CODES)}")
+                unknown = _invalid("code.unknown", written)
+                raise InputError(with_nearest(unknown.message, written, _CODES))
             written = int(written, 16) if "x" in written.lower() else int(written)
         if not isinstance(written, int) or isinstance(written, bool) or not -(2**31) <= written < 2**32:
-            raise ValueError(f"{_shown(written)} is no HRESULT: a name such as E_FAIL, or 32 bits")
+            raise _invalid("code", written)
         return cls(written & 0xFFFFFFFF)
 
     @property
@@ -166,13 +169,12 @@ class FrameCondition:
         """Compile an expression.
 
         Raises:
-            FilterError: The expression is invalid; a ValueError.
-            ValueError: It is no text.
+            InputError: The expression is invalid (a `FilterError`), or no text.
         """
         if isinstance(written, bool):  # YAML reads the words true and false as booleans
             written = str(written).lower()
         if not isinstance(written, str):
-            raise ValueError(f"{_shown(written)} is no filter, such as 'command == slvMove'")
+            raise _invalid("condition", written)
         return cls(compile_filter(written, RecordKind.FRAME))
 
     @property
@@ -209,7 +211,7 @@ class Span:
         """Read a span.
 
         Raises:
-            ValueError: It is no span, is empty, or an end exceeds `LARGEST_END`.
+            InputError: It is no span, is empty, or an end exceeds `LARGEST_END`.
         """
         match = _SPAN.fullmatch(written.strip()) if isinstance(written, str) else None
         try:
@@ -218,11 +220,11 @@ class Span:
             low = float(match[1]) if match[1] else -math.inf
             high = float(match[2]) if match[2] else math.inf
         except ValueError:
-            raise ValueError(f"{_shown(written)} is no span, such as -90..90") from None
+            raise _invalid("span", written) from None
         if any(match[each] and not abs(end) <= LARGEST_END for each, end in ((1, low), (2, high))):
-            raise ValueError(f"{_shown(written)} goes beyond ±{LARGEST_END:g}")
+            raise _invalid("span.far", written, limit=f"{LARGEST_END:g}")
         if low > high:
-            raise ValueError(f"nothing is within {_shown(written)}")
+            raise _invalid("span.empty", written)
         return cls(low, high)
 
     @property
@@ -257,17 +259,22 @@ def read_path(written: str) -> tuple[int, ...]:
     """Read the indexes of an argument or of an element in it, written as in filters: ``arg[2][0]``.
 
     Raises:
-        ValueError: It is no such path.
+        InputError: It is no such path.
     """
     match = _PATH.fullmatch(written)
     indexes = tuple(map(int, re.findall("[0-9]+", match[1]))) if match else ()
     if not 1 <= len(indexes) <= MAX_INDEXES:
-        raise ValueError(f"{_shown(written)} is no argument, such as arg[2][0]")
+        raise _invalid("argument", written)
     return indexes
 
 
-def _shown(written: object) -> str:
+def _invalid(what: str, written: object, **places: str) -> InputError:
+    """Return an error with the message ``quantity.WHAT``."""
+    return InputError(Message(f"quantity.{what}", text=_shown(written), **places))
+
+
+def _shown(written: object) -> str | Message:
     if isinstance(written, int) and written.bit_length() > _LONGEST_SHOWN:
-        return f"a number of {written.bit_length()} bits"
+        return Message("quantity.bits", bits=written.bit_length())
     text = repr(written)
     return text if len(text) <= 60 else f"{text[:59]}…"

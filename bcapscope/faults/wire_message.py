@@ -9,6 +9,7 @@ import msgspec
 
 from bcapscope.faults.attempt_counter import AttemptCounter
 from bcapscope.faults.fault import CloseMode
+from bcapscope.messages import Message
 from bcapscope.protocol.codec.frame import Frame, parse_datagram
 from bcapscope.traffic.call_kind import RecentRequests
 from bcapscope.traffic.filter.getters import AnnotatedFrame
@@ -23,12 +24,12 @@ class SendBytes(msgspec.Struct, frozen=True):
     Attributes:
         flow: Direction of the bytes: a request goes to the controller, a response to the client.
         data: A datagram, or the next bytes of a stream.
-        fault_notes: What faults did to the bytes, as text for people; empty if nothing.
+        fault_notes: What faults did to the bytes; empty if nothing.
     """
 
     flow: Flow
     data: bytes
-    fault_notes: tuple[str, ...] = ()
+    fault_notes: tuple[Message, ...] = ()
 
 
 class CloseConnection(msgspec.Struct, frozen=True):
@@ -37,12 +38,12 @@ class CloseConnection(msgspec.Struct, frozen=True):
     Attributes:
         conversation: Conversation to close.
         how: Reset, or closed in order.
-        fault_notes: Reason, as text for people.
+        fault_notes: Reason.
     """
 
     conversation: Conversation
     how: CloseMode
-    fault_notes: tuple[str, ...] = ()
+    fault_notes: tuple[Message, ...] = ()
 
 
 FaultOutput: TypeAlias = SendBytes | CloseConnection
@@ -53,12 +54,12 @@ class FaultResult(msgspec.Struct, frozen=True):
 
     Attributes:
         outputs: Outputs to carry out now, in order; held messages that are due come first.
-        fault_notes: What faults did to this message, as text for people, such as ``loss: dropped``.
+        fault_notes: What faults did to this message, such as ``loss: dropped``.
         forwarded: Whether the message is sent on, now or later; False if it is lost or was answered.
     """
 
     outputs: list[FaultOutput]
-    fault_notes: tuple[str, ...] = ()
+    fault_notes: tuple[Message, ...] = ()
     forwarded: bool = True
 
 

@@ -14,6 +14,8 @@ from typing import TypeAlias
 
 from bcapscope.capture.socket_recording import Address, SocketRecording
 from bcapscope.live.recorder import Recorder
+from bcapscope.messages import Message
+from bcapscope.messages.places import Count
 from bcapscope.protocol.text_format import counted
 from bcapscope.traffic.observation import Observation, Transport
 
@@ -156,8 +158,8 @@ class BackgroundRecorder:
             self._lost += self._recorder.packets_pending
         self._lost += len(self._steps) + self._skipped
         if self._lost:
-            lost = counted(self._lost, "packet")
-            self._recorder.warn(f"{self._recorder.name} lacks {lost}: it was not written fast enough")
+            lost = Count(self._lost, "packet")
+            self._recorder.warn(Message("recording.lacks", name=self._recorder.name, lost=lost))
         return not self._lost and self._recorder.is_complete
 
     def _has_room(self, size: int) -> bool:
@@ -170,9 +172,7 @@ class BackgroundRecorder:
         ):
             return True
         if not self._skipped and not self._lost:
-            self._recorder.warn(
-                f"{self._recorder.name} is not written fast enough: packets are missing in it from now on"
-            )
+            self._recorder.warn(Message("recording.slow", name=self._recorder.name))
         self._skipped += 1
         return False
 

@@ -18,6 +18,8 @@ from typing import Any, BinaryIO, cast
 import orjson
 
 from bcapscope.errors import BcapError
+from bcapscope.messages import Message
+from bcapscope.messages.message import foreign_text
 
 START_TIMEOUT = 60.0
 """Seconds until the command must listen. A busy machine takes long to load a program."""
@@ -35,7 +37,7 @@ class ChildStartError(BcapError):
         code: Its exit code.
     """
 
-    def __init__(self, message: str, code: int) -> None:
+    def __init__(self, message: Message, code: int) -> None:
         super().__init__(message)
         self.code = code
 
@@ -87,7 +89,8 @@ class ChildProcess:
             report: dict[str, Any] = orjson.loads(line)
             return report
         self.terminate()
-        raise ChildStartError(self.last_line or "it did not begin in time", max(self._process.returncode, 1))
+        reason = foreign_text(self.last_line) if self.last_line else Message("process.slow-start")
+        raise ChildStartError(reason, max(self._process.returncode, 1))
 
     def _read_output(self) -> None:
         """Read the output line by line, and report the end of the process."""

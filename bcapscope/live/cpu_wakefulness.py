@@ -20,6 +20,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Protocol
 
+from bcapscope.messages import Message
 from bcapscope.messages.os_errors import os_reason
 from bcapscope.proxy.ring_buffer import RelayCounter
 
@@ -183,18 +184,15 @@ class CpuLatencyLimit:
         return None
 
 
-def low_latency_problem() -> str:
-    """Return why this process cannot keep processors out of deep sleep; "" if it can."""
+def low_latency_problem() -> Message | None:
+    """Return why this process cannot keep processors out of deep sleep; None if it can."""
     if sys.platform != "linux":
-        return "only Linux can keep processors out of deep sleep"
+        return Message("low-latency.not-linux")
     try:
         os.close(os.open(_DEVICE, os.O_WRONLY))
     except OSError as error:
-        return (
-            f"cannot write {_DEVICE}: {os_reason(error)}. Run the proxy as root, or "
-            "give your user write access with a udev rule (see docs/proxy.md)"
-        )
-    return ""
+        return Message("low-latency.not-allowed", device=str(_DEVICE), reason=os_reason(error))
+    return None
 
 
 def _uses_haltpoll() -> bool:

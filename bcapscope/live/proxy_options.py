@@ -42,12 +42,12 @@ class ClosingRequests(msgspec.Struct, frozen=True, array_like=True):
 
     Attributes:
         client: Number of the client.
-        open_state: What is open besides handles, as text; "" for nothing.
+        open_state: What is open besides handles, as of `encode_message`; b"" for nothing.
         requests: Frames to send, each after the reply to the previous one.
     """
 
     client: int
-    open_state: str
+    open_state: bytes
     requests: tuple[bytes, ...]
 
 
@@ -100,7 +100,7 @@ class WatcherSubscriber(Protocol):
     subscribers: tuple[PipelineSubscriber, ...]
 
     def on_frame(self, observation: Observation, note: str) -> None:
-        """Receive a frame, with a note of what a rule did to it ("" for nothing)."""
+        """Receive a frame, with a note of what a rule did to it ("" for nothing), in the user's language."""
 
     def report_if_due(self, client_count: int) -> None:
         """Do what is due even without traffic; `client_count` is the number of clients so far."""

@@ -12,6 +12,7 @@ from bcapscope.capture.packet import Interface
 from bcapscope.capture.pcapng_writer import PacketPairEncoder
 from bcapscope.capture.socket_recording import RAW_IP, Hop
 from bcapscope.live.recorder import Recorder
+from bcapscope.messages.message_codec import decode_message
 from bcapscope.proxy.relay_session import read_endpoints
 from bcapscope.proxy.ring_buffer import RingRecord, RingRecordKind, hole_sizes
 from bcapscope.traffic.observation import Transport
@@ -238,7 +239,13 @@ class ProxyRecorder:
             self._begin_stream(side, time)
         self._begin_packet()
         write = self._packets.write_segment if side.is_stream else self._packets.write_datagram
-        write(*side.endpoints[record.up], record.data, time, interface=side.interface, comment=record.note)
+        write(
+            *side.endpoints[record.up],
+            record.data,
+            time,
+            interface=side.interface,
+            comment=_comment(record.note),
+        )
 
     def _skip_bytes(self, side: _ProxySide, record: RingRecord, time: int) -> None:
         """Leave a gap in the sequence numbers."""
@@ -257,7 +264,7 @@ class ProxyRecorder:
                 time,
                 interface=side.interface,
                 reset=record.kind is RingRecordKind.RESET,
-                comment=record.data.decode("utf-8", "replace"),
+                comment=_comment(record.data),
             )
 
     def _drop_client(self, client: int) -> None:
@@ -265,3 +272,8 @@ class ProxyRecorder:
             del self._pair_encoders[key]
         for side in self._sides.pop(client):
             self._packets.drop_connection(*side.endpoints[1])
+
+
+def _comment(message: bytes) -> str:
+    """Return the English text of an encoded message; "" for none."""
+    return str(decode_message(message)) if message else ""

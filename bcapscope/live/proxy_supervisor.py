@@ -32,9 +32,10 @@ from bcapscope.live.proxy_options import (
 from bcapscope.live.standard_streams import print_stderr
 from bcapscope.live.terminal_writer import ERASE_LINE
 from bcapscope.live.watcher_priority import WatcherPriority, idle_priority_switch
-from bcapscope.messages import Message
+from bcapscope.messages import Message, MessageFormatter
 from bcapscope.messages.message_codec import decode_message, encode_message
 from bcapscope.messages.os_errors import os_reason
+from bcapscope.messages.places import joined_clauses
 from bcapscope.player.realtime import realtime_priority
 from bcapscope.proxy.listener_spec import ListenerSpec
 from bcapscope.proxy.listeners import open_listeners
@@ -100,6 +101,7 @@ class ProxySupervisor:
                 way to wait for file descriptors.
         """
         self._options = options
+        self._words = MessageFormatter(options.view.language)
         self._end_signals = end_signals
         raise_descriptor_limit(_MAX_DESCRIPTORS)
         self._memory = _shared_memory(HEADER_SIZE + RING_SIZE)
@@ -205,7 +207,7 @@ class ProxySupervisor:
         # the relay on the processor where it ran last, not on its waker's. That one should not sleep.
         with realtime_priority() as grade:
             if not grade.realtime:
-                self._send_to_watcher(str(grade.text).encode())
+                self._send_to_watcher(encode_message(grade.text))
             # Not earlier: it runs a trial in a thread. The thread's stack stays, and would be locked as well.
             if self._is_watched:
                 assert self._watcher is not None
@@ -228,11 +230,12 @@ class ProxySupervisor:
 
     def _print_totals(self) -> None:
         """Print what this process knows, because the watcher is gone."""
-        from bcapscope.live.relay_figures import loss_lines, totals_text  # the watcher's, and NumPy with it
+        from bcapscope.live.relay_figures import losses, totals  # the watcher's, and NumPy with it
 
         report = () if self.relay.policy is None else self.relay.policy.report()
-        counts = self._ring.counts
-        _print_aside("\n".join((*report, totals_text(counts), *loss_lines(counts)))).join(_TOTALS_WITHIN)
+        lines = *report, joined_clauses(totals(self._ring.counts)), *losses(self._ring.counts)
+        texts = (self._words.text(line) for line in lines if line is not None)
+        _print_aside("\n".join(texts)).join(_TOTALS_WITHIN)
 
     def close(self) -> None:
         """Wait for the watcher's summary, unless asked again to end, and release all resources."""
@@ -253,7 +256,7 @@ class ProxySupervisor:
             while self._watcher.is_alive() and time.monotonic() < until and not self.must_end_now():
                 self._watcher.join(_POLL_INTERVAL)
             if self._watcher.is_alive():
-                print_stderr("watching has not ended in time; the last part of the recording may be missing")
+                print_stderr(self._words("watcher.slow-end"))
                 self._watcher.kill()
                 self._watcher.join(_ENDS_WITHIN)
             if self._has_watcher_begun:
@@ -265,7 +268,8 @@ class ProxySupervisor:
         """Set `is_recording_incomplete` from the watcher's exit code."""
         self.is_recording_incomplete = self._options.record is not None and code != 0
         if self.is_recording_incomplete and code != INCOMPLETE:  # the watcher could not report it itself
-            print_stderr(f"{printable(str(self._options.record))} is incomplete: the recorder ended early")
+            name = printable(str(self._options.record))
+            print_stderr(self._words("recording.incomplete", name=name))
 
     def _release_memory(self) -> None:
         self._ring.release()
@@ -345,7 +349,7 @@ class ProxySupervisor:
             self._is_watched = False
             self.relay.unwatch(self._watcher_pipe.fileno())
             self._ring.detach_reader()
-            _print_aside("watching has ended; the relay goes on, and nothing is recorded or shown any more")
+            _print_aside(self._words("watcher.ended"))
             if self._ending_since:
                 self.relay.stop()
 
@@ -368,10 +372,15 @@ class ProxySupervisor:
                 until = 0.0
             client, controller = session.conversation.client, session.conversation.server
             answered = session.send_closing_requests(closing.requests, until)
-            why = "no answer" if time.monotonic() < until else "there was no time"
-            how = "was ended" if answered == len(closing.requests) else f"could not be ended: {why}"
-            what = f", where {closing.open_state}," if closing.open_state else ""
-            self.relay.notify(f"the session of {client} at {controller}{what} {how}")
+            session_name = Message("session.closed.plain", client=str(client), controller=str(controller))
+            if closing.open_state:
+                state = decode_message(closing.open_state)
+                session_name = Message("session.closed.state", session=session_name, state=state)
+            if answered == len(closing.requests):
+                self.relay.notify(Message("session.ended", session=session_name))
+            else:
+                reason = Message("os.no-answer" if time.monotonic() < until else "session.no-time")
+                self.relay.notify(Message("session.not-ended", session=session_name, reason=reason))
 
 
 def _has_other_end(descriptor: int) -> bool:

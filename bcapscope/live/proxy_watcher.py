@@ -27,16 +27,16 @@ from bcapscope.live.proxy_options import (
     WatcherSubscriber,
 )
 from bcapscope.live.proxy_recorder import ProxyRecorder
-from bcapscope.live.proxy_view import ProxyView
+from bcapscope.live.proxy_view import ProxyView, TrafficDisplay
 from bcapscope.live.recorder import Recorder
-from bcapscope.live.relay_figures import DelayStatistics, loss_lines, rates_text, totals_text
+from bcapscope.live.relay_figures import DelayStatistics, losses, rates, totals
 from bcapscope.live.standard_streams import choose_palette
 from bcapscope.live.terminal_writer import TerminalWriter
 from bcapscope.live.watcher_priority import WatcherUrgency, lower_priority, yield_function
-from bcapscope.messages import ENGLISH_WORDS
-from bcapscope.messages.message_codec import encode_message
+from bcapscope.messages import Message, MessageFormatter
+from bcapscope.messages.message_codec import decode_message, encode_message
 from bcapscope.messages.os_errors import os_reason
-from bcapscope.protocol.text_format import counted
+from bcapscope.messages.places import joined_clauses
 from bcapscope.proxy.record_decoder import RecordDecoder
 from bcapscope.proxy.ring_buffer import RelayCounter, RingReader, RingRecord, RingRecordKind
 from bcapscope.proxy.session_closer import SessionCloser
@@ -44,11 +44,10 @@ from bcapscope.proxy.silence_monitor import SilenceMonitor
 from bcapscope.render.escape import printable
 from bcapscope.render.finding_text import finding_sentence, words_for
 from bcapscope.render.findings import FindingsRenderer
-from bcapscope.traffic.call import Call, StrayReply
 from bcapscope.traffic.conversation_pairing import RETRY_WITHIN_NS
-from bcapscope.traffic.handle_tracker import HandleTracker, TrackedObject
-from bcapscope.traffic.observation import Conversation, Observation, Transport
-from bcapscope.traffic.pipeline import Pipeline, PipelineSubscriber
+from bcapscope.traffic.handle_tracker import HandleTracker
+from bcapscope.traffic.observation import Conversation, Transport
+from bcapscope.traffic.pipeline import Pipeline
 from bcapscope.traffic.slave_mode_tracker import SlaveModeTracker
 
 POLL_INTERVAL = 0.025
@@ -101,14 +100,18 @@ def watch_relay(memory: str, relay: Connection, options: ProxyOptions) -> bool:
         False if a recording was requested and is incomplete.
     """
     _give_relay_priority()
-    screen = TerminalWriter()
+    screen, words = TerminalWriter(), MessageFormatter(options.view.language)
+
+    def warn(message: Message) -> None:
+        screen.write_message(printable(words.text(message)))
+
     recorder = subscriber = None
     try:
         if options.open_subscriber is not None:
             subscriber = options.open_subscriber()
         if options.record is not None:
             recorder = ProxyRecorder(
-                Recorder(options.record, screen.write_message, options.ring),
+                Recorder(options.record, warn, options.ring),
                 keeps_packet_numbers=subscriber is not None,
             )
     except FileWriteError as error:
@@ -168,43 +171,11 @@ class RecorderTask:
         self._recorder.flush()
 
 
-class _TrafficDisplay(PipelineSubscriber):
-    """Renders the traffic as the options say, and counts the calls.
-
-    Attributes:
-        lines: Lines that wait to be displayed.
-        call_count: Number of completed calls.
-        retry_count: Number of their retries.
-    """
-
-    needs_targets = True
-
-    def __init__(self, view: ProxyView) -> None:
-        self.lines: list[str | bytes] = []
-        self.call_count = self.retry_count = 0
-        self._view = view
-
-    def add_frame(self, observation: Observation, note: str) -> None:
-        """Render a frame; `note` says what a rule did to it."""
-        self.lines += self._view.frame_lines(observation, note)
-
-    def on_call(self, call: Call, target: TrackedObject | None) -> None:
-        self.call_count += 1
-        self.retry_count += call.retries
-        self.lines += self._view.call_lines(call, target)
-
-    def on_stray_reply(self, stray: StrayReply) -> None:
-        self.lines += self._view.call_lines(stray, None)
-
-    def on_conversation_closed(self, conversation: Conversation) -> None:
-        self._view.drop_conversation(conversation)
-
-
 class ProxyWatcher:
     """Reads what the relay wrote, and decodes, displays and diagnoses it as the options say.
 
-    Undecoded records wait in the ring, whose size is fixed. The watcher forgets clients that are gone.
-    Besides the open clients, whose number the relay limits, it holds only what tracker and diagnosis bound.
+    Undecoded records wait in the ring, whose size is fixed. The watcher holds only what the relay, the
+    tracker and the diagnosis bound.
     """
 
     def __init__(
@@ -225,7 +196,7 @@ class ProxyWatcher:
         self._written_before = self._decoded_until = 0
         self._colors = choose_palette(options.color)
         self._record_decoder = RecordDecoder()
-        self._display = _TrafficDisplay(ProxyView(options.view, self._colors))
+        self._display = TrafficDisplay(ProxyView(options.view, self._colors))
         self._diagnosis = Diagnosis() if subscriber is None else subscriber.diagnosis
         self._slave_mode = SlaveModeTracker()
         handles = HandleTracker(max_ended=0)
@@ -239,7 +210,8 @@ class ProxyWatcher:
         )
         self._silence_monitor = SilenceMonitor()
         self._delays = DelayStatistics()
-        self._advice = ""
+        self._words = MessageFormatter(options.view.language)
+        self._advice: Message | None = None
         self._has_sent_closing = False
         self._next_status_at = self._status_shown_at = 0
         self._counts_before: tuple[int, ...] = ()
@@ -256,7 +228,7 @@ class ProxyWatcher:
                 if relay.poll(rest):
                     message = relay.recv_bytes()
                     must_close = message == CLOSE_SESSIONS
-                    self._advice = self._advice if must_close else message.decode()
+                    self._advice = self._advice if must_close else decode_message(message)
             except (EOFError, OSError):
                 break
         until = time.monotonic() + _CATCHES_UP_WITHIN
@@ -309,7 +281,7 @@ class ProxyWatcher:
         for count, (seen, note) in enumerate(self._record_decoder.decode(records, self._packets_of(records))):
             self._display.add_frame(seen, note)
             if self._subscriber is not None:
-                self._subscriber.on_frame(seen, note)
+                self._subscriber.on_frame(seen, "" if note is None else self._words.text(note))
             self._pipeline.add(seen)
             if count % _FRAMES_PER_YIELD == 0:
                 self._yield_cpu()
@@ -318,7 +290,7 @@ class ProxyWatcher:
         self._delays.add_records(records)
         self._show_relay_messages(records)
         for conversation, why in self._record_decoder.pop_closed_clients():
-            self._close_conversation(conversation, printable(why))
+            self._close_conversation(conversation, why)
 
     def _packets_of(self, records: list[RingRecord]) -> list[int] | None:
         """Return the packet numbers that a subscriber needs; None if there is no subscriber or recording."""
@@ -329,16 +301,25 @@ class ProxyWatcher:
     def _show_relay_messages(self, records: Iterable[RingRecord]) -> None:
         for record in records:
             if record.kind is RingRecordKind.NOTICE:
-                self._terminal.write_message(printable(record.data.decode("utf-8", "replace")))
+                self._write_message(decode_message(record.data))
 
-    def _close_conversation(self, conversation: Conversation, why: str) -> None:
+    def _write_message(self, message: Message) -> None:
+        self._terminal.write_message(printable(self._words.text(message)))
+
+    def _write_finding(self, severity: str, rule: str, sentence: str) -> None:
+        head = f"{self._colors.problem}{severity}{self._colors.reset} {rule}"
+        self._terminal.write_message(f"{head}: {printable(sentence)}")
+
+    def _close_conversation(self, conversation: Conversation, why: Message) -> None:
         """Complete the calls of a client that is gone, report the state that it left, and forget it."""
         self._pipeline.close_conversation(conversation)
         self._write_lines()
         left = self._session_closer.pop_left_open(conversation)
         # Once the closing requests are sent, the relay reports the UDP sessions itself.
-        if left and not (self._has_sent_closing and conversation.transport is Transport.UDP):
-            self._terminal.write_message(f"{conversation.client} is gone ({why}) while {left}")
+        is_reported = self._has_sent_closing and conversation.transport is Transport.UDP
+        if left is not None and not is_reported:
+            client = str(conversation.client)
+            self._write_message(Message("session.left-open", client=client, reason=why, state=left))
 
     def _write_lines(self) -> None:
         self._terminal.write_lines(self._display.lines)
@@ -347,7 +328,6 @@ class ProxyWatcher:
     def _do_periodic_work(self) -> None:
         """Do the work that is due even without traffic: expire calls, print findings, update the status."""
         now = time.time_ns()
-        color = self._colors
         if not self._reader.bytes_waiting:
             self._pipeline.expire(now - _DECODING_DELAY_NS)
             self._write_lines()
@@ -356,17 +336,15 @@ class ProxyWatcher:
                 (each, heard[each]) for each in self._slave_mode.clients_in_slave_mode() if each in heard
             )
             for sentence in self._silence_monitor.check(sending, now - _DECODING_DELAY_NS):
-                self._terminal.write_message(
-                    f"{color.problem}{QUIT_IN_SLAVE_MODE.severity}{color.reset} "
-                    f"{QUIT_IN_SLAVE_MODE.id}: {sentence}"
-                )
-        words = words_for(ENGLISH_WORDS, self._diagnosis.totals())
+                rule, text = QUIT_IN_SLAVE_MODE, self._words.text(sentence)
+                self._write_finding(rule.severity, rule.id, text)
+        words = words_for(self._words, self._diagnosis.totals())
         for finding in self._diagnosis.new_findings():
-            head = f"{color.problem}{finding.severity}{color.reset} {finding.rule}"
-            self._terminal.write_message(f"{head}: {printable(finding_sentence(finding, words))}")
+            self._write_finding(finding.severity, finding.rule, finding_sentence(finding, words))
         warning = self._delays.pop_warning()
-        if warning:
-            self._terminal.write_message("; ".join(filter(None, (warning, self._advice))))
+        if warning is not None:
+            advice = () if self._advice is None else (self._advice,)
+            self._write_clauses((warning, *advice))
         if self._subscriber is not None:
             self._subscriber.report_if_due(self._reader.counts[RelayCounter.CLIENTS])
         if now >= self._next_status_at:
@@ -383,14 +361,19 @@ class ProxyWatcher:
     def _show_status(self, now: int) -> None:
         counts = tuple(self._reader.counts)
         seconds = (now - self._status_shown_at) / 1e9
-        parts = [counted(self._display.call_count, "call"), f"{self._display.retry_count} retries"]
-        parts += [
-            rates_text(counts, self._counts_before, seconds),
-            self._delays.status_text(),
-            *loss_lines(counts),
-        ]
-        self._terminal.set_status(" · ".join(part for part in parts if part))
+        parts = (
+            self._display.counts,
+            rates(counts, self._counts_before, seconds),
+            self._delays.status(),
+            *losses(counts),
+        )
+        self._terminal.set_status(" · ".join(self._words.text(part) for part in parts if part is not None))
         self._counts_before, self._status_shown_at = counts, now
+
+    def _write_clauses(self, clauses: Iterable[Message]) -> None:
+        message = joined_clauses(clauses)
+        if message is not None:
+            self._write_message(message)
 
     def _closing_requests(self) -> bytes:
         """Return the requests that close the open sessions, as a JSON list of `ClosingRequests`."""
@@ -401,7 +384,11 @@ class ProxyWatcher:
         numbers = self._record_decoder.client_numbers
         return msgspec.json.encode(
             [
-                ClosingRequests(numbers[each.conversation], each.open_state, each.requests)
+                ClosingRequests(
+                    numbers[each.conversation],
+                    b"" if each.open_state is None else encode_message(each.open_state),
+                    each.requests,
+                )
                 for each in self._session_closer.close_sequences()
                 if each.conversation in numbers
             ]
@@ -410,9 +397,7 @@ class ProxyWatcher:
     def _skip_undecoded(self) -> None:
         """Skip records that there is no time to decode, except messages from the relay."""
         if self._reader.bytes_waiting:
-            self._terminal.write_message(
-                "what passed last was not looked at, as it takes too long; a recording has it"
-            )
+            self._write_message(Message("watcher.skipped"))
         while self._reader.bytes_waiting:
             self._show_relay_messages(self._reader.read_records())
 
@@ -426,13 +411,12 @@ class ProxyWatcher:
         if self._subscriber is not None:
             self._subscriber.close(self._decoded_until)
         findings = self._diagnosis.findings()
-        write, counts = self._terminal.write_message, tuple(self._reader.counts)
-        retries = counted(self._display.retry_count, "retry", "retries")
-        calls = f"{counted(self._display.call_count, 'call')}, {retries}"
-        write(f"{calls}; {totals_text(counts)}")
-        for line in (*loss_lines(counts), *self._delays.summary_lines()):
-            write(line)
+        counts = tuple(self._reader.counts)
+        self._write_clauses((self._display.counts, *totals(counts)))
+        for message in (*losses(counts), *self._delays.summary()):
+            self._write_message(message)
         if self._record_decoder.observation_count:
             width = shutil.get_terminal_size().columns
-            for line in FindingsRenderer(self._colors, width).lines(findings, self._diagnosis.totals()):
-                write(line)
+            renderer = FindingsRenderer(self._colors, width, words=self._words)
+            for line in renderer.lines(findings, self._diagnosis.totals()):
+                self._terminal.write_message(line)

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from bcapscope.capture.rotating_recording import RotatingRecording, RotationLimits
 from bcapscope.errors import FileWriteError
+from bcapscope.messages import Message
 from bcapscope.messages.os_errors import os_reason
 from bcapscope.render.escape import printable
 
@@ -22,7 +23,9 @@ class Recorder:
         warn: Reports a message to the user.
     """
 
-    def __init__(self, path: Path, warn: Callable[[str], None], ring: RotationLimits | None = None) -> None:
+    def __init__(
+        self, path: Path, warn: Callable[[Message], None], ring: RotationLimits | None = None
+    ) -> None:
         """Create the file.
 
         Args:
@@ -77,7 +80,7 @@ class Recorder:
             return
         if self._files.files_freed and not self._has_warned_full:
             self._has_warned_full = True
-            self.warn(f"the disk is full: the recording {self.name} removes its oldest files early")
+            self.warn(Message("recording.disk-full", name=self.name))
 
     def close(self) -> None:
         """Write all pending packets and close the file."""
@@ -87,4 +90,4 @@ class Recorder:
     def _give_up(self, error: OSError) -> None:
         self.is_complete = False
         self._files.close()
-        self.warn(f"{self.name} is not written any more: {os_reason(error)}")
+        self.warn(Message("recording.stopped", name=self.name, reason=os_reason(error)))

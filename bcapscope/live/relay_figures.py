@@ -7,10 +7,19 @@ from collections.abc import Iterable, Iterator, Sequence
 import numpy as np
 
 from bcapscope.analysis.statistics.distribution import DistributionSummary, Histogram
-from bcapscope.protocol.text_format import counted
+from bcapscope.messages import Message
+from bcapscope.messages.places import Count, Enumeration
 from bcapscope.proxy.ring_buffer import SET_POINT_DEADLINE_NS, RelayCounter, RingRecord, RingRecordKind
 
-_DIRECTIONS = ((True, "to the controller"), (False, "to the client"))
+_DEADLINE = f"{SET_POINT_DEADLINE_NS // 1_000_000} ms"
+_LOSSES = (
+    RelayCounter.LOST,
+    RelayCounter.FULL,
+    RelayCounter.DENIED,
+    RelayCounter.RULED,
+    RelayCounter.UNWATCHED,
+)
+_DIRECTIONS = ((True, "up"), (False, "down"))
 
 
 class DelayStatistics:
@@ -35,24 +44,22 @@ class DelayStatistics:
                 self._slow_count += int((values > SET_POINT_DEADLINE_NS).sum())
                 self._worst_ns = max(self._worst_ns, *delays)
 
-    def pop_warning(self) -> str:
-        """Return a warning the first time that the proxy is too slow for set points; otherwise ""."""
+    def pop_warning(self) -> Message | None:
+        """Return a warning the first time that the proxy is too slow for set points; otherwise None."""
         if self._has_warned or not self._slow_count:
-            return ""
+            return None
         self._has_warned = True
-        return (
-            f"the proxy itself held something for {self._worst_ns / 1e6:.1f} ms, longer than the "
-            f"{SET_POINT_DEADLINE_NS // 1_000_000} ms in which a set point has to be answered"
-        )
+        return Message("relay.slow", time=self._worst, limit=_DEADLINE)
 
-    def status_text(self) -> str:
-        """Return the median and the 99.9th percentile of both directions, as text; "" without data."""
+    def status(self) -> Message | None:
+        """Return the median and the 99.9th percentile of both directions; None without data."""
         parts = []
-        for up, name in ((True, "up"), (False, "down")):
+        for up, name in _DIRECTIONS:
             spread = self._histograms[up].distribution()
             if spread is not None:
-                parts.append(f"{name} {spread.p50:.0f}/{spread.p999:.0f}")
-        return f"held p50/p99.9 µs {', '.join(parts)}" if parts else ""
+                figures = f"{spread.p50:.0f}/{spread.p999:.0f}"
+                parts.append(Message(f"relay.status.{name}", figures=figures))
+        return Message("relay.status", parts=Enumeration(tuple(parts))) if parts else None
 
     def figures(self) -> list[int]:
         """Return the figures for the relay, in ns; see `ring_buffer.DELAY_FIGURES`."""
@@ -63,29 +70,28 @@ class DelayStatistics:
             found += [round(value * 1000) for value in values]
         return [*found, self._slow_count]
 
-    def summary_lines(self) -> Iterator[str]:
+    def summary(self) -> Iterator[Message]:
         """Yield the lines of the summary."""
         for up, name in _DIRECTIONS:
             spread = self._histograms[up].distribution()
             if spread is not None:
-                yield f"held on the way {name}: {_spread_text(spread)}"
+                yield Message(f"relay.held.{name}", **_microseconds(spread))
         if self._slow_count:
-            text = counted(self._slow_count, "time")
-            yield (
-                f"{text} longer than the {SET_POINT_DEADLINE_NS // 1_000_000} ms of a set point, "
-                f"{self._worst_ns / 1e6:.1f} ms at worst"
-            )
+            count = Count(self._slow_count, "time")
+            yield Message("relay.slow.times", count=count, limit=_DEADLINE, worst=self._worst)
+
+    @property
+    def _worst(self) -> str:
+        return f"{self._worst_ns / 1e6:.1f} ms"
 
 
-def _spread_text(spread: DistributionSummary) -> str:
-    return (
-        f"p50 {spread.p50:.0f} µs, p99 {spread.p99:.0f} µs, p99.9 {spread.p999:.0f} µs, "
-        f"at most {spread.most:.0f} µs"
-    )
+def _microseconds(spread: DistributionSummary) -> dict[str, str]:
+    figures = {"p50": spread.p50, "p99": spread.p99, "p999": spread.p999, "most": spread.most}
+    return {name: f"{value:.0f} µs" for name, value in figures.items()}
 
 
-def rates_text(counts: Sequence[int], before: Sequence[int], seconds: float) -> str:
-    """Return the datagrams sent per second, as text.
+def rates(counts: Sequence[int], before: Sequence[int], seconds: float) -> Message:
+    """Return the datagrams sent per second.
 
     Args:
         counts: Counts, indexed by `RelayCounter`.
@@ -96,30 +102,21 @@ def rates_text(counts: Sequence[int], before: Sequence[int], seconds: float) -> 
         (counts[way] - before[way]) / seconds if before else 0.0
         for way in (RelayCounter.LEFT_UP, RelayCounter.LEFT_DOWN)
     )
-    return f"{up:.0f}/s up, {down:.0f}/s down"
+    return Message("relay.rates", up=f"{up:.0f}", down=f"{down:.0f}")
 
 
-def loss_lines(counts: Sequence[int]) -> Iterator[str]:
+def losses(counts: Sequence[int]) -> Iterator[Message]:
     """Yield a line for each kind of traffic that was lost, denied, changed by rules or not watched."""
-    if counts[RelayCounter.LOST]:
-        yield f"{counts[RelayCounter.LOST]} dropped by the system: no room in a socket's buffer"
-    if counts[RelayCounter.FULL]:
-        yield f"{counts[RelayCounter.FULL]} that the system would not send"
-    if counts[RelayCounter.DENIED]:
-        yield f"{counts[RelayCounter.DENIED]} of clients that are not allowed, or too many"
-    if counts[RelayCounter.RULED]:
-        yield f"{counts[RelayCounter.RULED]} touched by rules"
-    if counts[RelayCounter.UNWATCHED]:
-        yield f"{counts[RelayCounter.UNWATCHED]} passed unseen and unrecorded: watching was too slow"
+    for counter in _LOSSES:
+        if counts[counter]:
+            yield Message(f"relay.{counter.name.lower()}", count=counts[counter])
 
 
-def totals_text(counts: Sequence[int]) -> str:
-    """Return the totals as text."""
-    text = (
-        f"{counted(counts[RelayCounter.CLIENTS], 'client')}; datagrams up {counts[RelayCounter.CAME_UP]} in, "
-        f"{counts[RelayCounter.LEFT_UP]} out, down {counts[RelayCounter.CAME_DOWN]} in, "
-        f"{counts[RelayCounter.LEFT_DOWN]} out"
-    )
-    if counts[RelayCounter.BYTES_UP] or counts[RelayCounter.BYTES_DOWN]:
-        text += f"; TCP bytes up {counts[RelayCounter.BYTES_UP]}, down {counts[RelayCounter.BYTES_DOWN]}"
-    return text
+def totals(counts: Sequence[int]) -> Iterator[Message]:
+    """Yield the totals, clause by clause."""
+    yield Message("relay.clients", clients=Count(counts[RelayCounter.CLIENTS], "client"))
+    names = "came_up", "left_up", "came_down", "left_down"
+    yield Message("relay.datagrams", **{name: counts[RelayCounter[name.upper()]] for name in names})
+    up, down = counts[RelayCounter.BYTES_UP], counts[RelayCounter.BYTES_DOWN]
+    if up or down:
+        yield Message("relay.bytes", up=up, down=down)

@@ -16,8 +16,9 @@ from bcapscope.live.background_recorder import BackgroundRecorder
 from bcapscope.live.end_signals import end_signal_socket, interrupt_on_end_signals
 from bcapscope.live.recorder import Recorder
 from bcapscope.live.terminal_writer import TerminalWriter
-from bcapscope.messages import ENGLISH_WORDS, MessageFormatter
+from bcapscope.messages import ENGLISH_WORDS, Message, MessageFormatter
 from bcapscope.player.realtime import realtime_priority
+from bcapscope.render.escape import printable
 from bcapscope.render.simulator_log import call_log_line, refusal_line
 from bcapscope.simulator.call_executor import CallReport
 from bcapscope.simulator.server_interfaces import ControllerModel
@@ -25,13 +26,12 @@ from bcapscope.simulator.simulator import Peer
 from bcapscope.simulator.simulator_server import SimulatorServer, serve
 
 
-def reachability_text(host: str) -> str:
-    """Return who can reach a listener on this address, as text for use inside a sentence."""
+def reachability(host: str) -> Message:
+    """Return who can reach a listener on this address, as a clause."""
     address = ipaddress.ip_address(host.partition("%")[0])
     if address.is_loopback:
-        return "only this machine reaches it"
-    whom = "every network of this machine" if address.is_unspecified else f"the network of {host}"
-    return f"everyone on {whom} reaches it"
+        return Message("listen.reach.machine")
+    return Message("listen.reach.all" if address.is_unspecified else "listen.reach.network", host=host)
 
 
 def _do_nothing(descriptor: int) -> None:
@@ -57,6 +57,7 @@ class ServerRunner:
         self._terminal = TerminalWriter()
         self.print_message = self._terminal.write_message
         self.log = ServerCallLog(not quiet, self._terminal, words)
+        self._words = words
         self._recording_path = record
         self._recorder: BackgroundRecorder | None = None
 
@@ -72,7 +73,7 @@ class ServerRunner:
         with closing(SimulatorServer(answerer, host, port)) as server:
             if self._recording_path is not None:
                 server.tap = self._recorder = BackgroundRecorder(
-                    Recorder(Path(self._recording_path), self.print_message)
+                    Recorder(Path(self._recording_path), self._warn)
                 )
             with suppress(KeyboardInterrupt):
                 yield server
@@ -112,6 +113,9 @@ class ServerRunner:
         self._terminal.close()
         return complete
 
+    def _warn(self, message: Message) -> None:
+        self.print_message(printable(self._words.text(message)))
+
     def _on_idle(self) -> bool:
         self.log.flush_if_due()
         return self._recorder is not None and self._recorder.on_idle()
@@ -142,10 +146,10 @@ class ServerCallLog:
         if self._wanted:
             self._pending.append((peer, report))
 
-    def add_note(self, text: str) -> None:
+    def add_note(self, note: Message) -> None:
         """Log a note that is not a call."""
         if self._wanted:
-            self._pending.append(f"# {text}")
+            self._pending.append(f"# {self._words.text(note)}")
 
     def flush_if_due(self) -> None:
         """Format the pending entries. Write them if the last write is longer ago than `_FLUSH_AFTER_NS`."""

@@ -98,6 +98,11 @@ def _restore(id: str, places: dict[str, PlaceValue], english: str | None) -> Mes
     return Message(id, **places) if english is None else Message.from_table(id, english, **places)
 
 
+def foreign_text(text: str) -> Message:
+    """Return a text that another program or library made, which stays as it is in every language."""
+    return Message.from_table("text", text)
+
+
 class MessageFormatter:
     """Puts messages into one language, for one report.
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from dataclasses import fields
 from functools import cache
@@ -36,8 +37,12 @@ def message_from_data(data: Mapping[str, Json]) -> Message:
 
 
 def encode_message(message: Message) -> bytes:
-    """Return a message as one line of JSON."""
-    return orjson.dumps(message_to_data(message))
+    """Return a message as one line of JSON. Lone surrogates, which UTF-8 lacks, become question marks."""
+    data = message_to_data(message)
+    try:
+        return orjson.dumps(data)
+    except orjson.JSONEncodeError:
+        return json.dumps(data, ensure_ascii=False).encode("utf-8", "replace")
 
 
 def decode_message(line: bytes) -> Message:

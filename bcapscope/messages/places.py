@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -270,6 +271,28 @@ class Enumeration(Place):
 
     def to_json(self) -> Json:
         return [str(each) for each in self.items]
+
+
+@dataclass(frozen=True, slots=True)
+class Clauses(Place):
+    """Several messages in a row, separated by semicolons."""
+
+    items: tuple[Message, ...]
+    type_name: ClassVar[str] = "clauses"
+
+    def text(self, words: MessageFormatter) -> str:
+        return words("list.semicolon").join(map(words.text, self.items))
+
+    def to_json(self) -> Json:
+        return [str(each) for each in self.items]
+
+
+def joined_clauses(clauses: Iterable[Message]) -> Message | None:
+    """Return clauses as one message, each once; None if there are none."""
+    items = tuple(dict.fromkeys(clauses))
+    if len(items) < 2:
+        return items[0] if items else None
+    return Message("list.clauses", items=Clauses(items))
 
 
 @dataclass(frozen=True, slots=True)

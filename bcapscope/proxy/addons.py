@@ -27,6 +27,7 @@ from typing import Any, NamedTuple
 
 from bcapscope.faults.quantities import HresultQuantity
 from bcapscope.faults.wire_message import WireMessage
+from bcapscope.messages import Message
 from bcapscope.protocol.codec.frame import Frame
 from bcapscope.protocol.tables.function_table import function_name
 from bcapscope.proxy.script_protocol import ScriptError
@@ -133,7 +134,7 @@ class AddonRunner(PipelineSubscriber):
             addons: Objects with methods named as in `HOOKS`.
             clock: Returns ns; measures slow hooks.
         """
-        self.notify: Callable[[str], None] = lambda text: None
+        self.notify: Callable[[Message], None] = lambda message: None
         self.errors = 0
         self._clock = clock
         self._reported: set[tuple[int, str, str]] = set()
@@ -158,7 +159,7 @@ class AddonRunner(PipelineSubscriber):
                 break
         if not isinstance(passing.data, bytes):
             if self._is_new(self, name, "data"):
-                self.notify(f"{name}: data is to be bytes; the message goes on as it came (reported once)")
+                self.notify(Message("addon.data", hook=name))
             passing.data = message.data
         if self._pipeline is not None:
             for annotated in message.annotated_frames:
@@ -200,16 +201,18 @@ class AddonRunner(PipelineSubscriber):
             self._call(addon, name, hook, *arguments)
 
     def _call(self, addon: object, name: str, hook: Callable[..., object], *arguments: object) -> None:
+        hook_name = f"{type(addon).__name__}.{name}"
         began = self._clock()
         try:
             hook(*arguments)
         except BaseException as error:  # even SystemExit: the process must continue
             if self._is_new(addon, name, "error"):  # else finding the place costs more than all the rest
-                self.notify(f"{type(addon).__name__}.{name}: {_where(error)} (reported once)")
+                self.notify(
+                    Message("addon.error", hook=f"{type(addon).__name__}.{name}", error=_where(error))
+                )
         took = self._clock() - began
         if took > SLOW_HOOK_NS and self._is_new(addon, name, "slow"):
-            text = f"{type(addon).__name__}.{name} delayed messages by {took / 1e6:.1f} ms"
-            self.notify(f"{text} (reported once)")
+            self.notify(Message("addon.slow", hook=hook_name, time=f"{took / 1e6:.1f} ms"))
 
     def _is_new(self, addon: object, name: str, kind: str) -> bool:
         """Count an error. Return whether the user does not know it yet."""
@@ -234,30 +237,32 @@ def load_addons(path: str) -> list[object]:
     ]
     kinds = [kind for kind in kinds if any(callable(getattr(kind, hook, None)) for hook in HOOKS)]
     if not kinds:
-        raise ScriptError(f"{path} has no class with a method {', '.join(HOOKS[:-1])} or {HOOKS[-1]}")
+        hooks = ", ".join(HOOKS[:-1])
+        raise ScriptError(Message("script.no-class", path=path, hooks=hooks, last=HOOKS[-1]))
     for kind in kinds:
         for hook in HOOKS:
             if inspect.iscoroutinefunction(getattr(kind, hook, None)):
-                raise ScriptError(f"{path}: {kind.__name__}.{hook} is async; nobody would wait for it")
+                raise ScriptError(Message("script.async", path=path, hook=f"{kind.__name__}.{hook}"))
     try:
         return [kind() for kind in kinds]
     except BaseException as error:
-        raise ScriptError(f"{path}: {_where(error)}") from error
+        raise ScriptError(Message("script.failed", path=path, error=_where(error))) from error
 
 
 def _load_module(path: str) -> ModuleType:
     name = f"bcapscope_script_{Path(path).stem}"
     spec = importlib.util.spec_from_file_location(name, path)
     if spec is None or spec.loader is None:
-        raise ScriptError(f"{path} is no Python file; its name ends with .py")
+        raise ScriptError(Message("script.no-python", path=path))
     module = importlib.util.module_from_spec(spec)
     sys.modules[name] = module  # dataclasses look their module up there
     try:
         spec.loader.exec_module(module)
     except BaseException as error:
         if isinstance(error, OSError) and error.filename == spec.origin:
-            raise ScriptError(f"{path} cannot be read: {error.strerror or error}") from error
-        raise ScriptError(f"{path}: {_where(error)}") from error
+            reason = error.strerror or str(error)
+            raise ScriptError(Message("script.unreadable", path=path, reason=reason)) from error
+        raise ScriptError(Message("script.failed", path=path, error=_where(error))) from error
     return module
 
 

@@ -11,6 +11,7 @@ from enum import Enum
 from operator import itemgetter
 from typing import Protocol
 
+from bcapscope.messages import Message
 from bcapscope.transport.first_frame_queue import source_network
 
 MAX_CLIENTS = 256
@@ -28,7 +29,7 @@ REPLACE_INTERVAL_NS = 5_000_000
 REPLACE_BURST = 64
 """Evictions without that delay, after a quiet time."""
 
-TOO_MANY_CLIENTS = "silent, and there are too many clients"
+TOO_MANY_CLIENTS = Message("client.silent.too-many")
 """Reason for ending a client that is evicted for another."""
 
 
@@ -46,7 +47,7 @@ class Occupant(Protocol):
     def evictable_idle_ns(self, now: int) -> int | None:
         """Return for how many ns the client was idle, if it may be evicted for another; else None."""
 
-    def close(self, reset: bool, why: str) -> None:
+    def close(self, reset: bool, why: Message) -> None:
         """End the client."""
 
 

@@ -6,10 +6,13 @@ import json
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple, TypeVar
 
+from bcapscope.errors import InputError, message_of
 from bcapscope.faults.document import DocumentError, fault_from, to_plain_data
 from bcapscope.faults.fault_notation import read_fault, write_fault
 from bcapscope.faults.quantities import DurationQuantity, FrameCondition
 from bcapscope.faults.rewriter import rewrite_message
+from bcapscope.messages import Message
+from bcapscope.messages.message_codec import message_to_data
 from bcapscope.protocol.tables.function_table import function_name
 from bcapscope.proxy import control_messages as control
 from bcapscope.proxy.direction_state import ClientActivity
@@ -59,12 +62,13 @@ class ControlApi:
                 control.encode_line(self._execute(control.decode_request(line), now)), True
             )
         except json.JSONDecodeError as error:
-            is_json, reason = False, f"no JSON: {error}"
+            is_json, reason = False, Message("control.no-json", reason=str(error))
         except KeyError as error:
-            reason = self._unknown_text(error.args[0])
+            reason = self._unknown(error.args[0])
         except ValueError as error:
-            reason = str(error)
-        return ControlResponse(control.encode_line(control.ErrorResponse(False, reason)), is_json)
+            reason = message_of(error)
+        refusal = control.ErrorResponse(False, str(reason), message_to_data(reason))
+        return ControlResponse(control.encode_line(refusal), is_json)
 
     def _execute(self, request: control.ControlRequest, now: int) -> control.DoneResponse:
         rules = self._rules
@@ -91,7 +95,7 @@ class ControlApi:
         shaper = self._rules.shaper
         if isinstance(request, control.AddFault):
             if bool(request.rule) == bool(request.fault):
-                raise ValueError("add takes a rule in one line, or a fault as in a file")
+                raise InputError(Message("control.add"))
             return shaper.add(read_fault(request.rule) if request.rule else fault_from(request.fault), now)
         if isinstance(request, control.RemoveFault):
             shaper.remove(request.name)
@@ -123,15 +127,12 @@ class ControlApi:
         if held is None:
             raise KeyError(request.number)
         if bool(request.hex) == bool(request.rewrite):
-            raise ValueError("edit takes the bytes in hex, or what to rewrite")
+            raise InputError(Message("control.edit"))
         if request.hex:
             return bytes.fromhex(request.hex)
         data = rewrite_message(held.data, held.flow, request.rewrite)
         if data == held.data:  # a typing error must not let a motion pass unchanged
-            raise ValueError(
-                "that changes nothing: no such argument, a value that does not fit its type, "
-                "or the one that it has"
-            )
+            raise InputError(Message("control.no-change"))
         return data
 
     def _stats(self) -> control.ProxyStats:
@@ -149,18 +150,18 @@ class ControlApi:
             **self._figures(),
         )
 
-    def _unknown_text(self, what: object) -> str:
+    def _unknown(self, what: object) -> Message:
         if isinstance(what, int):
-            return f"no message {what} is held"
-        known = ", ".join(self._rules.shaper.hit_counts) or "there are none"
-        return f"there is no fault {what!r}: {known}"
+            return Message("control.no-message", number=what)
+        known = ", ".join(self._rules.shaper.hit_counts)
+        return Message("control.no-fault", name=f"{what!r}", known=known or Message("control.no-faults"))
 
 
 def _quantity(field: str, kind: type[Q], text: str | None) -> Q | None:
     try:
         return None if text is None else kind.read(text)
     except ValueError as error:
-        raise DocumentError((field,), 0, str(error)) from None
+        raise DocumentError((field,), 0, message_of(error)) from None
 
 
 def _fault_status(rules: RulePolicy, name: str) -> control.FaultStatus:
@@ -194,6 +195,7 @@ def _seconds_ago(then: int, now: int) -> float | None:
 
 def _held_status(held: HeldMessage, now: int) -> control.HeldStatus:
     kind, conversation = held.call_kind, held.flow.conversation
+    abandoned = held.abandonment_reason(now)
     return control.HeldStatus(
         held.number,
         str(conversation.client),
@@ -206,6 +208,6 @@ def _held_status(held: HeldMessage, now: int) -> control.HeldStatus:
         round((now - held.since) / 1e9, 3),
         round((held.until - now) / 1e9, 3),
         held.data.hex(),
-        held.abandonment_reason(now),
+        "" if abandoned is None else str(abandoned),
         held.repeats,
     )

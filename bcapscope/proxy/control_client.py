@@ -12,6 +12,7 @@ from typing import TypeVar
 
 from bcapscope.errors import BcapError
 from bcapscope.messages import Message
+from bcapscope.messages.message import foreign_text
 from bcapscope.messages.os_errors import os_reason
 from bcapscope.proxy import control_messages as control
 from bcapscope.proxy.control_socket import ControlError, connect_control
@@ -34,9 +35,10 @@ class ControlRefused(BcapError):
         line: The response as received, JSON.
     """
 
-    def __init__(self, reason: str, line: bytes) -> None:
-        cut = reason if len(reason) <= _LONGEST_REASON else f"{reason[:_LONGEST_REASON]}…"
-        super().__init__(cut)
+    def __init__(self, reason: Message, line: bytes) -> None:
+        text = str(reason)
+        is_long = len(text) > _LONGEST_REASON
+        super().__init__(foreign_text(f"{text[:_LONGEST_REASON]}…") if is_long else reason)
         self.line = line
 
 
@@ -84,7 +86,7 @@ class ControlClient:
             self.close()
             raise ControlError(Message("control.not-a-proxy", address=self._address)) from error
         if not head.ok:
-            raise ControlRefused(head.error, line)
+            raise ControlRefused(head.reason, line)
         return line
 
     def close(self) -> None:

@@ -26,7 +26,11 @@ import orjson
 from msgspec import Meta
 from msgspec.structs import force_setattr
 
+from bcapscope.errors import InputError
 from bcapscope.faults.document import convert_data
+from bcapscope.messages import Message
+from bcapscope.messages.message import foreign_text
+from bcapscope.messages.message_codec import message_from_data
 from bcapscope.traffic.call_kind import CallKind
 from bcapscope.traffic.observation import Conversation, Direction, Endpoint, Flow, Transport
 
@@ -123,10 +127,24 @@ ControlRequest: TypeAlias = FaultChange | HoldChange | ListFaults | ListHeld | L
 
 
 class ErrorResponse(msgspec.Struct, frozen=True):
-    """The proxy refused a request; `error` is the reason. The client reads every response as one first."""
+    """The proxy refused a request; `error` is the reason in English, `message` that of `message_to_data`.
+
+    The client reads every response as one first.
+    """
 
     ok: bool
     error: str = "the proxy refused"
+    message: dict[str, Any] | None = None
+
+    @property
+    def reason(self) -> Message:
+        """The reason. A program that is no proxy of this version may give none, or an invalid one."""
+        try:
+            if self.message is not None:
+                return message_from_data(self.message)
+        except (LookupError, TypeError, AttributeError):
+            pass
+        return foreign_text(self.error)
 
 
 class DoneResponse(msgspec.Struct, frozen=True, kw_only=True):
@@ -309,7 +327,7 @@ def decode_response(line: bytes, kind: type[T]) -> T:
     try:
         return msgspec.json.decode(line, type=kind)
     except RecursionError as error:
-        raise ValueError("lists inside lists without end") from error
+        raise InputError(Message("document.endless")) from error
 
 
 def _endpoint(text: str) -> Endpoint:

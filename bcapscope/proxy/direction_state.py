@@ -7,6 +7,8 @@ from typing import NamedTuple
 
 from msgspec.structs import replace
 
+from bcapscope.messages import Message
+from bcapscope.messages.places import joined_clauses
 from bcapscope.protocol.codec.byte_budget import ByteBudget
 from bcapscope.protocol.codec.frame import Frame, Malformed, parse_datagram
 from bcapscope.protocol.codec.stream_splitter import StreamSplitter
@@ -155,13 +157,13 @@ class DecisionBuilder:
 
     def __init__(self) -> None:
         self.actions: list[SendAction | CloseAction] = []
-        self.notes: list[str] = []
+        self.notes: list[Message] = []
         self.waiting = self.ticket = 0
 
     @property
-    def note(self) -> str:
-        """All notes as one text, each once."""
-        return "; ".join(dict.fromkeys(self.notes))
+    def note(self) -> Message | None:
+        """All notes as one message, each once; None if there are none."""
+        return joined_clauses(self.notes)
 
 
 class UndecidedMessage(NamedTuple):

@@ -10,6 +10,7 @@ from bcapscope.faults.attempt_counter import AttemptCounter, AttemptedCall
 from bcapscope.faults.quantities import FrameCondition
 from bcapscope.faults.rewriter import with_header
 from bcapscope.faults.wire_message import WireMessage
+from bcapscope.messages import Message
 from bcapscope.protocol.codec.frame import Frame, parse_datagram
 from bcapscope.protocol.guard import always_passes
 from bcapscope.traffic.call_kind import CallKind
@@ -44,7 +45,7 @@ class HeldMessage(NamedTuple):
         last_attempt_at: Time of the latest attempt, ns.
         repeats: Number of later packets of the same call. They are not held separately.
         subject: Subject of the decision, if there may be retries.
-        abandoned_because: What the client did that shows that it no longer waits; "" for nothing.
+        abandoned_because: What the client did that shows that it no longer waits; None for nothing.
     """
 
     number: int
@@ -57,21 +58,21 @@ class HeldMessage(NamedTuple):
     last_attempt_at: int
     repeats: int = 0
     subject: _Subject | None = None
-    abandoned_because: str = ""
+    abandoned_because: Message | None = None
 
-    def abandonment_reason(self, now: int) -> str:
-        """Return how bcapscope knows that the client no longer waits for a reply; "" if the client may wait.
+    def abandonment_reason(self, now: int) -> Message | None:
+        """Return how bcapscope knows that the client no longer waits for a reply; None if it may wait.
 
         A motion that starts long after the client reported a failure to its user does harm. A client makes
         one call at a time, so it no longer waits once its stream has ended or it has sent another request. On
         UDP, it no longer waits if it has not retried within `RETRY_WITHIN_NS`. On TCP, where there are no
         retries, a silent client may wait.
         """
-        if self.abandoned_because or self.flow.direction is Direction.RESPONSE:
+        if self.abandoned_because is not None or self.flow.direction is Direction.RESPONSE:
             return self.abandoned_because
         if self.flow.conversation.transport is Transport.TCP or now - self.last_attempt_at <= RETRY_WITHIN_NS:
-            return ""
-        return f"its client has not asked again for {(now - self.last_attempt_at) / 1e9:.1f} s"
+            return None
+        return Message("held.no-retry", time=f"{(now - self.last_attempt_at) / 1e9:.1f} s")
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,7 +84,7 @@ class InterceptResult:
         data: Bytes that go on now in its place; None for nothing.
     """
 
-    note: str
+    note: Message
     data: bytes | None
 
 
@@ -160,16 +161,17 @@ class Intercept:
                 self._held[number] = known._replace(
                     data=message.data, last_attempt_at=message.now, repeats=known.repeats + 1
                 )
-                return InterceptResult(f"intercept: held with {number}, of which it is another try", None)
+                return InterceptResult(Message("held.with", number=number), None)
             if decided is not None:
                 return self._repeat_decision(message, subject, decided)
         if is_first and message.flow.direction is Direction.REQUEST:
-            self.mark_abandoned(message.flow, "its client has asked for something else since")
+            self.mark_abandoned(message.flow, Message("held.other-request"))
         if not self._should_hold(message):
             return None
         if self.is_full:
-            return InterceptResult(f"intercept: not held, {len(self._held)} are held already", message.data)
-        return InterceptResult(f"intercept: held as {self._hold(client, message, subject)}", None)
+            return InterceptResult(Message("held.full", count=len(self._held)), message.data)
+        number = self._hold(client, message, subject)
+        return InterceptResult(Message("held.as", number=number), None)
 
     def release(self, number: int, now: int, data: bytes | None = None) -> HeldMessage:
         """Release a message and return it. The decision also applies to its retries.
@@ -195,15 +197,15 @@ class Intercept:
     def pop_expired(self, now: int) -> list[HeldMessage]:
         """Release messages whose hold has ended. Abandoned messages are dropped, with their retries."""
         return [
-            self.release(held.number, now, b"" if held.abandonment_reason(now) else None)
+            self.release(held.number, now, None if held.abandonment_reason(now) is None else b"")
             for held in self.held
             if held.until <= now
         ]
 
-    def mark_abandoned(self, flow: Flow, why: str) -> None:
+    def mark_abandoned(self, flow: Flow, why: Message) -> None:
         """Mark the held messages of a flow as abandoned by their client, with the reason."""
         for held in self.held:
-            if held.flow is flow and not held.abandoned_because:
+            if held.flow is flow and held.abandoned_because is None:
                 self._held[held.number] = held._replace(abandoned_because=why)
 
     def holds(self, flow: Flow) -> bool:
@@ -243,12 +245,12 @@ class Intercept:
         self._remember_decision(subject, replace(decided, until=message.now + RETRY_WITHIN_NS))
         (frame,), number = message.frames, decided.number
         if decided.data is None:
-            return InterceptResult(f"intercept: sent on, as {number} was", message.data)
+            return InterceptResult(Message("held.sent-as", number=number), message.data)
         items = parse_datagram(decided.data)
         if len(items) == 1 and isinstance(items[0], Frame):
             data = with_header(items[0], serial=frame.serial, reserved=frame.reserved)
-            return InterceptResult(f"intercept: edited, as {number} was", data)
-        return InterceptResult(f"intercept: dropped, as it is another try of {number}", None)
+            return InterceptResult(Message("held.edited-as", number=number), data)
+        return InterceptResult(Message("held.dropped-as", number=number), None)
 
     def _remember_decision(self, subject: _Subject, decided: _PastDecision) -> None:
         """Store a decision at the end, so that the order is that of expiry."""

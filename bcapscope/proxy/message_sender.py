@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 from bcapscope.faults.reply_factory import ReplyFactory
 from bcapscope.faults.wire_message import WireMessage
+from bcapscope.messages import Message
 from bcapscope.protocol.codec.frame import Frame
 from bcapscope.protocol.tables.hresult import E_ACCESSDENIED
 from bcapscope.proxy.direction_state import DecisionBuilder, DirectionState
@@ -35,7 +36,7 @@ class MessageSender:
     def close_conversation(self, conversation: Conversation) -> None:
         self._replies.close_conversation(conversation)
 
-    def send(self, state: DirectionState, data: bytes, note: str, work: DecisionBuilder) -> None:
+    def send(self, state: DirectionState, data: bytes, note: Message | None, work: DecisionBuilder) -> None:
         """Send a message. A request goes through the guard first."""
         direction = state.flow.direction
         if self.guard is not None and direction is Direction.REQUEST:
@@ -45,7 +46,7 @@ class MessageSender:
         work.actions.append(SendAction(state.client, direction, data, note))
 
     def refuse_motion(
-        self, state: DirectionState, message: WireMessage, note: str, work: DecisionBuilder
+        self, state: DirectionState, message: WireMessage, note: Message, work: DecisionBuilder
     ) -> bytes:
         """Refuse the motions in a request. Return the bytes of the rest."""
         passing, refused = remove_motion(each.observation.item for each in message.annotated_frames)
@@ -57,7 +58,12 @@ class MessageSender:
         return passing
 
     def answer(
-        self, state: DirectionState, requests: Sequence[Frame], code: int, note: str, work: DecisionBuilder
+        self,
+        state: DirectionState,
+        requests: Sequence[Frame],
+        code: int,
+        note: Message,
+        work: DecisionBuilder,
     ) -> None:
         """Send the client a reply with a result code to each request."""
         for request in requests:
@@ -71,8 +77,8 @@ class MessageSender:
         passing, refused, dropped = guard.filter_frames(data)
         for frame, why in refused:
             self.refused_requests += 1
-            work.notes.append(f"guard: {why}, answered with E_ACCESSDENIED")
-            self.answer(state, (frame,), E_ACCESSDENIED, f"guard: {why}", work)
+            work.notes.append(Message("guard.answered", reason=why))
+            self.answer(state, (frame,), E_ACCESSDENIED, Message("guard.refused", reason=why), work)
         if dropped:
-            work.notes.append("guard: dropped bytes that are no frame")
+            work.notes.append(Message("guard.dropped"))
         return passing

@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable
 from typing import Protocol, TypeAlias
 
+from bcapscope.messages import Message
 from bcapscope.proxy.sockets import SocketAddress, endpoint_of
 from bcapscope.traffic.observation import Endpoint
 from bcapscope.transport.first_frame_queue import FirstFrameQueue
@@ -30,7 +31,7 @@ class ConnectionHost(Protocol):
     def unwatch(self, descriptor: int) -> None:
         """Stop waiting for a file descriptor."""
 
-    def deny(self, client: Endpoint, why: str) -> None:
+    def deny(self, client: Endpoint, why: Message) -> None:
         """Count a client that is not admitted, and report some of them to the user."""
 
 
@@ -51,7 +52,7 @@ class PendingConnections:
         descriptor = client.fileno()
         dropped = self._lobby.add(descriptor, address[0])
         if dropped is not None:
-            self._refuse(dropped, "was silent, and others want to connect")
+            self._refuse(dropped, Message("client.silent.others"))
         self._clients[descriptor] = client, address, admit
         self._host.watch(descriptor, lambda _: self._read(descriptor))
         self._read(descriptor)
@@ -61,13 +62,13 @@ class PendingConnections:
         dropped = self._lobby.drop_one()
         if dropped is None:
             return False
-        self._refuse(dropped, "was silent, and there are no file descriptors left")
+        self._refuse(dropped, Message("client.silent.descriptors"))
         return True
 
     def sweep(self, now: int) -> None:
         """End clients whose first frame takes too long."""
         for descriptor in self._lobby.drop_overdue(now):
-            self._refuse(descriptor, "did not complete its first frame in time")
+            self._refuse(descriptor, Message("client.slow-first-frame"))
 
     def close(self) -> None:
         """End all pending clients."""
@@ -96,7 +97,7 @@ class PendingConnections:
         self._host.unwatch(descriptor)
         return self._clients.pop(descriptor)
 
-    def _refuse(self, descriptor: int, why: str) -> None:
+    def _refuse(self, descriptor: int, why: Message) -> None:
         client, address, _ = self._remove(descriptor)
         close_with_reset(client)
         self._host.deny(endpoint_of(address), why)

@@ -10,6 +10,7 @@ from typing import Protocol, TypeAlias
 
 import msgspec
 
+from bcapscope.messages import Message
 from bcapscope.traffic.observation import Conversation, Direction
 
 
@@ -22,13 +23,13 @@ class SendAction(msgspec.Struct, frozen=True):
         client: Number of the client whose connection is used.
         toward: REQUEST sends to the controller, RESPONSE to the client.
         data: A datagram, or the next bytes of a stream.
-        note: What a rule did to it, for the recording and the screen; "" if it is unchanged.
+        note: What a rule did to it, for the recording and the screen; None if it is unchanged.
     """
 
     client: int
     toward: Direction
     data: bytes
-    note: str = ""
+    note: Message | None = None
 
 
 class CloseAction(msgspec.Struct, frozen=True):
@@ -42,7 +43,7 @@ class CloseAction(msgspec.Struct, frozen=True):
 
     client: int
     reset: bool
-    note: str
+    note: Message
 
 
 class LateDecision(msgspec.Struct, frozen=True):
@@ -57,7 +58,7 @@ class LateDecision(msgspec.Struct, frozen=True):
 
     client: int
     ticket: int
-    note: str
+    note: Message | None
     actions: Sequence[SendAction | CloseAction]
 
 
@@ -68,12 +69,12 @@ class PolicyDecision(msgspec.Struct, frozen=True):
     """A decision about received data.
 
     Attributes:
-        note: What a rule did, such as "loss=5%: dropped"; "" if no rule touched the data.
+        note: What a rule did, such as "loss=5%: dropped"; None if no rule touched the data.
         actions: Actions to do at once, in order. `Policy.pop_due_actions` returns later ones.
         ticket: Identifies data that waits for a `LateDecision`; 0 if all is decided.
     """
 
-    note: str
+    note: Message | None
     actions: Sequence[SendAction | CloseAction]
     ticket: int = 0
 
@@ -119,5 +120,5 @@ class Policy(Protocol):
     def close(self, now: int) -> None:
         """End the rules: no more data arrives."""
 
-    def report(self) -> Sequence[str]:
+    def report(self) -> Sequence[Message]:
         """Return a summary of what the rules did, in a few lines."""

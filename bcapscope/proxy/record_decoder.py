@@ -9,13 +9,19 @@ from __future__ import annotations
 from bisect import bisect_right
 from collections.abc import Iterable, Iterator
 from itertools import repeat
+from typing import TypeAlias
 
+from bcapscope.messages import Message
+from bcapscope.messages.message_codec import decode_message
 from bcapscope.protocol.codec.byte_budget import ByteBudget
 from bcapscope.protocol.codec.frame import parse_datagram
 from bcapscope.protocol.codec.stream_splitter import StreamPiece, StreamSplitter
 from bcapscope.proxy.relay_session import ClientEndpoints, read_endpoints
 from bcapscope.proxy.ring_buffer import RingRecord, RingRecordKind, hole_sizes
 from bcapscope.traffic.observation import Conversation, Direction, Flow, Observation, Transport
+
+NotedObservation: TypeAlias = tuple[Observation, Message | None]
+"""An observation, and what a rule did to it (None for nothing)."""
 
 _MAX_MARKS = 256
 """Pieces of one unfinished frame whose times are kept separately."""
@@ -65,7 +71,7 @@ class RecordDecoder:
         self.observation_count = 0
         self._clients: dict[int, _Client] = {}
         self._budget = ByteBudget()
-        self._closed_clients: list[tuple[Conversation, str]] = []
+        self._closed_clients: list[tuple[Conversation, Message]] = []
 
     @property
     def client_numbers(self) -> dict[Conversation, int]:
@@ -77,15 +83,15 @@ class RecordDecoder:
         """Time of the last request of each connected client, ns since 1970."""
         return {client.conversation: client.last_heard for client in self._clients.values()}
 
-    def pop_closed_clients(self) -> list[tuple[Conversation, str]]:
+    def pop_closed_clients(self) -> list[tuple[Conversation, Message]]:
         """Return the clients that have gone since the last call, each with the relay's reason."""
         gone, self._closed_clients = self._closed_clients, []
         return gone
 
     def decode(
         self, records: Iterable[RingRecord], packets: Iterable[int] | None = None
-    ) -> Iterator[tuple[Observation, str]]:
-        """Yield each observation, with a note of what a rule did to it ("" for nothing).
+    ) -> Iterator[NotedObservation]:
+        """Yield each observation, with a note of what a rule did to it (None for nothing).
 
         Args:
             records: The records.
@@ -93,7 +99,8 @@ class RecordDecoder:
         """
         clients = self._clients
         for record, packet in zip(records, packets or repeat(0), strict=False):
-            kind, up, number, came, left, data, note = record
+            kind, up, number, came, left, data, encoded = record
+            note = decode_message(encoded) if encoded else None
             if kind is RingRecordKind.CLIENT_OPENED:
                 clients[number] = _Client(read_endpoints(record.data), came, self._budget)
                 continue
@@ -117,7 +124,7 @@ class RecordDecoder:
             else:
                 yield from self._decode_event(client, record)
 
-    def _decode_event(self, client: _Client, record: RingRecord) -> Iterator[tuple[Observation, str]]:
+    def _decode_event(self, client: _Client, record: RingRecord) -> Iterator[NotedObservation]:
         """Yield the observations that result from a record without data."""
         kind = record.kind
         if kind is RingRecordKind.HOLE:
@@ -128,40 +135,40 @@ class RecordDecoder:
             yield from self._decode_end(client, record)
         elif kind is RingRecordKind.CLIENT_CLOSED:
             del self._clients[record.client]
-            self._closed_clients.append((client.conversation, record.data.decode("utf-8", "replace")))
+            self._closed_clients.append((client.conversation, decode_message(record.data)))
             for way in client.directions:
                 yield from self._flush_direction(way, record.received_at)
 
     def _decode_stream(
-        self, way: _DirectionStream, data: bytes, time: int, note: str
-    ) -> Iterator[tuple[Observation, str]]:
+        self, way: _DirectionStream, data: bytes, time: int, note: Message | None
+    ) -> Iterator[NotedObservation]:
         way.arrival_times.append((way.size, time))
         way.size += len(data)
         yield from self._make_observations(way, way.splitter.feed(data), time, note)
         if len(way.arrival_times) > _MAX_MARKS:
             del way.arrival_times[1 : _MAX_MARKS // 2]
 
-    def _decode_hole(self, way: _DirectionStream, record: RingRecord) -> Iterator[tuple[Observation, str]]:
+    def _decode_hole(self, way: _DirectionStream, record: RingRecord) -> Iterator[NotedObservation]:
         came, left = hole_sizes(record)
         size, when = (came, record.received_at) if record.up else (left, record.sent_at)
         if size:
             way.arrival_times.append((way.size, when))
             way.size += size
-            yield from self._make_observations(way, way.splitter.add_gap(size), when, "")
+            yield from self._make_observations(way, way.splitter.add_gap(size), when, None)
 
-    def _decode_end(self, client: _Client, record: RingRecord) -> Iterator[tuple[Observation, str]]:
+    def _decode_end(self, client: _Client, record: RingRecord) -> Iterator[NotedObservation]:
         _, up, _, came, left, *_ = record
         if came:  # else the proxy ended it
             client.on_end(up, record.kind is RingRecordKind.RESET, came)
         if time := came if up else left:
             yield from self._flush_direction(client.directions[up], time)
 
-    def _flush_direction(self, way: _DirectionStream, time: int) -> Iterator[tuple[Observation, str]]:
-        yield from self._make_observations(way, way.splitter.close(), time, "")
+    def _flush_direction(self, way: _DirectionStream, time: int) -> Iterator[NotedObservation]:
+        yield from self._make_observations(way, way.splitter.close(), time, None)
 
     def _make_observations(
-        self, way: _DirectionStream, pieces: Iterable[StreamPiece], time: int, note: str
-    ) -> Iterator[tuple[Observation, str]]:
+        self, way: _DirectionStream, pieces: Iterable[StreamPiece], time: int, note: Message | None
+    ) -> Iterator[NotedObservation]:
         for start, stop, item in pieces:
             place = bisect_right(way.arrival_times, start, key=_offset) - 1
             self.observation_count += 1

@@ -10,6 +10,9 @@ import time
 from collections.abc import Callable, Iterable, Sequence
 from typing import NamedTuple, TypeAlias
 
+from bcapscope.messages import Message
+from bcapscope.messages.message import foreign_text
+from bcapscope.messages.message_codec import encode_message
 from bcapscope.proxy.admission import ClientSlots
 from bcapscope.proxy.pending_connections import PendingConnections
 from bcapscope.proxy.policy import CloseAction, LateDecision, Policy, PolicyAction, SendAction
@@ -31,6 +34,9 @@ _SWEEP_EVERY = 20
 
 _LONGEST_NOTE = 4096
 """Longest note of a rule, in bytes."""
+
+_LONGEST_CUT_NOTE = 600
+"""Characters that are kept of a note that is too long; each takes six bytes at most."""
 
 _SPARE_DESCRIPTORS = 4
 """File descriptors kept for stops when there are no others: two for a TCP client, one for a UDP client, and
@@ -122,7 +128,7 @@ class Relay:
     def close(self) -> None:
         self.close_listeners()
         for session in list(self.sessions.values()):
-            session.close(False, "the proxy ended")
+            session.close(False, Message("client.proxy-ended"))
         self._record_removed_clients()
         for listener in self._listeners:
             listener.release()
@@ -167,12 +173,13 @@ class Relay:
         self._poller.modify(descriptor, 0)
         self._paused.add(descriptor)
 
-    def deny(self, client: Endpoint, why: str, what: str = "its connection is closed") -> None:
+    def deny(self, client: Endpoint, why: Message, is_datagram: bool = False) -> None:
         """Count a client that is not admitted. Report the 1st, 2nd, 4th, 8th … of them to the user."""
         self.counts[RelayCounter.DENIED] += 1
         self._denied += 1
         if should_report(self._denied):
-            self.notify(f"{client} {why}; {what}")
+            case = "client.denied.datagrams" if is_datagram else "client.denied.connection"
+            self.notify(Message(case, client=str(client), reason=why))
 
     def free_newcomer_descriptor(self) -> bool:
         """Free a file descriptor for a TCP client that may send a stop. Return whether one was freed."""
@@ -213,20 +220,20 @@ class Relay:
     def next_number(self) -> int:
         return self.counts[RelayCounter.CLIENTS] + 1
 
-    def remove_client(self, session: RelaySession, why: str) -> None:
+    def remove_client(self, session: RelaySession, why: Message) -> None:
         """Forget a client. The ring gets this soon, after the client's last data that was not forwarded."""
         self._paused_sessions.pop(session.number, None)
         if self.sessions.pop(session.number, None) is not None:
             self.slots[session.conversation.transport].release(session.number)
             self.record_undecided(session, True)
             self.record_undecided(session, False)
-            self._removed_clients.append((session.number, _encode_note(why), time.time_ns()))
+            self._removed_clients.append((session.number, encode_note(why), time.time_ns()))
             if self.policy is not None:
                 self.policy.remove_client(session.number, time.monotonic_ns())
 
-    def notify(self, text: str) -> None:
+    def notify(self, message: Message) -> None:
         """Send a message to the user."""
-        self.ring.write_required(RingRecordKind.NOTICE, 0, text.encode("utf-8", "replace"), time.time_ns())
+        self.ring.write_required(RingRecordKind.NOTICE, 0, encode_message(message), time.time_ns())
 
     def apply_rules(self, session: RelaySession, up: bool, data: bytes, received_at: int) -> None:
         """Let the rules decide about received data, and carry out the decision."""
@@ -248,17 +255,17 @@ class Relay:
                 self.ring.write_record(up, session.number, each.received_at, 0, each.data)
 
     def _record_and_perform(
-        self, arrival: _Arrival, note: str, actions: Sequence[SendAction | CloseAction]
+        self, arrival: _Arrival, note: Message | None, actions: Sequence[SendAction | CloseAction]
     ) -> None:
         session, up, data, came = arrival
-        if not note and len(actions) == 1:
+        if note is None and len(actions) == 1:
             action = actions[0]
             if action == SendAction(session.number, direction_of(up), data):
                 left = session.send(up, data)
                 self.ring.write_record(up, session.number, came, left, data)
                 return
-        self.counts[RelayCounter.RULED] += bool(note)  # data that is only split into frames has no note
-        self.ring.write_record(up, session.number, came, 0, data, note=_encode_note(note))
+        self.counts[RelayCounter.RULED] += note is not None  # data that is only split into frames has no note
+        self.ring.write_record(up, session.number, came, 0, data, note=encode_note(note))
         self._perform(actions)
 
     def on_stream_end(self, session: RelaySession, up: bool) -> bool:
@@ -299,7 +306,7 @@ class Relay:
             if isinstance(action, LateDecision):
                 arrival = self._undecided.pop(action.ticket, None)
                 if arrival is None:  # it is in the ring already, without the decision
-                    self.counts[RelayCounter.RULED] += bool(action.note)
+                    self.counts[RelayCounter.RULED] += action.note is not None
                     self._perform(action.actions)
                 else:
                     self._record_and_perform(arrival, action.note, action.actions)
@@ -308,10 +315,11 @@ class Relay:
                 left = session.send(up, action.data)
                 if left:
                     self.ring.write_record(
-                        up, session.number, 0, left, action.data, note=_encode_note(action.note)
+                        up, session.number, 0, left, action.data, note=encode_note(action.note)
                     )
             else:
-                self.notify(f"{session.conversation.client}: {action.note}")
+                client = str(session.conversation.client)
+                self.notify(Message("client.message", client=client, message=action.note))
                 session.close(action.reset, action.note)
 
     def _wait(self, policy: Policy) -> Sequence[tuple[int, int]]:
@@ -384,9 +392,12 @@ class _Arrival(NamedTuple):
     received_at: int
 
 
-def _encode_note(note: str) -> bytes:
-    """Encode a note for the ring. The name of a fault may contain lone surrogates, if it was typed so."""
-    return note.encode("utf-8", "replace")[:_LONGEST_NOTE]
+def encode_note(note: Message | None) -> bytes:
+    """Encode a note for the ring; b"" for none. A note that is too long is cut, in English."""
+    if note is None:
+        return b""
+    data = encode_message(note)
+    return data if len(data) <= _LONGEST_NOTE else encode_message(foreign_text(str(note)[:_LONGEST_CUT_NOTE]))
 
 
 def direction_of(up: bool) -> Direction:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import NamedTuple
 
+from bcapscope.errors import InputError
+from bcapscope.messages import Message
 from bcapscope.protocol.codec.arguments import SMALLEST_ARGUMENT
 from bcapscope.protocol.codec.frame import (
     EOT,
@@ -21,7 +23,7 @@ from bcapscope.protocol.guard import always_passes, passes_read_only
 from bcapscope.protocol.tables.command_catalogue import commands_of
 from bcapscope.protocol.tables.function_table import FUNCTIONS, function_name
 from bcapscope.traffic.call_kind import COMMAND_FUNCTIONS, CallKind, call_kind_of
-from bcapscope.traffic.filter.tokens import nearest
+from bcapscope.traffic.filter.tokens import with_nearest
 
 _FUNCTIONS = {function.name.casefold(): function.id for function in FUNCTIONS.values()}
 _COMMANDS = {
@@ -68,24 +70,22 @@ def read_target(text: str) -> GuardTarget:
     """Read ``Robot_Move``, ``slvMove``, or ``Robot_Execute:AnyName`` for an unknown command.
 
     Raises:
-        ValueError: There is no such function or command.
+        InputError: There is no such function or command.
     """
     name, colon, command = text.partition(":")
     function_id = _FUNCTIONS.get(name.casefold())
     if colon:
         if function_id not in COMMAND_FUNCTIONS:
             takers = ", ".join(FUNCTIONS[each].name for each in sorted(COMMAND_FUNCTIONS))
-            raise ValueError(f"{name!r} takes no commands; these do: {takers}")
+            raise InputError(Message("guard.no-commands", name=f"{name!r}", takers=takers))
         return GuardTarget(function_id, command.casefold())
     if function_id is not None:
         return GuardTarget(function_id, None)
     if name.casefold() in _COMMANDS:
         return GuardTarget(None, name.casefold())
-    hint = nearest(name, [*(function.name for function in FUNCTIONS.values()), *_COMMANDS.values()])
-    raise ValueError(
-        f"there is no function or command {name!r}{hint}; a command that is not in the catalogue is written "
-        f"with its function, Robot_Execute:{name}"
-    )
+    known = [*(function.name for function in FUNCTIONS.values()), *_COMMANDS.values()]
+    unknown = with_nearest(Message("guard.unknown", name=f"{name!r}"), name, known)
+    raise InputError(Message("guard.unknown-hint", reason=unknown, name=name))
 
 
 class GuardResult(NamedTuple):
@@ -98,7 +98,7 @@ class GuardResult(NamedTuple):
     """
 
     passing: bytes
-    refused: tuple[tuple[Frame, str], ...]
+    refused: tuple[tuple[Frame, Message], ...]
     dropped: int
 
 
@@ -128,14 +128,14 @@ class RequestGuard:
         for item in parse_datagram(data):
             if not isinstance(item, Frame):
                 dropped += len(item.raw)
-            elif why := self.refusal_reason(item):
+            elif (why := self.refusal_reason(item)) is not None:
                 refused.append((item, why))
             else:
                 passing.append(item.raw)
         return GuardResult(b"".join(passing), tuple(refused), dropped)
 
-    def refusal_reason(self, request: Frame) -> str:
-        """Return why a request is refused; "" if it passes.
+    def refusal_reason(self, request: Frame) -> Message | None:
+        """Return why a request is refused; None if it passes.
 
         Controllers read a damaged frame in different ways. Some read it by the values of its arguments, as
         orin_bcap's C, C#, Java and Python do; others by their lengths, as the older C client does. The guard
@@ -143,28 +143,29 @@ class RequestGuard:
         is data: all readers skip it.
         """
         if _only_stops(request):
-            return ""
+            return None
         kind, sound = call_kind_of(request), not request.problems and _reads_one_way(request)
         name = _request_name(kind)
         function_id, command = kind
         if sound and any(target.may_match(function_id, command) for target in self._block):
-            return f"{name} is blocked"
+            return Message("guard.blocked", name=name)
         if self.read_only:
-            return self._read_only_refusal(request, kind) if sound else f"read-only: a damaged {name}"
+            damaged = Message("guard.read-only.damaged", name=name)
+            return self._read_only_refusal(request, kind) if sound else damaged
         if sound or not self._may_be_blocked(request):
-            return ""
-        return f"a damaged {name}, which may be read as what is blocked"
+            return None
+        return Message("guard.damaged", name=name)
 
     def _may_be_blocked(self, damaged: Frame) -> bool:
         if not _is_whole(damaged) or not _reads_one_way(damaged) or _hides_frame(damaged.raw):
             return True
         return any(target.may_match(damaged.code, None) for target in self._block)
 
-    def _read_only_refusal(self, request: Frame, kind: CallKind) -> str:
+    def _read_only_refusal(self, request: Frame, kind: CallKind) -> Message | None:
         values = request.variants
         if any(target.matches(kind) for target in self._allow) or passes_read_only(request.code, values):
-            return ""
-        return f"read-only: {_request_name(kind)}"
+            return None
+        return Message("guard.read-only", name=_request_name(kind))
 
 
 def _only_stops(request: Frame) -> bool:

@@ -104,7 +104,7 @@ class RingRecord(NamedTuple):
         sent_at: Time just before sending, ns since 1970, so that no reply is older; 0 if not sent, or not
             yet.
         data: Data; its meaning depends on `kind`.
-        note: What a rule did; "" for nothing.
+        note: What a rule did, as of `encode_message`; b"" for nothing.
     """
 
     kind: RingRecordKind
@@ -113,7 +113,7 @@ class RingRecord(NamedTuple):
     received_at: int
     sent_at: int
     data: bytes
-    note: str
+    note: bytes
 
 
 def hole_sizes(record: RingRecord) -> tuple[int, int]:
@@ -166,7 +166,7 @@ class _Ring:
 
 
 _Entry: TypeAlias = "tuple[RingRecordKind, bool, int, int, int, bytes | memoryview, bytes]"
-"""A record to be written: a `RingRecord` whose note is still bytes."""
+"""A record to be written: the fields of a `RingRecord`."""
 
 PendingDatagram: TypeAlias = tuple[bool, int, AncillaryData, int, bytes]
 """A datagram: up, client, ancillary data from the system, time of sending (0 if not sent), bytes."""
@@ -416,7 +416,7 @@ class RingReader(_Ring):
             if kind:
                 end = place + 32 + length
                 data = bytes(space[place + 32 : end])
-                note = str(space[end : end + noted], "utf-8", "replace") if noted else ""
+                note = bytes(space[end : end + noted]) if noted else b""
                 records.append(new(RingRecord, (_KINDS[kind], up == 1, client, came, left, data, note)))
         self.position = read
         self._marks[self._position_field] = read

@@ -16,6 +16,8 @@ from bcapscope.faults.fault import CloseMode
 from bcapscope.faults.fault_injector import FaultInjector
 from bcapscope.faults.wire_message import FaultOutput, WireMessage
 from bcapscope.faults.wire_message import SendBytes as Sent
+from bcapscope.messages import Message
+from bcapscope.messages.places import joined_clauses
 from bcapscope.protocol.codec.frame import Frame
 from bcapscope.proxy.direction_state import (
     ClientActivity,
@@ -71,7 +73,7 @@ class RulePolicy:
         self.intercept = intercept or Intercept()
         self.scripts = scripts
         self.dropped_held = 0
-        self.notify: Callable[[str], None] = lambda text: None
+        self.notify: Callable[[Message], None] = lambda message: None
         self._epoch = epoch
         self._clients = ClientStates()
         self._sender = MessageSender(guard)
@@ -105,14 +107,14 @@ class RulePolicy:
         inspects = self._inspects_frames
         if not inspects and state.splitter is None and self.shaper.is_idle(now):
             state.has_begun = True
-            return PolicyDecision("", (SendAction(client, direction, data),))
+            return PolicyDecision(None, (SendAction(client, direction, data),))
         work = DecisionBuilder()
         for piece in state.cut_messages(data, inspects or self.shaper.needs_frames(now)):
             self._process(state, piece, now, work)
         state.has_begun = True
         actions = join_untouched_bytes(work.actions, state)
         if work.waiting:
-            return PolicyDecision("", actions, work.ticket)
+            return PolicyDecision(None, actions, work.ticket)
         return PolicyDecision(work.note, actions)
 
     def holds(self, client: int, direction: Direction) -> bool:
@@ -168,10 +170,10 @@ class RulePolicy:
                 held, left = split_held_requests(state, held)
                 lost += left
             for data in held:
-                self._sender.send(state, data, "sent on, as it ends", work)
+                self._sender.send(state, data, Message("held.sent-at-end"), work)
         if lost:
             who = self._clients.directions(client)[Direction.REQUEST].flow.conversation.client
-            self.notify(f"{who} ended; held messages that were not sent: {names_with_counts(lost)}")
+            self.notify(Message("held.lost", client=str(who), messages=names_with_counts(lost)))
             self.dropped_held += len(lost)
         return work.actions
 
@@ -200,11 +202,14 @@ class RulePolicy:
         outbox, self._outbox = self._outbox, []
         work = DecisionBuilder()
         for held in self.intercept.pop_expired(now):
-            waited = f"intercept: nobody decided in {(held.until - held.since) / 1e9:g} s"
+            seconds = f"{(held.until - held.since) / 1e9:g}"
             why = held.abandonment_reason(now)
-            note = f"{waited} and {why}, dropped" if why else f"{waited}, sent on unchanged"
-            self.notify(f"message {held.number}: {note}")
-            if why:
+            if why is not None:
+                note = Message("held.undecided.dropped", seconds=seconds, reason=why)
+            else:
+                note = Message("held.undecided.sent", seconds=seconds)
+            self.notify(Message("held.message", number=held.number, note=note))
+            if why is not None:
                 self.dropped_held += 1
             else:
                 self._forward_held(held, held.data, note, now, work)
@@ -216,7 +221,7 @@ class RulePolicy:
         if self.scripts is not None:
             self.scripts.finish(now)
 
-    def report(self) -> Sequence[str]:
+    def report(self) -> Sequence[Message]:
         return report_lines(
             self.shaper.hit_counts,
             None if self.guard is None else self.refused_requests,
@@ -259,8 +264,8 @@ class RulePolicy:
             KeyError: No message with this number is held.
         """
         held = self.intercept.release(number, now, data)
-        done = "sent on" if data is None or data == held.data else "edited"
-        note = f"intercept: {done} after {(now - held.since) / 1e9:.1f} s"
+        case = "held.sent" if data is None or data == held.data else "held.edited"
+        note = Message(case, time=f"{(now - held.since) / 1e9:.1f} s")
         work = DecisionBuilder()
         self._forward_held(held, held.data if data is None else data, note, now, work)
         self._outbox += work.actions
@@ -309,7 +314,7 @@ class RulePolicy:
             scripts.show_message(state.client, message, None)
             return message
         if message.is_datagram and not scripts.has_room(state.client):
-            work.notes.append("addon: dropped, too many messages wait")
+            work.notes.append(Message("addon.dropped.too-many"))
             return None
         if not work.ticket:
             self._tickets += 1
@@ -329,7 +334,7 @@ class RulePolicy:
             else:
                 left = self._apply_script_answer(state, message, decision.answer, work)
                 if left is not None and message.number < state.overtaken_by:
-                    left = self._without_motion(state, left, "overtaken by a stop: motion is refused", work)
+                    left = self._without_motion(state, left, Message("script.overtaken"), work)
             if left is not None:
                 self._intercept_and_fault(state, left, now, work)
             builder.waiting -= 1
@@ -345,13 +350,13 @@ class RulePolicy:
     ) -> WireMessage | None:
         """Return what the scripts leave of a message; None for nothing."""
         for code in answer.results:
-            self._sender.answer(state, message.frames, code, "addon: answered", work)
+            self._sender.answer(state, message.frames, code, Message("addon.answered"), work)
         if answer.dropped:
-            work.notes.append("addon: answered" if answer.results else "addon: dropped")
+            work.notes.append(Message("addon.answered" if answer.results else "addon.dropped"))
             return None
         if answer.data is None:
             return message
-        work.notes.append("addon: changed")
+        work.notes.append(Message("addon.changed"))
         return self._message_with(message, answer.data)
 
     def _pass_without_scripts(
@@ -360,10 +365,10 @@ class RulePolicy:
         """Return the part of a message that passes while the scripts are off: everything except motion."""
         if state.flow.direction is Direction.RESPONSE:
             return message
-        return self._without_motion(state, message, "script is off: motion is refused", work)
+        return self._without_motion(state, message, Message("script.is-off"), work)
 
     def _without_motion(
-        self, state: DirectionState, message: WireMessage, note: str, work: DecisionBuilder
+        self, state: DirectionState, message: WireMessage, note: Message, work: DecisionBuilder
     ) -> WireMessage | None:
         """Refuse the motions in a request. Return the rest; None for nothing."""
         passing = self._sender.refuse_motion(state, message, note, work)
@@ -396,20 +401,20 @@ class RulePolicy:
         return passed.data
 
     def _forward_held(
-        self, held: HeldMessage, data: bytes, note: str, now: int, work: DecisionBuilder
+        self, held: HeldMessage, data: bytes, note: Message, now: int, work: DecisionBuilder
     ) -> None:
         state = self._clients.directions(held.client)[held.flow.direction]
         own = DecisionBuilder()
         self._apply_faults(state, data, now, own)
         work.actions += [
-            replace(action, note=note) if isinstance(action, SendAction) and not action.note else action
+            replace(action, note=note) if isinstance(action, SendAction) and action.note is None else action
             for action in own.actions
         ]
 
     def _mark_abandoned(self, state: DirectionState) -> None:
         """Tell the intercept that a client no longer waits for replies, once it has ended its connection."""
         if state.has_ended and state.flow.direction is Direction.REQUEST:
-            self.intercept.mark_abandoned(state.flow, "its client's connection has ended")
+            self.intercept.mark_abandoned(state.flow, Message("held.client-ended"))
 
     def _apply_faults(self, state: DirectionState, data: bytes, now: int, work: DecisionBuilder) -> None:
         processed = self.shaper.process_message(state.flow, data, now)
@@ -418,7 +423,7 @@ class RulePolicy:
 
     def _carry_out(self, outputs: Sequence[FaultOutput], work: DecisionBuilder) -> None:
         for output in outputs:
-            note = "; ".join(output.fault_notes)
+            note = joined_clauses(output.fault_notes)
             if isinstance(output, Sent):
                 flow = output.flow
                 client = self._clients.number_of(flow.conversation)
@@ -426,4 +431,5 @@ class RulePolicy:
                 self._sender.send(state, output.data, note, work)
             else:
                 number = self._clients.number_of(output.conversation)
+                assert note is not None
                 work.actions.append(CloseAction(number, output.how is CloseMode.RESET, note))

@@ -1,4 +1,4 @@
-"""Summary of what the proxy's rules did, as text."""
+"""Summary of what the proxy's rules did."""
 
 from __future__ import annotations
 
@@ -6,6 +6,9 @@ from collections import Counter
 from collections.abc import Iterable, Mapping
 from typing import Any
 
+from bcapscope.messages import Message
+from bcapscope.messages.message import foreign_text
+from bcapscope.messages.places import Enumeration
 from bcapscope.protocol.codec.frame import Frame
 from bcapscope.protocol.tables.command_catalogue import call_name
 from bcapscope.proxy.script_queue import ScriptQueue
@@ -19,7 +22,7 @@ def report_lines(
     held: int,
     dropped_held: int,
     scripts: ScriptQueue[Any] | None,
-) -> list[str]:
+) -> list[Message]:
     """Return a summary of what the rules did.
 
     Args:
@@ -29,34 +32,36 @@ def report_lines(
         dropped_held: Number of held requests that were dropped because their client no longer waited.
         scripts: The scripts; None without any.
     """
-    lines = [f"fault {name}: injected {_times_text(count)}" for name, count in fault_counts.items()]
+    lines = [
+        Message("rules.injected", name=name, times=_times(count)) for name, count in fault_counts.items()
+    ]
     if refused is not None:
-        lines.append(f"guard: refused {_times_text(refused)}")
+        lines.append(Message("rules.refused", times=_times(refused)))
     if held:
-        lines.append(f"intercept: held {_times_text(held)}")
+        lines.append(Message("rules.held", times=_times(held)))
     if dropped_held:
-        lines.append(f"held requests dropped because their client no longer waited: {dropped_held}")
+        lines.append(Message("rules.dropped-held", count=dropped_held))
     if scripts is not None and scripts.errors:
-        lines.append(f"scripts: went wrong {_times_text(scripts.errors)}")
-    if scripts is not None and scripts.off_because:
-        lines.append(f"scripts: switched off, {scripts.off_because}")
+        lines.append(Message("rules.script-errors", times=_times(scripts.errors)))
+    if scripts is not None and scripts.off_because is not None:
+        lines.append(Message("rules.scripts-off", reason=scripts.off_because))
     return lines
 
 
-def names_with_counts(lost: Iterable[Frame | bytes]) -> str:
+def names_with_counts(lost: Iterable[Frame | bytes]) -> Message:
     """Name lost requests, or pieces of a stream, each name with its count."""
     names = Counter(map(_named, lost))
     more = len(names) - _MAX_NAMED
-    return ", ".join(f"{count} {name}" for name, count in names.most_common(_MAX_NAMED)) + (
-        f" and {more} more" if more > 0 else ""
-    )
+    most = names.most_common(_MAX_NAMED)
+    items = Enumeration(tuple(Message("rules.lost", count=count, name=name) for name, count in most))
+    return Message("list.and-more", items=items, more=more) if more > 0 else Message("list.of", items=items)
 
 
-def _named(lost: Frame | bytes) -> str:
+def _named(lost: Frame | bytes) -> Message:
     if isinstance(lost, bytes):
-        return "piece of a stream, or bytes that are no frame"
-    return call_name(lost.code, lost.variants)[:80]
+        return Message("rules.lost.bytes")
+    return foreign_text(call_name(lost.code, lost.variants)[:80])
 
 
-def _times_text(count: int) -> str:
-    return {0: "never", 1: "once"}.get(count, f"{count} times")
+def _times(count: int) -> Message:
+    return Message({0: "rules.never", 1: "rules.once"}.get(count, "rules.times"), count=count)

@@ -14,9 +14,9 @@ from contextlib import suppress
 from typing import Any
 
 from bcapscope.faults.wire_message import WireMessage
+from bcapscope.messages import Message
 from bcapscope.proxy.addons import AddonClient, AddonRunner, load_addons
 from bcapscope.proxy.script_protocol import (
-    LONGEST_SENTENCE,
     MAX_SENTENCES,
     ClientConnected,
     ClientGone,
@@ -31,6 +31,7 @@ from bcapscope.proxy.script_protocol import (
     ScriptStatement,
     ScriptsUnusable,
     pack,
+    wire_sentence,
 )
 from bcapscope.traffic.call_kind import RecentRequests
 from bcapscope.traffic.observation import Conversation, Direction, Endpoint, Flow, Transport
@@ -48,7 +49,7 @@ class ScriptHost:
         self._clients: dict[int, tuple[AddonClient, Conversation]] = {}
         self._recent_requests = RecentRequests()
         self._messages = 0
-        self._notices: list[str] = []
+        self._notices: list[Message] = []
         addons.notify = self._notices.append
 
     def execute(self, order: ScriptOrder) -> ScriptAnswer:
@@ -93,7 +94,7 @@ class ScriptHost:
         return self._answer(data=changed, dropped=bool(passing.dropped), results=results)
 
     def _answer(self, **verdict: Any) -> ScriptAnswer:
-        notices = tuple(text[:LONGEST_SENTENCE] for text in self._notices[:MAX_SENTENCES])
+        notices = tuple(map(wire_sentence, self._notices[:MAX_SENTENCES]))
         self._notices.clear()
         return ScriptAnswer(notices, self._addons.errors, self._addons.has_open_calls, **verdict)
 
@@ -123,7 +124,7 @@ def _run(proxy: socket.socket, paths: Sequence[str]) -> None:
     try:
         addons = AddonRunner([addon for path in paths for addon in load_addons(path)])
     except ScriptError as error:
-        _send_statement(proxy, ScriptsUnusable(str(error)[:LONGEST_SENTENCE]))
+        _send_statement(proxy, ScriptsUnusable(wire_sentence(error.message)))
         return
     _send_statement(proxy, ScriptsLoaded(addons.hooks))
     gc.collect()

@@ -14,6 +14,9 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
 
+from bcapscope.messages import Message
+from bcapscope.messages.message import foreign_text
+from bcapscope.messages.places import joined_clauses
 from bcapscope.proxy.poller import READ, WRITE, DescriptorWatcher
 from bcapscope.proxy.rule_policy import RulePolicy
 from bcapscope.proxy.script_protocol import (
@@ -77,7 +80,8 @@ class ScriptProcess:
             with other:
                 self._process = self._start(other, paths, megabytes)
         except OSError as error:
-            raise ScriptError(f"{self.names}: cannot start a process: {error.strerror or error}") from None
+            reason = error.strerror or str(error)
+            raise ScriptError(Message("script.no-process", names=self.names, reason=reason)) from None
         self._socket.setblocking(False)
         self._statements: FrameUnpacker[ScriptStatement] = FrameUnpacker(ScriptStatement)
 
@@ -119,22 +123,28 @@ class ScriptProcess:
             try:
                 statement = self._statements.next_frame()
             except WireError as error:
-                raise self._invalid_error(str(error)) from None
+                raise self._invalid_error(error.message) from None
             if isinstance(statement, ScriptsLoaded):
                 self._on_loaded(statement.hooks)
                 return True
             if statement is not None:
                 if isinstance(statement, ScriptsUnusable):
-                    raise ScriptError(statement.reason)
-                raise self._invalid_error("an answer")
+                    raise ScriptError(statement.reason.message)
+                raise self._invalid_error(Message("script.wire.answer"))
             left = until - time.monotonic()
             if left <= 0:
                 self._check_loading()
                 return False
             self._read_statements(left)
 
-    def _invalid_error(self, what: str) -> ScriptError:
-        return ScriptError(f"{self.names}: its process sent the proxy an invalid message ({what})")
+    def _invalid_error(self, what: Message) -> ScriptError:
+        return ScriptError(Message("script.named-invalid", names=self.names, reason=what))
+
+    def _load_error(self, what: Message) -> ScriptError:
+        """End the process, and return why its scripts cannot be used."""
+        reason = joined_clauses((what, *self.end()))
+        assert reason is not None
+        return ScriptError(reason)
 
     def _on_loaded(self, hooks: frozenset[str]) -> None:
         assert self._rules is not None
@@ -152,14 +162,16 @@ class ScriptProcess:
             return
         if not data:
             time.sleep(_LOOKS_BACK)  # until its exit code is known
-            raise ScriptError(f"{self.names}: its process ended while it was loaded{self.end()}")
+            raise self._load_error(Message("script.ended-loading", names=self.names))
         self._statements.feed_bytes(data)
 
     def _check_loading(self) -> None:
         if time.monotonic() > self._loads_until:
             self.locate()
             time.sleep(_LOOKS_BACK)
-            raise ScriptError(f"{self.names} did not load within {LOADS_WITHIN:g} s{self.end()}")
+            raise self._load_error(
+                Message("script.slow-loading", names=self.names, seconds=f"{LOADS_WITHIN:g}")
+            )
 
     def attach(self, rules: RulePolicy, relay: DescriptorWatcher, is_interrupted: Callable[[], bool]) -> None:
         """Connect the process to the rules and the relay, once it is loaded.
@@ -188,11 +200,12 @@ class ScriptProcess:
         if self._traces is not None and self._exit_code() is None:
             os.kill(self._process.pid, signal.SIGUSR1)
 
-    def end(self) -> str:
-        """End the process at once. Return how it ended and its place in the scripts, "" if unknown."""
+    def end(self) -> tuple[Message, ...]:
+        """End the process at once. Return how it ended and its place in the scripts, as far as known."""
         code = self._exit_code()
         self._kill()
-        return "".join(f"; {text}" for text in (_exit_text(code), self._script_location()) if text)
+        found = None if code is None else _exit_message(code), self._script_location()
+        return tuple(each for each in found if each is not None)
 
     def finish(self, frame: bytes, is_done: Callable[[bytes], bool]) -> bool:
         """Send the last order and wait until `is_done` returns True for received bytes.
@@ -284,27 +297,25 @@ class ScriptProcess:
             return None
         return ended.si_status if ended.si_code == os.CLD_EXITED else -ended.si_status
 
-    def _script_location(self) -> str:
-        """Return the process's place in the scripts when it was asked or crashed; "" if unknown."""
+    def _script_location(self) -> Message | None:
+        """Return the process's place in the scripts when it was asked or crashed; None if unknown."""
         if self._traces is None:
-            return ""
+            return None
         try:
             trace = os.read(self._traces, _LONGEST_TRACE).decode("utf-8", "replace")
         except OSError:
-            return ""
+            return None
         for path, line, function in _PLACE.findall(trace):
             if Path(path).name in self._files:
-                return f"{Path(path).name} line {line} in {function}"
-        return ""
+                return Message("script.place", file=Path(path).name, line=line, function=function)
+        return None
 
 
-def _exit_text(code: int | None) -> str:
-    """Return how a process ended on its own; "" if it did not."""
-    if code is None:
-        return ""
+def _exit_message(code: int) -> Message:
+    """Return how a process ended on its own."""
     if code >= 0:
-        return f"exit code {code}"
+        return Message("script.exit-code", code=code)
     try:
-        return signal.Signals(-code).name
+        return foreign_text(signal.Signals(-code).name)
     except ValueError:
-        return f"signal {-code}"
+        return foreign_text(f"signal {-code}")

@@ -11,6 +11,8 @@ from typing import Annotated, Any, Generic, TypeAlias, TypeVar
 import msgspec
 
 from bcapscope.errors import BcapError
+from bcapscope.messages import Message
+from bcapscope.messages.message import foreign_text
 
 T = TypeVar("T")
 
@@ -18,11 +20,12 @@ LARGEST_FRAME_SIZE = 32 << 20
 """Bytes of one frame: twice the size of the largest b-CAP frame that can be read."""
 
 MAX_SENTENCES, LONGEST_SENTENCE = 32, 2000
-"""Messages for the user in one answer, and characters of each."""
+"""Messages for the user in one answer, and characters of each of their places."""
 
 _HEAD = 4
 
-_Sentence = Annotated[str, msgspec.Meta(max_length=LONGEST_SENTENCE)]
+_Word = Annotated[str, msgspec.Meta(max_length=60)]
+_Text = Annotated[str, msgspec.Meta(max_length=LONGEST_SENTENCE)]
 _Result = Annotated[int, msgspec.Meta(ge=0, le=0xFFFF_FFFF)]
 
 
@@ -90,6 +93,23 @@ ScriptOrder: TypeAlias = ClientConnected | MessageShown | ClientGone | ExpireCal
 """What the proxy sends. Each order has one answer, in the same sequence."""
 
 
+class WireSentence(_WireFrame, frozen=True):
+    """A message for the user: an id of the catalogue, and the text of its places."""
+
+    id: _Word
+    places: Annotated[dict[_Word, _Text], msgspec.Meta(max_length=16)]
+
+    @property
+    def message(self) -> Message:
+        return Message(self.id, **self.places)
+
+
+def wire_sentence(message: Message) -> WireSentence:
+    """Return a message for the wire; its places become text."""
+    places = {name: str(value)[:LONGEST_SENTENCE] for name, value in message.places.items()}
+    return WireSentence(message.id, places)
+
+
 class ScriptsLoaded(_WireFrame, frozen=True):
     """The scripts can be used.
 
@@ -103,7 +123,7 @@ class ScriptsLoaded(_WireFrame, frozen=True):
 class ScriptsUnusable(_WireFrame, frozen=True):
     """A script cannot be used; `reason` names it and the cause."""
 
-    reason: _Sentence
+    reason: WireSentence
 
 
 class ScriptAnswer(_WireFrame, frozen=True):
@@ -118,7 +138,7 @@ class ScriptAnswer(_WireFrame, frozen=True):
         results: Result codes that the client gets in place of the controller's reply.
     """
 
-    notices: Annotated[tuple[_Sentence, ...], msgspec.Meta(max_length=MAX_SENTENCES)] = ()
+    notices: Annotated[tuple[WireSentence, ...], msgspec.Meta(max_length=MAX_SENTENCES)] = ()
     errors: int = 0
     has_open_calls: bool = False
     data: bytes | None = None
@@ -160,7 +180,7 @@ class FrameUnpacker(Generic[T]):
             return None
         size = int.from_bytes(buffer[:_HEAD], "little")
         if size > LARGEST_FRAME_SIZE:
-            raise WireError(f"a frame of {size} bytes")
+            raise WireError(Message("script.wire.size", size=size))
         if len(buffer) < _HEAD + size:
             return None
         body = bytes(buffer[_HEAD : _HEAD + size])
@@ -168,4 +188,4 @@ class FrameUnpacker(Generic[T]):
         try:
             return self._decoder.decode(body)
         except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
-            raise WireError(str(error)) from None
+            raise WireError(foreign_text(str(error))) from None

@@ -11,6 +11,8 @@ from dataclasses import dataclass, replace
 from typing import Generic, Protocol, TypeVar
 
 from bcapscope.faults.wire_message import WireMessage
+from bcapscope.messages import Message
+from bcapscope.messages.places import joined_clauses
 from bcapscope.protocol.tables.command_catalogue import call_name
 from bcapscope.proxy.script_protocol import (
     ClientConnected,
@@ -61,10 +63,6 @@ _EXPIRE_INTERVAL_NS = 50_000_000
 _MAX_NOTICES = 200
 """Messages of the scripts that the proxy shows to the user."""
 
-_OFF_CONSEQUENCE = (
-    "stops pass, motion is refused, everything else passes unchanged; restart the proxy to let motion pass"
-)
-
 
 class ScriptLink(Protocol):
     """The process of the scripts. No method raises, and only `finish` blocks."""
@@ -78,8 +76,8 @@ class ScriptLink(Protocol):
     def locate(self) -> None:
         """Ask the process for its place in the scripts."""
 
-    def end(self) -> str:
-        """End the process at once. Return how it ended and its place in the scripts, "" if unknown."""
+    def end(self) -> tuple[Message, ...]:
+        """End the process at once. Return how it ended and its place in the scripts, as far as known."""
 
     def finish(self, frame: bytes, is_done: Callable[[bytes], bool]) -> bool:
         """Send the last order and wait until `is_done` returns True for received bytes.
@@ -141,7 +139,7 @@ class ScriptQueue(Generic[T]):
     Attributes:
         names: Names of the scripts, for messages to the user.
         is_on: True while messages are shown.
-        off_because: Reason why the scripts are off; "" while they are on.
+        off_because: Reason why the scripts are off; None while they are on.
         errors: Number of errors in the scripts.
         notify: Called with a message for the user.
     """
@@ -156,9 +154,9 @@ class ScriptQueue(Generic[T]):
         """
         self.names = names
         self.is_on = True
-        self.off_because = ""
+        self.off_because: Message | None = None
         self.errors = 0
-        self.notify: Callable[[str], None] = lambda text: None
+        self.notify: Callable[[Message], None] = lambda message: None
         self._link = link
         self._limit = limit
         self._hooks: frozenset[str] = frozenset()
@@ -230,7 +228,7 @@ class ScriptQueue(Generic[T]):
         if self.is_on:
             self._enqueue(PendingOrder("done", now))
             if not self._link.finish(pack(FinishScripts()), self._is_finished) and self.is_on:
-                self._switch_off(f"its process took too long at the end for {self._queue[0]}", now)
+                self._switch_off(Message("script.slow-end", order=str(self._queue[0])), now)
         self._end_process()
 
     # answers of the scripts
@@ -243,17 +241,19 @@ class ScriptQueue(Generic[T]):
         try:
             while (answer := self._answers.next_frame()) is not None:
                 if not isinstance(answer, ScriptAnswer) or not self._queue:
-                    raise WireError("an unexpected answer")
+                    raise WireError(Message("script.wire.unexpected"))
                 yield from self._on_answer(answer, now)
         except WireError as error:
-            self._switch_off(f"its process sent the proxy an invalid message ({error})", now)
+            self._switch_off(Message("script.invalid", reason=error.message), now)
             yield from self._flush_undecided()
 
     def on_process_ended(self, now: int) -> Iterator[ScriptDecision[T]]:
         """Handle that the scripts' process ended, or closed its connection. Yield the decisions."""
         if self.is_on:
-            during = f"during {self._queue[0]}" if self._queue else "between two messages"
-            self._switch_off(f"its process ended {during}", now)
+            why = Message("script.ended-between")
+            if self._queue:
+                why = Message("script.ended-during", order=str(self._queue[0]))
+            self._switch_off(why, now)
             yield from self._flush_undecided()
 
     def due(self) -> int | None:
@@ -346,10 +346,10 @@ class ScriptQueue(Generic[T]):
         self._was_late = False
         self._has_open_calls = answer.has_open_calls
         self.errors = max(self.errors, answer.errors)
-        for text in answer.notices:
+        for notice in answer.notices:
             self._notice_count += 1
             if self._notice_count <= _MAX_NOTICES:
-                self.notify(text)
+                self.notify(notice.message)
         yield from _decided(waiting, answer)
 
     def _release(self, waiting: PendingOrder[T]) -> None:
@@ -369,13 +369,14 @@ class ScriptQueue(Generic[T]):
         while self._queue:
             yield from _decided(self._queue.popleft(), None)
 
-    def _slow_reason(self, now: int) -> str:
+    def _slow_reason(self, now: int) -> Message:
         if now - self._relay_delay - self._head_since >= self._limit:
-            return f"it took longer than {self._limit / 1e6:g} ms for {self._queue[0]}"
+            time = f"{self._limit / 1e6:g} ms"
+            return Message("script.slow", time=time, order=str(self._queue[0]))
         waited = max(LONGEST_WAIT, self._limit) / 1e9
-        return f"it cannot keep up, messages have waited for {waited:g} s"
+        return Message("script.cannot-keep-up", time=f"{waited:g} s")
 
-    def _switch_off(self, why: str, now: int) -> None:
+    def _switch_off(self, why: Message, now: int) -> None:
         self.is_on = False
         self.off_because = why
         self._end_at = now + _LOOKS_BACK
@@ -385,11 +386,12 @@ class ScriptQueue(Generic[T]):
         """End the process. Report the reason if the scripts were switched off."""
         self._end_at = None
         where = self._link.end()
-        if self.off_because and not self._is_end_reported:
+        if self.off_because is not None and not self._is_end_reported:
             self._is_end_reported = True
-            self.off_because += where
-            head = f"script {self.names} is switched off: {self.off_because}"
-            self.notify(head if self._is_ending else f"{head}; {_OFF_CONSEQUENCE}")
+            self.off_because = joined_clauses((self.off_because, *where))
+            assert self.off_because is not None
+            case = "script.switched-off" if self._is_ending else "script.switched-off.consequence"
+            self.notify(Message(case, names=self.names, reason=self.off_because))
 
     def _is_finished(self, data: bytes) -> bool:
         for _ in self.on_data(data, self._head_since + self._relay_delay):

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from typing import NamedTuple
 
+from bcapscope.messages import Message
 from bcapscope.protocol.codec.frame import encode_frame
 from bcapscope.protocol.codec.variant import EMPTY, VT, Variant
 from bcapscope.protocol.retry.reserved_convention import ReservedConvention
@@ -37,12 +38,12 @@ class CloseSequence(NamedTuple):
 
     Attributes:
         conversation: Conversation of the client.
-        open_state: What is open besides handles, as text: slave mode, the arm; "" for nothing.
+        open_state: What is open besides handles: slave mode, the arm; None for nothing.
         requests: Frames to send in this order, each after the reply to the previous one.
     """
 
     conversation: Conversation
-    open_state: str
+    open_state: Message | None
     requests: tuple[bytes, ...]
 
 
@@ -61,7 +62,7 @@ class SessionCloser(PipelineSubscriber):
         self._handles = handles
         self._slave_mode = slave_mode
         self._states: dict[Conversation, _State] = {}
-        self._left_open: dict[Conversation, str] = {}
+        self._left_open: dict[Conversation, Message | None] = {}
 
     def on_call(self, call: Call, target: TrackedObject | None) -> None:
         """Follow the next call."""
@@ -89,9 +90,9 @@ class SessionCloser(PipelineSubscriber):
         self._left_open[conversation] = self._open_state(conversation)
         self._states.pop(conversation, None)
 
-    def pop_left_open(self, client: Conversation) -> str:
-        """Return what a client that is gone left open besides handles, as text; "" if asked again."""
-        return self._left_open.pop(client, "")
+    def pop_left_open(self, client: Conversation) -> Message | None:
+        """Return what a client that is gone left open besides handles; None if asked again."""
+        return self._left_open.pop(client, None)
 
     def close_sequences(self) -> tuple[CloseSequence, ...]:
         """Return how to close the open UDP sessions. TCP sessions end with their connections."""
@@ -107,14 +108,12 @@ class SessionCloser(PipelineSubscriber):
             and (state := self._states.get(session.conversation)) is not None
         )
 
-    def _open_state(self, client: Conversation) -> str:
+    def _open_state(self, client: Conversation) -> Message | None:
         state = self._states.get(client)
-        parts = []
+        has_arm = state is not None and state.arm_handles
         if self._slave_mode.find(client).robots:
-            parts.append("slave mode is on")
-        if state is not None and state.arm_handles:
-            parts.append("the arm is held")
-        return " and ".join(parts)
+            return Message("session.open.both" if has_arm else "session.open.slave-mode")
+        return Message("session.open.arm") if has_arm else None
 
 
 def _closing_requests(session: ServiceSession, state: _State, robots: Iterable[int]) -> Iterator[bytes]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 
+from bcapscope.messages import Message
 from bcapscope.traffic.observation import Conversation
 
 SILENT_AFTER_NS = 500_000_000
@@ -18,7 +19,7 @@ class SilenceMonitor:
     def __init__(self) -> None:
         self._silent_since: dict[Conversation, int] = {}
 
-    def check(self, clients: Iterable[tuple[Conversation, int]], now: int) -> Iterator[str]:
+    def check(self, clients: Iterable[tuple[Conversation, int]], now: int) -> Iterator[Message]:
         """Yield a message for each client that has fallen silent or sends again.
 
         Args:
@@ -32,9 +33,9 @@ class SilenceMonitor:
             since = self._silent_since.get(client)
             if since is None and now - heard > SILENT_AFTER_NS:
                 self._silent_since[client] = heard
-                yield (
-                    f"{client.client} has sent nothing for {(now - heard) / 1e9:.1f} s while slave mode is on"
-                )
+                time = f"{(now - heard) / 1e9:.1f} s"
+                yield Message("client.silent.slave-mode", client=str(client.client), time=time)
             elif since is not None and heard > since:
                 del self._silent_since[client]
-                yield f"{client.client} is heard again, after {(heard - since) / 1e9:.1f} s"
+                time = f"{(heard - since) / 1e9:.1f} s"
+                yield Message("client.heard-again", client=str(client.client), time=time)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import socket
 
+from bcapscope.messages import Message
 from bcapscope.messages.os_errors import os_reason
 from bcapscope.protocol.first_frame import first_frame_stops
 from bcapscope.proxy.listener_spec import ListenerSpec
@@ -79,7 +80,7 @@ class TcpListener:
             relay.pending_connections.add(client, address, self._admit)
         else:
             close_with_reset(client)
-            relay.deny(endpoint_of(address), "is not allowed")
+            relay.deny(endpoint_of(address), Message("client.not-allowed"))
         return True
 
     def _admit(self, client: socket.socket, address: SocketAddress, first: bytes, came: int) -> None:
@@ -94,10 +95,10 @@ class TcpListener:
                 lambda: socket.socket(self.controller[0], socket.SOCK_STREAM),
             )
         except ClientDeniedError as error:
-            self._refuse(client, address, str(error))
+            self._refuse(client, address, error.message)
             return
         except OSError as error:
-            self._refuse(client, address, f"cannot be accepted: {os_reason(error)}")
+            self._refuse(client, address, Message("client.not-accepted", reason=os_reason(error)))
             return
         server.setblocking(False)
         problem = server.connect_ex(self.controller[1])
@@ -106,7 +107,7 @@ class TcpListener:
         if problem not in (0, errno.EINPROGRESS, errno.EWOULDBLOCK):
             session.fail(problem)
 
-    def _refuse(self, client: socket.socket, address: SocketAddress, why: str) -> None:
+    def _refuse(self, client: socket.socket, address: SocketAddress, why: Message) -> None:
         close_with_reset(client)
         self.relay.spares.refill()
         self.relay.deny(endpoint_of(address), why)
@@ -115,5 +116,7 @@ class TcpListener:
         """Accept no clients for a while. Report it once, until a client can be accepted again."""
         if not self._is_pause_reported:
             self._is_pause_reported = True
-            self.relay.notify(f"cannot accept clients on {self.address} TCP: {os_reason(error)}")
+            self.relay.notify(
+                Message("client.none-accepted", address=str(self.address), reason=os_reason(error))
+            )
         self.relay.pause(self._socket.fileno())

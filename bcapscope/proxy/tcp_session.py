@@ -7,9 +7,10 @@ import socket
 import time
 from contextlib import suppress
 
+from bcapscope.messages import Message
 from bcapscope.messages.os_errors import os_reason
 from bcapscope.proxy.poller import ERROR, HANG_UP, READ, WRITE
-from bcapscope.proxy.relay import Relay, client_conversation
+from bcapscope.proxy.relay import Relay, client_conversation, encode_note
 from bcapscope.proxy.relay_session import ClientEndpoints
 from bcapscope.proxy.ring_buffer import RelayCounter, RingRecordKind
 from bcapscope.proxy.sockets import SocketAddress, endpoint_of, keep_alive
@@ -131,9 +132,11 @@ class TcpSession:
         Args:
             problem: Error number of the system.
         """
-        text = os_reason(OSError(problem, ""))
-        self._relay.notify(f"{self.conversation.client}: no connection to {self._to} over TCP: {text}")
-        self.close(True, "the controller cannot be reached")
+        client, reason = str(self.conversation.client), os_reason(OSError(problem, ""))
+        self._relay.notify(
+            Message("client.no-connection", client=client, controller=str(self._to), reason=reason)
+        )
+        self.close(True, Message("client.unreachable"))
 
     def send(self, up: bool, data: bytes) -> int:
         """Send data from the rules. Return when, in ns since 1970; 0 if not all of it was sent yet."""
@@ -153,11 +156,11 @@ class TcpSession:
     def resume_reading(self) -> None:
         self._update_masks()
 
-    def close(self, reset_both: bool, why: str) -> None:
+    def close(self, reset_both: bool, why: Message) -> None:
         """Send what rules release for the client, then close both connections."""
-        self._close(reset_both, why, why.encode())
+        self._close(reset_both, why, encode_note(why))
 
-    def _close(self, reset_both: bool, why: str, cause: bytes = b"") -> None:
+    def _close(self, reset_both: bool, why: Message, cause: bytes = b"") -> None:
         """Close both connections. `cause` is recorded with each direction that its source had not ended."""
         if self._is_ending:
             return
@@ -207,8 +210,8 @@ class TcpSession:
             self._relay.ring.write_record(half.up, self.number, 0, when, bytes(half.pending[:sent]))
         left -= sent
         if left:
-            whose = "the controller" if half.up else "the client"
-            self._relay.notify(f"{self.conversation.client}: {left} bytes were not taken by {whose} any more")
+            case = "client.lost-at-controller" if half.up else "client.lost-at-client"
+            self._relay.notify(Message(case, client=str(self.conversation.client), size=left))
 
     def evictable_idle_ns(self, now: int) -> int | None:
         """Return the idle time in ns, if it is long enough to evict a stuck connection; else None."""
@@ -229,7 +232,7 @@ class TcpSession:
         if not self._connected and now - self.last_heard > CONNECT_TIMEOUT_NS:
             self.fail(errno.ETIMEDOUT)
         elif not self._is_half_open and self._is_expired(now - self._last_activity):
-            self._close(False, "half closed, and nothing more came")
+            self._close(False, Message("client.half-closed"))
         elif self._relay.policy is not None:
             for half in (self._up, self._down):
                 if half.source_ended and not half.sink_shut and not self._relay.holds(self, half.up):
@@ -316,7 +319,7 @@ class TcpSession:
         if self._relay.on_stream_end(self, half.up):
             self._shut_sink_when_flushed(half)
         if self._relay.hides_end(self) and self._up.source_ended and self._down.source_ended:
-            self._close(False, "ended by both sides, which did not hear of each other's end")
+            self._close(False, Message("client.ended-unheard"))
         self._update_masks()
 
     def _forward_bytes(self, half: _HalfConnection, data: memoryview, received_at: int) -> None:
@@ -370,7 +373,7 @@ class TcpSession:
         with suppress(OSError):
             half.sink.shutdown(socket.SHUT_WR)
         if self._up.sink_shut and self._down.sink_shut:
-            self._close(False, "ended by both sides")
+            self._close(False, Message("client.ended"))
 
     def _on_source_broken(self, half: _HalfConnection, problem: int) -> None:
         """End the session, or keep the other side open if the rules hide ends: a source broke."""
@@ -383,9 +386,9 @@ class TcpSession:
             self._is_half_open = True
             self._on_source_end(half)
             return
-        who = "the client" if half.up else "the controller"
-        why = f"{who}: {os_reason(OSError(problem, ''))}"
-        self._close(True, why, b"" if was_reset else why.encode())
+        case = "client.broken-by-client" if half.up else "client.broken-by-controller"
+        why = Message(case, reason=os_reason(OSError(problem, "")))
+        self._close(True, why, b"" if was_reset else encode_note(why))
 
     def _may_read(self, half: _HalfConnection) -> bool:
         """Return whether more may be read. Reading waits while the receiver does not accept pending bytes."""

@@ -7,6 +7,7 @@ import time
 from collections.abc import Sequence
 from contextlib import suppress
 
+from bcapscope.messages import Message
 from bcapscope.messages.os_errors import os_reason
 from bcapscope.protocol.first_frame import first_frame_stops
 from bcapscope.protocol.tables.hresult import S_EXECUTING
@@ -106,7 +107,7 @@ class UdpListener:
         self._count_drops()
         for session in (*self.sessions.values(), *self._fresh_sessions.values()):
             if now - session.last_heard > self._forget_after:
-                session.close(False, f"silent for {self._forget_after // 1_000_000_000} s")
+                session.close(False, Message("client.silent", seconds=self._forget_after // 1_000_000_000))
 
     def remove_session(self, address: SocketAddress) -> None:
         self.sessions.pop(address, None)
@@ -129,7 +130,13 @@ class UdpListener:
         relay.counts[RelayCounter.DENIED] += 1
         if address[0] not in self._strangers and len(self._strangers) < _MAX_STRANGERS:
             self._strangers.add(address[0])
-            relay.notify(f"{endpoint_of(address)} is not allowed; its datagrams are dropped")
+            relay.notify(
+                Message(
+                    "client.denied.datagrams",
+                    client=str(endpoint_of(address)),
+                    reason=Message("client.not-allowed"),
+                )
+            )
 
     def _admit(self, address: SocketAddress, is_stop: bool) -> UdpSession | None:
         """Give a new client a slot and its own socket toward the controller; None if it is refused."""
@@ -140,7 +147,7 @@ class UdpListener:
             )
         except ClientDeniedError as error:
             relay.spares.refill()
-            relay.deny(endpoint_of(address), str(error), "its datagrams are dropped")
+            relay.deny(endpoint_of(address), error.message, is_datagram=True)
             return None
         except OSError as error:
             self._notify_unreachable(address, error)
@@ -153,7 +160,12 @@ class UdpListener:
         self._unreachable_count += 1
         if should_report(self._unreachable_count):
             self.relay.notify(
-                f"{endpoint_of(address)}: the controller {self.to} cannot be reached: {os_reason(error)}"
+                Message(
+                    "client.no-controller",
+                    client=str(endpoint_of(address)),
+                    controller=str(self.to),
+                    reason=os_reason(error),
+                )
             )
 
     def _count_drops(self) -> None:
@@ -282,7 +294,7 @@ class UdpSession:
     def resume_reading(self) -> None:
         """Do nothing: datagrams are always read."""
 
-    def close(self, reset: bool, why: str) -> None:
+    def close(self, reset: bool, why: Message) -> None:
         """Send what rules release for the client, then close the socket."""
         self._relay.release_held(self)
         if self._upstream.fileno() < 0:  # a rule has closed it during the release
@@ -301,16 +313,15 @@ class UdpSession:
         """Report a refusal once, until the controller sends something again."""
         if not self._listener.refused:
             self._listener.refused = True
-            self._relay.notify(f"{self._listener.to} refuses datagrams: nobody listens on UDP there (ICMP)")
+            self._relay.notify(Message("client.refuses-datagrams", controller=str(self._listener.to)))
 
     def _count_send_failure(self, data: bytes, error: OSError) -> int:
         """Count a datagram that cannot be sent, and report some of them. Return 0."""
         relay = self._relay
         relay.counts[RelayCounter.FULL] += 1
         if should_report(relay.counts[RelayCounter.FULL]):
-            relay.notify(
-                f"{self.conversation.client}: {len(data)} bytes could not be sent: {os_reason(error)}"
-            )
+            client = str(self.conversation.client)
+            relay.notify(Message("client.not-sent", client=client, size=len(data), reason=os_reason(error)))
         return 0
 
     def _count_drops(self) -> None:

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import errno
 import socket
 from collections.abc import Callable
 
 from bcapscope.errors import BcapError
+from bcapscope.messages import Message
+from bcapscope.messages.os_errors import os_reason
 from bcapscope.proxy.admission import ClientSlot
 from bcapscope.proxy.relay import Relay
 from bcapscope.traffic.observation import Transport
-from bcapscope.transport.descriptors import OUT_OF_DESCRIPTORS_TEXT, is_out_of_descriptors
+from bcapscope.transport.descriptors import is_out_of_descriptors
 
 
 class ClientDeniedError(BcapError):
-    """A new client gets no slot; the message continues a sentence that begins with the client."""
+    """A new client gets no slot."""
 
 
 def open_upstream(
@@ -34,7 +37,7 @@ def open_upstream(
     """
     slot = relay.slots[transport].find_slot(host, relay.now, is_stop)
     if slot is ClientSlot.NONE:
-        raise ClientDeniedError("is one client too many")
+        raise ClientDeniedError(Message("client.too-many"))
     while True:
         try:
             upstream = open_socket()
@@ -46,5 +49,5 @@ def open_upstream(
         return upstream, slot
     if not is_stop:
         upstream.close()
-        raise ClientDeniedError(f"cannot be accepted: {OUT_OF_DESCRIPTORS_TEXT}")
+        raise ClientDeniedError(Message("client.not-accepted", reason=os_reason(OSError(errno.EMFILE, ""))))
     return upstream, ClientSlot.RESERVED

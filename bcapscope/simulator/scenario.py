@@ -23,6 +23,7 @@ from msgspec import Meta
 from bcapscope.faults.document import LONGEST_DOCUMENT, DocumentError, FieldError, read_document
 from bcapscope.faults.fault import AnyFault
 from bcapscope.faults.quantities import DurationQuantity, HresultQuantity
+from bcapscope.messages import Message
 from bcapscope.protocol.codec.variant import VT, Variant
 from bcapscope.protocol.retry.responder import Defect
 from bcapscope.protocol.slave_mode.modes import Generation
@@ -38,7 +39,7 @@ from bcapscope.simulator.scenario_event import LONGEST_NAME, AnyEvent, Joints6, 
 from bcapscope.simulator.simulator import MAX_CLIENTS
 from bcapscope.simulator.system_variables import variable_names
 from bcapscope.simulator.variable_memory import VariableMemory
-from bcapscope.traffic.filter.tokens import nearest
+from bcapscope.traffic.filter.tokens import with_nearest
 
 Text: TypeAlias = Annotated[str, Meta(min_length=1, max_length=2000)]
 Name: TypeAlias = Annotated[str, Meta(min_length=1, max_length=LONGEST_NAME)]
@@ -150,11 +151,11 @@ class InitialSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     def __post_init__(self) -> None:
         for index, code in enumerate(self.errors):
             if not is_failure(code):
-                raise FieldError(("errors", index), f"{code.text} is no error")
+                raise FieldError(("errors", index), Message("scenario.no-error", code=code.text))
         known = {name for generation in Generation for name in variable_names(ObjectClass.ROBOT, generation)}
         for index, name in enumerate(self.empty):
             if name.upper() not in known:
-                raise FieldError(("empty", index), f"the robot has no variable {name}")
+                raise FieldError(("empty", index), Message("scenario.no-variable", name=name))
 
 
 class TaskSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -172,7 +173,7 @@ class TaskSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         loaded = {name.casefold() for name in self.loaded}
         for index, name in enumerate(self.running):
             if name.casefold() not in loaded:
-                raise FieldError(("running", index), f"{name} is not loaded")
+                raise FieldError(("running", index), Message("scenario.not-loaded", name=name))
 
 
 class AxisLimitSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -192,7 +193,7 @@ class AxisLimitSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True)
 
     def __post_init__(self) -> None:
         if self.low is not None and self.high is not None and self.low > self.high:
-            raise FieldError(("low",), "is above high")
+            raise FieldError(("low",), Message("scenario.above-high"))
 
     def applied_to(self, usual: AxisLimit) -> AxisLimit:
         """Return the limits of an axis, with missing ones from `usual`."""
@@ -258,14 +259,16 @@ class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         self._check_names()
         axis = axis_beyond_limit(pad_joints(self.start.joints), self.limits.axis_limits)
         if axis:
-            raise FieldError(("start", "joints", axis - 1), f"J{axis} is beyond its limits")
+            raise FieldError(
+                ("start", "joints", axis - 1), Message("scenario.beyond-limits", axis=f"J{axis}")
+            )
 
     def _check_names(self) -> None:
         seen: set[str] = set()
         for field in ("faults", "in_slave_mode"):
             for index, each in enumerate(getattr(self, field)):
                 if each.name and each.name in seen:
-                    raise FieldError((field, index, "name"), f"{each.name} is the name of another one")
+                    raise FieldError((field, index, "name"), Message("scenario.same-name", name=each.name))
                 seen.add(each.name)
 
     @property
@@ -313,16 +316,12 @@ class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         for name, value in self.variables.items():
             match = _VARIABLE.fullmatch(name.upper())
             if match is None:
-                raise FieldError(("variables", name), "there is no such variable; others are I1, P3, IO128")
+                raise FieldError(("variables", name), Message("scenario.unknown-variable"))
             try:
                 memory.write(match[1], int(match[2]), _variant(value))
             except RefusedError as refusal:
-                wrong = (
-                    "there is none of that number"
-                    if refusal.hresult == BAD_INDEX
-                    else "the value does not fit"
-                )
-                raise FieldError(("variables", name), wrong) from refusal
+                case = "scenario.bad-index" if refusal.hresult == BAD_INDEX else "scenario.unfit-value"
+                raise FieldError(("variables", name), Message(case)) from refusal
 
 
 def _variant(value: VariableSetting) -> Variant:
@@ -351,14 +350,15 @@ def load_scenario(name_or_path: str) -> Scenario:
     if name_or_path in bundled_scenarios():
         return read_scenario(bundled_scenarios()[name_or_path])
     if not name_or_path.endswith((".yaml", ".yml")):
-        raise LookupError(
-            f"there is no scenario {name_or_path!r}{nearest(name_or_path, bundled_scenarios()) or '.'}"
-        )
+        unknown = Message("scenario.unknown", name=f"{name_or_path!r}")
+        reason = with_nearest(unknown, name_or_path, bundled_scenarios())
+        raise LookupError(f"{reason}{'.' if reason is unknown else ''}")
     try:
         with Path(name_or_path).open(encoding="utf-8") as file:
             return read_scenario(file.read(LONGEST_DOCUMENT + 1))
     except UnicodeDecodeError as error:
-        raise DocumentError((), 0, f"no text in UTF-8: {error.reason} at byte {error.start}") from error
+        no_text = Message("document.no-utf8", reason=error.reason, position=error.start)
+        raise DocumentError((), 0, no_text) from error
 
 
 def read_scenario(text: str) -> Scenario:

@@ -14,6 +14,7 @@ from msgspec import Meta
 from bcapscope.faults.document import FieldError
 from bcapscope.faults.fault import Count, Fault
 from bcapscope.faults.quantities import HresultQuantity
+from bcapscope.messages import Message
 from bcapscope.protocol.tables.hresult import is_failure
 from bcapscope.simulator.kinematics import AXIS_COUNT, pad_joints
 from bcapscope.simulator.machine import AUTOMATIC, MANUAL, OTHER_CLIENT, TEACH_CHECK
@@ -60,7 +61,7 @@ class ScenarioEvent(Fault, frozen=True, kw_only=True):
 
     def __post_init__(self) -> None:
         if self.direction is not Direction.REQUEST:
-            raise FieldError(("direction",), "events happen on requests only")
+            raise FieldError(("direction",), Message("scenario.requests-only"))
         needless = {
             "times": self.times != 1,
             "probability": self.probability < 1,
@@ -68,7 +69,7 @@ class ScenarioEvent(Fault, frozen=True, kw_only=True):
         }
         for name, given in needless.items():
             if given and self.is_timed:
-                raise FieldError((name,), "needs if or try, as the event happens by itself, and once")
+                raise FieldError((name,), Message("scenario.needs-if"))
 
     @property
     def is_timed(self) -> bool:
@@ -112,7 +113,7 @@ class RaiseError(ScenarioEvent, frozen=True, kw_only=True, tag="error"):
     def __post_init__(self) -> None:
         super().__post_init__()
         if not is_failure(self.code):
-            raise FieldError(("code",), f"{self.code.text} is no error")
+            raise FieldError(("code",), Message("scenario.no-error", code=self.code.text))
 
     def apply(self, simulator: Simulator, now: int) -> list[SimulatorOutput]:
         simulator.machine.raise_error(self.code, now)

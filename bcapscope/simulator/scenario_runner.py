@@ -17,6 +17,8 @@ from bcapscope.faults.fault_injector import FaultInjector
 from bcapscope.faults.fault_matcher import FaultMatcher
 from bcapscope.faults.wire_message import CloseConnection, SendBytes, WireMessage
 from bcapscope.faults.wire_message import FaultOutput as Verdict
+from bcapscope.messages import Message
+from bcapscope.messages.message import foreign_text
 from bcapscope.protocol.codec.stream_splitter import StreamSplitter
 from bcapscope.simulator.scenario import FaultsAndEvents, Scenario
 from bcapscope.simulator.scenario_event import AnyEvent, ScenarioEvent
@@ -44,7 +46,7 @@ class _TriggeredEvent(NamedTuple):
     striker: FaultMatcher
 
 
-def _ignore(news: str) -> None:
+def _ignore(news: Message) -> None:
     """Ignore the news."""
 
 
@@ -63,7 +65,7 @@ class ScenarioRunner:
         now: int,
         *,
         seed: int | None = None,
-        on_news: Callable[[str], None] = _ignore,
+        on_news: Callable[[Message], None] = _ignore,
     ) -> None:
         """Begin to play.
 
@@ -160,7 +162,7 @@ class ScenarioRunner:
                 self._triggered.append(_TriggeredEvent(each, FaultMatcher(each, name, self._seed, now)))
 
     def _apply_event(self, event: AnyEvent, now: int) -> list[SimulatorOutput]:
-        self._on_news(event.name or event.action)
+        self._on_news(foreign_text(event.name or event.action))
         return self._send_to_clients(event.apply(self.simulator, now), now)
 
     def _advance_to(self, now: int) -> list[SimulatorOutput]:
@@ -247,7 +249,7 @@ class ScenarioRunner:
         self.on_disconnect(peer, now)
         return [SimulatorOutput(peer, ResetMarker() if closing.how is CloseMode.RESET else b"")]
 
-    def _report_touched(self, touched: Iterable[str]) -> None:
+    def _report_touched(self, touched: Iterable[Message]) -> None:
         for each in touched:
             self._on_news(each)
 

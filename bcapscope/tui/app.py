@@ -29,7 +29,7 @@ from bcapscope.tui.control_char_filter import ControlCharFilter
 from bcapscope.tui.halt_driver import HALT_KEYS, make_halt_driver
 from bcapscope.tui.ink import Styles
 from bcapscope.tui.key_order import KeyOrderApp
-from bcapscope.tui.reader_language import label, localized, set_language
+from bcapscope.tui.reader_language import apply_saved_language, label, set_language
 from bcapscope.tui.settings import default_settings_path, read_settings, write_settings
 from bcapscope.tui.themes import THEMES, theme_styles
 
@@ -116,9 +116,9 @@ class BcapApp(KeyOrderApp):
         self.screen_entries = tuple(screen_entries)
         self._settings_path = settings_path or default_settings_path()
         self.settings, self._settings_problem = read_settings(self._settings_path)
-        if language is None and self.settings.language in tuple(Language):
-            language = Language(self.settings.language)
-        if language is not None:
+        if language is None:
+            apply_saved_language(self.settings.language)
+        else:
             set_language(language)
         self._closers: list[Closer] = []
         self._is_ending = False
@@ -170,11 +170,11 @@ class BcapApp(KeyOrderApp):
         self._install_signal_handlers()
         self.app_resume_signal.subscribe(self, lambda _: self.refresh(layout=True))
         gc.set_threshold(*_GC_THRESHOLDS)
-        if self._settings_problem:
+        if self._settings_problem is not None:
             text = label(
                 "shell.settings.broken",
                 path=str(self._settings_path),
-                reason=localized(self._settings_problem),
+                reason=self._settings_problem,
             )
             self.show_message(text, "warning")
 

@@ -6,25 +6,33 @@ The catalogue holds the labels; their ids begin with the name of a screen or wid
 from __future__ import annotations
 
 import os
-from functools import lru_cache
 
-from bcapscope.errors import BcapError
-from bcapscope.messages import Language, Message, MessageFormatter, language_of
-from bcapscope.messages.message import PlaceValue, has_message
+from bcapscope.errors import message_of
+from bcapscope.messages import Language, MessageFormatter, language_of
+from bcapscope.messages.message import PlaceValue
 from bcapscope.protocol.tables.table_text import table_message
-from bcapscope.tui.words.phrases import Phrasebook
-
-_CACHED = 1000
-"""Sentences whose Japanese is cached: the same ones are drawn again and again."""
 
 
 class _Reader:
     words = MessageFormatter(language_of(os.environ))
+    is_fixed = False
 
 
 def set_language(language: Language) -> None:
     """Choose the language of everything that this process shows from now on."""
     _Reader.words = MessageFormatter(language)
+
+
+def fix_language(language: Language) -> None:
+    """Choose the language as `set_language`; the settings do not change it."""
+    set_language(language)
+    _Reader.is_fixed = True
+
+
+def apply_saved_language(name: str) -> None:
+    """Choose the language of the settings, unless it is fixed; "" keeps that of the environment."""
+    if name in tuple(Language) and not _Reader.is_fixed:
+        set_language(Language(name))
 
 
 def current_language() -> Language:
@@ -42,26 +50,11 @@ def label(id: str, /, **places: PlaceValue) -> str:
     return _Reader.words(id, **places)
 
 
-def localized(sentence: Message | str | Exception) -> str:
-    """Return a sentence in the language of the screen; a string without a known translation is unchanged."""
-    message = sentence.message if isinstance(sentence, BcapError) else sentence
-    if isinstance(message, Message) and has_message(message.id):
-        return _Reader.words.text(message)
-    return _japanese(str(message)) if _Reader.words.language is Language.JAPANESE else str(message)
+def full_error_text(error: Exception) -> str:
+    """Return what an exception says, in the language of the screen."""
+    return _Reader.words.text(message_of(error))
 
 
 def table_text(english: str) -> str:
     """Return a text of the protocol's tables in the language of the screen."""
     return _Reader.words.text(table_message(english))
-
-
-@lru_cache(1)
-def _phrasebook() -> Phrasebook:
-    from bcapscope.tui.words import PHRASES  # noqa: PLC0415 - takes as long to load as a screen
-
-    return Phrasebook(PHRASES)
-
-
-@lru_cache(_CACHED)
-def _japanese(sentence: str) -> str:
-    return _phrasebook().japanese(sentence)

@@ -7,6 +7,7 @@ from pathlib import Path
 import msgspec
 import platformdirs
 
+from bcapscope.errors import message_of
 from bcapscope.faults.document import read_document
 from bcapscope.messages import Message
 from bcapscope.messages.os_errors import os_reason
@@ -39,20 +40,20 @@ def default_settings_path() -> Path:
     return platformdirs.user_config_path("bcapscope", appauthor=False) / "screen.yaml"
 
 
-def read_settings(path: Path) -> tuple[Settings, Message | str]:
+def read_settings(path: Path) -> tuple[Settings, Message | None]:
     """Read the settings.
 
     Returns:
-        The settings, or the defaults if there are none, and why they could not be read ("" if they could).
+        The settings, or the defaults if there are none, and why they could not be read (None if they could).
     """
     try:
-        return read_document(path.read_text(encoding="utf-8"), Settings), ""
+        return read_document(path.read_text(encoding="utf-8"), Settings), None
     except FileNotFoundError:
-        return Settings(), ""
+        return Settings(), None
     except OSError as error:
         return Settings(), os_reason(error)
     except ValueError as error:  # not UTF-8, or a `DocumentError`
-        return Settings(), " ".join(str(error).split())
+        return Settings(), message_of(error)
 
 
 def write_settings(settings: Settings, path: Path) -> None:

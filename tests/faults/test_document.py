@@ -70,7 +70,7 @@ def test_a_rule_file_is_read() -> None:
             "faults:\n  - {action: loss, probability: 5%}\n",
             "line 2: faults[0].action: there is no action 'loss', did you mean 'drop'?",
         ),
-        ("faults:\n  - time: 3ms\n", "line 2: faults[0]: action is missing, such as answer or"),
+        ("faults:\n  - time: 3ms\n", "line 2: faults[0]: action is missing, such as answer, bandwidth"),
         (
             "faults:\n  - action: drop\n    name: x\n    tims: 3\n",
             "line 4: faults[0]: there is no field 'tims', did you mean 'times'?",

@@ -20,6 +20,7 @@ from bcapscope.live.recorder import Recorder
 from bcapscope.protocol.codec.frame import Frame, encode_frame
 from bcapscope.traffic.observation import Conversation, Direction, Endpoint, Flow, Observation, Transport
 from tests.cli.run import run
+from tests.english import collects
 
 CLIENT, SERVER = ("10.0.0.2", 50001), ("10.0.0.1", 5007)
 TIME = 1_700_000_000_000_000_000
@@ -69,7 +70,7 @@ def record_on(monkeypatch: pytest.MonkeyPatch) -> MakeRecorder:
         disk: RawIOBase, told: list[str], most_waiting: int = MAX_WAITING, name: str = "a.pcapng"
     ) -> BackgroundRecorder:
         monkeypatch.setattr(RotatingRecording, "_create_file", lambda files, path: disk)
-        return BackgroundRecorder(Recorder(Path(name), told.append), most_waiting=most_waiting)
+        return BackgroundRecorder(Recorder(Path(name), collects(told)), most_waiting=most_waiting)
 
     return make
 
@@ -83,7 +84,7 @@ def frames(path: Path, data: bytes) -> tuple[int, str, list[str]]:
 
 def test_what_is_taken_is_written(tmp_path: Path) -> None:
     path, told = tmp_path / "a.pcapng", list[str]()
-    recorder = BackgroundRecorder(Recorder(path, told.append))
+    recorder = BackgroundRecorder(Recorder(path, collects(told)))
     recorder.on_datagram(CLIENT, SERVER, REQUEST, TIME)
     recorder.on_segment(CLIENT, SERVER, REQUEST, TIME + 1)
     recorder.on_connection_end(CLIENT, SERVER)
@@ -151,7 +152,7 @@ def test_bytes_of_a_connection_that_are_missing_are_a_gap(tmp_path: Path, record
 
 def test_the_ends_of_a_connection_are_written_if_the_rest_is(tmp_path: Path) -> None:
     path, told = tmp_path / "a.pcapng", list[str]()
-    recorder = BackgroundRecorder(Recorder(path, told.append))
+    recorder = BackgroundRecorder(Recorder(path, collects(told)))
     recorder.on_stream_end(CLIENT, SERVER, TIME)
     recorder.on_segment(CLIENT, SERVER, REQUEST, TIME + 1)
     recorder.on_stream_end(CLIENT, SERVER, TIME + 2)

@@ -17,6 +17,7 @@ from bcapscope.live.proxy_recorder import ProxyRecorder
 from bcapscope.live.recorder import Recorder
 from bcapscope.proxy.ring_buffer import RingRecord, RingRecordKind
 from tests.capture.test_rotating_recording import SmallDisk
+from tests.english import collects, encoded
 
 ENDS = (("127.0.0.1", 50001), ("127.0.0.1", 5008), ("127.0.0.1", 50002), ("127.0.0.1", 5007))
 ROOM = 10_000
@@ -34,17 +35,19 @@ TELLING = _FIN | _RST
 def test_the_ends_of_a_stream_are_those_of_who_sent_them(
     kind: RingRecordKind, up: bool, by_proxy: bool, tmp_path: Path
 ) -> None:
-    why, flag = b"a rule" if by_proxy else b"", _FIN if kind is RingRecordKind.END else _RST
-    recorder = ProxyRecorder(Recorder(tmp_path / "r.pcapng", TOLD.append))
+    why, flag = encoded("a rule") if by_proxy else b"", _FIN if kind is RingRecordKind.END else _RST
+    recorder = ProxyRecorder(Recorder(tmp_path / "r.pcapng", collects(TOLD)))
     recorder.add_records(
-        [RingRecord(RingRecordKind.CLIENT_OPENED, False, 1, 1, 0, json.dumps(["tcp", *ENDS]).encode(), "")]
+        [RingRecord(RingRecordKind.CLIENT_OPENED, False, 1, 1, 0, json.dumps(["tcp", *ENDS]).encode(), b"")]
     )
-    recorder.add_records([RingRecord(RingRecordKind.DATA, True, 1, 2, 3, b"x", "")])
+    recorder.add_records([RingRecord(RingRecordKind.DATA, True, 1, 2, 3, b"x", b"")])
     if by_proxy:
-        recorder.add_records([RingRecord(kind, side, 1, 0, 5, why, "") for side in (up, not up)])
+        recorder.add_records([RingRecord(kind, side, 1, 0, 5, why, b"") for side in (up, not up)])
     else:
-        recorder.add_records([RingRecord(kind, up, 1, 4, 0, b"", ""), RingRecord(kind, up, 1, 0, 5, b"", "")])
-    recorder.add_records([RingRecord(RingRecordKind.CLIENT_CLOSED, False, 1, 6, 0, b"", "")])
+        recorder.add_records(
+            [RingRecord(kind, up, 1, 4, 0, b"", b""), RingRecord(kind, up, 1, 0, 5, b"", b"")]
+        )
+    recorder.add_records([RingRecord(RingRecordKind.CLIENT_CLOSED, False, 1, 6, 0, b"", b"")])
     recorder.close()
     ended = []
     with open_capture(str(tmp_path / "r.pcapng")) as capture:
@@ -64,13 +67,15 @@ def test_the_ends_of_a_stream_are_those_of_who_sent_them(
 
 
 def test_a_client_that_goes_begins_no_file_of_a_ring(tmp_path: Path) -> None:
-    recorder = ProxyRecorder(Recorder(tmp_path / "r.pcapng", TOLD.append, RotationLimits(2, size=ROOM)))
+    recorder = ProxyRecorder(Recorder(tmp_path / "r.pcapng", collects(TOLD), RotationLimits(2, size=ROOM)))
     recorder.add_records(
-        [RingRecord(RingRecordKind.CLIENT_OPENED, False, 1, 1, 0, json.dumps(["udp", *ENDS]).encode(), "")]
+        [RingRecord(RingRecordKind.CLIENT_OPENED, False, 1, 1, 0, json.dumps(["udp", *ENDS]).encode(), b"")]
     )
     for time in (1_000, 2_000):
-        recorder.add_records([RingRecord(RingRecordKind.DATA, True, 1, time, time + 1, bytes(ROOM // 2), "")])
-    recorder.add_records([RingRecord(RingRecordKind.CLIENT_CLOSED, False, 1, 3_000, 0, b"", "")])
+        recorder.add_records(
+            [RingRecord(RingRecordKind.DATA, True, 1, time, time + 1, bytes(ROOM // 2), b"")]
+        )
+    recorder.add_records([RingRecord(RingRecordKind.CLIENT_CLOSED, False, 1, 3_000, 0, b"", b"")])
     recorder.close()
     times = []
     for path in sorted(tmp_path.iterdir()):
@@ -82,15 +87,15 @@ def test_a_client_that_goes_begins_no_file_of_a_ring(tmp_path: Path) -> None:
 
 def test_packets_stand_in_the_order_of_their_times_however_they_are_taken(tmp_path: Path) -> None:
     records = [
-        RingRecord(RingRecordKind.CLIENT_OPENED, False, 1, 1, 0, json.dumps(["udp", *ENDS]).encode(), "")
+        RingRecord(RingRecordKind.CLIENT_OPENED, False, 1, 1, 0, json.dumps(["udp", *ENDS]).encode(), b"")
     ]
     records += [
-        RingRecord(RingRecordKind.DATA, True, 1, time, time + 25, bytes(time % 300), "")
+        RingRecord(RingRecordKind.DATA, True, 1, time, time + 25, bytes(time % 300), b"")
         for time in range(10, 400, 10)
     ]
     for size in (1, 2, 7, 100):
         path = tmp_path / f"{size}.pcapng"
-        recorder = ProxyRecorder(Recorder(path, TOLD.append))
+        recorder = ProxyRecorder(Recorder(path, collects(TOLD)))
         for start in range(0, len(records), size):
             recorder.add_records(records[start : start + size])
         recorder.close()
@@ -102,10 +107,10 @@ def test_packets_stand_in_the_order_of_their_times_however_they_are_taken(tmp_pa
 
 @pytest.mark.parametrize("up", [True, False])
 def test_a_hole_in_a_stream_is_a_gap_on_both_legs(up: bool, tmp_path: Path) -> None:
-    recorder = ProxyRecorder(Recorder(tmp_path / "r.pcapng", TOLD.append))
-    recorder.add_records([opened(1, "tcp"), RingRecord(RingRecordKind.DATA, up, 1, 2, 3, b"x" * 10, "")])
-    recorder.add_records([RingRecord(RingRecordKind.HOLE, up, 1, 4, 5, struct.pack("=QQ", 700, 900), "")])
-    recorder.add_records([RingRecord(RingRecordKind.DATA, up, 1, 6, 7, b"y" * 10, "")])
+    recorder = ProxyRecorder(Recorder(tmp_path / "r.pcapng", collects(TOLD)))
+    recorder.add_records([opened(1, "tcp"), RingRecord(RingRecordKind.DATA, up, 1, 2, 3, b"x" * 10, b"")])
+    recorder.add_records([RingRecord(RingRecordKind.HOLE, up, 1, 4, 5, struct.pack("=QQ", 700, 900), b"")])
+    recorder.add_records([RingRecord(RingRecordKind.DATA, up, 1, 6, 7, b"y" * 10, b"")])
     recorder.close()
     gaps: dict[str, list[int]] = {}
     for _, raw, _, where, _ in packets_of(tmp_path / "r.pcapng"):
@@ -125,7 +130,7 @@ def packets_of(path: Path) -> list[Packet]:
 def opened(number: int, transport: str) -> RingRecord:
     ends = [(host, port + 10 * number) for host, port in ENDS]
     return RingRecord(
-        RingRecordKind.CLIENT_OPENED, False, number, 1, 0, json.dumps([transport, *ends]).encode(), ""
+        RingRecordKind.CLIENT_OPENED, False, number, 1, 0, json.dumps([transport, *ends]).encode(), b""
     )
 
 
@@ -141,7 +146,9 @@ def passed(draw: st.DrawFn) -> list[RingRecord]:
         left = draw(st.sampled_from([time + 1, time + 1, time + 30, 0]))
         note = draw(st.sampled_from(["", "", "", "a rule"]))
         records.append(
-            RingRecord(RingRecordKind.DATA, up, number, came, left, bytes([len(records)] * size), note)
+            RingRecord(
+                RingRecordKind.DATA, up, number, came, left, bytes([len(records)] * size), encoded(note)
+            )
         )
     return records
 
@@ -156,7 +163,7 @@ def test_what_passes_one_after_another_is_written_as_everything_else_is(
     for size in (pieces, 1):  # one alone never passes before another
         path = folder / f"{size}.pcapng"
         recorder = ProxyRecorder(
-            Recorder(path, TOLD.append, RotationLimits(99, size=ROOM) if is_ring else None)
+            Recorder(path, collects(TOLD), RotationLimits(99, size=ROOM) if is_ring else None)
         )
         for start in range(0, len(everything), size):
             recorder.add_records(everything[start : start + size])
@@ -169,33 +176,33 @@ def test_what_passes_one_after_another_is_written_as_everything_else_is(
 
 
 def test_nothing_passes_before_what_is_told_later_and_came_earlier(tmp_path: Path) -> None:
-    recorder = ProxyRecorder(Recorder(tmp_path / "r.pcapng", TOLD.append))
+    recorder = ProxyRecorder(Recorder(tmp_path / "r.pcapng", collects(TOLD)))
     recorder.add_records([opened(1, "udp"), opened(2, "udp")])
     times = [(1, 10, 11), (1, 12, 13), (2, 9, 14), (1, 15, 16)]
     recorder.add_records(
-        [RingRecord(RingRecordKind.DATA, True, client, came, left, b"", "") for client, came, left in times]
+        [RingRecord(RingRecordKind.DATA, True, client, came, left, b"", b"") for client, came, left in times]
     )
     recorder.close()
     assert [packet[0] for packet in packets_of(tmp_path / "r.pcapng")] == list(range(9, 17))
 
 
 def test_what_waits_is_not_written_before_what_is_told_later_and_came_earlier(tmp_path: Path) -> None:
-    recorder = ProxyRecorder(Recorder(tmp_path / "r.pcapng", TOLD.append))
+    recorder = ProxyRecorder(Recorder(tmp_path / "r.pcapng", collects(TOLD)))
     recorder.add_records([opened(1, "udp"), opened(2, "udp")])
-    recorder.add_records([RingRecord(RingRecordKind.DATA, True, 1, 30, 60, b"", "")])
+    recorder.add_records([RingRecord(RingRecordKind.DATA, True, 1, 30, 60, b"", b"")])
     times = [(1, 70, 80), (2, 50, 90), (1, 95, 96)]
     recorder.add_records(
-        [RingRecord(RingRecordKind.DATA, True, client, came, left, b"", "") for client, came, left in times]
+        [RingRecord(RingRecordKind.DATA, True, client, came, left, b"", b"") for client, came, left in times]
     )
     recorder.close()
     assert [packet[0] for packet in packets_of(tmp_path / "r.pcapng")] == [30, 50, 60, 70, 80, 90, 95, 96]
 
 
 def test_a_hole_is_told_of_a_client_that_is_gone_by_the_clock(tmp_path: Path) -> None:
-    recorder = ProxyRecorder(Recorder(tmp_path / "r.pcapng", TOLD.append))
-    recorder.add_records([opened(1, "tcp"), RingRecord(RingRecordKind.DATA, True, 1, 2, 3, b"x", "")])
-    hole = RingRecord(RingRecordKind.HOLE, True, 1, 20, 21, struct.pack("=QQ", 5, 5), "")
-    recorder.add_records([hole, RingRecord(RingRecordKind.CLIENT_CLOSED, False, 1, 10, 0, b"", "")])
+    recorder = ProxyRecorder(Recorder(tmp_path / "r.pcapng", collects(TOLD)))
+    recorder.add_records([opened(1, "tcp"), RingRecord(RingRecordKind.DATA, True, 1, 2, 3, b"x", b"")])
+    hole = RingRecord(RingRecordKind.HOLE, True, 1, 20, 21, struct.pack("=QQ", 5, 5), b"")
+    recorder.add_records([hole, RingRecord(RingRecordKind.CLIENT_CLOSED, False, 1, 10, 0, b"", b"")])
     recorder.close()
     assert len(packets_of(tmp_path / "r.pcapng")) == 8
     assert not TOLD
@@ -203,25 +210,25 @@ def test_a_hole_is_told_of_a_client_that_is_gone_by_the_clock(tmp_path: Path) ->
 
 @pytest.mark.parametrize("last", ["hole", "stranger"])
 def test_no_file_of_a_ring_is_begun_without_a_packet(last: str, tmp_path: Path) -> None:
-    recorder = ProxyRecorder(Recorder(tmp_path / "r.pcapng", TOLD.append, RotationLimits(2, size=ROOM)))
+    recorder = ProxyRecorder(Recorder(tmp_path / "r.pcapng", collects(TOLD), RotationLimits(2, size=ROOM)))
     transport = "tcp" if last == "hole" else "udp"
     recorder.add_records(
-        [opened(1, transport), RingRecord(RingRecordKind.DATA, True, 1, 2, 3, bytes(ROOM), "")]
+        [opened(1, transport), RingRecord(RingRecordKind.DATA, True, 1, 2, 3, bytes(ROOM), b"")]
     )
     if last == "hole":
-        recorder.add_records([RingRecord(RingRecordKind.HOLE, True, 1, 4, 5, struct.pack("=QQ", 7, 7), "")])
+        recorder.add_records([RingRecord(RingRecordKind.HOLE, True, 1, 4, 5, struct.pack("=QQ", 7, 7), b"")])
     else:
         recorder.add_records(
-            [RingRecord(RingRecordKind.DATA, True, 9, time, time, b"x", "") for time in (4, 5, 6)]
+            [RingRecord(RingRecordKind.DATA, True, 9, time, time, b"x", b"") for time in (4, 5, 6)]
         )
     recorder.close()
     assert all(packets_of(path) for path in tmp_path.iterdir())
 
 
 def test_each_file_of_a_ring_names_the_interfaces_of_what_passes(tmp_path: Path) -> None:
-    recorder = ProxyRecorder(Recorder(tmp_path / "r.pcapng", TOLD.append, RotationLimits(99, size=ROOM)))
+    recorder = ProxyRecorder(Recorder(tmp_path / "r.pcapng", collects(TOLD), RotationLimits(99, size=ROOM)))
     passing = [
-        RingRecord(RingRecordKind.DATA, number % 2 == 0, 1, number, number, bytes(400), "")
+        RingRecord(RingRecordKind.DATA, number % 2 == 0, 1, number, number, bytes(400), b"")
         for number in range(90)
     ]
     recorder.add_records([opened(1, "udp")])
@@ -245,11 +252,11 @@ def test_a_disk_that_is_full_while_things_pass_is_told_once(
         raise OSError(28, "No space left on device")
 
     told: list[str] = []
-    recorder = ProxyRecorder(Recorder(tmp_path / "r.pcapng", told.append))
+    recorder = ProxyRecorder(Recorder(tmp_path / "r.pcapng", collects(told)))
     recorder.add_records([opened(1, "udp")])
     recorder.flush()
     monkeypatch.setattr(RotatingRecording, "_try_write", full)
-    passing = [RingRecord(RingRecordKind.DATA, True, 1, time, time, b"x", "") for time in range(1, 20)]
+    passing = [RingRecord(RingRecordKind.DATA, True, 1, time, time, b"x", b"") for time in range(1, 20)]
     recorder.add_records(passing[:9])
     recorder.flush()
     recorder.add_records(passing[9:])
@@ -263,11 +270,11 @@ def test_a_ring_on_a_full_disk_goes_on_and_that_is_told_once(
 ) -> None:
     SmallDisk(tmp_path, 50_000, monkeypatch)
     told: list[str] = []
-    recorder = ProxyRecorder(Recorder(tmp_path / "r.pcapng", told.append, RotationLimits(10, size=ROOM)))
+    recorder = ProxyRecorder(Recorder(tmp_path / "r.pcapng", collects(told), RotationLimits(10, size=ROOM)))
     recorder.add_records([opened(1, "udp")])
     for number in range(200):
         recorder.add_records(
-            [RingRecord(RingRecordKind.DATA, True, 1, number + 1, number + 1, bytes(500), "")]
+            [RingRecord(RingRecordKind.DATA, True, 1, number + 1, number + 1, bytes(500), b"")]
         )
         recorder.flush()
     assert recorder.close()
@@ -278,11 +285,11 @@ def test_a_ring_on_a_full_disk_goes_on_and_that_is_told_once(
 
 def test_what_is_flushed_can_be_read_before_the_end(tmp_path: Path) -> None:
     path = tmp_path / "r.pcapng"
-    recorder = ProxyRecorder(Recorder(path, TOLD.append))
+    recorder = ProxyRecorder(Recorder(path, collects(TOLD)))
     recorder.add_records(
-        [RingRecord(RingRecordKind.CLIENT_OPENED, False, 1, 1, 0, json.dumps(["udp", *ENDS]).encode(), "")]
+        [RingRecord(RingRecordKind.CLIENT_OPENED, False, 1, 1, 0, json.dumps(["udp", *ENDS]).encode(), b"")]
     )
-    recorder.add_records([RingRecord(RingRecordKind.DATA, True, 1, 10, 20, b"x", "")])
+    recorder.add_records([RingRecord(RingRecordKind.DATA, True, 1, 10, 20, b"x", b"")])
     recorder.flush()
     with open_capture(str(path)) as capture:
         assert [packet[0] for packet in capture] == [10, 20]
@@ -294,7 +301,7 @@ def test_each_record_knows_the_packet_on_the_clients_side(
     records: list[RingRecord], pieces: int, tmp_path_factory: pytest.TempPathFactory
 ) -> None:
     path = tmp_path_factory.mktemp("r") / "r.pcapng"
-    recorder = ProxyRecorder(Recorder(path, TOLD.append), keeps_packet_numbers=True)
+    recorder = ProxyRecorder(Recorder(path, collects(TOLD)), keeps_packet_numbers=True)
     everything = [opened(1, "udp"), opened(2, "udp"), opened(3, "tcp"), *records]
     for start in range(0, len(everything), pieces):
         recorder.add_records(everything[start : start + pieces])

@@ -32,6 +32,7 @@ from bcapscope.proxy.ring_buffer import HEADER_SIZE, RelayCounter, RingReader, R
 from bcapscope.render import frame_line
 from bcapscope.traffic.filter.field_table import RecordKind
 from tests.cli.run import run
+from tests.english import encoded
 
 MS = 1_000_000
 TEXT = Variant(VT.BSTR, "")
@@ -83,7 +84,8 @@ class Chain:
         scribe = self._recorder = None
         if record is not None:
             self._recorder = ProxyRecorder(
-                Recorder(record, self.screen.write_message), keeps_packet_numbers=subscriber is not None
+                Recorder(record, lambda message: self.screen.write_message(str(message))),
+                keeps_packet_numbers=subscriber is not None,
             )
             scribe = RecorderTask(RingReader(memory, ahead=True), self._recorder)
         self._reader = RingReader(memory)
@@ -120,7 +122,7 @@ class Chain:
             self.say(client, True, encode_frame(serial, 0, function, arguments))
             self.say(client, False, encode_frame(serial, 0, 0, values))
         self.say(client, True, b"no frame")
-        self.ring.write_required(RingRecordKind.CLIENT_CLOSED, client, b"reset", self.now)
+        self.ring.write_required(RingRecordKind.CLIENT_CLOSED, client, encoded("reset"), self.now)
 
 
 def calls(client: int) -> Iterator[tuple[int, tuple[Variant, ...], tuple[Variant, ...]]]:
@@ -190,7 +192,7 @@ def test_what_there_is_no_time_for_at_the_end_is_recorded_and_what_is_told_is_to
     chain = Chain(tmp_path / "all.pcapng", RecordKind.FRAME)
     for client in range(1, 21):
         chain.session(client, "udp")
-    chain.ring.write_required(RingRecordKind.NOTICE, 0, b"fault loss: injected 7 times", chain.now)
+    chain.ring.write_required(RingRecordKind.NOTICE, 0, encoded("fault loss: injected 7 times"), chain.now)
     chain.end()
     assert "fault loss: injected 7 times" in chain.screen.told
     assert any("what passed last was not looked at" in text for text in chain.screen.told)
@@ -218,7 +220,7 @@ def test_a_controller_that_hangs_up_is_named_live_as_in_the_recording(
         chain.say(1, False, encode_frame(serial, 0, 0, values))
     chain.ring.write_required(kind, 1, b"", chain.now + MS)
     chain.ring.write_required(kind, 1, b"", 0, sent_at=chain.now + 2 * MS)
-    chain.ring.write_required(RingRecordKind.CLIENT_CLOSED, 1, b"why", chain.now + 3 * MS)
+    chain.ring.write_required(RingRecordKind.CLIENT_CLOSED, 1, encoded("why"), chain.now + 3 * MS)
     chain.look()
     told = [text for text in chain.screen.told if f"10.0.0.1:5007 {how} the connection" in text]
     assert len(told) == 1

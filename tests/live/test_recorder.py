@@ -11,6 +11,7 @@ from bcapscope.capture.rotating_recording import RotationLimits
 from bcapscope.errors import FileWriteError
 from bcapscope.live.recorder import Recorder
 from tests.capture.test_rotating_recording import SmallDisk
+from tests.english import collects
 
 CLIENT, SERVER = ("10.0.0.2", 50001), ("10.0.0.1", 5007)
 
@@ -37,7 +38,7 @@ def test_a_disk_that_fails_is_reported_once_and_packets_are_dropped(
 ) -> None:
     SmallDisk(tmp_path, 8_000, monkeypatch)
     told: list[str] = []
-    recorder = Recorder(tmp_path / "a.pcapng", told.append, ring)
+    recorder = Recorder(tmp_path / "a.pcapng", collects(told), ring)
     write(recorder, 100)
     recorder.close()
     recorder.packets.write_datagram(CLIENT, SERVER, b"x", 1)
@@ -53,7 +54,7 @@ def test_a_ring_whose_next_file_cannot_be_created_is_reported(tmp_path: Path) ->
     told: list[str] = []
     folder = tmp_path / "gone"
     folder.mkdir()
-    recorder = Recorder(folder / "a.pcapng", told.append, RotationLimits(3, size=10_000))
+    recorder = Recorder(folder / "a.pcapng", collects(told), RotationLimits(3, size=10_000))
     for path in folder.iterdir():
         path.unlink()
     folder.rmdir()

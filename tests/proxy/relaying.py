@@ -17,6 +17,7 @@ from bcapscope.proxy.ring_buffer import HEADER_SIZE, RingReader, RingRecord, Rin
 from bcapscope.proxy.sockets import SocketAddress
 from bcapscope.proxy.udp_listener import EXPIRE_AFTER_NS
 from bcapscope.traffic.observation import Endpoint
+from tests.english import decoded
 
 PATIENCE = 20.0
 """Seconds that anything may take on a busy machine."""
@@ -74,7 +75,7 @@ class Running:
 
     def told(self) -> str:
         """Return all sentences."""
-        return "\n".join(record.data.decode() for record in self.of(RingRecordKind.NOTICE))
+        return "\n".join(decoded(record.data) for record in self.of(RingRecordKind.NOTICE))
 
 
 @contextmanager

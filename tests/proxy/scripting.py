@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from bcapscope.messages import Message
 from bcapscope.proxy.addons import AddonClient, AddonRunner, PassingMessage
 from bcapscope.proxy.direction_state import UndecidedMessage
 from bcapscope.proxy.rule_policy import RulePolicy
@@ -29,7 +30,7 @@ class Here:
         taken = AddonRunner(addons, clock=lambda: 0)
         self.obeys = True
         self.arrived = b""
-        self.place = ""
+        self.place: tuple[Message, ...] = ()
         self.located = self.ended = 0
         self._host = ScriptHost(taken)
         self._orders: FrameUnpacker[ScriptOrder] = FrameUnpacker(ScriptOrder)
@@ -58,7 +59,7 @@ class Here:
         """Count that."""
         self.located += 1
 
-    def end(self) -> str:
+    def end(self) -> tuple[Message, ...]:
         """Count that."""
         self.ended += 1
         return self.place

@@ -12,6 +12,7 @@ from bcapscope.faults.wire_message import WireMessage
 from bcapscope.proxy.addons import SLOW_HOOK_NS, AddonClient, AddonRunner, PassingMessage, load_addons
 from bcapscope.proxy.script_protocol import ScriptError
 from bcapscope.traffic.call_kind import RecentRequests
+from tests.english import collects
 from tests.faults.traffic import CLIENT, SERVER, request, talk
 
 FLOWS = talk()
@@ -115,7 +116,7 @@ class Careless:
 def test_what_goes_wrong_is_told_once_and_stops_nothing() -> None:
     told: list[str] = []
     addons = AddonRunner([Broken(), Careless()], clock=lambda: 0)
-    addons.notify = told.append
+    addons.notify = collects(told)
     for _ in range(3):
         assert addons.run_message_hooks(WHO, message()).data == request(7)
     addons.client_connected(WHO)
@@ -156,7 +157,7 @@ def test_nothing_that_can_be_raised_ends_the_relay(kind: type[BaseException]) ->
 
     told: list[str] = []
     addons = AddonRunner([Broken()], clock=lambda: 0)
-    addons.notify = told.append
+    addons.notify = collects(told)
     addons.proxy_ended()
     assert addons.errors == len(told) == 1
     assert kind.__name__ in told[0]
@@ -180,7 +181,7 @@ def test_a_slow_hook_is_told_once() -> None:
     times = iter([0, SLOW_HOOK_NS + 500_000, 10 * SLOW_HOOK_NS, 12 * SLOW_HOOK_NS])
     told: list[str] = []
     addons = AddonRunner([Slow()], clock=lambda: next(times))
-    addons.notify = told.append
+    addons.notify = collects(told)
     addons.run_message_hooks(WHO, message())
     addons.run_message_hooks(WHO, message())
     assert told == ["Slow.request delayed messages by 2.5 ms (reported once)"]

@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from bcapscope.messages import Message
 from bcapscope.proxy.admission import (
     MAX_CLIENTS,
     MAX_PER_SOURCE,
@@ -32,7 +33,7 @@ class Client:
     def evictable_idle_ns(self, now: int) -> int | None:
         return self.silence
 
-    def close(self, reset: bool, why: str) -> None:
+    def close(self, reset: bool, why: Message) -> None:
         assert not reset
         assert why == TOO_MANY_CLIENTS
         self._world.ended.append(self.number)

@@ -13,6 +13,7 @@ from bcapscope.proxy.intercept import Intercept, InterceptResult
 from bcapscope.traffic.call_kind import RecentRequests
 from bcapscope.traffic.conversation_pairing import RETRY_WITHIN_NS
 from bcapscope.traffic.observation import Endpoint, Flow, Transport
+from tests.english import english, with_english
 from tests.faults.traffic import reply, request, talk
 
 FLOWS = talk()
@@ -40,8 +41,10 @@ def test_nothing_is_held_without_a_filter() -> None:
     intercept = Intercept()
     assert consider(intercept, request(1)) is None
     intercept.set_condition(FrameCondition.read("serial == 1"))
-    assert consider(intercept, request(1)) == InterceptResult("intercept: held as 1", None)
-    assert consider(intercept, reply(1), up=False) == InterceptResult("intercept: held as 2", None)
+    result = consider(intercept, request(1))
+    assert with_english(result) == (InterceptResult, "intercept: held as 1", None)
+    result = consider(intercept, reply(1), up=False)
+    assert with_english(result) == (InterceptResult, "intercept: held as 2", None)
     assert consider(intercept, request(2)) is None
     intercept.set_condition(None)
     assert consider(intercept, request(3)) is None
@@ -103,9 +106,8 @@ def test_retries_are_held_with_their_call(tries: list[tuple[int, int]]) -> None:
 def test_a_copy_of_what_is_held_is_held_with_it() -> None:
     intercept = Intercept(FrameCondition.read("serial == 5"))
     consider(intercept, request(5))
-    assert consider(intercept, request(5)) == InterceptResult(
-        "intercept: held with 1, of which it is another try", None
-    )
+    note = "intercept: held with 1, of which it is another try"
+    assert with_english(consider(intercept, request(5))) == (InterceptResult, note, None)
 
 
 @pytest.mark.parametrize("tries", TRIES.values(), ids=list(TRIES))
@@ -125,7 +127,7 @@ def test_what_is_decided_holds_for_later_retries(decision: str, tries: list[tupl
         values = (9.0,) if decision == "edit" else ()
         assert found.data == request(second, reserved=reserved, values=values)
     other = consider(intercept, request(100, values=(7.0,)), now=30)
-    assert other == InterceptResult("intercept: held as 2", None)
+    assert with_english(other) == (InterceptResult, "intercept: held as 2", None)
 
 
 def test_a_decision_is_forgotten_when_no_retry_can_come() -> None:
@@ -145,8 +147,11 @@ def test_a_datagram_is_given_up_when_its_client_asks_no_more(tries: list[tuple[i
         consider(intercept, request(serial, reserved=reserved), now=place * RETRY_WITHIN_NS)
     consider(intercept, request(tries[-1][0], reserved=tries[-1][1]), now=4 * RETRY_WITHIN_NS)  # a copy
     (held,) = intercept.held
-    assert held.abandonment_reason(5 * RETRY_WITHIN_NS) == ""
-    assert held.abandonment_reason(5 * RETRY_WITHIN_NS + 1) == "its client has not asked again for 5.0 s"
+    assert english(held.abandonment_reason(5 * RETRY_WITHIN_NS)) == ""
+    assert (
+        english(held.abandonment_reason(5 * RETRY_WITHIN_NS + 1))
+        == "its client has not asked again for 5.0 s"
+    )
 
 
 def test_packets_of_earlier_calls_and_of_other_clients_give_nothing_up() -> None:
@@ -159,10 +164,10 @@ def test_packets_of_earlier_calls_and_of_other_clients_give_nothing_up() -> None
     other = talk(client=Endpoint("10.0.0.3", 50001)).up
     intercept.hold_or_pass(2, message(other, request(9)))
     (held,) = intercept.held
-    assert held.abandonment_reason(0) == ""
+    assert english(held.abandonment_reason(0)) == ""
     consider(intercept, request(6))
     (held,) = intercept.held
-    assert held.abandonment_reason(0) == "its client has asked for something else since"
+    assert english(held.abandonment_reason(0)) == "its client has asked for something else since"
 
 
 def test_on_tcp_who_is_silent_may_wait() -> None:
@@ -171,7 +176,7 @@ def test_on_tcp_who_is_silent_may_wait() -> None:
     intercept.hold_or_pass(1, message(flow, request(5)))
     intercept.set_condition(None)
     (held,) = intercept.held
-    assert held.abandonment_reason(100 * RETRY_WITHIN_NS) == ""
+    assert english(held.abandonment_reason(100 * RETRY_WITHIN_NS)) == ""
     assert not intercept.is_idle
     intercept.hold_or_pass(1, message(flow, request(6)))
     (held,) = intercept.held

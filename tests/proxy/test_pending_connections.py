@@ -8,6 +8,7 @@ from contextlib import ExitStack, contextmanager, suppress
 
 import pytest
 
+from bcapscope.messages import Message
 from bcapscope.protocol.codec.frame import encode_frame
 from bcapscope.protocol.codec.variant import VT, Variant
 from bcapscope.proxy.admission import MAX_CLIENTS, MAX_PER_SOURCE
@@ -112,8 +113,8 @@ class Scene:
     def unwatch(self, descriptor: int) -> None:
         del self.handlers[descriptor]
 
-    def deny(self, client: Endpoint, why: str) -> None:
-        self.denied.append(why)
+    def deny(self, client: Endpoint, why: Message) -> None:
+        self.denied.append(str(why))
 
     def come(self, stack: ExitStack, data: bytes = b"") -> socket.socket:
         """Let a client come that has sent `data` already; return its end."""

@@ -12,6 +12,7 @@ from bcapscope.proxy.record_decoder import RecordDecoder
 from bcapscope.proxy.relay_session import ClientEndpoints, read_endpoints
 from bcapscope.proxy.ring_buffer import RingRecord, RingRecordKind
 from bcapscope.traffic.observation import ConnectionEnd, Direction, Endpoint, Observation, Transport
+from tests.english import encoded, english
 
 ENDS = [["10.0.0.2", 50001], ["10.0.0.3", 5008], ["10.0.0.3", 50002], ["10.0.0.1", 5007]]
 REQUEST, REPLY = encode_frame(7, 0, 2), encode_frame(7, 0, 0)
@@ -19,16 +20,16 @@ REQUEST, REPLY = encode_frame(7, 0, 2), encode_frame(7, 0, 0)
 
 def opened(transport: str, client: int = 1) -> RingRecord:
     return RingRecord(
-        RingRecordKind.CLIENT_OPENED, False, client, 1, 0, json.dumps([transport, *ENDS]).encode(), ""
+        RingRecordKind.CLIENT_OPENED, False, client, 1, 0, json.dumps([transport, *ENDS]).encode(), b""
     )
 
 
 def data(up: bool, came: int, left: int, raw: bytes, note: str = "", *, client: int = 1) -> RingRecord:
-    return RingRecord(RingRecordKind.DATA, up, client, came, left, raw, note)
+    return RingRecord(RingRecordKind.DATA, up, client, came, left, raw, encoded(note))
 
 
 def seen(*records: RingRecord) -> list[tuple[Observation, str]]:
-    return list(RecordDecoder().decode(records))
+    return [(each, english(note)) for each, note in RecordDecoder().decode(records)]
 
 
 def test_who_met_whom() -> None:
@@ -61,9 +62,9 @@ def test_streams_are_put_together_with_the_times_of_their_pieces() -> None:
         data(True, 20, 21, REQUEST[5:] + REQUEST[:3]),
         data(True, 30, 31, REQUEST[3:]),
         data(False, 35, 36, REPLY[:4]),
-        RingRecord(RingRecordKind.END, True, 1, 40, 0, b"", ""),
-        RingRecord(RingRecordKind.END, True, 1, 0, 41, b"", ""),
-        RingRecord(RingRecordKind.CLIENT_CLOSED, False, 1, 50, 0, b"why", ""),
+        RingRecord(RingRecordKind.END, True, 1, 40, 0, b"", b""),
+        RingRecord(RingRecordKind.END, True, 1, 0, 41, b"", b""),
+        RingRecord(RingRecordKind.CLIENT_CLOSED, False, 1, 50, 0, encoded("why"), b""),
     )
     assert [(each.first_byte_time, each.time) for each, _ in found] == [(10, 20), (20, 30), (36, 50)]
     assert isinstance(found[2][0].item, Malformed)
@@ -77,11 +78,11 @@ def test_a_hole_in_a_stream_is_seen_where_it_is(up: bool) -> None:
     found = seen(
         opened("tcp"),
         data(up, 10, 11, raw + raw[:4]),
-        RingRecord(RingRecordKind.HOLE, up, 1, 20, 21, hole, ""),
+        RingRecord(RingRecordKind.HOLE, up, 1, 20, 21, hole, b""),
         data(up, 30, 31, raw),
     )
     witness = RecordDecoder()
-    list(witness.decode([opened("tcp"), RingRecord(RingRecordKind.HOLE, up, 1, 20, 21, hole, "")]))
+    list(witness.decode([opened("tcp"), RingRecord(RingRecordKind.HOLE, up, 1, 20, 21, hole, b"")]))
     assert list(witness.last_heard.values()) == [20 if up else 1]
     items = [each.item for each, _ in found]
     gaps = [item.missing for item in items if isinstance(item, Malformed) and item.missing]
@@ -99,9 +100,9 @@ def test_a_connection_is_ended_by_the_side_from_which_its_end_came(up: bool, res
     ((seen_, _),) = seen(
         opened("tcp"),
         data(up, 10, 11, REQUEST),
-        RingRecord(how, up, 1, 20, 0, b"", ""),
-        RingRecord(how, up, 1, 0, 30, b"", ""),
-        RingRecord(other, not up, 1, 40, 0, b"", ""),
+        RingRecord(how, up, 1, 20, 0, b"", b""),
+        RingRecord(how, up, 1, 0, 30, b"", b""),
+        RingRecord(other, not up, 1, 40, 0, b"", b""),
     )
     direction = Direction.REQUEST if up else Direction.RESPONSE
     assert seen_.flow.conversation.connection_end == ConnectionEnd(direction, reset, 20, both_ended=True)
@@ -109,7 +110,7 @@ def test_a_connection_is_ended_by_the_side_from_which_its_end_came(up: bool, res
 
 def test_what_the_proxy_ends_is_ended_by_neither_side() -> None:
     begun = REPLY[:4]
-    ends = [RingRecord(RingRecordKind.RESET, up, 1, 0, 20, b"a rule", "") for up in (True, False)]
+    ends = [RingRecord(RingRecordKind.RESET, up, 1, 0, 20, b"a rule", b"") for up in (True, False)]
     ((seen_, _),) = seen(opened("tcp"), data(False, 10, 11, begun), *ends)
     assert (seen_.time, seen_.flow.conversation.connection_end) == (20, None)
 
@@ -132,17 +133,17 @@ def test_clients_are_known_until_they_are_gone() -> None:
     list(
         witness.decode(
             [
-                RingRecord(RingRecordKind.CLIENT_CLOSED, False, 2, 9, 0, b"reset", ""),
+                RingRecord(RingRecordKind.CLIENT_CLOSED, False, 2, 9, 0, encoded("reset"), b""),
                 data(True, 1, 2, REQUEST, client=2),
             ]
         )
     )
     ((conversation, why),) = witness.pop_closed_clients()
-    assert (conversation.transport, why) == (Transport.TCP, "reset")
+    assert (conversation.transport, str(why)) == (Transport.TCP, "reset")
     assert (witness.pop_closed_clients(), list(witness.client_numbers.values())) == ([], [1])
-    brief = RingRecord(RingRecordKind.CLIENT_CLOSED, False, 3, 9, 0, b"in the same look", "")
+    brief = RingRecord(RingRecordKind.CLIENT_CLOSED, False, 3, 9, 0, encoded("in the same look"), b"")
     list(witness.decode([opened("udp", 3), brief]))
-    assert [why for _, why in witness.pop_closed_clients()] == ["in the same look"]
+    assert [str(why) for _, why in witness.pop_closed_clients()] == ["in the same look"]
     assert witness.observation_count == 0
 
 

@@ -10,6 +10,8 @@ from contextlib import ExitStack
 
 import pytest
 
+from bcapscope.messages import Message
+from bcapscope.messages.message import foreign_text
 from bcapscope.proxy import relay as relay_module
 from bcapscope.proxy.policy import CloseAction, PolicyAction, PolicyDecision, SendAction
 from bcapscope.proxy.poller import SelectPoller
@@ -17,6 +19,7 @@ from bcapscope.proxy.relay import Relay
 from bcapscope.proxy.ring_buffer import HEADER_SIZE, RelayCounter, RingRecordKind, RingWriter
 from bcapscope.proxy.tcp_session import MAX_PENDING, TcpSession
 from bcapscope.traffic.observation import Conversation, Direction
+from tests.english import decoded
 from tests.proxy.relaying import PATIENCE, datagrams, eventually, listening, port_of, running
 
 DOWN = Direction.RESPONSE
@@ -72,17 +75,20 @@ class Say:
     def close(self, now: int) -> None:
         self.clients.append("closed")
 
-    def report(self) -> Sequence[str]:
+    def report(self) -> Sequence[Message]:
         return ()
 
 
 def test_drop_answer_and_pass() -> None:
     def decide(client: int, direction: Direction, data: bytes) -> PolicyDecision:
         if data == b"drop":
-            return PolicyDecision("dropped", ())
+            return PolicyDecision(foreign_text("dropped"), ())
         if data == b"answer":
-            return PolicyDecision("answered", (SendAction(client, DOWN, b"by the proxy", "made up"),))
-        return PolicyDecision("", (SendAction(client, direction, data),))
+            return PolicyDecision(
+                foreign_text("answered"),
+                (SendAction(client, DOWN, b"by the proxy", foreign_text("made up")),),
+            )
+        return PolicyDecision(None, (SendAction(client, direction, data),))
 
     policy = Say(decide)
     with datagrams() as server, running(port_of(server), "udp", policy=policy) as proxy:
@@ -96,7 +102,7 @@ def test_drop_answer_and_pass() -> None:
             assert client.recv(100) == b"pass back"
         eventually(lambda: len(proxy.of(RingRecordKind.DATA)) == 5)
         told = [
-            (record.data, record.note, bool(record.received_at), bool(record.sent_at))
+            (record.data, decoded(record.note), bool(record.received_at), bool(record.sent_at))
             for record in proxy.of(RingRecordKind.DATA)
         ]
         assert told == [
@@ -114,7 +120,7 @@ def test_what_is_held_goes_out_when_it_is_due() -> None:
     def decide(client: int, direction: Direction, data: bytes) -> PolicyDecision:
         policy.hold(SendAction(client, direction, b"second"), 60)
         policy.hold(SendAction(client, direction, b"first"), 30)
-        return PolicyDecision("held", ())
+        return PolicyDecision(foreign_text("held"), ())
 
     policy = Say(decide)
     with (
@@ -136,7 +142,7 @@ def test_what_is_held_goes_out_when_it_is_due() -> None:
 def test_the_end_of_a_stream_waits_for_what_is_held_before_it() -> None:
     def decide(client: int, direction: Direction, data: bytes) -> PolicyDecision:
         policy.hold(SendAction(client, direction, data), 80)
-        return PolicyDecision("", ())
+        return PolicyDecision(None, ())
 
     policy = Say(decide)
     with (
@@ -156,7 +162,9 @@ def test_the_end_of_a_stream_waits_for_what_is_held_before_it() -> None:
 @pytest.mark.parametrize("reset", [True, False])
 def test_rules_may_end_a_connection(reset: bool) -> None:
     policy = Say(
-        lambda client, direction, data: PolicyDecision("", (CloseAction(client, reset, "the rule"),))
+        lambda client, direction, data: PolicyDecision(
+            None, (CloseAction(client, reset, foreign_text("the rule")),)
+        )
     )
     with listening() as door, running(port_of(door), "tcp", policy=policy) as proxy:
         with socket.create_connection(proxy.address, PATIENCE) as client:
@@ -172,8 +180,8 @@ def test_rules_may_end_a_connection(reset: bool) -> None:
                         assert sock.recv(1) == b""
         eventually(lambda: proxy.of(RingRecordKind.CLIENT_CLOSED))
         ends = proxy.of(RingRecordKind.RESET if reset else RingRecordKind.END)
-        assert [(end.up, end.received_at, bool(end.sent_at), end.data) for end in ends] == [
-            (up, 0, True, b"the rule") for up in (True, False)
+        assert [(end.up, end.received_at, bool(end.sent_at), decoded(end.data)) for end in ends] == [
+            (up, 0, True, "the rule") for up in (True, False)
         ]
         assert "the rule" in proxy.told()
 
@@ -251,7 +259,9 @@ def test_who_asks_and_does_not_listen_is_not_read_while_answers_pile_up() -> Non
 
     def decide(client: int, direction: Direction, data: bytes) -> PolicyDecision:
         asked.append(data)
-        return PolicyDecision("answered", (SendAction(client, DOWN, answer, "made up"),))
+        return PolicyDecision(
+            foreign_text("answered"), (SendAction(client, DOWN, answer, foreign_text("made up")),)
+        )
 
     with (
         listening() as door,

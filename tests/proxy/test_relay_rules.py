@@ -18,6 +18,7 @@ from bcapscope.proxy import relay
 from bcapscope.proxy.ring_buffer import RelayCounter, RingRecordKind
 from bcapscope.proxy.rule_policy import RulePolicy
 from bcapscope.transport.tcp_link import close_with_reset
+from tests.english import decoded
 from tests.faults.traffic import MS, reply, request
 from tests.proxy.relaying import PATIENCE, Running, datagrams, eventually, listening, port_of, running
 from tests.proxy.test_rule_policy import holding, rules
@@ -215,7 +216,7 @@ def test_a_datagram_is_held_for_its_time_and_noted() -> None:
         assert client.recv(4096) == reply(1)
         eventually(lambda: len(proxy.passed(True)) == 2)
         came, left = (record for record in proxy.of(RingRecordKind.DATA) if record.up)
-        assert came.note.startswith("delay: delayed by ")
+        assert decoded(came.note).startswith("delay: delayed by ")
         assert (came.sent_at, left.received_at, left.note) == (0, 0, came.note)
 
 

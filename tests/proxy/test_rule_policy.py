@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from bcapscope.faults.fault_injector import FaultInjector
 from bcapscope.faults.fault_notation import read_fault
 from bcapscope.faults.quantities import FrameCondition
+from bcapscope.messages import Message
 from bcapscope.protocol.codec.frame import Frame, encode_frame
 from bcapscope.protocol.codec.variant import VT, Variant
 from bcapscope.protocol.tables.hresult import E_ACCESSDENIED, E_FAIL
@@ -19,6 +20,7 @@ from bcapscope.proxy.policy import CloseAction, LateDecision, PolicyAction, Poli
 from bcapscope.proxy.request_guard import RequestGuard, read_target
 from bcapscope.proxy.rule_policy import RulePolicy
 from bcapscope.traffic.observation import Direction, Transport
+from tests.english import collects, english, with_english
 from tests.faults.traffic import MS, reply, request, talk
 from tests.proxy.scripting import Here, Listener, Meddler
 from tests.strategies import cut, mutated_frames
@@ -59,36 +61,40 @@ def sent(actions: Sequence[PolicyAction], toward: Direction = UP) -> bytes:
 def test_without_rules_all_passes_at_once() -> None:
     raw = request(1)
     decision = rules().receive(1, UP, raw, 0)
-    assert decision == PolicyDecision("", (SendAction(1, UP, raw),))
+    assert decision == PolicyDecision(None, (SendAction(1, UP, raw),))
     assert decision.actions[0].data is raw  # type: ignore[union-attr]  # it is a Send
 
 
 def test_a_fault_is_told_and_what_it_delays_comes_later() -> None:
     made = rules("delay=3ms", "loss=0%")
-    assert made.receive(1, UP, request(1), 0) == PolicyDecision("delay: delayed by 3 ms", [])
+    decision = made.receive(1, UP, request(1), 0)
+    assert (english(decision.note), decision.actions) == ("delay: delayed by 3 ms", [])
     assert made.holds(1, UP)
     assert not made.holds(1, DOWN)
     assert made.due() == 3 * MS
-    assert made.pop_due_actions(3 * MS) == [SendAction(1, UP, request(1), "delay: delayed by 3 ms")]
+    (action,) = made.pop_due_actions(3 * MS)
+    assert with_english(action) == (SendAction, 1, UP, request(1), "delay: delayed by 3 ms")
     assert made.due() is None
-    assert list(made.report()) == ["fault delay: injected once", "fault drop: injected never"]
+    assert list(map(str, made.report())) == ["fault delay: injected once", "fault drop: injected never"]
 
 
 def test_a_lost_datagram_leaves_no_action() -> None:
-    assert rules("drop").receive(1, UP, request(1), 0) == PolicyDecision("drop: dropped", [])
+    decision = rules("drop").receive(1, UP, request(1), 0)
+    assert (english(decision.note), decision.actions) == ("drop: dropped", [])
 
 
 def test_the_right_client_is_answered() -> None:
     made = rules("answer=E_FAIL", clients=2)
     (action,) = made.receive(2, UP, request(7), 0).actions
     assert isinstance(action, SendAction)
-    assert (action.client, action.toward, action.note) == (2, DOWN, "answer: answered with E_FAIL")
+    assert (action.client, action.toward, english(action.note)) == (2, DOWN, "answer: answered with E_FAIL")
     assert (Frame(action.data).serial, Frame(action.data).code) == (7, E_FAIL)
 
 
 def test_a_connection_is_closed() -> None:
     made = rules("close=fin", transport=Transport.TCP)
-    assert made.receive(1, UP, request(1), 0).actions == [CloseAction(1, False, "close: connection closed")]
+    (action,) = made.receive(1, UP, request(1), 0).actions
+    assert with_english(action) == (CloseAction, 1, False, "close: connection closed")
 
 
 def test_a_client_that_is_gone_is_forgotten() -> None:
@@ -107,7 +113,7 @@ SLAVE_OFF = encode_frame(8, 0, 64, (Variant(VT.I4, 1), Variant(VT.BSTR, "slvChan
 def test_of_what_is_held_at_the_end_stops_and_answers_go_on_and_motions_do_not() -> None:
     told: list[str] = []
     made = rules("delay=60s")
-    made.notify = told.append
+    made.notify = collects(told)
     for serial, raw in enumerate((request(1), HALT, request(2), SLAVE_OFF)):
         made.receive(1, UP, raw, serial)
     made.receive(1, DOWN, reply(1), 9)
@@ -118,7 +124,7 @@ def test_of_what_is_held_at_the_end_stops_and_answers_go_on_and_motions_do_not()
     ]
     assert sent(actions, DOWN) == reply(1)
     assert told == ["10.0.0.2:50001 ended; held messages that were not sent: 2 Robot_Execute slvMove"]
-    assert "held requests dropped because their client no longer waited: 2" in made.report()
+    assert "held requests dropped because their client no longer waited: 2" in map(str, made.report())
     assert made.due() is None
     made.remove_client(1, 10)
 
@@ -233,7 +239,7 @@ def test_bytes_pass_unchanged_through_rules_that_strike_nothing(
 def test_frames_of_one_segment_stay_together() -> None:
     made = rules("drop if serial == 9", transport=Transport.TCP)
     both = request(1) + request(2)
-    assert made.receive(1, UP, both, 0) == PolicyDecision("", [SendAction(1, UP, both)])
+    assert made.receive(1, UP, both, 0) == PolicyDecision(None, [SendAction(1, UP, both)])
 
 
 def test_a_fault_that_comes_in_the_middle_finds_the_next_frame() -> None:
@@ -268,12 +274,15 @@ def test_a_refused_request_is_answered_under_each_serial_of_its_tries() -> None:
     made = rules(guard=RequestGuard(read_only=True))
     for serial, reserved in ((5, 0), (6, 5), (7, 5)):
         decision = made.receive(1, UP, request(serial, reserved=reserved), 0)
-        assert decision.note == "guard: read-only: Robot_Execute 'slvMove', answered with E_ACCESSDENIED"
+        assert (
+            english(decision.note)
+            == "guard: read-only: Robot_Execute 'slvMove', answered with E_ACCESSDENIED"
+        )
         assert sent(decision.actions) == b""
         answer = Frame(sent(decision.actions, DOWN))
         assert (answer.serial, answer.code, answer.argc, answer.problems) == (serial, E_ACCESSDENIED, 0, ())
     assert made.refused_requests == 3
-    assert made.report() == ["guard: refused 3 times"]
+    assert list(map(str, made.report())) == ["guard: refused 3 times"]
 
 
 def test_what_is_allowed_passes_beside_what_is_refused() -> None:
@@ -324,7 +333,8 @@ def test_faults_make_nothing_of_a_request_that_the_guard_would_refuse(
 
 def test_a_message_is_held_and_sent_on() -> None:
     made = rules(intercept=holding("command == slvMove"))
-    assert made.receive(1, UP, request(1), 0) == PolicyDecision("intercept: held as 1", [])
+    decision = made.receive(1, UP, request(1), 0)
+    assert (english(decision.note), decision.actions) == ("intercept: held as 1", [])
     assert sent(made.receive(1, UP, request(2, "CurJnt"), 0).actions) == request(2, "CurJnt")
     (held,) = made.intercept.held
     assert (held.number, held.client, held.data, held.since) == (1, 1, request(1), 0)
@@ -333,9 +343,8 @@ def test_a_message_is_held_and_sent_on() -> None:
     assert made.holds(1, UP)
     made.forward_held(1, 2000 * MS)
     assert made.due() == 0
-    assert made.pop_due_actions(2000 * MS) == [
-        SendAction(1, UP, request(1), "intercept: sent on after 2.0 s")
-    ]
+    (action,) = made.pop_due_actions(2000 * MS)
+    assert with_english(action) == (SendAction, 1, UP, request(1), "intercept: sent on after 2.0 s")
     assert not made.holds(1, UP)
     with pytest.raises(KeyError):
         made.forward_held(1, 0)
@@ -348,20 +357,21 @@ def test_a_held_message_is_edited_or_dropped() -> None:
     made.receive(1, DOWN, reply(2), 0)
     made.forward_held(1, MS, b"other")
     made.drop_held(2, MS)
-    assert made.pop_due_actions(MS) == [SendAction(1, DOWN, b"other", "intercept: edited after 0.0 s")]
+    (action,) = made.pop_due_actions(MS)
+    assert with_english(action) == (SendAction, 1, DOWN, b"other", "intercept: edited after 0.0 s")
     assert made.intercept.held == []
 
 
 def test_what_waits_too_long_goes_on_unchanged_and_says_so() -> None:
     told: list[str] = []
     made = rules(intercept=holding("true", patience=5000 * MS))
-    made.notify = told.append
+    made.notify = collects(told)
     made.receive(1, UP, request(1), 0)
     assert made.due() == 5000 * MS
     assert made.pop_due_actions(4999 * MS) == []
     (action,) = made.pop_due_actions(5000 * MS)
     note = "intercept: nobody decided in 5 s, sent on unchanged"
-    assert action == SendAction(1, UP, request(1), note)
+    assert with_english(action) == (SendAction, 1, UP, request(1), note)
     assert told == [f"message 1: {note}"]
 
 
@@ -372,13 +382,13 @@ def test_what_waits_too_long_is_dropped_when_its_client_has_gone_on(
 ) -> None:
     told: list[str] = []
     made = rules(intercept=holding("serial == 1", patience=2000 * MS), transport=transport)
-    made.notify = told.append
+    made.notify = collects(told)
     made.receive(1, UP, request(1), 0)
     assert sent(made.receive(1, UP, later, 1000 * MS).actions) == later
     assert made.pop_due_actions(2000 * MS) == []
     why = "its client has asked for something else since"
     assert told == [f"message 1: intercept: nobody decided in 2 s and {why}, dropped"]
-    assert "held requests dropped because their client no longer waited: 1" in made.report()
+    assert "held requests dropped because their client no longer waited: 1" in map(str, made.report())
     if transport is Transport.UDP:
         assert made.receive(1, UP, request(3, reserved=1), 3000 * MS).actions == []
 
@@ -389,9 +399,9 @@ def test_what_waits_too_long_is_dropped_when_its_clients_stream_has_ended() -> N
     made.receive(1, DOWN, reply(1), 0)
     made.on_stream_end(1, UP, MS)
     assert made.holds(1, UP)
-    assert made.pop_due_actions(2000 * MS) == [
-        SendAction(1, DOWN, reply(1), "intercept: nobody decided in 2 s, sent on unchanged")
-    ]
+    (action,) = made.pop_due_actions(2000 * MS)
+    note = "intercept: nobody decided in 2 s, sent on unchanged"
+    assert with_english(action) == (SendAction, 1, DOWN, reply(1), note)
     assert not made.holds(1, UP)
 
 
@@ -425,7 +435,7 @@ def test_no_more_is_held_than_fits() -> None:
         made.receive(1, UP, request(serial), 0)
     decision = made.receive(1, UP, request(5000), 0)
     assert sent(decision.actions) == request(5000)
-    assert decision.note == f"intercept: not held, {MAX_HELD} are held already"
+    assert english(decision.note) == f"intercept: not held, {MAX_HELD} are held already"
 
 
 EVENTS = st.lists(
@@ -463,7 +473,7 @@ def test_nothing_that_comes_does_harm(
         match what:
             case "up" | "down":
                 decision = made.receive(1, UP if what == "up" else DOWN, data, now)
-                assert isinstance(decision.note, str)
+                assert isinstance(decision.note, Message | None)
             case "take":
                 made.pop_due_actions(now)
             case "answer":

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from bcapscope.messages import Message
 from bcapscope.protocol.codec.frame import Frame, encode_frame
 from bcapscope.protocol.codec.variant import VT, Variant
 from bcapscope.protocol.tables.function_table import ID
@@ -15,6 +16,7 @@ from bcapscope.proxy.rule_policy import RulePolicy
 from bcapscope.proxy.script_protocol import FinishScripts, ScriptAnswer, pack
 from bcapscope.proxy.script_queue import MAX_WAITING
 from bcapscope.traffic.observation import Conversation, Direction, Endpoint, Transport
+from tests.english import collects, english
 from tests.faults.traffic import CLIENT, MS, reply, request
 from tests.proxy.scripting import Here, Listener, Meddler
 from tests.proxy.test_rule_policy import DOWN, HALT, SLAVE_OFF, UP, holding, rules, sent
@@ -33,7 +35,7 @@ def test_scripts_change_drop_and_answer() -> None:
 
     def decided(direction: Direction, raw: bytes) -> LateDecision:
         decision = made.receive(1, direction, raw, 0)
-        assert (decision.note, decision.actions) == ("", [])
+        assert (decision.note, decision.actions) == (None, [])
         assert made.holds(1, direction)
         here.answer(made, 0)
         found = late(made)
@@ -42,18 +44,18 @@ def test_scripts_change_drop_and_answer() -> None:
         return found
 
     dropped = decided(UP, request(1))
-    assert (dropped.note, dropped.actions) == ("addon: dropped", [])
+    assert (english(dropped.note), dropped.actions) == ("addon: dropped", [])
     answered = decided(UP, request(2))
-    assert (answered.note, sent(answered.actions)) == ("addon: answered", b"")
+    assert (english(answered.note), sent(answered.actions)) == ("addon: answered", b"")
     answer = Frame(sent(answered.actions, DOWN))
     assert (answer.serial, answer.code) == (2, E_FAIL)
     changed = decided(UP, request(3))
-    assert (changed.note, changed.actions) == ("addon: changed", [SendAction(1, UP, request(33))])
+    assert (english(changed.note), changed.actions) == ("addon: changed", [SendAction(1, UP, request(33))])
     unchanged = decided(UP, request(4))
-    assert (unchanged.note, unchanged.actions) == ("", [SendAction(1, UP, request(4))])
+    assert (english(unchanged.note), unchanged.actions) == ("", [SendAction(1, UP, request(4))])
     decided(UP, request(5, "CurJnt"))
-    assert decided(DOWN, reply(5)).note == "addon: dropped"
-    assert made.report() == ["scripts: went wrong once"]
+    assert english(decided(DOWN, reply(5)).note) == "addon: dropped"
+    assert list(map(str, made.report())) == ["scripts: went wrong once"]
 
 
 def test_the_guard_sees_what_a_script_has_made() -> None:
@@ -116,7 +118,7 @@ def test_a_stop_overtakes_all_that_waits_and_scripts_see_it_still(transport: Tra
     waiting = request(1, "CurJnt")
     assert made.receive(1, UP, waiting, 0).actions == []
     for stop in (HALT, SLAVE_OFF):
-        assert made.receive(1, UP, stop, 0) == PolicyDecision("", [SendAction(1, UP, stop)])
+        assert made.receive(1, UP, stop, 0) == PolicyDecision(None, [SendAction(1, UP, stop)])
     here.answer(made, 0)
     assert sent(made.pop_due_actions(0)) == waiting
     assert looker.seen == [waiting, HALT, SLAVE_OFF]
@@ -144,7 +146,7 @@ def test_a_motion_that_a_stop_has_overtaken_does_not_start_after_it(
     refused = Frame(sent(actions, DOWN))
     assert (refused.serial, refused.code) == (1, E_ACCESSDENIED)
     assert isinstance(actions[0], LateDecision)
-    assert actions[0].note == "overtaken by a stop: motion is refused"
+    assert english(actions[0].note) == "overtaken by a stop: motion is refused"
     assert made.refused_requests == 1
 
 
@@ -213,7 +215,7 @@ def test_what_came_in_one_piece_is_decided_when_all_of_it_is() -> None:
     here.answer(made, 0, count=1)
     assert made.pop_due_actions(0) == [SendAction(1, UP, request(1, "CurJnt"))]
     here.answer(made, 0)
-    assert late(made) == LateDecision(1, first.ticket, "", [SendAction(1, UP, request(2))])
+    assert late(made) == LateDecision(1, first.ticket, None, [SendAction(1, UP, request(2))])
     made.on_stream_end(1, UP, 0)
     assert made.holds(1, UP)
     here.answer(made, 0)
@@ -224,11 +226,11 @@ def test_what_came_in_one_piece_is_decided_when_all_of_it_is() -> None:
 def switched_off(*waiting: bytes, transport: Transport = Transport.UDP) -> tuple[RulePolicy, Here, list[str]]:
     """Give rules whose script loops while requests wait, and what they tell, right before it is too long."""
     here = Here(Looker())
-    here.place = "; mine.py line 7 in request"
+    here.place = (Message("script.place", file="mine.py", line=7, function="request"),)
     told: list[str] = []
     made = rules(scripts=here, transport=transport)
     here.obeys = False
-    here.queue.notify = told.append
+    here.queue.notify = collects(told)
     for raw in waiting:
         assert made.receive(1, UP, raw, 0).ticket
     return made, here, told
@@ -241,7 +243,7 @@ def test_a_script_that_takes_too_long_is_switched_off() -> None:
     actions = made.pop_due_actions(100 * MS)
     assert sent(actions) == request(2, "CurJnt")
     answers = [each for each in actions if isinstance(each, LateDecision) and each.note]
-    assert [each.note for each in answers] == ["script is off: motion is refused"] * 2
+    assert [english(each.note) for each in answers] == ["script is off: motion is refused"] * 2
     assert [Frame(sent(each.actions, DOWN)).code for each in answers] == [E_ACCESSDENIED] * 2
     assert (here.located, here.ended, told) == (1, 0, [])
     assert made.due() == 150 * MS
@@ -266,12 +268,12 @@ def test_without_its_script_all_but_motion_passes(transport: Transport) -> None:
     made.pop_due_actions(100 * MS)
     now = 200 * MS
     for raw in (HALT, SLAVE_OFF, request(2, "CurJnt")):
-        assert made.receive(1, UP, raw, now) == PolicyDecision("", [SendAction(1, UP, raw)])
+        assert made.receive(1, UP, raw, now) == PolicyDecision(None, [SendAction(1, UP, raw)])
     assert sent(made.receive(1, DOWN, reply(2), now).actions, DOWN) == reply(2)
     moving = made.receive(1, UP, request(3) + request(4, "CurJnt"), now)
     assert sent(moving.actions) == request(4, "CurJnt")
     assert Frame(sent(moving.actions, DOWN)).code == E_ACCESSDENIED
-    assert moving.note == "script is off: motion is refused"
+    assert english(moving.note) == "script is off: motion is refused"
 
 
 def test_each_message_has_the_whole_time() -> None:
@@ -298,7 +300,7 @@ def test_a_message_does_not_wait_behind_others_for_ever() -> None:
         made.pop_due_actions(now)
         if not here.queue.is_on:
             break
-    assert here.queue.off_because == "it cannot keep up, messages have waited for 1 s"
+    assert english(here.queue.off_because) == "it cannot keep up, messages have waited for 1 s"
     assert not made.holds(1, UP)
 
 
@@ -370,13 +372,13 @@ def test_a_relay_that_always_stands_still_does_not_let_messages_wait_for_ever() 
 
 def test_the_end_of_its_process_switches_a_script_off() -> None:
     made, here, told = switched_off(request(1), request(2, "CurJnt"))
-    here.place = "; exit code 3"
+    here.place = (Message("script.exit-code", code=3),)
     made.on_scripts_ended(MS)
     assert sent(made.pop_due_actions(MS)) == request(2, "CurJnt")
     made.pop_due_actions(51 * MS)
     why = "its process ended during request (Robot_Execute slvMove); exit code 3"
     assert told[0].startswith(f"script mine.py is switched off: {why}; stops pass")
-    assert "scripts: switched off, its process ended during request" in made.report()[-1]
+    assert "scripts: switched off, its process ended during request" in str(made.report()[-1])
 
 
 @pytest.mark.parametrize(
@@ -387,14 +389,14 @@ def test_what_makes_no_sense_switches_a_script_off(data: bytes) -> None:
     here.take()
     made.on_script_data(data, 0)
     assert sent(made.pop_due_actions(0)) == request(2, "CurJnt")
-    assert here.queue.off_because.startswith("its process sent the proxy an invalid message")
+    assert english(here.queue.off_because).startswith("its process sent the proxy an invalid message")
 
 
 def test_a_client_that_goes_leaves_nothing_that_waits() -> None:
     told: list[str] = []
     here = Here(Meddler())
     made = rules(scripts=here, clients=2)
-    made.notify = told.append
+    made.notify = collects(told)
     made.receive(1, UP, request(9), 0)
     made.receive(1, DOWN, reply(8), 0)
     made.receive(2, UP, request(7), 0)
@@ -410,7 +412,8 @@ def test_datagrams_that_find_no_room_are_dropped_and_streams_are_not_read() -> N
     made = rules(scripts=here, clients=2)
     for serial in range(1, MAX_WAITING + 1):
         made.receive(1, UP, request(serial, "CurJnt"), 0)
-    assert made.receive(1, UP, request(99), 0).note == "addon: dropped, too many messages wait"
+    note = made.receive(1, UP, request(99), 0).note
+    assert english(note) == "addon: dropped, too many messages wait"
     assert made.receive(1, UP, HALT, 0).actions == [SendAction(1, UP, HALT)]
     assert made.receive(2, UP, request(1, "CurJnt"), 0).ticket
     here.answer(made, 0)
@@ -424,7 +427,7 @@ def test_datagrams_that_find_no_room_are_dropped_and_streams_are_not_read() -> N
 def test_nothing_waits_for_a_script_that_decides_nothing() -> None:
     here = Here(Listener())
     made = rules(scripts=here)
-    assert made.receive(1, UP, request(1), 0) == PolicyDecision("", [SendAction(1, UP, request(1))])
+    assert made.receive(1, UP, request(1), 0) == PolicyDecision(None, [SendAction(1, UP, request(1))])
     assert sent(made.receive(1, DOWN, reply(1), 0).actions, DOWN) == reply(1)
     here.obeys = False
     made.receive(1, UP, request(2), 0)

@@ -13,10 +13,13 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from bcapscope.messages import Message
+from bcapscope.messages.message_codec import encode_message
 from bcapscope.proxy.policy import Policy
 from bcapscope.proxy.poller import READ
 from bcapscope.proxy.ring_buffer import RelayCounter, RingRecordKind
 from bcapscope.proxy.tcp_session import ANSWERED_IDLE_NS, REPLY_TIMEOUT_NS, STUCK_AFTER_NS, TcpSession
+from tests.english import decoded
 from tests.proxy.relaying import PATIENCE, Running, eventually, listening, port_of, running
 from tests.proxy.test_rule_policy import rules
 
@@ -94,7 +97,7 @@ def test_half_close_passes_through_and_the_other_half_goes_on() -> None:
         ]
         assert ends == [(up, came, not came) for up in (True, False) for came in (True, False)]
         assert not proxy.of(RingRecordKind.RESET)
-        assert proxy.of(RingRecordKind.CLIENT_CLOSED)[0].data == b"ended by both sides"
+        assert proxy.of(RingRecordKind.CLIENT_CLOSED)[0].data == encode_message(Message("client.ended"))
         assert not proxy.relay.sessions
 
 
@@ -109,7 +112,7 @@ def test_reset_passes_through(up: bool) -> None:
             second.recv(1)
         eventually(lambda: proxy.of(RingRecordKind.CLIENT_CLOSED))
         who = "the client" if up else "the controller"
-        assert proxy.of(RingRecordKind.CLIENT_CLOSED)[0].data.decode() == f"{who}: connection reset by peer"
+        assert decoded(proxy.of(RingRecordKind.CLIENT_CLOSED)[0].data) == f"{who}: connection reset by peer"
         came, left = proxy.of(RingRecordKind.RESET)
         assert (came.up, bool(came.received_at), came.sent_at, came.data) == (up, True, 0, b"")
         assert (left.up, left.received_at, bool(left.sent_at), left.data) == (up, 0, True, b"")
@@ -295,7 +298,7 @@ def wait_for(sock: socket.socket, sign: int) -> None:
 def test_what_is_sent_last_is_told() -> None:
     with standing() as (_, server, proxy, session):
         session._up.pending += b"the last"
-        session.close(False, "the proxy ended")
+        session.close(False, Message("client.proxy-ended"))
         assert receive(server, 99) == b"the last"
         proxy.relay.close()
         sent = [each for each in (*proxy.look(), *proxy.look()) if each.data == b"the last"]
@@ -309,7 +312,7 @@ def test_what_is_not_taken_at_the_end_is_told(monkeypatch: pytest.MonkeyPatch, u
     with standing() as (_, _, proxy, session):
         monkeypatch.setattr(socket.socket, "send", lambda sock, data, flags=0: 3)
         (session._up if up else session._down).pending += b"the last"
-        session.close(False, "the proxy ended")
+        session.close(False, Message("client.proxy-ended"))
         proxy.relay.close()
         whose = "the controller" if up else "the client"
         proxy.look()
@@ -321,7 +324,7 @@ def test_what_is_not_taken_at_the_end_is_told(monkeypatch: pytest.MonkeyPatch, u
 def test_both_directions_are_noted_as_ended_by_the_relay_once(by_reset: bool) -> None:
     with standing() as (client, server, proxy, session):
         session._up.pending += b"the last"
-        session.close(by_reset, "why")
+        session.close(by_reset, Message("client.ended"))
         proxy.relay.close()
         proxy.look()
         kind, other = (
@@ -329,8 +332,8 @@ def test_both_directions_are_noted_as_ended_by_the_relay_once(by_reset: bool) ->
             if by_reset
             else (RingRecordKind.END, RingRecordKind.RESET)
         )
-        ends = [(each.up, each.received_at, each.sent_at > 0, each.data) for each in proxy.of(kind)]
-        assert ends == [(True, 0, True, b"why"), (False, 0, True, b"why")]
+        ends = [(each.up, each.received_at, each.sent_at > 0, decoded(each.data)) for each in proxy.of(kind)]
+        assert ends == [(True, 0, True, "ended by both sides"), (False, 0, True, "ended by both sides")]
         assert not proxy.of(other)
         assert session.send(True, b"too late") == 0
         if by_reset:  # nothing of what was pending is sent before it

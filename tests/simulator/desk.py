@@ -15,6 +15,7 @@ from bcapscope.simulator.scenario import read_scenario
 from bcapscope.simulator.scenario_runner import ScenarioRunner
 from bcapscope.simulator.server_interfaces import ControllerModel
 from bcapscope.simulator.simulator import Simulator, SimulatorOutput
+from tests.english import collects
 
 MS = 1_000_000
 
@@ -45,7 +46,7 @@ class Desk:
         played = read_scenario(scenario)
         desk = cls()
         desk.simulator = Simulator(played.controller_profile, played.initial_state())
-        desk.stage = ScenarioRunner(played, desk.simulator, 0, on_news=desk.news.append)
+        desk.stage = ScenarioRunner(played, desk.simulator, 0, on_news=collects(desk.news))
         return desk
 
     @property

@@ -14,12 +14,12 @@ def test_what_was_saved_is_loaded(tmp_path: Path) -> None:
     path = tmp_path / "deep" / "screen.yaml"
     settings = Settings(theme="light", captures=["a.pcap", "b c.pcapng"], hosts=["10.0.0.1"])
     write_settings(settings, path)
-    assert read_settings(path) == (settings, "")
+    assert read_settings(path) == (settings, None)
     assert list(path.parent.iterdir()) == [path]
 
 
 def test_there_are_none_yet(tmp_path: Path) -> None:
-    assert read_settings(tmp_path / "none.yaml") == (Settings(), "")
+    assert read_settings(tmp_path / "none.yaml") == (Settings(), None)
 
 
 @pytest.mark.parametrize("content", [b"theme: [", b"theme: 3", b"- a", b"\xff\x00", b"hosts: no"])
@@ -73,5 +73,5 @@ def test_names_of_files_may_be_anything(tmp_path: Path) -> None:
         items = with_recent(name, items)
     settings = Settings(trajectories=items)
     write_settings(settings, tmp_path / "screen.yaml")
-    assert read_settings(tmp_path / "screen.yaml") == (settings, "")
+    assert read_settings(tmp_path / "screen.yaml") == (settings, None)
     assert items == ["\x1b[31m\n[b]\u202e"]

@@ -17,7 +17,8 @@ from click.core import ParameterSource
 
 from bcapscope.cli.common import options
 from bcapscope.cli.common.data_output import echo
-from bcapscope.live.standard_streams import print_stderr
+from bcapscope.messages import Message
+from bcapscope.messages.places import Count
 
 if TYPE_CHECKING:  # imported where needed: `tui` has these options too, and must open a capture fast
     from bcapscope.faults.fault import AnyFault
@@ -137,22 +138,18 @@ class RuleOptions:
             session = relay.sessions.get(number)
             return "" if session is None else session.upstream_state
 
-        server = ControlServer(self.control, ControlApi(rules, figures, upstream), relay)
-        print_stderr(f"control: bcapscope proxy ctl {server.address}")
-        return server
+        return ControlServer(self.control, ControlApi(rules, figures, upstream), relay)
 
-    def summary_lines(self) -> list[str]:
+    def summary(self) -> list[Message]:
         """Describe the rules, one line each."""
-        from bcapscope.protocol.text_format import counted
-
         lines = []
         if self.faults:
-            lines.append(f"{counted(len(self.faults), 'fault')}, --seed {self.seed}")
+            lines.append(Message("rules.faults", count=Count(len(self.faults), "fault"), seed=self.seed))
         if self.guard is not None:
-            lines.append("guard: the proxy refuses forbidden requests with E_ACCESSDENIED")
+            lines.append(Message("rules.guard"))
         if self.intercept is not None:
             limit = f"{self._effective_hold_ns() / 1e9:g} s"
-            lines.append(f"intercept: messages are held until you release them, at most {limit}")
+            lines.append(Message("rules.intercept", limit=limit))
         return lines
 
     def _effective_hold_ns(self) -> int:

@@ -12,12 +12,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
+from click.core import ParameterSource
 
 from bcapscope.cli.common.data_output import require_terminal
 from bcapscope.cli.common.exit_codes import ExitCode
 from bcapscope.cli.common.output_files import check_output_path
 from bcapscope.cli.common.proxy_rule_options import RuleOptions
 from bcapscope.live.standard_streams import print_stderr
+from bcapscope.messages import MessageFormatter
 from bcapscope.render.escape import printable
 
 if TYPE_CHECKING:
@@ -47,6 +49,17 @@ class ProxyScreenOptions:
     to: tuple[str, ...]
     record: Path | None
     rules: RuleOptions
+
+
+def choose_language(context: click.Context, words: MessageFormatter) -> None:
+    """Choose the language of the screen and its processes: that of --lang, else of the settings."""
+    from bcapscope.tui.reader_language import apply_saved_language, fix_language
+    from bcapscope.tui.settings import default_settings_path, read_settings
+
+    if context.get_parameter_source("words") is ParameterSource.COMMANDLINE:
+        fix_language(words.language)
+    else:
+        apply_saved_language(read_settings(default_settings_path())[0].language)
 
 
 def show_proxy(options: ProxyScreenOptions) -> None:
@@ -181,11 +194,12 @@ def _read_figures(address: str) -> ProxyStats:
 def _running_command(*words: str) -> Iterator[ChildProcess]:
     """Run a command during a block; print what it prints at its end."""
     from bcapscope.live.child_process import ChildProcess, ChildStartError
+    from bcapscope.tui.reader_language import current_language, full_error_text
 
     try:
-        child = ChildProcess(*words)
+        child = ChildProcess(*words, "--lang", current_language())
     except ChildStartError as error:
-        print_stderr(printable(str(error)))
+        print_stderr(printable(full_error_text(error)))
         sys.exit(error.code)
     try:
         yield child

@@ -6,6 +6,8 @@ import math
 import re
 from collections.abc import Callable, Sequence
 
+from bcapscope.errors import InputError
+from bcapscope.messages import Message
 from bcapscope.protocol.codec.variant import ARRAY, EMPTY, VT, Value, Variant, vt_name
 
 _TYPED = re.compile(r"([a-z]+[0-9]?)(\[\])?:(.*)", re.IGNORECASE | re.DOTALL)
@@ -24,7 +26,7 @@ def parse_variant(text: str) -> Variant:
     Empty text is EMPTY.
 
     Raises:
-        ValueError: The value does not fit the type.
+        InputError: The value does not fit the type.
     """
     match = _TYPED.fullmatch(text)
     vt = VT.__members__.get(match[1].upper()) if match else None
@@ -41,7 +43,7 @@ def parse_variant_as(text: str, types: Sequence[str]) -> Variant:
     verbatim.
 
     Raises:
-        ValueError: The text fits none of the types.
+        InputError: The text fits none of the types.
     """
     if tuple(types) == ("VT_BSTR",):
         return Variant(VT.BSTR, text)
@@ -54,9 +56,9 @@ def parse_variant_as(text: str, types: Sequence[str]) -> Variant:
         try:
             return _parse_type(_BY_NAME[name], text)
         except ValueError as error:
-            reasons.append(str(error))
+            reasons.append(error)
     if reasons:
-        raise ValueError(reasons[0])
+        raise reasons[0]
     return _parse_untyped(text)
 
 
@@ -81,16 +83,16 @@ def _parse_untyped(text: str) -> Variant:
 def _parse_scalar(vt: VT, text: str) -> Variant:
     if vt in (VT.EMPTY, VT.NULL):
         if text:
-            raise ValueError(f"{vt_name(vt)} has no value")
+            raise InputError(Message("value.needless", type=vt_name(vt)))
         return Variant(vt, None)
     if vt is VT.VARIANT:
-        raise ValueError("VT_VARIANT is always an array: variant[]:")
+        raise InputError(Message("value.variant-array"))
     return Variant(vt, _parse_element(vt, text))
 
 
 def _parse_array(vt: VT, text: str) -> Variant:
     if vt in (VT.EMPTY, VT.NULL):
-        raise ValueError(f"there are no arrays of {vt_name(vt)}")
+        raise InputError(Message("value.no-arrays", type=vt_name(vt)))
     if vt is VT.VARIANT:
         return Variant.array(vt, tuple(parse_variant(piece) for piece in text.split(";")) if text else ())
     values = (
@@ -110,7 +112,7 @@ def _parse_element(vt: VT, text: str) -> Value:
         return _READERS.get(vt, _parse_integer)(vt, text)
     except ValueError:
         shown = text if len(text) <= _LONGEST_SHOWN else f"{text[:_LONGEST_SHOWN]}…"
-        raise ValueError(f"{shown!r} is no {vt_name(vt)}") from None
+        raise InputError(Message("value.other-type", text=f"{shown!r}", type=vt_name(vt))) from None
 
 
 def _parse_integer(vt: VT, text: str) -> int:

@@ -60,11 +60,12 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, NoReturn, TypeAlias, TypeVar
 
+from bcapscope.messages import Message
 from bcapscope.traffic.filter import operands
 from bcapscope.traffic.filter.field_table import FIELD_BY_NAME, RecordKind, fields_of
 from bcapscope.traffic.filter.matching import COMPARISONS, ORDERINGS, Match, element, is_number, is_true
 from bcapscope.traffic.filter.operands import ComparedField
-from bcapscope.traffic.filter.tokens import FilterError, Token, TokenKind, nearest, tokenize
+from bcapscope.traffic.filter.tokens import FilterError, Token, TokenKind, tokenize, with_nearest
 
 __all__ = ["Filter", "FilterError", "compile_filter"]
 
@@ -130,10 +131,10 @@ class _Parser:
 
     def parse(self) -> Binder:
         if self.peek().kind is TokenKind.END:
-            self.fail_at(self.peek(), "the filter is empty")
+            self.fail_at(self.peek(), Message("filter.empty"))
         binder = self.parse_or()
         if self.peek().kind is not TokenKind.END:
-            self.fail_at(self.peek(), "expected and, or, or the end of the filter")
+            self.fail_at(self.peek(), Message("filter.no-end"))
         return binder
 
     def peek(self) -> Token:
@@ -151,11 +152,11 @@ class _Parser:
         self.position += found
         return found
 
-    def expect(self, sign: str, reason: str) -> None:
+    def expect(self, sign: str, reason: Message) -> None:
         if not self.accept(sign):
             self.fail_at(self.peek(), reason)
 
-    def fail_at(self, token: Token, reason: str) -> NoReturn:
+    def fail_at(self, token: Token, reason: Message) -> NoReturn:
         raise FilterError(self.expression, token.start, reason)
 
     def parse_or(self) -> Binder:
@@ -181,9 +182,9 @@ class _Parser:
         opening = self.advance()
         self.depth += 1
         if self.depth > DEEPEST_PARENTHESES:
-            self.fail_at(opening, f"more than {DEEPEST_PARENTHESES} parentheses inside each other")
+            self.fail_at(opening, Message("filter.too-deep", limit=DEEPEST_PARENTHESES))
         binder = self.parse_or()
-        self.expect(")", "expected and, or, or )")
+        self.expect(")", Message("filter.no-group-end"))
         self.depth -= 1
         return binder
 
@@ -201,7 +202,8 @@ class _Parser:
     def parse_subject(self) -> tuple[ComparedField, tuple[int, ...]]:
         token = self.advance()
         if token.kind is not TokenKind.WORD:
-            self.fail_at(token, "expected a field" + (f", not {token.text!r}" if token.text else ""))
+            case = "filter.no-field-but" if token.text else "filter.no-field"
+            self.fail_at(token, Message(case, text=f"{token.text!r}"))
         if token.text not in self.fields:
             self.fail_at(token, self.unknown_field(token.text))
         subject = ComparedField(
@@ -217,18 +219,17 @@ class _Parser:
         opening, index = self.advance(), self.advance()
         type_ = subject.type.element
         if type_ is None:
-            self.fail_at(opening, f"{subject.name} is no list, it has no elements")
+            self.fail_at(opening, Message("filter.no-list", name=subject.name))
         if index.kind is not TokenKind.NUMBER or not index.text.isdecimal() or index.unit:
-            self.fail_at(index, "expected the number of an element, from 0")
-        self.expect("]", "expected ]")
+            self.fail_at(index, Message("filter.no-index"))
+        self.expect("]", Message("filter.no-bracket"))
         path.append(int(index.text))
         return subject._replace(type=type_, name=f"{subject.name}[{index.text}]")
 
-    def unknown_field(self, name: str) -> str:
+    def unknown_field(self, name: str) -> Message:
         if name in FIELD_BY_NAME:
-            kinds = " and ".join(f"{kind}s" for kind in FIELD_BY_NAME[name].applies_to)
-            return f"{name} is a field of {kinds}, not of {self.kind}s"
-        return f"there is no field {name!r}{nearest(name, self.fields)}"
+            return Message(f"filter.not-of-{self.kind}s", name=name)
+        return with_nearest(Message("input.no-such-field", name=f"{name!r}"), name, self.fields)
 
     def parse_other_field(self, subject: ComparedField) -> tuple[str, str] | None:
         """Consume a sign and a field of the subject's own type; return the sign and the field's getter
@@ -262,20 +263,20 @@ class _Parser:
     def parse_membership(self, subject: ComparedField) -> Match:
         negated = self.accept("", "not")
         if not self.accept("", "in"):
-            self.fail_at(self.peek(), "expected in")
+            self.fail_at(self.peek(), Message("filter.no-in"))
         return operands.equality(subject, self.parse_choices(subject), negated)
 
     def parse_choices(self, subject: ComparedField) -> list[Token]:
         opening = self.advance()
         if not opening.is_sign("(", "["):
-            self.fail_at(opening, "expected a list in parentheses")
+            self.fail_at(opening, Message("filter.no-choices"))
         literals = [self.advance()]
         operands.check_literal(subject, literals[0])
         while self.accept(","):
             literals.append(self.advance())
             operands.check_literal(subject, literals[-1])
         closing = ")" if opening.text == "(" else "]"
-        self.expect(closing, f"expected a comma or {closing}")
+        self.expect(closing, Message("filter.no-comma", closing=closing))
         return literals
 
 

@@ -12,11 +12,12 @@ from datetime import UTC, datetime, timedelta
 from fractions import Fraction
 from typing import NamedTuple, NoReturn
 
+from bcapscope.messages import Message
 from bcapscope.protocol.tables.hresult_table import NAMED_CODES
 from bcapscope.traffic.filter import matching as matches
 from bcapscope.traffic.filter.field_table import FieldType, FilterField
 from bcapscope.traffic.filter.matching import LiteralMatch, Match, Number
-from bcapscope.traffic.filter.tokens import FilterError, Token, TokenKind, nearest
+from bcapscope.traffic.filter.tokens import FilterError, Token, TokenKind, with_nearest
 
 UNITS = {"ns": 1, "us": 10**3, "µs": 10**3, "μs": 10**3, "ms": 10**6, "s": 10**9}
 """Nanoseconds per unit. Micro is written as u, as the micro sign or as the Greek letter."""
@@ -50,7 +51,11 @@ class ComparedField(NamedTuple):
     type: FieldType
     start: int
 
-    def fail_at(self, token: Token, reason: str) -> NoReturn:
+    def mismatch(self, case: str, **places: str) -> Message:
+        """Return ``filter.CASE``, a message that names the field and its type."""
+        return Message(f"filter.{case}", name=self.name, type=_type_name(self.type), **places)
+
+    def fail_at(self, token: Token, reason: Message) -> NoReturn:
         """Raise a `FilterError` that points at `token`."""
         raise FilterError(self.expression, token.start, reason)
 
@@ -79,7 +84,7 @@ def order(compared: ComparedField, sign: str, literal: Token) -> Match:
     raise FilterError(
         compared.expression,
         compared.start,
-        f"{compared.name} is {_type_with_article(compared.type)}, which has no order",
+        compared.mismatch("no-order"),
     )
 
 
@@ -94,7 +99,7 @@ def contains(compared: ComparedField, literal: Token) -> Match:
         raise FilterError(
             compared.expression,
             compared.start,
-            f"{compared.name} is {_type_with_article(compared.type)}, it contains nothing",
+            compared.mismatch("contains-nothing"),
         )
     if compared.type is FieldType.NUMBERS or (
         literal.kind is TokenKind.NUMBER and compared.type in (FieldType.VALUE, FieldType.VALUES)
@@ -102,11 +107,9 @@ def contains(compared: ComparedField, literal: Token) -> Match:
         _check_number(compared, literal)
         return matches.contains(_plain_number(compared, literal))
     if literal.is_word("true", "false", "null"):
-        compared.fail_at(literal, "contains takes a text or a number")
+        compared.fail_at(literal, Message("filter.contains-operand"))
     if literal.kind is TokenKind.NUMBER:
-        compared.fail_at(
-            literal, f"{compared.name} is {_type_with_article(compared.type)}: put what it contains in quotes"
-        )
+        compared.fail_at(literal, compared.mismatch("contains-quotes"))
     return matches.contains(literal.text)
 
 
@@ -120,18 +123,19 @@ def search(compared: ComparedField, literal: Token) -> Match:
         raise FilterError(
             compared.expression,
             compared.start,
-            f"{compared.name} is {_type_with_article(compared.type)}, a regular expression needs text",
+            compared.mismatch("search-needs-text"),
         )
     check_literal(compared, literal)
     if literal.kind not in (TokenKind.TEXT, TokenKind.WORD):
-        compared.fail_at(literal, "a regular expression stands in quotes")
+        compared.fail_at(literal, Message("filter.search-quotes"))
     try:
         return matches.search(literal.text)
     except ValueError as error:
         reason, part = error.args
         found = compared.expression.find(part, literal.start, literal.stop) if part else -1
         position = literal.start if found < 0 else found
-        raise FilterError(compared.expression, position, f"in the regular expression: {reason}") from error
+        invalid = Message("filter.search-invalid", reason=reason)
+        raise FilterError(compared.expression, position, invalid) from error
 
 
 def check_literal(compared: ComparedField, token: Token) -> None:
@@ -141,11 +145,11 @@ def check_literal(compared: ComparedField, token: Token) -> None:
         FilterError: It is a sign, a reserved word, or the end.
     """
     if token.kind is TokenKind.END:
-        compared.fail_at(token, f"a value to compare {compared.name} with is missing")
+        compared.fail_at(token, Message("filter.no-operand", name=compared.name))
     if token.kind not in _LITERALS:
-        compared.fail_at(token, f"expected a value, not {token.text!r}")
+        compared.fail_at(token, Message("filter.no-value", text=f"{token.text!r}"))
     if token.is_word(*_RESERVED):
-        compared.fail_at(token, f"expected a value; if {token.text!r} is one, put it in quotes")
+        compared.fail_at(token, Message("filter.reserved", text=f"{token.text!r}"))
 
 
 def int_of(token: Token) -> int:
@@ -157,8 +161,8 @@ def _is_hex(token: Token) -> bool:
     return "x" in token.text.casefold()
 
 
-def _type_with_article(type_: FieldType) -> str:
-    return f"{'an' if type_.value[0] in 'aeioH' else 'a'} {type_.value}"
+def _type_name(type_: FieldType) -> Message:
+    return Message(f"filter.type.{type_.name.lower()}")
 
 
 def _literal_match(compared: ComparedField, token: Token) -> LiteralMatch:
@@ -166,11 +170,7 @@ def _literal_match(compared: ComparedField, token: Token) -> LiteralMatch:
     if token.is_word("null"):
         return matches.NULL
     if compared.type in _LISTS:
-        compared.fail_at(
-            token,
-            f"{compared.name} is {_type_with_article(compared.type)}: "
-            f"use {compared.name} contains ..., or {compared.name}[0]",
-        )
+        compared.fail_at(token, compared.mismatch("is-list"))
     match compared.type:
         case FieldType.HRESULT:
             return matches.code(_code(compared, token))
@@ -193,22 +193,22 @@ def _value(compared: ComparedField, token: Token) -> LiteralMatch:
 
 def _text(compared: ComparedField, token: Token) -> str:
     if token.kind is TokenKind.NUMBER:
-        hint = "; the number is function_id" if compared.field.name == "function" else ""
-        compared.fail_at(token, f"{compared.name} is {_type_with_article(compared.type)}, not a number{hint}")
+        is_function = compared.field.name == "function"
+        compared.fail_at(token, compared.mismatch("function-number" if is_function else "no-number"))
     values = compared.field.values
     if values and token.kind is TokenKind.WORD and token.text.casefold() not in map(str.casefold, values):
-        hint = nearest(token.text, values)
-        some = "" if hint or len(values) > 5 else f"; it is one of {', '.join(values)}"
-        compared.fail_at(token, f"{compared.name} is never {token.text}{hint}{some}")
+        never = Message("filter.never", name=compared.name, value=token.text)
+        reason = with_nearest(never, token.text, values)
+        if reason is never and len(values) <= 5:
+            reason = Message("filter.one-of", reason=never, values=", ".join(values))
+        compared.fail_at(token, reason)
     return token.text
 
 
 def _endpoint(compared: ComparedField, token: Token) -> LiteralMatch:
     found = matches.parse_endpoint(token.text) if token.kind in (TokenKind.ADDRESS, TokenKind.TEXT) else None
     if found is None:
-        compared.fail_at(
-            token, f"{token.text!r} is no IP address; 10.0.0.2, 10.0.0.2:5007 or [::1]:5007 would be"
-        )
+        compared.fail_at(token, Message("filter.no-address", text=f"{token.text!r}"))
     return matches.endpoint(*found)
 
 
@@ -223,22 +223,22 @@ def _number(compared: ComparedField, token: Token) -> Number:
 
 def _check_number(compared: ComparedField, token: Token) -> None:
     if token.kind is not TokenKind.NUMBER:
-        compared.fail_at(
-            token, f"{compared.name} is {_type_with_article(compared.type)}, {token.text!r} is none"
-        )
+        compared.fail_at(token, compared.mismatch("is-none", text=f"{token.text!r}"))
 
 
 def _plain_number(compared: ComparedField, token: Token) -> int | float:
     if token.unit:
         position = token.start + len(token.text)
         raise FilterError(
-            compared.expression, position, f"{compared.name} is no time, {token.unit!r} means nothing here"
+            compared.expression,
+            position,
+            Message("filter.needless-unit", name=compared.name, unit=f"{token.unit!r}"),
         )
     if _is_hex(token) or token.text.lstrip("+-").isdecimal():
         return int_of(token)
     value = float(token.text)
     if math.isinf(value):
-        compared.fail_at(token, "this number is too large")
+        compared.fail_at(token, Message("filter.large-number"))
     return value
 
 
@@ -246,10 +246,12 @@ def _nanoseconds(compared: ComparedField, token: Token) -> Number:
     value = Fraction(int_of(token)) if _is_hex(token) else Fraction(token.text)
     unit = token.unit or compared.field.unit
     if not unit and value:
-        compared.fail_at(token, f"{compared.name} needs a unit: {token.text}ms, or us, ns, s")
+        compared.fail_at(token, Message("filter.no-unit", name=compared.name, number=token.text))
     if unit and unit not in UNITS:
         raise FilterError(
-            compared.expression, token.start + len(token.text), f"{unit!r} is no unit; ns, us, ms and s are"
+            compared.expression,
+            token.start + len(token.text),
+            Message("filter.unknown-unit", unit=f"{unit!r}"),
         )
     value *= UNITS[unit] if unit else 1
     return value.numerator if value.denominator == 1 else value
@@ -258,12 +260,13 @@ def _nanoseconds(compared: ComparedField, token: Token) -> Number:
 def _timestamp(compared: ComparedField, token: Token) -> int:
     match = _TIMESTAMP.fullmatch(token.text)
     if match is None:
-        compared.fail_at(token, f"{token.text!r} is no time such as '2024-05-01 12:00:00.5'")
+        compared.fail_at(token, Message("filter.no-time", text=f"{token.text!r}"))
     day, clock, fraction, zone = match.groups()
     try:
         moment = datetime.fromisoformat(f"{day}T{clock or '00:00'}{zone or 'Z'}")
     except ValueError as error:
-        raise FilterError(compared.expression, token.start, f"{token.text!r} is no time: {error}") from error
+        invalid = Message("filter.invalid-time", text=f"{token.text!r}", reason=str(error))
+        raise FilterError(compared.expression, token.start, invalid) from error
     return (moment - _EPOCH) // timedelta(seconds=1) * 10**9 + int((fraction or "").ljust(9, "0"))
 
 
@@ -271,13 +274,14 @@ def _code(compared: ComparedField, token: Token) -> int:
     if token.kind in (TokenKind.WORD, TokenKind.TEXT):
         code = _CODES.get(token.text.upper())
         if code is None:
-            compared.fail_at(token, f"no HRESULT is called {token.text!r}{nearest(token.text, _CODES)}")
+            unknown = Message("filter.no-such-code", name=f"{token.text!r}")
+            compared.fail_at(token, with_nearest(unknown, token.text, _CODES))
         return code
     if token.unit:
-        compared.fail_at(token, f"write a hexadecimal code as 0x{token.text}{token.unit}")
+        compared.fail_at(token, Message("filter.write-hex", digits=f"{token.text}{token.unit}"))
     if not (_is_hex(token) or token.text.lstrip("+-").isdecimal()):
-        compared.fail_at(token, f"{compared.name} is a whole number, or a name such as S_OK")
+        compared.fail_at(token, Message("filter.no-code", name=compared.name))
     value = int_of(token)
     if not -(2**31) <= value < 2**32:
-        compared.fail_at(token, "an HRESULT has 32 bits")
+        compared.fail_at(token, Message("filter.code-bits"))
     return value

@@ -8,6 +8,8 @@ from collections.abc import Iterable
 from enum import Enum
 from typing import NamedTuple
 
+from bcapscope.errors import InputError
+from bcapscope.messages import Message
 from bcapscope.protocol.number_parsing import LONGEST_NUMBER
 from bcapscope.protocol.text_format import display_width
 
@@ -18,29 +20,25 @@ _SHOWN_AROUND = 60
 _LONGEST_MISSPELT = 60  # characters; the search for similar words takes quadratic time
 
 
-class FilterError(ValueError):
-    """An invalid filter expression. Its text shows the reason, the expression and a caret.
+class FilterError(InputError):
+    """An invalid filter expression. Its message has the reason, the expression and a caret, on three lines.
 
     Attributes:
         expression: Expression to be compiled.
         position: Index of the character at fault; the length of the expression if its end is incomplete.
-        message: The reason, one clause.
+        reason: What is wrong, one clause.
     """
 
-    def __init__(self, expression: str, position: int, message: str) -> None:
-        super().__init__(expression, position, message)
+    def __init__(self, expression: str, position: int, reason: Message) -> None:
+        start, stop = max(0, position - _SHOWN_AROUND), position + _SHOWN_AROUND
+        before = ("…" if start else "") + _printable(expression[start:position])
+        after = _printable(expression[position:stop]) + ("…" if stop < len(expression) else "")
+        caret = f"{' ' * display_width(before)}^"
+        super().__init__(Message("filter.located", reason=reason, excerpt=f"{before}{after}", caret=caret))
+        self.args = expression, position, reason  # what pickle passes to this method
         self.expression = expression
         self.position = position
-        self.message = message
-
-    def __str__(self) -> str:
-        start = max(0, self.position - _SHOWN_AROUND)
-        stop = self.position + _SHOWN_AROUND
-        before = ("…" if start else "") + _printable(self.expression[start : self.position])
-        after = _printable(self.expression[self.position : stop]) + (
-            "…" if stop < len(self.expression) else ""
-        )
-        return f"{self.message}\n  {before}{after}\n  {' ' * display_width(before)}^"
+        self.reason = reason
 
 
 def _printable(text: str) -> str:
@@ -49,13 +47,13 @@ def _printable(text: str) -> str:
     return "".join(c if c.isprintable() else " " if c.isspace() else "\ufffd" for c in text)
 
 
-def nearest(word: str, candidates: Iterable[str]) -> str:
-    """Return ``, did you mean 'retries'?`` for a misspelt word, or "" if no candidate is similar."""
+def with_nearest(reason: Message, word: str, candidates: Iterable[str]) -> Message:
+    """Add the candidate that is most similar to a misspelt word, if any: ``, did you mean 'retries'?``."""
     if len(word) > _LONGEST_MISSPELT:
-        return ""
+        return reason
     by_folded = {candidate.casefold(): candidate for candidate in candidates}
     found = difflib.get_close_matches(word.casefold(), by_folded, n=1)
-    return f", did you mean '{by_folded[found[0]]}'?" if found else ""
+    return Message("input.similar", reason=reason, name=by_folded[found[0]]) if found else reason
 
 
 class TokenKind(Enum):
@@ -109,12 +107,12 @@ _TOKEN = re.compile(
 _ESCAPE = re.compile(r"\\(?:x([0-9A-Fa-f]{2})|u([0-9A-Fa-f]{4})|([\\\"'nrt]))")
 _ESCAPED = {"n": "\n", "r": "\r", "t": "\t"}
 _HINTS = {
-    "=": "write == to compare",
-    "&": "write && or and",
-    "|": "write || or or",
-    ":": "an IPv6 address stands in brackets, [::1] or [::1]:5007",
-    '"': "this text has no closing quote",
-    "'": "this text has no closing quote",
+    "=": Message("filter.write-equals"),
+    "&": Message("filter.write-and"),
+    "|": Message("filter.write-or"),
+    ":": Message("filter.ipv6-brackets"),
+    '"': Message("filter.unclosed"),
+    "'": Message("filter.unclosed"),
 }
 
 
@@ -128,7 +126,7 @@ def tokenize(expression: str) -> list[Token]:
         raise FilterError(
             expression,
             LONGEST_EXPRESSION,
-            f"longer than {LONGEST_EXPRESSION} characters, the most that is read",
+            Message("input.too-long", limit=LONGEST_EXPRESSION),
         )
     tokens = []
     position = 0
@@ -136,9 +134,8 @@ def tokenize(expression: str) -> list[Token]:
         match = _TOKEN.match(expression, position)
         if match is None:
             character = expression[position]
-            raise FilterError(
-                expression, position, _HINTS.get(character, f"{character!r} means nothing here")
-            )
+            unknown = Message("input.meaningless", text=f"{character!r}")
+            raise FilterError(expression, position, _HINTS.get(character, unknown))
         if match["space"] is None:
             tokens.append(_token(expression, match))
         position = match.end()
@@ -150,7 +147,7 @@ def _token(expression: str, match: re.Match[str]) -> Token:
     start, stop = match.span()
     if match["number"]:
         if len(match["number"]) > LONGEST_NUMBER:
-            raise FilterError(expression, start, f"a number of more than {LONGEST_NUMBER} characters")
+            raise FilterError(expression, start, Message("input.long-number", limit=LONGEST_NUMBER))
         return Token(TokenKind.NUMBER, match["number"], start, stop, match["unit"].strip())
     kind = TokenKind(match.lastgroup)
     text = _ESCAPE.sub(_unescape, match[0][1:-1]) if kind is TokenKind.TEXT else match[0]

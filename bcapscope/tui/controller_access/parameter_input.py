@@ -8,7 +8,7 @@ from bcapscope.protocol.codec.variant import ARRAY, VT, Variant, vt_name
 from bcapscope.protocol.codec.variant_notation import parse_variant
 from bcapscope.protocol.tables.command_catalogue import CommandSpec, find_command
 from bcapscope.render.notation_text import type_word
-from bcapscope.tui.reader_language import label, localized, table_text
+from bcapscope.tui.reader_language import full_error_text, label, table_text
 
 PARAMETER_TYPES: tuple[int, ...] = (
     *(int(vt) for vt in VT if vt is not VT.VARIANT),
@@ -49,7 +49,7 @@ def check_text(vt: int, text: str) -> CheckedText:
     try:
         return CheckedText(parse_variant(f"{type_word(vt)}:{typed}"), "")
     except ValueError as error:
-        return CheckedText(None, f"{localized(error)}; {expected_input(vt)}")
+        return CheckedText(None, f"{full_error_text(error)}; {expected_input(vt)}")
 
 
 def expected_input(vt: int) -> str:

@@ -19,7 +19,7 @@ from typing import NamedTuple
 import msgspec
 import platformdirs
 
-from bcapscope.errors import BcapError
+from bcapscope.errors import BcapError, message_of
 from bcapscope.faults.document import read_document
 from bcapscope.messages import Message
 from bcapscope.messages.os_errors import os_reason
@@ -28,7 +28,7 @@ from bcapscope.protocol.codec.variant_notation import parse_variant_as
 from bcapscope.protocol.tables.function_table import FUNCTIONS, Function, Param, function_by_name
 from bcapscope.render.notation_text import typed_text
 from bcapscope.tui.atomic_file import write_atomically
-from bcapscope.tui.reader_language import localized
+from bcapscope.tui.reader_language import full_error_text
 
 MAX_FILE_SIZE = 100_000
 """Maximum size of a file; a b-CAP request written by hand is far smaller."""
@@ -81,7 +81,7 @@ def _load_or_reason(path: Path) -> SavedRequest | str:
     try:
         return load_request(path)
     except SavedRequestError as error:
-        return localized(error)
+        return full_error_text(error)
 
 
 def load_request(path: Path) -> SavedRequest:
@@ -102,7 +102,7 @@ def load_request(path: Path) -> SavedRequest:
         ) from None
     except ValueError as error:  # not UTF-8, or a `DocumentError`
         raise SavedRequestError(
-            Message("controller.saved.problem", name=path.name, reason=" ".join(localized(error).split()))
+            Message("controller.saved.problem", name=path.name, reason=message_of(error))
         ) from None
     function = function_by_name(found.function)
     if function is None:
@@ -124,7 +124,7 @@ def _parse_argument(path: Path, param: Param, given: str | int | float | bool) -
         return parse_variant_as(text, (param.type,))
     except ValueError as error:
         raise SavedRequestError(
-            Message("controller.saved.problem", name=f"{path.name}: {param.name}", reason=localized(error))
+            Message("controller.saved.problem", name=f"{path.name}: {param.name}", reason=message_of(error))
         ) from None
 
 

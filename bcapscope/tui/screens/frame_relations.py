@@ -12,7 +12,7 @@ from bcapscope.render.call_text import milliseconds
 from bcapscope.render.escape import printable, quoted
 from bcapscope.traffic.call import Call, PairingResult
 from bcapscope.traffic.filter.getters import AnnotatedFrame
-from bcapscope.tui.reader_language import label, localized
+from bcapscope.tui.reader_language import label
 
 _SECONDS_PATTERN = re.compile(r"([0-9]+(?:\.[0-9]*)?)\s*s")
 _MAX_SECONDS = 1e9  # 30 years after the start
@@ -46,7 +46,7 @@ def frame_description(frame: AnnotatedFrame, settled: PairingResult | None, note
         parts.append(label("traffic.about.packet", packet=frame.observation.packet))
     flow = frame.observation.flow
     parts.append(printable(f"{flow.src_text} > {flow.dst_text} {flow.conversation.transport}"))
-    parts += [f"# {printable(localized(comment))}" for comment in frame.comments]
+    parts += [f"# {printable(comment)}" for comment in frame.comments]
     parts += [f"# {printable(note)}"] if note else []
     return " " + " · ".join(parts)
 

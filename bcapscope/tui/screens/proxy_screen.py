@@ -28,7 +28,7 @@ from bcapscope.tui.proxy_panel.proxy_events import OrderDone, ProxyOutput, Proxy
 from bcapscope.tui.proxy_panel.proxy_lists import ClientList, HeldList, ProxyLog, RuleList
 from bcapscope.tui.proxy_panel.proxy_summary import intercept_line, summary_lines
 from bcapscope.tui.proxy_panel.shared_control_client import ProxyState, SharedControlClient
-from bcapscope.tui.reader_language import label, localized
+from bcapscope.tui.reader_language import full_error_text, label
 from bcapscope.tui.screens.prompt import Prompt
 from bcapscope.tui.screens.views_screen import ViewsScreen, view_keys
 from bcapscope.tui.traffic_processes.traffic_feed import TrafficFeed
@@ -155,7 +155,7 @@ class ProxyScreen(ViewsScreen):
         try:
             return ProxyStateRead(self._control_client.read_state())
         except BcapError as error:
-            return ProxyStateRead(None, localized(error))
+            return ProxyStateRead(None, full_error_text(error))
 
     @work(thread=True, group="order")
     def _send_order(self, order: control.ControlRequest, done: Callable[[], None] = lambda: None) -> None:
@@ -164,10 +164,10 @@ class ProxyScreen(ViewsScreen):
             self._control_client.send_order(order)
             self.post_message(OrderDone(done))
         except ControlRefused as error:
-            text = label("proxy.refusal", reason=printable(localized(error)))
+            text = label("proxy.refusal", reason=printable(full_error_text(error)))
             self.post_message(OrderDone(partial(app_of(self).show_message, text, "error")))
         except BcapError as error:
-            self.post_message(ProxyStateRead(None, localized(error)))
+            self.post_message(ProxyStateRead(None, full_error_text(error)))
         self.post_message(self._read_state())
 
     def on_order_done(self, message: OrderDone) -> None:
@@ -202,7 +202,7 @@ class ProxyScreen(ViewsScreen):
     def on_proxy_output(self, message: ProxyOutput) -> None:
         message.stop()
         if message.is_end:
-            reason = printable(localized(message.text)) or label("proxy.killed")
+            reason = printable(message.text) or label("proxy.killed")
             self._has_ended = True
             self._problem = label("proxy.ended", reason=reason)
             app_of(self).show_message(self._problem, "error")
@@ -210,7 +210,7 @@ class ProxyScreen(ViewsScreen):
             if self._feed is not None:
                 self._feed.stop_reading()
         else:
-            self.query_one(ProxyLog).add_message(localized(message.text))
+            self.query_one(ProxyLog).add_message(message.text)
         self.show_state()
 
     # display

@@ -7,7 +7,7 @@ from textual.message import Message
 from bcapscope.live.child_process import ChildProcess
 from bcapscope.render.escape import printable
 from bcapscope.tui.app import app_of
-from bcapscope.tui.reader_language import label, localized
+from bcapscope.tui.reader_language import label
 from bcapscope.tui.screens.traffic_screen import TrafficScreen
 from bcapscope.tui.traffic_processes.traffic_feed import TrafficFeed
 
@@ -45,7 +45,7 @@ class SimulatorScreen(TrafficScreen):
     def on_simulator_ended(self, message: SimulatorEnded) -> None:
         """Report that the simulator has ended; its traffic stays on the screen."""
         message.stop()
-        reason = label("simulator.ended", reason=printable(localized(message.text)) or label("proxy.killed"))
+        reason = label("simulator.ended", reason=printable(message.text) or label("proxy.killed"))
         self.feed.stop_reading()
         self.feed.report_source_problem(reason)
         self._show_address("bad", "○")

@@ -41,7 +41,7 @@ from bcapscope.tui.controller_access.prepared_trajectory import (
 )
 from bcapscope.tui.controller_access.session_updates import SessionStatus
 from bcapscope.tui.ink import INK
-from bcapscope.tui.reader_language import label, localized, reader_words
+from bcapscope.tui.reader_language import full_error_text, label, reader_words
 from bcapscope.tui.screens.base_screen import BaseScreen
 from bcapscope.tui.settings import with_recent
 from bcapscope.tui.tester.caption import Caption
@@ -178,7 +178,7 @@ class SlaveScreen(BaseScreen):
         try:
             ready = await asyncio.to_thread(prepare_trajectory, wish, self._session.status.identity.type_name)
         except ValueError as error:  # a problem with the file or the limits
-            self._show_report([f"{INK.bad}{printable(localized(error))}{INK.reset}"])
+            self._show_report([f"{INK.bad}{printable(full_error_text(error))}{INK.reset}"])
             return
         self._prepared = ready
         lines = list(ready.summary_lines(INK, self.query_one("#before").size.width - 2))
@@ -318,7 +318,9 @@ class SlaveScreen(BaseScreen):
                     self._player_slot.answer_question(answer)
             if run.question is not None:
                 self._ask_user(run)
-            doing = localized(run.progress.state.message) if run.progress else label("tester.waiting")
+            doing = (
+                reader_words().text(run.progress.state.message) if run.progress else label("tester.waiting")
+            )
             self._show_state(f"{INK.number}{printable(doing)}")
             live.show_run(run)
         self._show_end(run)

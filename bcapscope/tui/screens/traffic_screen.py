@@ -13,7 +13,7 @@ from textual.message import Message
 from bcapscope.render.escape import printable
 from bcapscope.render.timestamp import TimeFormat
 from bcapscope.tui.app import app_of
-from bcapscope.tui.reader_language import label, localized
+from bcapscope.tui.reader_language import full_error_text, label
 from bcapscope.tui.screens import frame_relations
 from bcapscope.tui.screens.prompt import Prompt
 from bcapscope.tui.screens.traffic_views import RECORD_KINDS, TrafficViews
@@ -335,7 +335,7 @@ class TrafficScreen(TrafficViews):
         try:
             feed = TrafficFeed(path=path, ports=self.feed.job.ports)
         except TemporaryFolderError as error:
-            app_of(self).show_message(printable(localized(error)), "error")
+            app_of(self).show_message(printable(full_error_text(error)), "error")
         else:
             self.replace_feed(feed, Path(path).name)
 

@@ -12,7 +12,7 @@ from textual.containers import Horizontal, Vertical
 from textual.screen import ModalScreen
 from textual.widgets import Button, Input, Static
 
-from bcapscope.tui.reader_language import label, localized
+from bcapscope.tui.reader_language import label
 
 _ARROW_BINDINGS = (
     Binding("left", "app.focus_previous", show=False),
@@ -73,7 +73,7 @@ class ChoiceDialog(ModalScreen[str | None]):
             with Horizontal(classes="answers"):
                 for at, choice in enumerate(self._choices):
                     yield Button(
-                        localized(choice),
+                        label(f"tester.answer.{choice}"),
                         compact=True,
                         id=f"choice{at}",
                         variant="error" if at else "default",

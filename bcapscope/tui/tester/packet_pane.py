@@ -16,7 +16,7 @@ from bcapscope.tui.app import app_of
 from bcapscope.tui.controller_access.history_record import HistoryRecord, Initiator
 from bcapscope.tui.controller_access.saved_requests import SavedRequestError, save_request
 from bcapscope.tui.ink import INK
-from bcapscope.tui.reader_language import label, localized, reader_words
+from bcapscope.tui.reader_language import full_error_text, label, reader_words
 from bcapscope.tui.tester.choice_row import ChoiceRow
 from bcapscope.tui.tester.dialogs import NameDialog
 from bcapscope.tui.tester.history_panel import HistoryLines, HistoryPanel
@@ -130,7 +130,7 @@ class PacketPane(Vertical):
             try:
                 path = save_request(self._requests, name, record.function_id, record.arguments)
             except SavedRequestError as error:
-                app_of(self).show_message(localized(error), "error")
+                app_of(self).show_message(full_error_text(error), "error")
                 return
             app_of(self).show_message(label("tester.saved", path=printable(str(path))))
             self.query_one(SavedList).reload()

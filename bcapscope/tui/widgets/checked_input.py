@@ -11,7 +11,7 @@ from textual.message import Message
 from textual.widgets import Input, Static
 
 from bcapscope.render.escape import printable
-from bcapscope.tui.reader_language import localized
+from bcapscope.tui.reader_language import full_error_text
 
 
 class CheckedInput(Vertical):
@@ -85,7 +85,7 @@ class CheckedInput(Vertical):
         try:
             made = self._parse(text) if text else None
         except ValueError as wrong:
-            self._show_problem(localized(wrong))
+            self._show_problem(full_error_text(wrong))
             return
         self._show_problem("")
         self.post_message(message(self, text, made))

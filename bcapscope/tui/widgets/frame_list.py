@@ -14,7 +14,7 @@ from bcapscope.render.timestamp import TimeFormat
 from bcapscope.traffic.filter.getters import AnnotatedFrame
 from bcapscope.traffic.observation import Direction, Flow
 from bcapscope.tui.ink import INK
-from bcapscope.tui.reader_language import label, localized, reader_words
+from bcapscope.tui.reader_language import label, reader_words
 from bcapscope.tui.widgets.lines import Lines
 
 MARKED, RELATED, EVIDENCE = "●", "┃", "◆"
@@ -141,7 +141,6 @@ class FrameList(Lines):
         if self._clock is TimeFormat.DELTA and index and self._journal is not None:
             self._renderer.set_time_origin(self._journal.time_of(self.rows.number(index - 1)))
         seen, question, comments = self.read_frame(number)
-        comments = tuple(map(localized, comments))
         note = self.marks.get(number)
         if note:
             comments = (*comments, note)

@@ -8,7 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bcapscope.traffic.filter.tokens import FilterError, TokenKind, nearest, tokenize
+from bcapscope.messages.message import foreign_text
+from bcapscope.traffic.filter.tokens import FilterError, TokenKind, tokenize, with_nearest
 
 WORD, NUMBER, TEXT = TokenKind.WORD, TokenKind.NUMBER, TokenKind.TEXT
 ADDRESS, SIGN = TokenKind.ADDRESS, TokenKind.SIGN
@@ -83,10 +84,13 @@ def test_tokens_lie_one_behind_the_other(text: str) -> None:
     ],
 )
 def test_the_caret_stands_under_the_spot(expression: str, position: int, shown: str) -> None:
-    assert str(FilterError(expression, position, "why")) == shown
+    assert str(FilterError(expression, position, foreign_text("why"))) == shown
 
 
 def test_nearest_name() -> None:
-    assert nearest("latncy", ("latency", "rtt")) == ", did you mean 'latency'?"
-    assert nearest("ROBOT_EXCEUTE", ("Robot_Execute", "Robot_Move")) == ", did you mean 'Robot_Execute'?"
-    assert nearest("zzz", ("latency", "rtt")) == ""
+    def found(word: str, *candidates: str) -> str:
+        return str(with_nearest(foreign_text("why"), word, candidates))
+
+    assert found("latncy", "latency", "rtt") == "why, did you mean 'latency'?"
+    assert found("ROBOT_EXCEUTE", "Robot_Execute", "Robot_Move") == "why, did you mean 'Robot_Execute'?"
+    assert found("zzz", "latency", "rtt") == "why"
