@@ -12,7 +12,7 @@ from bcapscope.messages.os_errors import os_reason
 from bcapscope.protocol.first_frame import first_frame_stops
 from bcapscope.protocol.tables.hresult import S_EXECUTING
 from bcapscope.proxy.listener_spec import ListenerSpec
-from bcapscope.proxy.relay import Handler, Relay, client_conversation
+from bcapscope.proxy.relay import Handler, Relay, client_conversation, encode_note
 from bcapscope.proxy.relay_session import ClientEndpoints
 from bcapscope.proxy.ring_buffer import BATCH_SIZE, RelayCounter
 from bcapscope.proxy.sockets import (
@@ -271,7 +271,8 @@ class UdpSession:
         """Send a request and wait for its reply. Return whether it came in time."""
         relay = self._relay
         left = self.send(True, request)
-        relay.ring.write_record(True, self.number, 0, left, request, note=b"the proxy ends the session")
+        note = encode_note(Message("session.closing"))
+        relay.ring.write_record(True, self.number, 0, left, request, note=note)
         until = time.monotonic() + _PATIENCE
         while (rest := until - time.monotonic()) > 0 and wait_readable(self._upstream.fileno(), rest):
             try:
