@@ -24,9 +24,9 @@ class BcapError(Exception):
         message: What failed. ``str()`` gives it in English.
     """
 
-    def __init__(self, message: Message | str) -> None:
+    def __init__(self, message: Message) -> None:
         super().__init__(message)
-        self.message = message if isinstance(message, Message) else foreign_text(message)
+        self.message = message
 
     def __str__(self) -> str:
         return str(self.message)
@@ -65,7 +65,7 @@ class RemoteProtocolError(BcapError):
         raw: The frame or bytes that the peer sent.
     """
 
-    def __init__(self, message: Message | str, raw: bytes) -> None:
+    def __init__(self, message: Message, raw: bytes) -> None:
         super().__init__(message)
         self.raw = raw
 
@@ -181,7 +181,7 @@ class CaptureError(BcapError):
         that an offset could refer to.
     """
 
-    def __init__(self, message: Message | str, offset: int | None = None) -> None:
+    def __init__(self, message: Message, offset: int | None = None) -> None:
         super().__init__(message)
         self.offset = offset
 

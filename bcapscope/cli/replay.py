@@ -27,7 +27,7 @@ from bcapscope.client.action_log import LoggedConnection
 from bcapscope.client.armed_call_logger import ArmedCallLogger
 from bcapscope.client.object_opener import ObjectOpener
 from bcapscope.client.session import Session
-from bcapscope.errors import BcapError
+from bcapscope.errors import BcapError, message_of
 from bcapscope.live.end_signals import interrupt_on_end_signals
 from bcapscope.live.server_runner import ServerRunner, reachability
 from bcapscope.live.standard_streams import choose_palette, print_stderr
@@ -300,7 +300,7 @@ class _ReplayRunner:
                     log = stack.enter_context(log_armed_calls("replay", LoggedConnection.of_target(target)))
                 await self._play_script(target, log, longest_pause)
         except ValueError as error:
-            raise BcapError(str(error)) from None
+            raise BcapError(message_of(error)) from None
         finally:
             self._print_summary()
         if self._unanswered:

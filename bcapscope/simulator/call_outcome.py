@@ -9,6 +9,7 @@ from typing import TypeAlias
 import msgspec
 
 from bcapscope.errors import BcapError
+from bcapscope.messages import Message
 from bcapscope.protocol.codec.variant import Variant
 from bcapscope.protocol.tables.hresult import S_OK
 
@@ -51,7 +52,7 @@ class RefusedError(BcapError):
     """The controller refuses a call and answers with `hresult`."""
 
     def __init__(self, hresult: int, reason: str = "") -> None:
-        super().__init__(f"refused with {hresult:08X}")
+        super().__init__(Message("simulator.refused", code=f"{hresult:08X}"))
         self.hresult = hresult
         self.reason = reason
 

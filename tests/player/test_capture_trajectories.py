@@ -9,6 +9,7 @@ import pytest
 from bcapscope.capture.capture_file import open_capture
 from bcapscope.capture.packet import Packet
 from bcapscope.errors import CaptureError
+from bcapscope.messages.message import foreign_text
 from bcapscope.player.capture_trajectories import SOURCE_FORMAT, read_capture
 from bcapscope.player.column_layout import ReadOptions
 from bcapscope.player.trajectory import Trajectory, TrajectoryError, TrajectorySource
@@ -76,7 +77,7 @@ def broken(count: int) -> Iterator[Packet]:
     with open_capture(CAPTURES / "slave-session.pcapng") as packets:
         for number, packet in enumerate(packets):
             if number == count:
-                raise CaptureError("the file ends here", 99)
+                raise CaptureError(foreign_text("the file ends here"), 99)
             yield packet
 
 

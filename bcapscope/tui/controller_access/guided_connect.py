@@ -11,6 +11,8 @@ from bcapscope.client.handle_table import ObjectHandle
 from bcapscope.client.object_opener import read_variable_once
 from bcapscope.client.remote_objects import ONE_CYCLE, Controller, Robot, Task
 from bcapscope.errors import BcapError, CallTimeout, RemoteProtocolError
+from bcapscope.messages import Message
+from bcapscope.messages.message import foreign_text
 from bcapscope.protocol.codec.variant import EMPTY
 from bcapscope.protocol.tables.function_table import ObjectClass
 from bcapscope.render.field_meaning import value_text
@@ -99,10 +101,10 @@ async def _run_step(
         text = await action()
     except CallTimeout as error:
         session.report(ConnectStepUpdate(step, False, failure_text(session.last_record)))
-        raise ConnectStepError("the step failed") from error
+        raise ConnectStepError(Message("controller.step-failed")) from error
     except (BcapError, OSError) as error:
         session.report(ConnectStepUpdate(step, False, error_text(error)))
-        raise ConnectStepError("the step failed") from error
+        raise ConnectStepError(Message("controller.step-failed")) from error
     session.report(ConnectStepUpdate(step, True, text))
 
 
@@ -128,7 +130,7 @@ async def _connect_controller(
 async def _open_first_robot(session: ControllerSession, name: str, option: str) -> str:
     record, text = await _open_robot(session, name, option)
     if text is None:
-        raise ConnectStepError(failure_text(record))
+        raise ConnectStepError(foreign_text(failure_text(record)))
     return text
 
 
