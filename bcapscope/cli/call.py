@@ -144,7 +144,7 @@ class _AnswerPrinter:
         self._dump = dump
         self._as_json = as_json
         self._palette = choose_palette(color)
-        self._words = words
+        self.words = words
         self._renderer = ReplyRenderer(self._palette, words)
         self.packets: list[Observation] = []
 
@@ -175,7 +175,7 @@ class _AnswerPrinter:
         for seen in self.packets:
             sent = seen.flow.direction is Direction.REQUEST
             peer = str(seen.flow.dst if sent else seen.flow.src)
-            yield f"  {self._words('call.packet.sent' if sent else 'call.packet.received', peer=peer)}"
+            yield f"  {self.words('call.packet.sent' if sent else 'call.packet.received', peer=peer)}"
             yield from (f"  {line}" for line in hexdump(seen.item.raw, palette=self._palette))
 
 
@@ -227,5 +227,6 @@ class _CallRunner:
         self._armed = await opener.is_simulator()
         if not self._armed:
             name, host = call_name(function_id, arguments), self._target.host
-            print_stderr(printable(f"bcapscope: {name} was not sent. {unarmed_reason(host)}"))
+            unsent = self._printer.words("call.not-sent", call=name, reason=unarmed_reason(host))
+            print_stderr(printable(f"bcapscope: {unsent}"))
         return self._armed

@@ -164,7 +164,7 @@ def command(
         serving = ServerRunner(quiet=quiet, record=record, words=words)
         _serve(script, serving, (listen, target.port), not no_delay, words)
         return
-    flight = _PreflightCheck(script, limits, color, quiet)
+    flight = _PreflightCheck(script, limits, color, quiet, words)
     flight.check(UNKNOWN_ARM)
     stage = _ReplayRunner(script, flight, keep_going, anywhere, _ReplayPrinter(as_json, quiet, color, words))
     with exit_on_failure(target, words):
@@ -240,16 +240,23 @@ class _ReplayPrinter:
 class _PreflightCheck:
     """The pre-flight check of a script's set points."""
 
-    def __init__(self, script: ReplayScript, limits: tuple[str, ...], color: str, quiet: bool) -> None:
+    def __init__(
+        self,
+        script: ReplayScript,
+        limits: tuple[str, ...],
+        color: str,
+        quiet: bool,
+        words: MessageFormatter,
+    ) -> None:
         self._limits = limits
-        self._renderer = PreflightRenderer(choose_palette(color), shutil.get_terminal_size().columns)
+        self._renderer = PreflightRenderer(choose_palette(color), shutil.get_terminal_size().columns, words)
         self._quiet = quiet
         self.stretches: tuple[SetPointRun, ...] = ()
         try:
             with_limits(UNKNOWN_ARM, limits)
             self.stretches = tuple(set_point_runs(script))
         except UnreadableSetPointError as error:
-            print_stderr(f"bcapscope: {error}. Nothing was sent")
+            print_stderr(f"bcapscope: {words('replay.nothing-sent', reason=error.message)}")
             sys.exit(ExitCode.UNFIT)
         except ValueError as error:
             raise click.UsageError(str(error)) from None
@@ -287,11 +294,11 @@ class _ReplayRunner:
 
     async def play(self, target: ControllerTarget, armed: bool, longest_pause: int) -> ExitCode:
         """Play the script without an event loop, whose timers are too coarse; return the exit code."""
-        needs_arm, simulated = self._needs_arming(), False
+        words, needs_arm, simulated = self._print_played.words, self._needs_arming(), False
         if self._preflight.stretches or (needs_arm and not armed):
             simulated = await _is_simulator(target)
             self._preflight.check(SIMULATED_ARM if simulated else UNKNOWN_ARM, shown=True)
-            if needs_arm and not (armed or simulated or _confirm_robot(target.host)):
+            if needs_arm and not (armed or simulated or _confirm_robot(target.host, words)):
                 return ExitCode.UNARMED
         try:
             with ExitStack() as stack:
@@ -343,13 +350,14 @@ async def _is_simulator(target: ControllerTarget) -> bool:
         return await ObjectOpener(session, target).is_simulator()
 
 
-def _confirm_robot(host: str) -> bool:
+def _confirm_robot(host: str, words: MessageFormatter) -> bool:
     """Ask the user to confirm that a robot may be energised and moved."""
     if can_prompt():
-        print_stderr("This is not bcapscope's simulator: the recording may energise or move a robot.")
-        if confirm_robot_may_move(host):
+        print_stderr(words("replay.may-move"))
+        if confirm_robot_may_move(host, words):
             return True
-    print_stderr(printable(f"bcapscope: the recording was not sent. {unarmed_reason(host)}"))
+    unsent = words("replay.not-sent", reason=unarmed_reason(host))
+    print_stderr(printable(f"bcapscope: {unsent}"))
     return False
 
 

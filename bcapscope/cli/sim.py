@@ -18,17 +18,12 @@ from bcapscope.cli.common.scenario_options import choose_scenario, list_scenario
 from bcapscope.cli.common.serving import exit_if_not_listening
 from bcapscope.live.server_runner import ServerRunner, reachability
 from bcapscope.live.standard_streams import print_stderr
-from bcapscope.messages import MessageFormatter
+from bcapscope.messages import Message, MessageFormatter
 from bcapscope.simulator.profile import PROFILES, NoArgument
 from bcapscope.simulator.scenario import ProfileName, Scenario, ServerDefect
 from bcapscope.simulator.scenario_runner import ScenarioRunner
 from bcapscope.simulator.simulator import Simulator
 from bcapscope.simulator.simulator_server import SimulatorServer
-
-_HELP = (
-    "commands: reset (forget all clients), stop (press the emergency stop), go (release it), detector (RC7: "
-    "late set points), quit; the first letter is enough"
-)
 
 
 @click.command(short_help="Simulate a controller without a robot.")
@@ -139,19 +134,26 @@ def command(
         else ScenarioRunner(played, simulator, now, seed=seed, on_news=serving.log.add_note)
     )
     with exit_if_not_listening(), serving.listen(stage or simulator, listen, port) as server:
-        print_stderr(_greeting(simulator, server))
+        print_stderr(words.text(_greeting(simulator, server)))
+        print_stderr(words("sim.commands"))
         if scenario is not None:
             print_stderr(scenario_introduction(scenario))
         if attended:
             announce_ready(["%s:%d" % server.address])
-        keys = _TypedCommands(
-            _actions(simulator, server, serving.print_message), serving.print_message, attended
-        )
+
+        def print_message(id: str) -> None:
+            serving.print_message(words(id))
+
+        keys = _TypedCommands(_actions(simulator, server, print_message), print_message, attended)
         serving.serve(server, keys.read_commands, keys.watched)
-    dropped = f"{simulator.dropped} datagrams dropped (invalid requests, or too many clients)"
     overrun = server.datagram_queue.dropped
-    more = f"; {overrun} more dropped because they came too fast" if overrun else ""
-    if not serving.close(f"{serving.log.call_count} calls; {dropped}{more}"):
+    summary = words(
+        "sim.summary.overrun" if overrun else "sim.summary",
+        calls=serving.log.call_count,
+        dropped=simulator.dropped,
+        overrun=overrun,
+    )
+    if not serving.close(summary):
         sys.exit(ExitCode.UNWRITABLE)
 
 
@@ -167,10 +169,10 @@ def _played_scenario(
     return msgspec.structs.replace(chosen, defects=own, no_argument=bare)
 
 
-def _greeting(simulator: Simulator, server: SimulatorServer) -> str:
+def _greeting(simulator: Simulator, server: SimulatorServer) -> Message:
     host, port = server.address
     profile = simulator.machine.profile
-    return f"{profile.title}, no robot, on {host} port {port}, UDP and TCP; {reachability(host)}\n{_HELP}"
+    return Message("sim.greeting", profile=profile.title, host=host, port=port, reach=reachability(host))
 
 
 def _quit() -> None:
@@ -184,20 +186,19 @@ def _actions(
 
     def reset() -> None:
         server.reset()
-        print_message("all clients are forgotten")
+        print_message("sim.reset")
 
     def press() -> None:
         machine.press_emergency_stop(server.now())
-        print_message("the emergency stop is pressed")
+        print_message("sim.stop")
 
     def release() -> None:
         machine.emergency = False
-        print_message("the emergency stop is released")
+        print_message("sim.go")
 
     def switch_detector() -> None:
         machine.slave.async_detector = not machine.slave.async_detector
-        word = "an error" if machine.slave.async_detector else "no error"
-        print_message(f"a late set point is {word} in the Async modes of RC7")
+        print_message("sim.detector.on" if machine.slave.async_detector else "sim.detector.off")
 
     return {
         "reset": reset,
@@ -236,7 +237,7 @@ class _TypedCommands:
         if len(found) == 1:
             found[0]()
         elif word:
-            self._print_message(_HELP)
+            self._print_message("sim.commands")
 
 
 def _can_be_read() -> bool:

@@ -12,6 +12,7 @@ import click
 from bcapscope.client.action_log import ActionLog, LoggedConnection, default_folder
 from bcapscope.client.armed_call_logger import ArmedCallLogger
 from bcapscope.live.standard_streams import print_stderr
+from bcapscope.messages import Message, MessageFormatter
 from bcapscope.messages.os_errors import os_reason
 from bcapscope.render.escape import printable
 
@@ -40,20 +41,17 @@ def can_prompt() -> bool:
     return sys.stdin is not None and sys.stdin.isatty() and sys.stderr.isatty()
 
 
-def unarmed_reason(host: str) -> str:
+def unarmed_reason(host: str) -> Message:
     """Return why a call that needs arming was not sent to `host`, and what to do."""
-    return (
-        f"It may move or energise a robot, and {host} is not bcapscope's simulator. "
-        "Add --arm if the robot may move."
-    )
+    return Message("arm.missing", host=host)
 
 
-def confirm_robot_may_move(host: str) -> bool:
+def confirm_robot_may_move(host: str, words: MessageFormatter) -> bool:
     """Ask the user to type the controller's address, which cannot happen by accident.
 
     Raises:
         click.Abort: Ctrl-C was pressed, or standard input ended.
     """
-    question = f"Type {printable(host)} to confirm that this robot may move"
+    question = words("arm.confirm", host=printable(host))
     typed: str = click.prompt(question, default="", show_default=False, err=True)
     return typed.strip() == host

@@ -231,9 +231,13 @@ class PlayRunner:
 
     def _prompt_user(self, call_kind: PlayerQuestion) -> str:
         if call_kind.topic is QuestionTopic.ARM:
-            return "yes" if confirm_robot_may_move(self._plan.target.host) else "no"
+            may_move = confirm_robot_may_move(self._plan.target.host, self._output.words)
+            return "yes" if may_move else "no"
         choice: str = click.prompt(
-            "Answer", type=click.Choice(call_kind.choices), default=call_kind.choices[0], err=True
+            self._output.words("play.answer"),
+            type=click.Choice(call_kind.choices),
+            default=call_kind.choices[0],
+            err=True,
         )
         return choice
 
