@@ -16,8 +16,9 @@ from bcapscope.cli.common.data_output import echo
 from bcapscope.cli.common.exit_codes import ExitCode
 from bcapscope.faults.quantities import DurationQuantity
 from bcapscope.live.standard_streams import print_stderr
+from bcapscope.messages import MessageFormatter
+from bcapscope.messages.places import Count
 from bcapscope.protocol.codec.frame import parse_datagram
-from bcapscope.protocol.text_format import counted
 from bcapscope.proxy import control_messages as control
 from bcapscope.proxy.control_client import ControlClient, ControlRefused
 from bcapscope.proxy.control_socket import ControlError
@@ -34,19 +35,21 @@ _INDENTED = re.compile(r"\n(?=  )")
 @click.group("ctl", short_help="Control a running proxy.")
 @click.argument("address")
 @click.option("--json", "as_json", is_flag=True, help="Print the proxy's answer as JSON.")
+@options.language
 @click.pass_context
-def command(context: click.Context, address: str, as_json: bool) -> None:
+def command(context: click.Context, address: str, as_json: bool, words: MessageFormatter) -> None:
     """Control the running proxy that was started with `--control ADDRESS`.
 
     Exit codes: 0: done; 2: invalid command line; 4: no proxy listens on ADDRESS; 8: the proxy refused.
     """
-    context.obj = _ControlCommand(address, as_json)
+    context.obj = _ControlCommand(address, as_json, words)
 
 
 class _ControlCommand:
     """Sends requests to a proxy; prints its answers if they are wanted as JSON."""
 
-    def __init__(self, address: str, as_json: bool) -> None:
+    def __init__(self, address: str, as_json: bool, words: MessageFormatter) -> None:
+        self.words = words
         self._address = address
         self._as_json = as_json
 
@@ -64,13 +67,13 @@ class _ControlCommand:
             try:
                 yield proxy
             except ControlError as error:
-                print_stderr(printable(str(error)))
+                print_stderr(printable(self.words.text(error.message)))
                 sys.exit(ExitCode.UNREADABLE)
             except ControlRefused as error:
                 if self._as_json:
                     echo(_json_text(error.line))
                 else:
-                    for line in _INDENTED.split(str(error)):
+                    for line in _INDENTED.split(self.words.text(error.message)):
                         print_stderr(printable(line))
                 sys.exit(ExitCode.REFUSED)
 
@@ -95,10 +98,11 @@ def _rules(ctl: _ControlCommand) -> None:
     """List the faults, whether they are on, and how often they were injected."""
     response = ctl.request(control.ListFaults(), control.FaultsResponse)
     for rule in response.rules if response else ():
-        echo(
-            f"{'on ' if rule.on else 'off'}  {printable(rule.name):<16} injected {rule.injected:<6}  "
-            f"{printable(rule.rule)}"
+        state, injected = (
+            "on " if rule.on else "off",
+            ctl.words("control.injected", count=f"{rule.injected:<6}"),
         )
+        echo(f"{state}  {printable(rule.name):<16} {injected}  {printable(rule.rule)}")
 
 
 @command.command("add", short_help="Add a fault.")
@@ -162,18 +166,18 @@ def _held(ctl: _ControlCommand) -> None:
     """List the held messages with number, seconds held, and content."""
     response = ctl.request(control.ListHeld(), control.HeldResponse)
     for held in response.held if response else ():
-        for line in _held_lines(held):
+        for line in _held_lines(held, ctl.words):
             echo(line)
 
 
-def _held_lines(held: control.HeldStatus) -> list[str]:
-    renderer = FrameLineRenderer()
+def _held_lines(held: control.HeldStatus, words: MessageFormatter) -> list[str]:
+    renderer = FrameLineRenderer(words=words)
     renderer.set_time_origin(0)
     waited = round(held.waited_s * 1e9)
-    end = f"dropped in {held.left_s:.1f} s ({printable(held.given_up)})"
-    notes = [end if held.given_up else f"sent unchanged in {held.left_s:.1f} s"]
+    case = "control.held.dropped" if held.given_up else "control.held.sent"
+    notes = [words(case, time=f"{held.left_s:.1f} s", reason=printable(held.given_up))]
     if held.retries:
-        notes.append(f"{counted(held.retries, 'retry', 'retries')} held")
+        notes.append(words("control.held.retries", retries=Count(held.retries, "retry")))
     return [
         renderer.line(
             Observation(held.number, waited, waited, held.flow, item, 0), held.call_kind, tuple(notes)
@@ -215,7 +219,8 @@ def _clients(ctl: _ControlCommand) -> None:
     response = ctl.request(control.ListClients(), control.ClientsResponse)
     for client in response.clients if response else ():
         route = f"{client.client} > {client.server} {client.transport} {client.upstream}"
-        echo(f"{printable(route)}  for {client.since_s:.1f} s, {client.up} up, {client.down} down")
+        traffic = ctl.words("control.client", time=f"{client.since_s:.1f} s", up=client.up, down=client.down)
+        echo(f"{printable(route)}  {traffic}")
 
 
 @command.command("stats", short_help="Show figures.")
