@@ -215,11 +215,11 @@ class SlaveSessionDetector:
                 window=self._window,
                 on_set_points=self._on_set_points,
             )
-        self._active[key] = builder
-        self._recently_ended.pop(key, None)
-        if len(self._active) > MAX_SESSIONS:
+        if len(self._active) >= MAX_SESSIONS:
             silent = min(self._active.values(), key=lambda each: each.last_activity)
             self._end_session(silent, _silent_exit(silent))
+        self._active[key] = builder
+        self._recently_ended.pop(key, None)
         return builder
 
     def _on_found_off(self, key: SessionKey, builder: SlaveSessionBuilder | None, call: Call) -> None:
