@@ -57,9 +57,7 @@ call."""
 _FRAME_COST = 512  # bytes of overhead per frame
 _LARGE_CALL = 64 * 1024  # bytes; a larger settled call is not kept in memory as the newest call
 
-_OPENERS = frozenset(
-    (SERVICE_START, *(f.id for f in FUNCTIONS.values() if f.result is ResultKind.HANDLE)),
-)
+_OPENERS = frozenset((SERVICE_START, *(f.id for f in FUNCTIONS.values() if f.result is ResultKind.HANDLE)))
 _WAITING, _ANSWERED, _SETTLED = CallState.WAITING, CallState.ANSWERED, CallState.SETTLED
 _EXPIRY, _EVICTION = CallEvent.EXPIRY, CallEvent.EVICTION
 _AWAITING_REPLY = frozenset(state for state, event in TRANSITIONS if event is CallEvent.NEXT_CALL)

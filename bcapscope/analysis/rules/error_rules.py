@@ -45,11 +45,7 @@ _FIRST_ERRORS = (
 )
 
 ERROR_NOT_CLEARED = DiagnosisRule(
-    "error-not-cleared",
-    Severity.ERROR,
-    f"{_SEED}, Clearing errors; {_ERRORS}",
-    _FIRST_ERRORS,
-    _EVER,
+    "error-not-cleared", Severity.ERROR, f"{_SEED}, Clearing errors; {_ERRORS}", _FIRST_ERRORS, _EVER
 )
 WENT_ON_AFTER_ERROR = DiagnosisRule(
     "went-on-after-error",
@@ -66,20 +62,11 @@ CLEARED_UNREAD = DiagnosisRule(
     _EVER,
 )
 CONTROLLER_TIMEOUT = DiagnosisRule(
-    "controller-timeout",
-    Severity.ERROR,
-    f"orin_bcap C/include/dn_common.h; {_ERRORS}",
+    "controller-timeout", Severity.ERROR, f"orin_bcap C/include/dn_common.h; {_ERRORS}"
 )
-ROBOT_BUSY = DiagnosisRule(
-    "robot-busy",
-    Severity.NOTE,
-    "start-jsk/denso denso_controller/src/main.cpp",
-)
+ROBOT_BUSY = DiagnosisRule("robot-busy", Severity.NOTE, "start-jsk/denso denso_controller/src/main.cpp")
 CONTROLLER_ERROR = DiagnosisRule(
-    "controller-error",
-    Severity.ERROR,
-    f"{_ERRORS}; orin_bcap C/include/dn_common.h",
-    ("malformed-request",),
+    "controller-error", Severity.ERROR, f"{_ERRORS}; orin_bcap C/include/dn_common.h", ("malformed-request",)
 )
 
 _ACTIVE_CODES = (0x81501025, 0x81201701, 0x81201749, 0x82501009, 0x21D3, 0x800021D3)

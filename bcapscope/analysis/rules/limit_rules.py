@@ -31,10 +31,7 @@ OVER_LIMIT = DiagnosisRule(
     ("set-point-jump", "far-first-point", "not-finite", "set-point-gap", "off-grid", "slow-retry"),
 )
 BEYOND_RANGE = DiagnosisRule(
-    "beyond-range",
-    Severity.ERROR,
-    _ERRORS,
-    ("set-point-jump", "far-first-point", "not-finite"),
+    "beyond-range", Severity.ERROR, _ERRORS, ("set-point-jump", "far-first-point", "not-finite")
 )
 INVALID_SET_POINT = DiagnosisRule(
     "invalid-set-point",
@@ -43,19 +40,11 @@ INVALID_SET_POINT = DiagnosisRule(
     ("not-finite", "unusual-argument", "set-point-jump"),
 )
 NOT_FINITE = DiagnosisRule(
-    "not-finite",
-    Severity.ERROR,
-    "IEEE 754; DENSORobot/denso_robot_ros2 denso_robot_control",
+    "not-finite", Severity.ERROR, "IEEE 754; DENSORobot/denso_robot_ros2 denso_robot_control"
 )
-FAR_FIRST_POINT = DiagnosisRule(
-    "far-first-point",
-    Severity.WARNING,
-    f"{_SEED}, Starting your client app.",
-)
+FAR_FIRST_POINT = DiagnosisRule("far-first-point", Severity.WARNING, f"{_SEED}, Starting your client app.")
 SET_POINT_JUMP = DiagnosisRule(
-    "set-point-jump",
-    Severity.NOTE,
-    "DENSORobot/denso_robot_ros issues 19 and 48; denso_cobotta_ros issue 14",
+    "set-point-jump", Severity.NOTE, "DENSORobot/denso_robot_ros issues 19 and 48; denso_cobotta_ros issue 14"
 )
 
 _SPEED_FAMILIES = tuple(

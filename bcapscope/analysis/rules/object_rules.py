@@ -27,24 +27,10 @@ from bcapscope.traffic.observation import Conversation
 
 _SERVER = "orin_bcap C/src/bCAPServer/bcap_server.c"
 
-HANDLE_LEAK = DiagnosisRule(
-    "handle-leak",
-    Severity.WARNING,
-    _SERVER,
-)
-BAD_HANDLE = DiagnosisRule(
-    "bad-handle",
-    Severity.ERROR,
-    _SERVER,
-    ("unclean-quit",),
-    600 * SECOND,
-)
+HANDLE_LEAK = DiagnosisRule("handle-leak", Severity.WARNING, _SERVER)
+BAD_HANDLE = DiagnosisRule("bad-handle", Severity.ERROR, _SERVER, ("unclean-quit",), 600 * SECOND)
 TOO_MANY_OBJECTS = DiagnosisRule(
-    "too-many-objects",
-    Severity.ERROR,
-    _SERVER,
-    ("handle-leak",),
-    24 * 3600 * SECOND,
+    "too-many-objects", Severity.ERROR, _SERVER, ("handle-leak",), 24 * 3600 * SECOND
 )
 
 _LEAK_AT = 20

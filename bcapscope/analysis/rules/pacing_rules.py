@@ -63,11 +63,7 @@ OFF_GRID = DiagnosisRule(
     Severity.WARNING,
     "DENSORobot/denso_robot_ros2 issue 17; d-yui-hub/denso_robot_ros2_neo; " + _SEED,
 )
-REPLIES_DO_NOT_PACE = DiagnosisRule(
-    "replies-do-not-pace",
-    Severity.NOTE,
-    f"{_SAMPLES}; {_SEED}",
-)
+REPLIES_DO_NOT_PACE = DiagnosisRule("replies-do-not-pace", Severity.NOTE, f"{_SAMPLES}; {_SEED}")
 
 _EMPTY_CODES = (E_SLAVE_UNDERFLOW, 0x84400503, 0x83201684)
 _FEWEST_CYCLES = 50

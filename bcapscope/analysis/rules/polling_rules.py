@@ -24,9 +24,7 @@ from bcapscope.traffic.call_kind import CallKind
 from bcapscope.traffic.observation import Conversation
 
 POLLING = DiagnosisRule(
-    "polling",
-    Severity.NOTE,
-    "ShoheiKobata/orin_bcap_python_samples (1.7 ms for each variable)",
+    "polling", Severity.NOTE, "ShoheiKobata/orin_bcap_python_samples (1.7 ms for each variable)"
 )
 
 _FEWEST_READS = 200

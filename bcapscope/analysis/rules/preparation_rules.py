@@ -36,17 +36,9 @@ ROBSLAVE_NOT_RUNNING = DiagnosisRule(
     ("controller-error", "underflow", "over-limit"),
     _EVER,
 )
-NO_AT_E = DiagnosisRule(
-    "no-at-e",
-    Severity.WARNING,
-    f"{_SEED}, slvChangeMode",
-)
+NO_AT_E = DiagnosisRule("no-at-e", Severity.WARNING, f"{_SEED}, slvChangeMode")
 ROBOT_STILL_MOVING = DiagnosisRule(
-    "robot-still-moving",
-    Severity.ERROR,
-    f"{_SEED}, slvChangeMode; {_ERRORS}",
-    ("no-at-e",),
-    10 * SECOND,
+    "robot-still-moving", Severity.ERROR, f"{_SEED}, slvChangeMode; {_ERRORS}", ("no-at-e",), 10 * SECOND
 )
 ARM_NOT_TAKEN = DiagnosisRule(
     "arm-not-taken",
@@ -56,9 +48,7 @@ ARM_NOT_TAKEN = DiagnosisRule(
     60 * SECOND,
 )
 ARM_TAKEN_BY_OTHER = DiagnosisRule(
-    "arm-taken-by-other",
-    Severity.ERROR,
-    f"DENSORobot/denso_robot_ros issues 21, 29 and 48; {_ERRORS}",
+    "arm-taken-by-other", Severity.ERROR, f"DENSORobot/denso_robot_ros issues 21, 29 and 48; {_ERRORS}"
 )
 MOTOR_OFF = DiagnosisRule(
     "motor-off",
@@ -74,26 +64,16 @@ MOTOR_SWITCHING_OFF = DiagnosisRule(
     ("underflow", "over-limit", "beyond-range", "controller-error"),
     60 * SECOND,
 )
-EMERGENCY_STOP = DiagnosisRule(
-    "emergency-stop",
-    Severity.ERROR,
-    _ERRORS,
-)
+EMERGENCY_STOP = DiagnosisRule("emergency-stop", Severity.ERROR, _ERRORS)
 NOT_IN_AUTOMATIC_MODE = DiagnosisRule(
-    "not-in-automatic-mode",
-    Severity.ERROR,
-    f"{_SEED}, Preparation; {_ERRORS}",
+    "not-in-automatic-mode", Severity.ERROR, f"{_SEED}, Preparation; {_ERRORS}"
 )
 NO_EXECUTABLE_TOKEN = DiagnosisRule(
     "no-executable-token",
     Severity.ERROR,
     f"{_SEED}, Setting up your RC7; DENSORobot/denso_robot_ros issues 29 and 36",
 )
-NO_LICENCE = DiagnosisRule(
-    "no-licence",
-    Severity.ERROR,
-    f"{_SEED}, Setting up your RC7; {_ERRORS}",
-)
+NO_LICENCE = DiagnosisRule("no-licence", Severity.ERROR, f"{_SEED}, Setting up your RC7; {_ERRORS}")
 MANUAL_RESET_MISSING = DiagnosisRule(
     "manual-reset-missing",
     Severity.ERROR,
@@ -102,9 +82,7 @@ MANUAL_RESET_MISSING = DiagnosisRule(
     60 * SECOND,
 )
 TYPE_NOT_CHECKED = DiagnosisRule(
-    "type-not-checked",
-    Severity.NOTE,
-    f"{_SEED}, Starting your client app. (tips)",
+    "type-not-checked", Severity.NOTE, f"{_SEED}, Starting your client app. (tips)"
 )
 
 _MOVING_CODES = (0x600B, 0x8000600B, 0x8150100D, 0x81201744)
@@ -187,9 +165,7 @@ class PreparationChecker(RuleChecker):
             TYPE_NOT_CHECKED,
             call,
             Message(
-                "finding.type-not-checked",
-                client=client_place(call.conversation),
-                call=call_name_place(call),
+                "finding.type-not-checked", client=client_place(call.conversation), call=call_name_place(call)
             ),
         )
 

@@ -79,26 +79,16 @@ EXECUTED_TWICE = DiagnosisRule(
     "orin_bcap C/src/bCAPServer/bcap_server.c",
     ("late-reply", "reply-lost", "retried"),
 )
-REPLY_LOST = DiagnosisRule(
-    "reply-lost",
-    Severity.WARNING,
-    _SEED,
-)
+REPLY_LOST = DiagnosisRule("reply-lost", Severity.WARNING, _SEED)
 RETRIED = DiagnosisRule(
     "retried",
     Severity.WARNING,
     f"{_SEED}, Retry sequence in UDP connection",
     ("malformed-request", "malformed-reply", "reply-to-nothing"),
 )
-VERY_LATE_REPLY = DiagnosisRule(
-    "very-late-reply",
-    Severity.WARNING,
-    _C_CLIENT,
-)
+VERY_LATE_REPLY = DiagnosisRule("very-late-reply", Severity.WARNING, _C_CLIENT)
 REPLY_TO_NOTHING = DiagnosisRule(
-    "reply-to-nothing",
-    Severity.WARNING,
-    f"{_SEED}, Retry sequence in UDP connection",
+    "reply-to-nothing", Severity.WARNING, f"{_SEED}, Retry sequence in UDP connection"
 )
 
 _QUIET_NS = 20 * MS
@@ -160,11 +150,7 @@ class ReplyChecker(RuleChecker):
             rule, fact = (
                 VERY_LATE_REPLY,
                 Message(
-                    "finding.very-late-reply",
-                    at=at,
-                    client=receiver,
-                    number=stray.call_number,
-                    serial=serial,
+                    "finding.very-late-reply", at=at, client=receiver, number=stray.call_number, serial=serial
                 ),
             )
         elif conversation not in self._requesting:

@@ -38,9 +38,7 @@ FORMAT_REFUSED = DiagnosisRule(
     "DENSORobot/denso_robot_ros issue 47; DENSORobot/denso_robot_ros2 denso_robot_core",
 )
 UNKNOWN_COMMAND = DiagnosisRule(
-    "unknown-command",
-    Severity.ERROR,
-    f"orin_bcap C/include/bcap_funcid.h; {_SAMPLES}",
+    "unknown-command", Severity.ERROR, f"orin_bcap C/include/bcap_funcid.h; {_SAMPLES}"
 )
 ARGUMENT_REFUSED = DiagnosisRule(
     "argument-refused",
@@ -50,9 +48,7 @@ ARGUMENT_REFUSED = DiagnosisRule(
     SAME_CALL,
 )
 UNUSUAL_ARGUMENT = DiagnosisRule(
-    "unusual-argument",
-    Severity.NOTE,
-    f"{_SEED}; {_SAMPLES}; DENSORobot/denso_robot_ros2 denso_robot_core",
+    "unusual-argument", Severity.NOTE, f"{_SEED}; {_SAMPLES}; DENSORobot/denso_robot_ros2 denso_robot_core"
 )
 
 _TYPE_CODES = (

@@ -30,38 +30,20 @@ _SEED = "DENSO Wave 2009, How to use the Slave mode"
 _SERVER = "orin_bcap C/src/bCAPServer/bcap_server.c"
 
 RETRY_IN_ASYNC = DiagnosisRule(
-    "retry-in-async",
-    Severity.WARNING,
-    f"{_SEED}, Recommendation of the Slave mode",
+    "retry-in-async", Severity.WARNING, f"{_SEED}, Recommendation of the Slave mode"
 )
-WRONG_RESERVED = DiagnosisRule(
-    "wrong-reserved",
-    Severity.ERROR,
-    f"{_SEED}, Retry sequence in UDP connection",
-)
+WRONG_RESERVED = DiagnosisRule("wrong-reserved", Severity.ERROR, f"{_SEED}, Retry sequence in UDP connection")
 UNMARKED_RETRY = DiagnosisRule(
     "unmarked-retry",
     Severity.WARNING,
     f"{_SEED}, Retry sequence in UDP connection; {_SERVER}",
     ("no-reply", "client-gave-up", "reply-lost"),
 )
-SERIAL_ZERO = DiagnosisRule(
-    "serial-zero",
-    Severity.WARNING,
-    _SERVER,
-)
+SERIAL_ZERO = DiagnosisRule("serial-zero", Severity.WARNING, _SERVER)
 SERIAL_REUSED = DiagnosisRule(
-    "serial-reused",
-    Severity.ERROR,
-    "orin_bcap Python/bCAPClient/bcapclient.py",
-    ("long-call-without-wdt",),
+    "serial-reused", Severity.ERROR, "orin_bcap Python/bCAPClient/bcapclient.py", ("long-call-without-wdt",)
 )
-STALE_ANSWER = DiagnosisRule(
-    "stale-answer",
-    Severity.WARNING,
-    _SERVER,
-    ("unclean-quit",),
-)
+STALE_ANSWER = DiagnosisRule("stale-answer", Severity.WARNING, _SERVER, ("unclean-quit",))
 SLOW_RETRY = DiagnosisRule(
     "slow-retry",
     Severity.WARNING,

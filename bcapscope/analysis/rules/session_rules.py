@@ -78,21 +78,9 @@ BUSY = DiagnosisRule(
     ("executing-forever", "no-reply", "client-gave-up", "long-call-without-wdt", "late-reply"),
     600 * SECOND,
 )
-EXECUTING_FOREVER = DiagnosisRule(
-    "executing-forever",
-    Severity.ERROR,
-    _SERVER,
-)
-LONG_CALL_WITHOUT_WDT = DiagnosisRule(
-    "long-call-without-wdt",
-    Severity.WARNING,
-    _SERVER,
-)
-WDT_TOO_SMALL = DiagnosisRule(
-    "wdt-too-small",
-    Severity.ERROR,
-    _SERVER,
-)
+EXECUTING_FOREVER = DiagnosisRule("executing-forever", Severity.ERROR, _SERVER)
+LONG_CALL_WITHOUT_WDT = DiagnosisRule("long-call-without-wdt", Severity.WARNING, _SERVER)
+WDT_TOO_SMALL = DiagnosisRule("wdt-too-small", Severity.ERROR, _SERVER)
 
 _OPTION = re.compile(r"(WDT|InvokeTimeout)\s*=\s*([0-9]{1,9})", re.IGNORECASE)
 

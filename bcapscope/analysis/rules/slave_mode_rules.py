@@ -58,14 +58,10 @@ SLVMOVE_OUTSIDE_SLAVE_MODE = DiagnosisRule(
     _REACH,
 )
 REFUSED_IN_SLAVE_MODE = DiagnosisRule(
-    "refused-in-slave-mode",
-    Severity.ERROR,
-    f"DENSORobot/denso_robot_ros issues 13, 21, 42 and 48; {_ERRORS}",
+    "refused-in-slave-mode", Severity.ERROR, f"DENSORobot/denso_robot_ros issues 13, 21, 42 and 48; {_ERRORS}"
 )
 SLAVE_MODE_ENDED_BY_OTHER = DiagnosisRule(
-    "slave-mode-ended-by-other",
-    Severity.ERROR,
-    "DENSORobot/denso_robot_ros issues 13, 21 and 48",
+    "slave-mode-ended-by-other", Severity.ERROR, "DENSORobot/denso_robot_ros issues 13, 21 and 48"
 )
 SLAVE_MODE_LOST_UNSEEN = DiagnosisRule(
     "slave-mode-lost-unseen",
@@ -135,10 +131,7 @@ def _lost_unseen(session: SlaveSession, last: FrameTime) -> Occurrence:
         and last.time - _SUSPECT_WITHIN_NS <= call.time < exit_.time
         and not _is_harmless_call(call)
     ]
-    places: dict[str, PlaceValue] = {
-        "client": client_place(session.conversation),
-        "since": Moment(last.time),
-    }
+    places: dict[str, PlaceValue] = {"client": client_place(session.conversation), "since": Moment(last.time)}
     fact = Message("finding.slave-mode-lost-unseen", **places)
     if suspects:
         by = suspects[-1]

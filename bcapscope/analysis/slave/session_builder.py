@@ -12,12 +12,7 @@ from bcapscope.analysis.slave.session_models import SessionModels, SlaveSetup
 from bcapscope.analysis.slave.set_point_batch import SetPointBatch
 from bcapscope.analysis.slave.set_point_chunk import SetPointChunk, SetPointHandler
 from bcapscope.analysis.slave.set_point_table import SetPointTable, table_of
-from bcapscope.analysis.slave.slave_session import (
-    CallFact,
-    FrameTime,
-    SessionExit,
-    SlaveSession,
-)
+from bcapscope.analysis.slave.slave_session import CallFact, FrameTime, SessionExit, SlaveSession
 from bcapscope.traffic.observation import Conversation
 
 BATCH_SIZE = 4096

@@ -18,11 +18,7 @@ from bcapscope.analysis.slave.plot_samples import PlotSampler
 from bcapscope.analysis.slave.session_slices import SessionSlice, SessionSlicer
 from bcapscope.analysis.slave.set_point_batch import SetPointBatch
 from bcapscope.analysis.slave.set_point_table import SetPointTable
-from bcapscope.analysis.slave.slave_session import (
-    AcceptedFormat,
-    KnownMode,
-    SetPointCounts,
-)
+from bcapscope.analysis.slave.slave_session import AcceptedFormat, KnownMode, SetPointCounts
 from bcapscope.analysis.slave.timing_model import TimingModel
 from bcapscope.analysis.statistics.distribution import Floats
 from bcapscope.messages import Message
