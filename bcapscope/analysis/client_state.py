@@ -139,7 +139,8 @@ class ClientState:
         generation_clue: Clue to the controller's generation.
     """
 
-    def __init__(self, first: Call) -> None:
+    def __init__(self, first: Call, registry: ClientRegistry) -> None:
+        self._registry = registry
         self.conversation: Conversation = first.conversation
         self.first_call = self.last_call = first
         self.call_count = self.answered_count = self.longest_pause_ns = 0
@@ -199,6 +200,11 @@ class ClientState:
             if self.mode_value
             else None
         )
+
+    def other_clients(self) -> list[ClientState]:
+        """Return the other clients of the same controller."""
+        host = self.conversation.server.host
+        return [each for each in self._registry if each is not self and each.conversation.server.host == host]
 
     def on_set_points(self, calls: Sequence[Call]) -> None:
         """Update the state with set points that are alike, and so answered with S_OK and not large."""
@@ -396,7 +402,7 @@ class ClientRegistry:
                 silent = min(self._by_conversation.values(), key=lambda each: each.last_call.last_activity)
                 del self._by_conversation[silent.conversation]
                 self._on_drop(silent)
-            client = self._by_conversation[call.conversation] = ClientState(call)
+            client = self._by_conversation[call.conversation] = ClientState(call, self)
         return client
 
     def on_conversation_closed(self, conversation: Conversation) -> None:
@@ -417,8 +423,3 @@ class ClientRegistry:
     def find(self, conversation: Conversation) -> ClientState | None:
         """Return a client; None if it has made no call or was dropped."""
         return self._by_conversation.get(conversation)
-
-    def other_clients(self, client: ClientState) -> list[ClientState]:
-        """Return the other clients of the same controller."""
-        host = client.conversation.server.host
-        return [each for each in self if each is not client and each.conversation.server.host == host]

@@ -125,7 +125,7 @@ class ErrorChecker(RuleChecker):
         self._after_error.pop(client.conversation, None)
 
     def _was_read_by_other(self, client: ClientState) -> bool:
-        return any(other.error_was_read for other in self.clients.other_clients(client))
+        return any(other.error_was_read for other in client.other_clients())
 
     def _report_unread(self, call: Call, failure: Call) -> None:
         fact = Message(
@@ -165,13 +165,11 @@ def _only_stops(call: Call) -> bool:
     return always_passes(call.kind.function_id, [each.variant for each in call.request.item.arguments])
 
 
-def _explain_not_cleared(call: Call, client: ClientState, clients: ClientRegistry) -> RefusalReason | None:
+def _explain_not_cleared(call: Call, client: ClientState) -> RefusalReason | None:
     failure = client.uncleared_error
     if failure is None:
         first = [
-            other.uncleared_error
-            for other in clients.other_clients(client)
-            if other.uncleared_error is not None
+            other.uncleared_error for other in client.other_clients() if other.uncleared_error is not None
         ]
         return RefusalReason(explaining_calls=tuple(each.number for each in first))
     return RefusalReason(
@@ -181,7 +179,7 @@ def _explain_not_cleared(call: Call, client: ClientState, clients: ClientRegistr
     )
 
 
-def _explain_other(call: Call, client: ClientState, clients: ClientRegistry) -> RefusalReason | None:
+def _explain_other(call: Call, client: ClientState) -> RefusalReason | None:
     code = call.hresult or 0
     known = describe_hresult(code)
     failure = client.uncleared_error

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
 
-from bcapscope.analysis.client_state import ClientRegistry, ClientState, argument, folded_command
+from bcapscope.analysis.client_state import ClientState, argument, folded_command
 from bcapscope.analysis.finding import Severity
 from bcapscope.analysis.finding_places import call_place, client_place
 from bcapscope.analysis.rules.refusal import NO_REASON, Refusal, RefusalReason, make_refusal
@@ -136,7 +136,7 @@ def _pose_values(call: Call, pose_type: PoseType | None) -> tuple[float, ...]:
     return pose.values if pose is not None else ()
 
 
-def _explain_over_limit(call: Call, client: ClientState, clients: ClientRegistry) -> RefusalReason | None:
+def _explain_over_limit(call: Call, client: ClientState) -> RefusalReason | None:
     axis = describe_hresult(call.hresult or 0).axis
     pose_type = pose_type_of_mode(client.mode_value) if client.mode_value else None
     points = [*client.recent_set_points, call]
@@ -174,7 +174,7 @@ def _worst_step(poses: Sequence[tuple[float, ...]], axis: int) -> tuple[int, flo
     return max(finite, key=lambda each: abs(each[1])) if finite else None
 
 
-def _explain_beyond_range(call: Call, client: ClientState, clients: ClientRegistry) -> RefusalReason | None:
+def _explain_beyond_range(call: Call, client: ClientState) -> RefusalReason | None:
     axis = describe_hresult(call.hresult or 0).axis
     pose_type = pose_type_of_mode(client.mode_value) if client.mode_value else None
     pose = _pose_values(call, pose_type)
@@ -186,7 +186,7 @@ def _explain_beyond_range(call: Call, client: ClientState, clients: ClientRegist
     return RefusalReason(reason, group_key=key)
 
 
-def _explain_invalid(call: Call, client: ClientState, clients: ClientRegistry) -> RefusalReason | None:
+def _explain_invalid(call: Call, client: ClientState) -> RefusalReason | None:
     parameter = argument(call, 2)
     if parameter is None or folded_command(call.kind) != "slvmove":
         return NO_REASON

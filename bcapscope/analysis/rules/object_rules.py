@@ -129,7 +129,7 @@ def _may_be_released(call: Call) -> bool:
     return call.reply is not None or call.evicted
 
 
-def _explain_bad_handle(call: Call, client: ClientState, clients: ClientRegistry) -> RefusalReason | None:
+def _explain_bad_handle(call: Call, client: ClientState) -> RefusalReason | None:
     function, handle = FUNCTIONS.get(call.kind.function_id), handle_of(call.request.item)
     if function is None or handle is None:
         return None
@@ -153,7 +153,7 @@ def _explain_bad_handle(call: Call, client: ClientState, clients: ClientRegistry
                 wanted=function.owner.value,
             )
         )
-    owner = next((other for other in clients.other_clients(client) if handle in other.opened_objects), None)
+    owner = next((other for other in client.other_clients() if handle in other.opened_objects), None)
     if opened is None and owner is not None:
         other = client_place(owner.conversation)
         return RefusalReason(Message("reason.handle-of-other-client", handle=handle, other=other))

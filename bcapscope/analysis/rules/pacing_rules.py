@@ -212,7 +212,7 @@ def _pause_message(before: Call, after: Call, slack: int) -> Message:
     return Message("finding.set-point-gap.idle", **places, idle=Duration(idle))
 
 
-def _explain_underflow(call: Call, client: ClientState, clients: ClientRegistry) -> RefusalReason | None:
+def _explain_underflow(call: Call, client: ClientState) -> RefusalReason | None:
     pair = _longest_pause(call, client)
     places: dict[str, PlaceValue] = {
         "at": Moment(call.request.time if call.reply is None else call.reply.time),
@@ -233,7 +233,7 @@ def _explain_underflow(call: Call, client: ClientState, clients: ClientRegistry)
     )
 
 
-def _explain_overflow(call: Call, client: ClientState, clients: ClientRegistry) -> RefusalReason | None:
+def _explain_overflow(call: Call, client: ClientState) -> RefusalReason | None:
     points = list(client.recent_set_points)[-_RECENT:]
     if len(points) < 2:
         return None

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from bcapscope.analysis.client_state import (
-    ClientRegistry,
     ClientState,
     argument,
     folded_command,
@@ -213,7 +212,7 @@ def _ends_at_e(motion: Call) -> bool:
     return _pass_of(motion).casefold() == "@e"
 
 
-def _explain_robslave(call: Call, client: ClientState, clients: ClientRegistry) -> RefusalReason | None:
+def _explain_robslave(call: Call, client: ClientState) -> RefusalReason | None:
     command = folded_command(call.kind)
     code = call.hresult or 0
     if gets_robslave(call):
@@ -254,7 +253,7 @@ def _error_after(started: Call, client: ClientState) -> Call | None:
     return ended if failed and ended is not None and ended.number > started.number else None
 
 
-def _explain_moving(call: Call, client: ClientState, clients: ClientRegistry) -> RefusalReason | None:
+def _explain_moving(call: Call, client: ClientState) -> RefusalReason | None:
     motion = client.last_motion
     if motion is None:
         return NO_REASON
@@ -272,8 +271,8 @@ def _explain_moving(call: Call, client: ClientState, clients: ClientRegistry) ->
     )
 
 
-def _explain_arm_taken(call: Call, client: ClientState, clients: ClientRegistry) -> RefusalReason | None:
-    holder = next((other for other in clients.other_clients(client) if other.take_arm_call is not None), None)
+def _explain_arm_taken(call: Call, client: ClientState) -> RefusalReason | None:
+    holder = next((other for other in client.other_clients() if other.take_arm_call is not None), None)
     if holder is None or holder.take_arm_call is None:
         if folded_command(call.kind) != "takearm":
             return None
@@ -285,14 +284,14 @@ def _explain_arm_taken(call: Call, client: ClientState, clients: ClientRegistry)
     )
 
 
-def _explain_arm_missing(call: Call, client: ClientState, clients: ClientRegistry) -> RefusalReason | None:
+def _explain_arm_missing(call: Call, client: ClientState) -> RefusalReason | None:
     if client.take_arm_call is not None:
         taken = client.take_arm_call
         return RefusalReason(Message("reason.arm.lost", at=Moment(taken.request.time)), evidence_call=taken)
     return RefusalReason(Message(f"reason.arm.{'not-taken' if client.session_start_seen else 'not-seen'}"))
 
 
-def _explain_motor(call: Call, client: ClientState, clients: ClientRegistry) -> RefusalReason | None:
+def _explain_motor(call: Call, client: ClientState) -> RefusalReason | None:
     motor, failure = client.motor_call, client.uncleared_error
     if motor is not None and client.motor_on is False:
         return _motor_reason("switched-off", motor)
@@ -313,7 +312,7 @@ def _motor_reason(case: str, motor: Call) -> RefusalReason:
     return RefusalReason(message, evidence_call=motor)
 
 
-def _explain_reset(call: Call, client: ClientState, clients: ClientRegistry) -> RefusalReason | None:
+def _explain_reset(call: Call, client: ClientState) -> RefusalReason | None:
     return RefusalReason(
         explaining_calls=() if client.uncleared_error is None else (client.uncleared_error.number,)
     )

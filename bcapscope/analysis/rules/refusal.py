@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from typing import NamedTuple, TypeAlias
 
-from bcapscope.analysis.client_state import ClientRegistry, ClientState
+from bcapscope.analysis.client_state import ClientState
 from bcapscope.analysis.finding_places import call_name_place, call_place, client_place, code_place
 from bcapscope.analysis.rules.rule_checker import DiagnosisRule
 from bcapscope.messages import Message
@@ -38,7 +38,7 @@ class RefusalReason(NamedTuple):
 NO_REASON = RefusalReason()
 """Only the result code is known."""
 
-ExplainRefusal: TypeAlias = Callable[[Call, ClientState, ClientRegistry], "RefusalReason | None"]
+ExplainRefusal: TypeAlias = Callable[[Call, ClientState], "RefusalReason | None"]
 
 
 class Refusal(NamedTuple):
@@ -57,7 +57,7 @@ class Refusal(NamedTuple):
 
 def make_refusal(rule: DiagnosisRule, codes: Iterable[int], explain: ExplainRefusal | None = None) -> Refusal:
     """Return a `Refusal`. Without `explain` the sentence shows only call and result code."""
-    return Refusal(rule, frozenset(codes), explain or (lambda call, client, clients: NO_REASON))
+    return Refusal(rule, frozenset(codes), explain or (lambda call, client: NO_REASON))
 
 
 def usual_sentence(call: Call, code: int, why: RefusalReason) -> Message:

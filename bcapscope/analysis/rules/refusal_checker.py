@@ -47,7 +47,7 @@ class RefusalChecker(RuleChecker):
         code = call.hresult
         assert code is not None
         for rule, _, explain in self._refusals_for(code):
-            why = explain(call, client, self.clients)
+            why = explain(call, client)
             if why is None:
                 continue
             self.report_call(

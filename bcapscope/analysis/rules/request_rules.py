@@ -128,7 +128,7 @@ def _odd_point(parameter: Variant | None, generation: Generation | None) -> Mess
     return Message("finding.unusual-argument.set-point.size", elements=Count(len(values), "element"))
 
 
-def _explain_format(call: Call, client: ClientState, clients: ClientRegistry) -> RefusalReason | None:
+def _explain_format(call: Call, client: ClientState) -> RefusalReason | None:
     name = folded_command(call.kind)
     parameter = argument(call, 2)
     if name not in ("slvsendformat", "slvrecvformat") or parameter is None:
@@ -165,7 +165,7 @@ def _listing(parts: list[Message], other: int) -> Listing:
     return Listing(tuple(parts) or (Message("format.nothing"),))
 
 
-def _explain_unknown(call: Call, client: ClientState, clients: ClientRegistry) -> RefusalReason | None:
+def _explain_unknown(call: Call, client: ClientState) -> RefusalReason | None:
     name = call.kind.command
     if name is None:
         return NO_REASON
@@ -183,7 +183,7 @@ def _similar_command(function_id: int, name: str) -> Message:
     return Message("reason.command-similar", command=known[close[0]])
 
 
-def _explain_argument(call: Call, client: ClientState, clients: ClientRegistry) -> RefusalReason | None:
+def _explain_argument(call: Call, client: ClientState) -> RefusalReason | None:
     return RefusalReason(_argument_mismatch(call), group_key=shortened(call.kind.command or ""))
 
 

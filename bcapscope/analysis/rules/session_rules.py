@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 
-from bcapscope.analysis.client_state import ClientRegistry, ClientState, text_argument
+from bcapscope.analysis.client_state import ClientState, text_argument
 from bcapscope.analysis.finding import Severity
 from bcapscope.analysis.finding_places import call_place, client_place
 from bcapscope.analysis.rules.refusal import Refusal, RefusalReason, make_refusal
@@ -122,7 +122,7 @@ class SessionChecker(RuleChecker):
 
     def _unclosed_session(self, client: ClientState) -> Iterator[Occurrence]:
         silent = last_frame_time(client.last_call)
-        follower = _successor(client, self.clients, silent)
+        follower = _successor(client, silent)
         quiet = max((last_frame_time(each.last_call) for each in self.clients), default=silent) - silent
         patience = max(_SILENT_NS, _USUAL_PAUSES * client.longest_pause_ns)
         if quiet < (_REPLACED_AFTER_NS if follower is not None else patience):
@@ -224,10 +224,10 @@ def _has_wdt(service: Call) -> bool:
     return any(match[1].casefold() == "wdt" for match in _OPTION.finditer(text_argument(service, 0)))
 
 
-def _successor(client: ClientState, clients: ClientRegistry, since: int) -> ClientState | None:
+def _successor(client: ClientState, since: int) -> ClientState | None:
     """Return a client of the same machine that began a session after this one fell silent."""
     host = client.conversation.client.host
-    for other in clients.other_clients(client):
+    for other in client.other_clients():
         first = other.first_call
         if (
             other.conversation.client.host == host
@@ -238,32 +238,32 @@ def _successor(client: ClientState, clients: ClientRegistry, since: int) -> Clie
     return None
 
 
-def _explain_not_started(call: Call, client: ClientState, clients: ClientRegistry) -> RefusalReason | None:
+def _explain_not_started(call: Call, client: ClientState) -> RefusalReason | None:
     is_first = not client.call_count and call.request.item.serial <= 2
     if not is_first or call.kind.function_id == ID["Service_Start"]:
         return None
     return RefusalReason(Message("reason.first-call"))
 
 
-def _explain_small_wdt(call: Call, client: ClientState, clients: ClientRegistry) -> RefusalReason | None:
+def _explain_small_wdt(call: Call, client: ClientState) -> RefusalReason | None:
     if call.kind.function_id != ID["Service_Start"]:
         return None
     small = [match for match in _OPTION.finditer(text_argument(call, 0)) if int(match[2]) < _SMALLEST_WDT_MS]
     return RefusalReason(Message("reason.wdt", option=small[0][0])) if small else None
 
 
-def _explain_provider(call: Call, client: ClientState, clients: ClientRegistry) -> RefusalReason | None:
+def _explain_provider(call: Call, client: ClientState) -> RefusalReason | None:
     if call.kind.function_id != ID["Controller_Connect"]:
         return None
     provider, machine = text_argument(call, 1), text_argument(call, 2)
     return RefusalReason(Message("reason.provider", provider=WireText(provider), machine=WireText(machine)))
 
 
-def _explain_name_in_use(call: Call, client: ClientState, clients: ClientRegistry) -> RefusalReason | None:
+def _explain_name_in_use(call: Call, client: ClientState) -> RefusalReason | None:
     if call.kind.function_id != ID["Controller_Connect"]:
         return None
     name = text_argument(call, 0)
-    for other in (client, *clients.other_clients(client)):
+    for other in (client, *client.other_clients()):
         connected = other.connect_call
         if connected is not None and text_argument(connected, 0) == name:
             return _held_by(other, connected, name)
@@ -280,11 +280,11 @@ def _held_by(client: ClientState, connected: Call, name: str) -> RefusalReason:
     return RefusalReason(reason, evidence_call=connected)
 
 
-def _explain_busy(call: Call, client: ClientState, clients: ClientRegistry) -> RefusalReason | None:
+def _explain_busy(call: Call, client: ClientState) -> RefusalReason | None:
     running = _running_call(client, call)
     if running is not None:
         return _busy_with(running, call, "reason.busy")
-    for each in clients.other_clients(client):
+    for each in client.other_clients():
         other = _running_call(each, call)
         if other is not None and _share_call_slot(other, call):
             return _busy_with(other, call, "reason.busy-with-other-client")

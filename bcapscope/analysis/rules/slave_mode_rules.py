@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from bcapscope.analysis.client_state import ClientRegistry, ClientState, argument, folded_command
+from bcapscope.analysis.client_state import ClientState, argument, folded_command
 from bcapscope.analysis.finding import Severity
 from bcapscope.analysis.finding_places import call_name_place, call_place, client_place
 from bcapscope.analysis.rules.refusal import Refusal, RefusalReason, make_refusal
@@ -160,13 +160,13 @@ def _is_harmless_call(call: CallFact) -> bool:
     return known is not None and (known.effect < CallEffect.CHANGES or known.in_slave_mode is True)
 
 
-def _explain_outside(call: Call, client: ClientState, clients: ClientRegistry) -> RefusalReason | None:
+def _explain_outside(call: Call, client: ClientState) -> RefusalReason | None:
     ended, entered = client.mode_ended_by, client.mode_entered_by
     if entered is None and ended is None:
         unseen = client.mode_value is None and not client.session_start_seen
         return RefusalReason(Message(f"reason.slave-mode.{'never-on' if unseen else 'not-entered'}"))
     if ended is None or (entered is not None and entered.number > ended.number):
-        return _explain_off_unseen(call, client, clients)
+        return _explain_off_unseen(call, client)
     if folded_command(ended.kind) == "slvchangemode":
         return RefusalReason(
             Message("reason.slave-mode.left", call=call_place(ended), at=Moment(ended.request.time)),
@@ -177,18 +177,16 @@ def _explain_outside(call: Call, client: ClientState, clients: ClientRegistry) -
     )
 
 
-def _explain_off_unseen(call: Call, client: ClientState, clients: ClientRegistry) -> RefusalReason:
-    ends = [each.mode_ended_by for each in clients.other_clients(client)]
+def _explain_off_unseen(call: Call, client: ClientState) -> RefusalReason:
+    ends = [each.mode_ended_by for each in client.other_clients()]
     others = [each for each in ends if each is not None and each.request.time <= call.request.time]
     return RefusalReason(
         Message("reason.slave-mode.off-by-others"), explaining_calls=tuple(each.number for each in others)
     )
 
 
-def _explain_not_allowed(call: Call, client: ClientState, clients: ClientRegistry) -> RefusalReason | None:
-    owner = next(
-        (each for each in (*clients.other_clients(client), client) if _was_in_slave_mode(each, call)), None
-    )
+def _explain_not_allowed(call: Call, client: ClientState) -> RefusalReason | None:
+    owner = next((each for each in (*client.other_clients(), client) if _was_in_slave_mode(each, call)), None)
     name = call_name_place(call)
     case, places = (
         "",
@@ -221,7 +219,7 @@ def _was_in_slave_mode(client: ClientState, call: Call) -> bool:
     )
 
 
-def _explain_mode_refused(call: Call, client: ClientState, clients: ClientRegistry) -> RefusalReason | None:
+def _explain_mode_refused(call: Call, client: ClientState) -> RefusalReason | None:
     parameter = argument(call, 2)
     if folded_command(call.kind) != "slvchangemode" or parameter is None:
         return None
