@@ -4,17 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from bcapscope.analysis.client_state import ClientRegistry, ClientState, folded_command
+from bcapscope.analysis.client_state import ClientState, folded_command
 from bcapscope.analysis.finding import Severity
 from bcapscope.analysis.finding_places import call_place, client_place
-from bcapscope.analysis.rules.refusal import Refusal, RefusalReason, make_refusal
+from bcapscope.analysis.rules.refusal import Refusal, RefusalReason
 from bcapscope.analysis.rules.rule_checker import (
     SECOND,
     CallHealth,
     ClientEnd,
     DiagnosisRule,
     Occurrence,
-    OccurrenceSink,
     RuleChecker,
     frame_numbers,
     last_frame_time,
@@ -86,10 +85,7 @@ class ErrorChecker(RuleChecker):
     """Checks what a client does after an error."""
 
     rules = (WENT_ON_AFTER_ERROR, CLEARED_UNREAD)
-
-    def __init__(self, report_occurrence: OccurrenceSink, clients: ClientRegistry) -> None:
-        super().__init__(report_occurrence, clients)
-        self._after_error: dict[Conversation, _CallsAfterError] = {}
+    by_client: dict[Conversation, _CallsAfterError]
 
     def wants_call(self, call_kind: CallKind, health: CallHealth) -> bool:
         name = folded_command(call_kind)
@@ -105,24 +101,21 @@ class ErrorChecker(RuleChecker):
         if failure is None:
             return
         if folded_command(call.kind) == "clearerror":
-            self._after_error.pop(call.conversation, None)
+            self.by_client.pop(call.conversation, None)
             if call.reply is not None and not client.error_was_read and not self._was_read_by_other(client):
                 self._report_unread(call, failure)
             return
-        calls = self._after_error.get(call.conversation)
+        calls = self.by_client.get(call.conversation)
         if calls is None or calls.error_call is not failure:
-            calls = self._after_error[call.conversation] = _CallsAfterError(failure)
+            calls = self.by_client[call.conversation] = _CallsAfterError(failure)
         if call.request.time > failure.request.time and not _only_stops(call):
             calls.count += 1
             calls.first = calls.first or call
 
     def end_occurrences(self, end: ClientEnd) -> Iterator[Occurrence]:
-        calls, failure = self._after_error.get(end.client.conversation), end.client.uncleared_error
+        calls, failure = self.by_client.get(end.client.conversation), end.client.uncleared_error
         if calls is not None and calls.first is not None and calls.error_call is failure:
             yield _went_on(calls.error_call, calls.count, calls.first)
-
-    def drop_client(self, client: ClientState) -> None:
-        self._after_error.pop(client.conversation, None)
 
     def _was_read_by_other(self, client: ClientState) -> bool:
         return any(other.error_was_read for other in client.other_clients())
@@ -192,8 +185,8 @@ def _explain_other(call: Call, client: ClientState) -> RefusalReason | None:
 
 
 REFUSALS: tuple[Refusal, ...] = (
-    make_refusal(ERROR_NOT_CLEARED, _ACTIVE_CODES, _explain_not_cleared),
-    make_refusal(CONTROLLER_TIMEOUT, _TIMEOUT_CODES),
-    make_refusal(ROBOT_BUSY, (E_ROBOTISBUSY,)),
-    make_refusal(CONTROLLER_ERROR, (), _explain_other),
+    Refusal(ERROR_NOT_CLEARED, _ACTIVE_CODES, _explain_not_cleared),
+    Refusal(CONTROLLER_TIMEOUT, _TIMEOUT_CODES),
+    Refusal(ROBOT_BUSY, (E_ROBOTISBUSY,)),
+    Refusal(CONTROLLER_ERROR, (), _explain_other),
 )

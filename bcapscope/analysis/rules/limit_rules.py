@@ -9,7 +9,7 @@ from itertools import pairwise
 from bcapscope.analysis.client_state import ClientState, argument, folded_command
 from bcapscope.analysis.finding import Severity
 from bcapscope.analysis.finding_places import call_place, client_place
-from bcapscope.analysis.rules.refusal import NO_REASON, Refusal, RefusalReason, make_refusal
+from bcapscope.analysis.rules.refusal import NO_REASON, Refusal, RefusalReason
 from bcapscope.analysis.rules.rule_checker import DiagnosisRule, Occurrence, RuleChecker
 from bcapscope.analysis.slave.motion_model import Jump, MotionFacts
 from bcapscope.analysis.slave.slave_session import SlaveSession
@@ -197,7 +197,7 @@ def _explain_invalid(call: Call, client: ClientState) -> RefusalReason | None:
 
 
 REFUSALS: tuple[Refusal, ...] = (
-    make_refusal(OVER_LIMIT, _SPEED_CODES, _explain_over_limit),
-    make_refusal(BEYOND_RANGE, _RANGE_CODES, _explain_beyond_range),
-    make_refusal(INVALID_SET_POINT, _INVALID_CODES, _explain_invalid),
+    Refusal(OVER_LIMIT, _SPEED_CODES, _explain_over_limit),
+    Refusal(BEYOND_RANGE, _RANGE_CODES, _explain_beyond_range),
+    Refusal(INVALID_SET_POINT, _INVALID_CODES, _explain_invalid),
 )

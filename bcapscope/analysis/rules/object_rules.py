@@ -5,7 +5,7 @@ from __future__ import annotations
 from bcapscope.analysis.client_state import ClientRegistry, ClientState, result_of, text_argument
 from bcapscope.analysis.finding import Severity
 from bcapscope.analysis.finding_places import call_place, client_place
-from bcapscope.analysis.rules.refusal import Refusal, RefusalReason, make_refusal
+from bcapscope.analysis.rules.refusal import Refusal, RefusalReason
 from bcapscope.analysis.rules.rule_checker import (
     SECOND,
     CallHealth,
@@ -162,6 +162,6 @@ def _explain_bad_handle(call: Call, client: ClientState) -> RefusalReason | None
 
 
 REFUSALS: tuple[Refusal, ...] = (
-    make_refusal(BAD_HANDLE, (E_HANDLE,), _explain_bad_handle),
-    make_refusal(TOO_MANY_OBJECTS, (E_MAX_OBJECT,)),
+    Refusal(BAD_HANDLE, (E_HANDLE,), _explain_bad_handle),
+    Refusal(TOO_MANY_OBJECTS, (E_MAX_OBJECT,)),
 )

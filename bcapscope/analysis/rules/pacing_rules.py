@@ -10,7 +10,7 @@ from itertools import pairwise
 from bcapscope.analysis.client_state import ClientRegistry, ClientState, folded_command
 from bcapscope.analysis.finding import Severity
 from bcapscope.analysis.finding_places import call_name_place, call_place, client_place
-from bcapscope.analysis.rules.refusal import Refusal, RefusalReason, make_refusal
+from bcapscope.analysis.rules.refusal import Refusal, RefusalReason
 from bcapscope.analysis.rules.rule_checker import (
     MS,
     CallHealth,
@@ -251,7 +251,7 @@ def _explain_overflow(call: Call, client: ClientState) -> RefusalReason | None:
 
 
 REFUSALS: tuple[Refusal, ...] = (
-    make_refusal(UNDERFLOW, _EMPTY_CODES, _explain_underflow),
-    make_refusal(OVERFLOW, (E_SLAVE_OVERFLOW, 0x84400502), _explain_overflow),
-    make_refusal(OVERFLOW, (E_SLAVE_OVERFLOW, 0x84400502)),
+    Refusal(UNDERFLOW, _EMPTY_CODES, _explain_underflow),
+    Refusal(OVERFLOW, (E_SLAVE_OVERFLOW, 0x84400502), _explain_overflow),
+    Refusal(OVERFLOW, (E_SLAVE_OVERFLOW, 0x84400502)),
 )

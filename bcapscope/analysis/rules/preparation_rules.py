@@ -10,7 +10,7 @@ from bcapscope.analysis.client_state import (
 )
 from bcapscope.analysis.finding import Severity
 from bcapscope.analysis.finding_places import call_name_place, call_place, client_place
-from bcapscope.analysis.rules.refusal import NO_REASON, Refusal, RefusalReason, make_refusal
+from bcapscope.analysis.rules.refusal import NO_REASON, Refusal, RefusalReason
 from bcapscope.analysis.rules.rule_checker import MS, SECOND, CallHealth, DiagnosisRule, RuleChecker
 from bcapscope.messages import Message
 from bcapscope.messages.places import Duration, HexNumber, Moment, WireText
@@ -319,15 +319,15 @@ def _explain_reset(call: Call, client: ClientState) -> RefusalReason | None:
 
 
 REFUSALS: tuple[Refusal, ...] = (
-    make_refusal(ROBSLAVE_NOT_RUNNING, (), _explain_robslave),
-    make_refusal(ROBOT_STILL_MOVING, _MOVING_CODES, _explain_moving),
-    make_refusal(ARM_TAKEN_BY_OTHER, _ARM_CODES, _explain_arm_taken),
-    make_refusal(ARM_NOT_TAKEN, _ARM_CODES, _explain_arm_missing),
-    make_refusal(MOTOR_OFF, _MOTOR_CODES, _explain_motor),
-    make_refusal(MOTOR_SWITCHING_OFF, (0x8350106E,)),
-    make_refusal(EMERGENCY_STOP, (*_STOP_CODES, *_STOP_CODES_RC7)),
-    make_refusal(NOT_IN_AUTOMATIC_MODE, _MODE_CODES),
-    make_refusal(NO_EXECUTABLE_TOKEN, _TOKEN_CODES),
-    make_refusal(NO_LICENCE, _LICENCE_CODES),
-    make_refusal(MANUAL_RESET_MISSING, _RESET_CODES, _explain_reset),
+    Refusal(ROBSLAVE_NOT_RUNNING, (), _explain_robslave),
+    Refusal(ROBOT_STILL_MOVING, _MOVING_CODES, _explain_moving),
+    Refusal(ARM_TAKEN_BY_OTHER, _ARM_CODES, _explain_arm_taken),
+    Refusal(ARM_NOT_TAKEN, _ARM_CODES, _explain_arm_missing),
+    Refusal(MOTOR_OFF, _MOTOR_CODES, _explain_motor),
+    Refusal(MOTOR_SWITCHING_OFF, (0x8350106E,)),
+    Refusal(EMERGENCY_STOP, (*_STOP_CODES, *_STOP_CODES_RC7)),
+    Refusal(NOT_IN_AUTOMATIC_MODE, _MODE_CODES),
+    Refusal(NO_EXECUTABLE_TOKEN, _TOKEN_CODES),
+    Refusal(NO_LICENCE, _LICENCE_CODES),
+    Refusal(MANUAL_RESET_MISSING, _RESET_CODES, _explain_reset),
 )

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection
 from typing import NamedTuple, TypeAlias
 
 from bcapscope.analysis.client_state import ClientState
-from bcapscope.analysis.finding_places import call_name_place, call_place, client_place, code_place
 from bcapscope.analysis.rules.rule_checker import DiagnosisRule
 from bcapscope.messages import Message
-from bcapscope.messages.places import Moment
 from bcapscope.traffic.call import Call
 
 
@@ -51,28 +49,5 @@ class Refusal(NamedTuple):
     """
 
     rule: DiagnosisRule
-    codes: frozenset[int]
-    explain: ExplainRefusal
-
-
-def make_refusal(rule: DiagnosisRule, codes: Iterable[int], explain: ExplainRefusal | None = None) -> Refusal:
-    """Return a `Refusal`. Without `explain` the sentence shows only call and result code."""
-    return Refusal(rule, frozenset(codes), explain or (lambda call, client: NO_REASON))
-
-
-def usual_sentence(call: Call, code: int, why: RefusalReason) -> Message:
-    """Return the usual sentence about a refusal."""
-    usual = {
-        "at": Moment(call.request.time),
-        "call": call_place(call),
-        "client": client_place(call.conversation),
-        "code": code_place(code),
-    }
-    if why.text is None:
-        return Message("finding.refused", **usual)
-    return Message("finding.refused.because", **usual, reason=why.text)
-
-
-def usual_clause(call: Call, code: int) -> Message:
-    """Return the usual clause about a refusal as a consequence."""
-    return Message("clause.refused", call=call_name_place(call), code=code_place(code))
+    codes: Collection[int]
+    explain: ExplainRefusal = lambda call, client: NO_REASON

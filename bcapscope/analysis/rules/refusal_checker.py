@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from bcapscope.analysis.client_state import ClientRegistry, ClientState
+from bcapscope.analysis.finding_places import call_name_place, call_place, client_place, code_place
 from bcapscope.analysis.rules import (
     error_rules,
     limit_rules,
@@ -13,8 +14,10 @@ from bcapscope.analysis.rules import (
     session_rules,
     slave_mode_rules,
 )
-from bcapscope.analysis.rules.refusal import Refusal, usual_clause, usual_sentence
+from bcapscope.analysis.rules.refusal import Refusal, RefusalReason
 from bcapscope.analysis.rules.rule_checker import CallHealth, OccurrenceSink, RuleChecker
+from bcapscope.messages import Message
+from bcapscope.messages.places import Moment
 from bcapscope.traffic.call import Call
 from bcapscope.traffic.call_kind import CallKind
 
@@ -53,8 +56,8 @@ class RefusalChecker(RuleChecker):
             self.report_call(
                 rule,
                 call,
-                why.fact or usual_sentence(call, code, why),
-                why.clause or usual_clause(call, code),
+                why.fact or _usual_sentence(call, code, why),
+                why.clause or _usual_clause(call, code),
                 evidence_call=why.evidence_call,
                 explaining_calls=why.explaining_calls,
                 group_key=why.group_key,
@@ -71,3 +74,19 @@ class RefusalChecker(RuleChecker):
                 each for each in REFUSALS if not each.codes or code in each.codes
             )
         return about
+
+
+def _usual_sentence(call: Call, code: int, why: RefusalReason) -> Message:
+    usual = {
+        "at": Moment(call.request.time),
+        "call": call_place(call),
+        "client": client_place(call.conversation),
+        "code": code_place(code),
+    }
+    if why.text is None:
+        return Message("finding.refused", **usual)
+    return Message("finding.refused.because", **usual, reason=why.text)
+
+
+def _usual_clause(call: Call, code: int) -> Message:
+    return Message("clause.refused", call=call_name_place(call), code=code_place(code))

@@ -5,15 +5,14 @@ from __future__ import annotations
 from difflib import get_close_matches
 from functools import lru_cache
 
-from bcapscope.analysis.client_state import ClientRegistry, ClientState, argument, folded_command
+from bcapscope.analysis.client_state import ClientState, argument, folded_command
 from bcapscope.analysis.finding import Severity
 from bcapscope.analysis.finding_places import call_place, client_place
-from bcapscope.analysis.rules.refusal import NO_REASON, Refusal, RefusalReason, make_refusal
+from bcapscope.analysis.rules.refusal import NO_REASON, Refusal, RefusalReason
 from bcapscope.analysis.rules.rule_checker import (
     SAME_CALL,
     CallHealth,
     DiagnosisRule,
-    OccurrenceSink,
     RuleChecker,
 )
 from bcapscope.messages import Message
@@ -65,17 +64,13 @@ _NAME_CODES = (0x80010005, 0x80000904, E_NOTIMPL)
 _USUAL_COUNTS = (7, 8, 10)
 _DRIVER_COUNTS = (8, 9, 11)
 _R4S, _R8S = ARRAY | VT.R4, ARRAY | VT.R8
-_MAX_CHECKED = 4096
 
 
 class RequestChecker(RuleChecker):
     """Checks each mode, and the first set point of each slave-mode session."""
 
     rules = (UNUSUAL_ARGUMENT,)
-
-    def __init__(self, report_occurrence: OccurrenceSink, clients: ClientRegistry) -> None:
-        super().__init__(report_occurrence, clients)
-        self._checked: set[Conversation] = set()
+    by_client: dict[Conversation, bool]
 
     def wants_call(self, call_kind: CallKind, health: CallHealth) -> bool:
         return folded_command(call_kind) in ("slvchangemode", "slvmove")
@@ -83,17 +78,12 @@ class RequestChecker(RuleChecker):
     def on_call(self, call: Call, client: ClientState) -> None:
         conversation = call.conversation
         if folded_command(call.kind) == "slvmove":
-            if conversation not in self._checked:
-                if len(self._checked) >= _MAX_CHECKED:
-                    self._checked.clear()
-                self._checked.add(conversation)
+            if conversation not in self.by_client:
+                self.by_client[conversation] = True
                 self._report_odd(call, _odd_point(argument(call, 2), client.generation))
         else:
-            self._checked.discard(conversation)
+            self.by_client.pop(conversation, None)
             self._report_odd(call, _odd_mode(argument(call, 2)))
-
-    def drop_client(self, client: ClientState) -> None:
-        self._checked.discard(client.conversation)
 
     def _report_odd(self, call: Call, detail: Message | None) -> None:
         if detail is not None:
@@ -215,7 +205,7 @@ def _argument_mismatch(call: Call) -> Message | None:
 
 
 REFUSALS: tuple[Refusal, ...] = (
-    make_refusal(FORMAT_REFUSED, (), _explain_format),
-    make_refusal(UNKNOWN_COMMAND, _NAME_CODES, _explain_unknown),
-    make_refusal(ARGUMENT_REFUSED, _TYPE_CODES, _explain_argument),
+    Refusal(FORMAT_REFUSED, (), _explain_format),
+    Refusal(UNKNOWN_COMMAND, _NAME_CODES, _explain_unknown),
+    Refusal(ARGUMENT_REFUSED, _TYPE_CODES, _explain_argument),
 )

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from bcapscope.analysis.client_state import ClientRegistry, ClientState, folded_command
+from bcapscope.analysis.client_state import ClientState, folded_command
 from bcapscope.analysis.finding import Severity
 from bcapscope.analysis.finding_places import call_name_place, call_place, client_place
 from bcapscope.analysis.rules.rule_checker import (
     CallHealth,
     DiagnosisRule,
     Occurrence,
-    OccurrenceSink,
     RuleChecker,
 )
 from bcapscope.analysis.slave.slave_session import SlaveSession
@@ -71,9 +70,7 @@ class RetryChecker(RuleChecker):
         MIXED_CONVENTIONS,
     )
 
-    def __init__(self, report_occurrence: OccurrenceSink, clients: ClientRegistry) -> None:
-        super().__init__(report_occurrence, clients)
-        self._conventions: dict[Conversation, ReservedConvention] = {}
+    by_client: dict[Conversation, ReservedConvention]
 
     def wants_call(self, call_kind: CallKind, health: CallHealth) -> bool:
         return health is not CallHealth.SMOOTH or folded_command(call_kind) != "slvmove"
@@ -100,14 +97,11 @@ class RetryChecker(RuleChecker):
         if session.counts.retries_forbidden:
             yield _retry_in_async(session)
 
-    def drop_client(self, client: ClientState) -> None:
-        self._conventions.pop(client.conversation, None)
-
     def _check_convention(self, call: Call) -> None:
-        before = self._conventions.get(call.conversation)
+        before = self.by_client.get(call.conversation)
         if before is call.convention:
             return
-        self._conventions[call.conversation] = now = call.convention
+        self.by_client[call.conversation] = now = call.convention
         if before is not None:
             fact = Message(
                 "finding.mixed-conventions",

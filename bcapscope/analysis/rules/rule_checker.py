@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from enum import Enum
-from typing import ClassVar, NamedTuple, TypeAlias
+from typing import Any, ClassVar, NamedTuple, TypeAlias
 
 from bcapscope.analysis.client_state import ClientRegistry, ClientState
 from bcapscope.analysis.finding import Severity
@@ -130,6 +130,7 @@ class RuleChecker:
         needs_every_set_point: Whether `on_call` gets every accepted set point (slvMove), maybe millions.
             Otherwise it gets the first of each run of set points that are alike (see `AlikeSetPoints`), and
             all that differ or went wrong. `client` is the state before the first set point of the run.
+        by_client: What it keeps for each client, until the client is dropped from memory.
     """
 
     rules: ClassVar[tuple[DiagnosisRule, ...]]
@@ -138,6 +139,7 @@ class RuleChecker:
     def __init__(self, report_occurrence: OccurrenceSink, clients: ClientRegistry) -> None:
         self.report_occurrence = report_occurrence
         self.clients = clients
+        self.by_client: dict[Conversation, Any] = {}
 
     def report_call(
         self,
@@ -215,6 +217,7 @@ class RuleChecker:
 
     def drop_client(self, client: ClientState) -> None:
         """Release what is kept for a client that is dropped from memory."""
+        self.by_client.pop(client.conversation, None)
 
 
 def frame_numbers(*calls: Call | None) -> tuple[int, ...]:

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from bcapscope.analysis.client_state import ClientState, text_argument
 from bcapscope.analysis.finding import Severity
 from bcapscope.analysis.finding_places import call_place, client_place
-from bcapscope.analysis.rules.refusal import Refusal, RefusalReason, make_refusal
+from bcapscope.analysis.rules.refusal import Refusal, RefusalReason
 from bcapscope.analysis.rules.rule_checker import (
     SECOND,
     CallHealth,
@@ -320,11 +320,11 @@ def _may_have_run(earlier: Call, call: Call) -> bool:
 
 
 REFUSALS: tuple[Refusal, ...] = (
-    make_refusal(WDT_TOO_SMALL, (E_INVALIDARG,), _explain_small_wdt),
-    make_refusal(NAME_IN_USE, (E_CAO_COLLECTION_REGISTERED,), _explain_name_in_use),
-    make_refusal(
+    Refusal(WDT_TOO_SMALL, (E_INVALIDARG,), _explain_small_wdt),
+    Refusal(NAME_IN_USE, (E_CAO_COLLECTION_REGISTERED,), _explain_name_in_use),
+    Refusal(
         PROVIDER_REFUSED, (E_INVALIDARG, 0x80000201, 0x80000202, 0x80000208, 0x80000209), _explain_provider
     ),
-    make_refusal(SERVICE_NOT_STARTED, (), _explain_not_started),
-    make_refusal(BUSY, (E_BUSY,), _explain_busy),
+    Refusal(SERVICE_NOT_STARTED, (), _explain_not_started),
+    Refusal(BUSY, (E_BUSY,), _explain_busy),
 )

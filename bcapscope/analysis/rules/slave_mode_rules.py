@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from bcapscope.analysis.client_state import ClientState, argument, folded_command
 from bcapscope.analysis.finding import Severity
 from bcapscope.analysis.finding_places import call_name_place, call_place, client_place
-from bcapscope.analysis.rules.refusal import Refusal, RefusalReason, make_refusal
+from bcapscope.analysis.rules.refusal import Refusal, RefusalReason
 from bcapscope.analysis.rules.rule_checker import (
     MS,
     SAME_CALL,
@@ -230,7 +230,7 @@ def _explain_mode_refused(call: Call, client: ClientState) -> RefusalReason | No
 
 
 REFUSALS: tuple[Refusal, ...] = (
-    make_refusal(SLVMOVE_OUTSIDE_SLAVE_MODE, _NEEDS_IT, _explain_outside),
-    make_refusal(REFUSED_IN_SLAVE_MODE, _NOT_ALLOWED, _explain_not_allowed),
-    make_refusal(SLAVE_MODE_REFUSED, (0x80070057, 0x80020005, 0x80010003, 0x83500127), _explain_mode_refused),
+    Refusal(SLVMOVE_OUTSIDE_SLAVE_MODE, _NEEDS_IT, _explain_outside),
+    Refusal(REFUSED_IN_SLAVE_MODE, _NOT_ALLOWED, _explain_not_allowed),
+    Refusal(SLAVE_MODE_REFUSED, (0x80070057, 0x80020005, 0x80010003, 0x83500127), _explain_mode_refused),
 )
