@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from enum import Enum
 from typing import Any, ClassVar, NamedTuple, TypeAlias
@@ -155,19 +155,9 @@ class RuleChecker:
         group_key: str = "",
         advice: Message | None = None,
     ) -> None:
-        """Report a problem of a call.
+        """Report a problem of a call, by default of the whole time from its request to its last frame.
 
-        Args:
-            rule: Rule that found it.
-            call: Call concerned.
-            fact: What happened, as in `Occurrence`.
-            clause: The same as a consequence, as in `Occurrence`.
-            evidence_call: Another call whose frames prove it.
-            explaining_calls: Numbers of calls that explain it.
-            began: Start, ns since 1970; 0 for the time of the first request.
-            completed: End, ns since 1970; 0 for the last frame of the call.
-            group_key: Separates findings of one rule.
-            advice: Advice for this case.
+        `evidence_call` is another call whose frames prove it; for the other arguments see `Occurrence`.
         """
         self.report_occurrence(
             Occurrence(
@@ -235,8 +225,3 @@ def call_observations(call: Call) -> tuple[FrameObservation, ...]:
 def last_frame_time(call: Call) -> int:
     """Return the time of the last frame of a call, ns since 1970."""
     return call.last_activity if call.reply is None else max(call.last_activity, call.reply.time)
-
-
-def checkers_overriding(checkers: Sequence[RuleChecker], method: str) -> list[RuleChecker]:
-    """Return the checkers that override `method`."""
-    return [each for each in checkers if getattr(type(each), method) is not getattr(RuleChecker, method)]
