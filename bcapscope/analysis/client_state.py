@@ -41,7 +41,10 @@ EXECUTES = frozenset(
 _READS_ERROR = frozenset(
     ("getcurerrorcount", "getcurerrorinfo", "geterrordescription", "geterrorlog", "geterrorlogcount")
 )
-_MOTIONS = frozenset(("approach", "depart", "driveex", "driveaex"))
+
+MOTION_FUNCTIONS = frozenset(ID[f"Robot_{name}"] for name in ("Drive", "GoHome", "Move", "Rotate"))
+MOTION_COMMANDS = frozenset(("approach", "depart", "driveaex", "driveex"))
+"""Functions and commands, in lower case, that move the robot outside slave mode."""
 
 
 def argument(call: Call, index: int) -> Variant | None:
@@ -342,21 +345,18 @@ class ClientState:
 _StateUpdate: TypeAlias = Callable[[ClientState, Call], None]
 
 _BY_FUNCTION: dict[int, _StateUpdate] = {
+    **dict.fromkeys(MOTION_FUNCTIONS, ClientState._on_motion),
     ID["Service_Start"]: ClientState._on_service_start,
     ID["Service_Stop"]: ClientState._on_session_end,
     ID["Controller_Connect"]: ClientState._on_connect,
     ID["Controller_Disconnect"]: ClientState._on_session_end,
     ID["Task_Start"]: ClientState._on_start_task,
     ID["Variable_GetValue"]: ClientState._on_get_value,
-    ID["Robot_Move"]: ClientState._on_motion,
-    ID["Robot_Drive"]: ClientState._on_motion,
-    ID["Robot_GoHome"]: ClientState._on_motion,
-    ID["Robot_Rotate"]: ClientState._on_motion,
 }
 
 _BY_COMMAND: dict[str, _StateUpdate] = {
     **dict.fromkeys(_READS_ERROR, ClientState._on_read_error),
-    **dict.fromkeys(_MOTIONS, ClientState._on_motion),
+    **dict.fromkeys(MOTION_COMMANDS, ClientState._on_motion),
     "motor": ClientState._on_motor,
     "takearm": ClientState._on_take_arm,
     "givearm": ClientState._on_give_arm,

@@ -159,7 +159,7 @@ def test_times_count_from_what_is_given() -> None:
 
 def session(ending: SessionEnding, *names: str) -> ServiceSession:
     left = tuple(TrackedObject(ObjectClass.VARIABLE, n, name, "", n, True) for n, name in enumerate(names, 1))
-    return ServiceSession(script().client(1, Transport.TCP).conversation, 1, None, ending, left)
+    return ServiceSession(script().client(1, Transport.TCP).conversation, 1, ending, left)
 
 
 @pytest.mark.parametrize(

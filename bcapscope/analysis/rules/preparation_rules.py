@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from bcapscope.analysis.client_state import (
+    MOTION_FUNCTIONS,
     ClientState,
     argument,
     folded_command,
@@ -172,15 +173,12 @@ class PreparationChecker(RuleChecker):
 def _moves_robot(call: Call) -> bool:
     """Return whether a call moves the robot's arm."""
     function_id, command = call.kind
-    if function_id in _MOTION_FUNCTIONS:
+    if function_id in MOTION_FUNCTIONS:
         return True
     frame = call.request.item
     if function_id != ID["Robot_Execute"] or command is None:
         return False
     return request_effect(frame.code, [each.variant for each in frame.arguments]) is CallEffect.MOVES
-
-
-_MOTION_FUNCTIONS = frozenset(ID[f"Robot_{verb}"] for verb in ("Move", "Drive", "GoHome", "Rotate"))
 
 
 def _requests_mode(call: Call) -> bool:
