@@ -43,11 +43,8 @@ class ComparedCapture:
     """Contents of one capture that are compared.
 
     Attributes:
-        name: Name of the capture, for display.
         statistics: Statistics of its calls; None without calls.
         slave_sessions: Its slave-mode sessions in the order in which they began, at most `MAX_SESSIONS`.
-        findings: Findings of its diagnosis.
-        totals: Amount of traffic.
     """
 
     name: str
@@ -89,8 +86,6 @@ class RuleDifference:
     """A rule with a different number of findings in the two captures.
 
     Attributes:
-        rule: Id of the rule.
-        severity: Severity of its findings.
         good: Findings in the first capture.
         bad: Findings in the second capture.
     """
@@ -102,12 +97,7 @@ class RuleDifference:
 
 
 class UnmatchedKind(NamedTuple):
-    """A kind of call that occurs in only one capture.
-
-    Attributes:
-        call_kind: Kind of call.
-        call_count: Number of calls.
-    """
+    """A kind of call that occurs in only one capture."""
 
     call_kind: CallKind
     call_count: int
@@ -120,8 +110,6 @@ class CaptureComparison:
     Attributes:
         differences: Figures that differ, notable ones first. Both parts list slave-mode sessions first, then
             all calls, then kinds of call in the order of the time that they take.
-        only_good: Kinds of call in the first capture only.
-        only_bad: Kinds of call in the second capture only.
         session_counts: Number of slave-mode sessions in the first and in the second capture.
         rules: Rules that differ. Those with more findings in the second capture come first, in the order of
             its diagnosis, root cause first.

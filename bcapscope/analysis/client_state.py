@@ -95,12 +95,7 @@ def _is_robslave_name(name: str) -> bool:
 
 
 class OpenedObject(NamedTuple):
-    """An object that the controller opened for a client.
-
-    Attributes:
-        object_class: Class of the object.
-        name: Name that the client asked for.
-    """
+    """An object that the controller opened for a client."""
 
     object_class: ObjectClass
     name: str
@@ -110,11 +105,6 @@ class ClientState:
     """State of one client, as its calls show it.
 
     Attributes:
-        conversation: Conversation of the client.
-        first_call: First captured call.
-        last_call: Latest call.
-        call_count: Number of calls.
-        answered_count: Number of calls with a reply.
         longest_pause_ns: Longest time between two calls in ns, not counting the pauses between set points.
         service_start: Accepted Service_Start of this session.
         connect_call: Accepted Controller_Connect.
@@ -130,7 +120,6 @@ class ClientState:
         mode_ended_by: Call that ended slave mode last.
         uncleared_error: First error of the controller that the client has not cleared since.
         error_was_read: The client read error details since `uncleared_error`.
-        type_was_read: The client read the type of the robot.
         slow_call: Latest call without a reply, or with a reply after more than `SLOW_CALL_NS`; evicted calls
             do not count.
         may_be_answered: A stray reply was captured that may belong to one of its evicted calls.
@@ -139,7 +128,6 @@ class ClientState:
         target_object: Object behind the handle of the current call; None if unknown.
         recent_set_points: Latest set points of this slave-mode session.
         silent_session: Latest slave-mode session that ended because the client sent no more set points.
-        generation_clue: Clue to the controller's generation.
     """
 
     def __init__(self, first: Call, registry: ClientRegistry) -> None:

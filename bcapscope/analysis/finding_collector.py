@@ -36,9 +36,7 @@ class FindingGroup:
     """All occurrences that become one finding.
 
     Attributes:
-        rule: Rule of all occurrences.
         selected: True if the finding is reported for itself; False if only as the cause of another one.
-        count: Number of occurrences.
         shown: Occurrence that the finding describes; only groups of a snapshot have one.
     """
 

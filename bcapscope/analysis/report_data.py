@@ -56,12 +56,8 @@ class DamagedFrame(NamedTuple):
     """A frame with problems, or bytes that are no frame.
 
     Attributes:
-        frame: Frame number.
         time: Time, ns since 1970.
-        flow: Conversation and direction.
-        length: Number of bytes.
         raw: The first `MAX_DAMAGED_BYTES` bytes.
-        problems: What is wrong.
         missing_bytes: Bytes that the capture lacks at that place in a stream.
     """
 
@@ -79,10 +75,7 @@ class ClientTimeline:
     """One client over time.
 
     Attributes:
-        conversation: Conversation of the client.
-        calls: Number of calls.
         activity: Periods in which it made calls, with the number of calls.
-        events: Notable events by kind.
     """
 
     conversation: Conversation
@@ -98,19 +91,13 @@ class ReportData:
     Attributes:
         start: Time of the first frame, ns since 1970.
         end: Time of the last frame, ns since 1970.
-        totals: Amount of traffic.
         findings: Findings of all rules, root cause first.
-        statistics: Statistics of the calls; None without calls.
         timelines: Clients, the one with the most calls first.
         timelines_left_off: Number of clients without a timeline.
         slave_sessions: Slave-mode sessions in the order in which they began.
         slave_sessions_left_off: Number of slave-mode sessions beyond `MAX_SESSIONS`.
         verdicts: Number of calls by verdict, without those that were just answered or refused.
         retry_chains: The calls with the most retries, in order of time.
-        retried_calls: Number of calls with retries.
-        stray_replies: Number of replies that belong to no call.
-        damaged_frames: The first damaged frames.
-        damaged_count: Number of damaged frames.
     """
 
     start: int

@@ -41,7 +41,6 @@ class TimelineEvent(NamedTuple):
     Attributes:
         begin: Start of the first occurrence, ns since 1970.
         end: End of the last occurrence, ns since 1970.
-        occurrences: Number of occurrences.
         frame: Frame number of the first occurrence.
         call_kind: Kind of the first call; None for activity periods and events without a call.
         hresult: Result code of the first call; None without one.
@@ -62,7 +61,6 @@ class TimelineEventList:
         """Create an empty list.
 
         Args:
-            most: Number of events to keep.
             pause: Events closer than this many ns are joined; the value grows when there are too many.
         """
         self._most = most

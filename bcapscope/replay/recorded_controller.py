@@ -209,7 +209,6 @@ class RecordedController:
         """Start without clients.
 
         Args:
-            script: Script to answer from.
             report: Called with the client and each answered call.
             delays: Whether to reply after the time that the controller took, instead of at once.
         """

@@ -18,11 +18,8 @@ class ScriptCall(NamedTuple):
 
     Attributes:
         number: Number of the call in the recording.
-        kind: Function and command.
-        arguments: Arguments of the request.
         offset: Time of the first attempt, ns after the first call of the script.
         hresult: Result code of the accepted reply; None without a reply.
-        values: Values in that reply.
         duration: Time from the answered attempt to its reply, ns; 0 without a reply.
         notice_offsets: Time of each S_EXECUTING notice, ns after the first attempt.
     """
@@ -41,7 +38,6 @@ class ReplayScript(NamedTuple):
     """All calls of one client, in the order of their first attempts.
 
     Attributes:
-        conversation: Conversation of the client.
         calls: The calls; at least one.
         reply_reserved: How the controller fills the reserved field of its replies.
     """

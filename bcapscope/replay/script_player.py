@@ -34,9 +34,6 @@ class PlayedCall(NamedTuple):
     """A call of the script that was made again.
 
     Attributes:
-        script_call: The recorded call.
-        arguments: Arguments sent.
-        result: Outcome of the call.
         delay: Delay behind the planned time, ns, because earlier calls took longer than in the recording.
         differs: Whether the result code differs, or only one of the two calls has a reply.
         values_differ: Whether the values differ under the same result code; a robot is never twice in the
@@ -80,8 +77,6 @@ class ScriptPlayer:
         """Prepare to play; nothing is sent yet.
 
         Args:
-            script: Script to play.
-            opener: Opener of the session that makes the calls.
             channel: Channel whose clock and waiting are used.
             longest_pause: Limit for pauses between two calls, ns; longer ones are cut to it.
             anywhere: Whether to enter slave mode wherever the robot is.

@@ -85,7 +85,6 @@ class Call:
 
     Attributes:
         number: 1 for the call that started first in the traffic, then counting up.
-        conversation: Conversation of the call.
         kind: Function and command of the request.
         request: First attempt, or the first attempt captured.
         reply: Reply that the client accepted; None if none was captured.
@@ -271,7 +270,6 @@ class StrayReply:
     """A reply or notice that belongs to no open call.
 
     Attributes:
-        observation: The frame.
         call_number: Number of the settled call that had this serial; None if the request was never captured
             or is too old.
         may_answer_evicted: Whether it may answer a call that was evicted from memory. It is then reported

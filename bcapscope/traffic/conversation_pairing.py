@@ -100,7 +100,6 @@ class ConversationPairing:
         """Start without calls.
 
         Args:
-            conversation: Conversation to pair.
             budget: Byte count shared by the open calls of all conversations.
             latest_evicted: Number of the latest evicted call that may belong to this conversation; 0 if
                 there is none.

@@ -35,7 +35,6 @@ class TrackedObject:
         handle: Number that the controller gave.
         name: Name in the opening call, such as `Arm`; "" without one.
         parent: Label of the object through which it was opened; "" for controllers and if unknown.
-        created_by_call: Number of the call that created it.
         known_to_client: Whether the client received the handle. False if the call was executed more than
             once, or if its reply came too late.
     """
@@ -69,9 +68,7 @@ class ServiceSession:
     """A client's session from Service_Start to Service_Stop.
 
     Attributes:
-        conversation: Conversation of the client.
         started_by_call: Number of the Service_Start call; None if the capture began later.
-        ending: How the session ended.
         unreleased: Objects that the client did not release, in creation order; objects unknown to the client
             come first.
     """

@@ -66,9 +66,6 @@ class Conversation:
     conversation.
 
     Attributes:
-        client: Endpoint that sends requests.
-        server: Endpoint that replies.
-        transport: UDP or TCP.
         server_known_by: Why `server` counts as the server, as text for the user: "port 5007", or the
             evidence in the traffic.
         connection_end: End of the TCP connection as far as seen; None while it is open, and for UDP.
@@ -119,7 +116,6 @@ class Observation(NamedTuple):
         number: 1 for the first item of the traffic; damaged items are numbered as well.
         time: Time of the last byte, ns since 1970-01-01 UTC.
         first_byte_time: Time of the first byte; differs from `time` only if a stream split the frame.
-        flow: Conversation and direction.
         item: The frame, or the bytes that are no frame.
         packet: Number of the captured packet that completed it, from 1 over all packets of the source; 0
             without a capture.

@@ -97,7 +97,6 @@ class SlaveModeChange:
     """A call that changed, or set again, the slave mode of its client.
 
     Attributes:
-        call: The call.
         effect: How the call changed it.
         mode: Value of the slave mode from now on, 0 for off; None if unreadable.
     """

@@ -18,10 +18,6 @@ class RefusalReason(NamedTuple):
         text: What explains it, for the place `reason` of the usual sentence; None for nothing.
         fact: The whole sentence, if the usual one does not fit.
         clause: The clause for a consequence, if the usual one does not fit.
-        explaining_calls: Numbers of calls that explain the refusal.
-        evidence_call: Call whose frames help to prove it.
-        group_key: Separates findings of one rule.
-        advice: Advice for this case.
     """
 
     text: Message | None = None
@@ -43,7 +39,6 @@ class Refusal(NamedTuple):
     """One kind of refusal.
 
     Attributes:
-        rule: Rule that reports it.
         codes: Result codes that it covers; empty for any.
         explain: Returns the reason; None if this refusal does not apply to the call.
     """

@@ -28,8 +28,6 @@ class DiagnosisRule:
 
     Attributes:
         id: Short name, used in JSON.
-        severity: How much it matters.
-        source: Source of the fact.
         possible_causes: Ids of the rules that can be its cause.
         cause_within_ns: How far back a cause is looked for, ns.
     """
@@ -56,10 +54,8 @@ class Occurrence:
     """One instance of a problem that a rule found.
 
     Attributes:
-        rule: Rule that found it.
         began: Start, ns since 1970; a cause starts no later than its consequence ends.
         completed: End, ns since 1970; delays of consequences count from here.
-        conversation: Conversation of the client concerned.
         frames: Numbers of the frames that prove it.
         fact: What happened: `finding.<rule>`, or `finding.<rule>.<case>`, a whole sentence.
         clause: The same as a consequence: `clause.<rule>`, a sentence without capital and full stop; None
@@ -93,7 +89,6 @@ class ClientEnd(NamedTuple):
     """A client that makes no more calls.
 
     Attributes:
-        client: Final state of the client.
         ended_at: Time when the traffic ended, ns since 1970, or time when the client was dropped from memory.
         known_present: The client is known to be still there, even if it is silent.
         silent_session: Latest slave-mode session that ended because the client sent no more set points.
@@ -126,7 +121,6 @@ class RuleChecker:
     nothing: they are also called for a snapshot, after which the traffic goes on.
 
     Attributes:
-        rules: Rules that it checks.
         needs_every_set_point: Whether `on_call` gets every accepted set point (slvMove), maybe millions.
             Otherwise it gets the first of each run of set points that are alike (see `AlikeSetPoints`), and
             all that differ or went wrong. `client` is the state before the first set point of the run.

@@ -66,10 +66,8 @@ class BufferFacts:
 
     Attributes:
         slots: Number of set points that the buffer holds.
-        period_ms: Period of the controller in the model, ms.
         overwrites: The newest point replaces the waiting one, so an empty buffer is no error.
         replies_pace: Replies wait for room in the buffer.
-        assumptions: Assumptions of the model.
         underflows: Number of predicted underflows that the unknown phase of the controller cannot explain.
         underflows_in_motion: Those of them during motion, where they matter.
         underflow_list: The first of them.

@@ -52,11 +52,8 @@ class CapturedTrajectory:
 
     Attributes:
         session_number: Number of the slave-mode session, as `slave` counts them.
-        conversation: Conversation of the client that sent the set points.
         robot: Handle of the robot; None if unreadable.
         mode: Slave mode, as far as known at the first step.
-        send_format: Accepted send format; None if none was seen.
-        receive_format: Accepted receive format; None if none was seen.
         axes: Axes of each pose, at least one.
         start: Time of the first request of the first step, ns since 1970.
         has_stamps: The replies carry the controller's time.
@@ -79,12 +76,8 @@ class TrajectoryStep(NamedTuple):
     """One set point.
 
     Attributes:
-        call: Call number.
         time: Time of the first request, ns since 1970.
         reply_time: Time of the accepted reply, ns since 1970; None without a reply.
-        retries: Number of retries.
-        hresult: Result code of the reply; None without a reply.
-        commanded: Commanded pose, one number per axis.
         returned: Returned pose, one number per axis; () without one.
         stamp: The controller's time in ms; None without one.
     """
@@ -108,7 +101,6 @@ class TrajectoryExtractor(PipelineSubscriber):
 
     Attributes:
         ready: Steps that are ready; the reader removes them.
-        set_points: Number of slvMove calls.
     """
 
     def __init__(

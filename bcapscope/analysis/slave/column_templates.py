@@ -38,7 +38,6 @@ class NumberPicker:
     """How to find pose and time stamp in an argument of a frame.
 
     Attributes:
-        argument: Index of the argument.
         pick: Returns pose and time stamp of the argument's value: an empty pose and None if there are none.
             It is also called with a value in which each number is replaced by its own index. It must
             therefore decide by the structure of the value, not by its numbers.

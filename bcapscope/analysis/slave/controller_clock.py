@@ -29,7 +29,6 @@ class ClockFacts:
     """The controller's time stamps (receive format 0x010), compared with the capture's clock.
 
     Attributes:
-        stamps: Number of stamps.
         microseconds: True if their unit is µs, not ms.
         unit_known_by: Source of the unit: slvRecvFormat, or the pace of the stamps if that was not seen.
         drift_ppm: How much faster the controller's clock runs, ppm; None for less than a second of stamps.

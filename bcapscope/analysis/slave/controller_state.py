@@ -32,7 +32,6 @@ class ControllerState:
     """State of one controller.
 
     Attributes:
-        clue: Clue to its generation.
         recent_calls: Latest calls other than set points, in the order in which they were completed.
         pending_sessions: Slave-mode sessions that have begun and have no set points yet.
         unanswered_entry: slvChangeMode without a captured reply.

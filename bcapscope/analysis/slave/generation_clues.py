@@ -26,8 +26,6 @@ class GenerationClue(NamedTuple):
 
     Attributes:
         strength: The stronger clue wins; 0 if there is no clue.
-        generation: Generation that it points to.
-        reason: Why; None if there is no clue.
     """
 
     strength: int

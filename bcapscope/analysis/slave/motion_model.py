@@ -64,12 +64,8 @@ class AxisMotion:
         step: Absolute step between successive set points; None for fewer than two.
         velocity: Step per period, in units per second; None for fewer than two set points.
         acceleration: Change of velocity, in units per second squared; None for fewer than three set points.
-        largest_step: Largest step, with its frame.
-        largest_velocity: Largest velocity, with its frame.
-        largest_acceleration: Largest acceleration, with its frame.
         difference: Absolute difference of commanded and returned position in the same call; None if no pose
             of the same type was returned.
-        largest_difference: Largest difference, with its frame.
         lag_cycles: Number of set points by which the returned pose lags behind, where both agree best. An
             estimate; None if the axis moves too little for one.
     """
@@ -111,7 +107,6 @@ class Jump(NamedTuple):
         time: Time of that request, ns.
         axis: Axis with the largest step.
         step: Step on that axis, with sign.
-        kind: Why it counts as a jump.
     """
 
     frame: int
@@ -140,7 +135,6 @@ class MotionFacts:
         stutters: Number of repeated set points between two that move: the robot has to stop for one period.
         stutter_frames: Request frames of the first of them.
         jumps: Number of jumps of all kinds, see `JumpKind`.
-        jump_list: The first jumps.
         figure_changes: Number of changes of Fig; 0 for joints.
         lag_cycles: Estimated lag of all axes; None if no axis has one.
         first_distance: First set point minus the position known then, per axis; () if none is known.

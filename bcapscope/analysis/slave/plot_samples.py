@@ -23,7 +23,6 @@ class PlotSample(NamedTuple):
     Attributes:
         time: Time of the first set point.
         frame: Request frame of the first set point.
-        points: Number of set points.
         cycle_least: Shortest cycle in the run, ms; NaN without one.
         cycle_most: Longest cycle in the run, ms; NaN without one.
         latency_most: Longest latency, ms; NaN without a reply.
@@ -69,9 +68,7 @@ class PlotSampler:
 
         Args:
             times: Times since the origin, ns.
-            frames: Frames of the requests.
             figures: Cycles, latencies and slacks in ms; NaN where there is none.
-            poses: Commanded and returned poses.
         """
         cycles, latencies, slacks = figures
         ones = np.ones(len(times))

@@ -29,7 +29,6 @@ class SlaveSessionBuilder:
     """Builds a slave-mode session while it may still go on.
 
     Attributes:
-        number: Number of the slave-mode session.
         key: Client that sends the set points, and its robot; before the first set point, the client that
             entered slave mode.
         mode: Value of the mode, and its source.

@@ -42,14 +42,7 @@ _UNKNOWN = -1
 
 
 class KnownPosition(NamedTuple):
-    """Position of the robot that the controller reported earlier.
-
-    Attributes:
-        pose_type: Type of the pose.
-        values: Numbers of the pose.
-        known_by: Source of the position.
-        frames: Request and reply frame.
-    """
+    """Position of the robot that the controller reported earlier."""
 
     pose_type: PoseType
     values: tuple[float, ...]
@@ -61,12 +54,7 @@ class SlaveSetup(NamedTuple):
     """What client and controller agreed on before the first set point.
 
     Attributes:
-        mode_value: Value of the slave mode; None if unknown.
         known_by: Source of that value.
-        generation_clue: Clue to the controller's generation.
-        send_format: Accepted send format; None if none was seen.
-        receive_format: Accepted receive format; None if none was seen.
-        position: Position of the robot; None if unknown.
     """
 
     mode_value: int | None

@@ -67,7 +67,6 @@ class SetPointRow(NamedTuple):
     """Data of a set point apart from its bytes.
 
     Attributes:
-        call: Call number.
         frame: Frame of the first request.
         time: Time of the first request, ns since 1970-01-01 UTC.
         reply_frame: Frame of the accepted reply; 0 without one.

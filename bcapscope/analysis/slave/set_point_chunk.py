@@ -16,12 +16,7 @@ class SetPointChunk(NamedTuple):
     """Successive set points of one slave-mode session, including refused ones.
 
     Attributes:
-        session_number: Number of the slave-mode session.
-        conversation: Conversation of the client that sent the set points.
-        robot: Handle of the robot; None if unreadable.
         mode: Slave mode, as far as known at the first set point.
-        send_format: Accepted send format; None if none was seen.
-        receive_format: Accepted receive format; None if none was seen.
         grid_ms: Period that the client should keep, ms.
         microseconds: True if the controller's time stamps are in µs, not ms.
         axes: Axes of the poses; () if no pose could be read.

@@ -33,13 +33,11 @@ class Deadline(NamedTuple):
     """A recommended time-out, and how many set points would have missed it.
 
     Attributes:
-        name: Name for display.
         timeout_ms: Time-out of one attempt, ms.
         tries: Maximum number of attempts, including the first.
         late: Number of set points without a reply within one time-out after the first request.
         given_up: Number of set points without a reply within the time of all attempts.
         applies: True if it is recommended for this mode and transport.
-        source: Source of the recommendation.
     """
 
     name: Message
@@ -94,12 +92,10 @@ class _RecommendedTimeout(NamedTuple):
     """A recommended time-out.
 
     Attributes:
-        name: Name for display.
         timeout_ms: Time-out of one attempt, ms.
         tries: Maximum number of attempts, including the first.
         kinds: Kinds of mode that it is meant for.
         udp_only: True if it is meant for UDP only.
-        source: Source of the recommendation.
     """
 
     name: Message

@@ -47,15 +47,10 @@ class CallFigures:
     """Figures of the calls of one kind, of one client, or of all calls.
 
     Attributes:
-        calls: Number of calls.
         answered: Number of calls with a result that is no failure.
-        refused: Number of calls with a failure.
         unanswered: Number of calls that the client gave up.
         open: Number of calls still open when the traffic ended.
         not_followed: Number of calls evicted while open, because too many calls were open.
-        retries: Number of retries.
-        retried_calls: Number of calls that were sent more than once.
-        late_replies: Number of late replies.
         executing: Number of S_EXECUTING notices.
         request_bytes: Size of all requests in bytes, including retries.
         calls_per_second: Calls per second over the whole time; None if that is 0.
@@ -89,7 +84,6 @@ class StatisticsRow:
     Attributes:
         conversation: Conversation of the client; None for all clients.
         call_kind: Function and command; None for all kinds.
-        figures: Figures of these calls.
     """
 
     conversation: Conversation | None
@@ -104,7 +98,6 @@ class Statistics:
     Attributes:
         start: Start, ns since 1970: the first request, or the start of the slice.
         end: End, ns since 1970: the last frame of a call, or the end of the slice.
-        total: All calls.
         clients: One row per client, the one with the most calls first.
         commands: One row per kind of call and client, the longest total time first.
         kinds: One row per kind of call over all clients, the longest total time first.

@@ -40,14 +40,10 @@ class DistributionSummary:
     A percentile is the smallest value that this share of all values does not exceed.
 
     Attributes:
-        count: Number of values.
         mean: Mean value, exact.
         least: Smallest value, exact.
         most: Largest value, exact.
         p50: Median; exact for up to 8192 values, else within 0.4%, like all percentiles.
-        p90: 90th percentile.
-        p99: 99th percentile.
-        p999: 99.9th percentile.
         bins: Bins in order, without empty ones, 128 per power of two; () unless requested.
     """
 

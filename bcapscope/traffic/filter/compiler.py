@@ -82,7 +82,6 @@ class Filter:
     """A compiled expression, not yet bound to getters.
 
     Attributes:
-        expression: Expression as written.
         kind: Kind of record that it tests.
         getter_names: Names of the getters that `bind` needs.
     """

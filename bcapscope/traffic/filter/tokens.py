@@ -22,7 +22,6 @@ class FilterError(ValueError):
     """An invalid filter expression. Its text shows the reason, the expression and a caret.
 
     Attributes:
-        expression: Expression to be compiled.
         position: Index of the character at fault; the length of the expression if its end is incomplete.
         message: The reason, one clause.
     """
@@ -73,7 +72,6 @@ class Token(NamedTuple):
     """A piece of an expression.
 
     Attributes:
-        kind: Kind of the token.
         text: Text as written. For quoted text, the content with escapes resolved; for a number, the digits
             without its unit.
         start: Index of its first character in the expression.
