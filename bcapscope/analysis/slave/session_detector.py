@@ -9,11 +9,15 @@ from typing import NamedTuple
 from bcapscope.analysis.slave.controller_state import ControllerState, call_fact
 from bcapscope.analysis.slave.generation_clues import clue_of_call, clue_of_set_point, stronger_clue
 from bcapscope.analysis.slave.notable_set_points import MAX_LISTED
-from bcapscope.analysis.slave.session_builder import BATCH_SIZE, SessionKey, SlaveSessionBuilder
+from bcapscope.analysis.slave.session_builder import (
+    BATCH_SIZE,
+    SessionKey,
+    SetPointHandler,
+    SlaveSessionBuilder,
+)
 from bcapscope.analysis.slave.session_models import SlaveSetup
 from bcapscope.analysis.slave.set_point_batch import LARGE_FRAME
-from bcapscope.analysis.slave.set_point_chunk import SetPointHandler
-from bcapscope.analysis.slave.slave_session import ExitReason, SessionExit, SlaveSession
+from bcapscope.analysis.slave.slave_session import CallFact, ExitReason, SessionExit, SlaveSession
 from bcapscope.protocol.codec.variant import integer_value
 from bcapscope.protocol.tables.function_table import ID
 from bcapscope.protocol.tables.hresult import ends_slave_mode, is_failure
@@ -208,22 +212,22 @@ class SlaveSessionDetector:
             controller.clue = stronger_clue(controller.clue, clue_of_set_point(parameter))
         builder = controller.claim_pending(key)
         if builder is None:
-            self._session_count += 1
             tried = controller.claim_unanswered_entry()
-            builder = SlaveSessionBuilder(
-                self._session_count,
-                key,
-                tried,
-                controller.reported_mode,
-                window=self._window,
-                on_set_points=self._on_set_points,
-            )
+            builder = self._new_builder(key, tried, controller.reported_mode)
         if len(self._active) >= MAX_SESSIONS:
             silent = min(self._active.values(), key=lambda each: each.last_activity)
             self._end_session(silent, _silent_exit(silent))
         self._active[key] = builder
         self._recently_ended.pop(key, None)
         return builder
+
+    def _new_builder(
+        self, key: SessionKey, entry: CallFact | None, mode: tuple[int | None, str]
+    ) -> SlaveSessionBuilder:
+        self._session_count += 1
+        return SlaveSessionBuilder(
+            self._session_count, key, entry, mode, window=self._window, on_set_points=self._on_set_points
+        )
 
     def _on_found_off(self, key: SessionKey, builder: SlaveSessionBuilder | None, call: Call) -> None:
         if builder is None and key in self._controller(call).pending_sessions:
@@ -255,7 +259,7 @@ class SlaveSessionDetector:
     def _on_robot_call(self, call: Call, command: str, controller: ControllerState) -> None:
         if call.reply is not None and command in ("slvsendformat", "slvrecvformat"):
             for builder in self._active.values():
-                if builder.slave_setup is None and builder.conversation.server == call.conversation.server:
+                if builder.models is None and builder.conversation.server == call.conversation.server:
                     self._process_batch(builder)
             controller.record_format(call, command)
         elif call.reply is not None and command == "slvgetmode":
@@ -276,16 +280,7 @@ class SlaveSessionDetector:
         controller.unanswered_entry = None
         controller.reported_mode = (None, "")
         if value != 0:
-            self._session_count += 1
-            mode = value, "slvChangeMode"
-            entered = SlaveSessionBuilder(
-                self._session_count,
-                key,
-                call_fact(call),
-                mode,
-                window=self._window,
-                on_set_points=self._on_set_points,
-            )
+            entered = self._new_builder(key, call_fact(call), (value, "slvChangeMode"))
             dropped = controller.add_pending(key, entered)
             if dropped is not None:
                 self._end_session(dropped, _silent_exit(dropped))

@@ -103,7 +103,7 @@ class SessionModels:
     def __init__(
         self, transport: Transport, slave_setup: SlaveSetup, batch: SetPointBatch, window: int | None
     ) -> None:
-        self._slave_setup = slave_setup
+        self.slave_setup = slave_setup
         self.origin = batch[0].time if batch else 0
         pose = next(_poses_in(batch, slave_setup), None)
         self._pose_type = pose.type if pose else _pose_type(slave_setup)
@@ -241,7 +241,7 @@ class SessionModels:
         self, rows: SetPointTable, commanded: PoseColumns, returned: PoseColumns
     ) -> StartDistance:
         """Compare the first set point with the pose in its reply, or else with the position known before."""
-        commanded_pose, position = commanded.poses[0], self._slave_setup.position
+        commanded_pose, position = commanded.poses[0], self.slave_setup.position
         if not self._axes or not np.isfinite(commanded_pose).all():
             return StartDistance()
         if returned.has_pose[0] and np.isfinite(returned.poses[0]).all():
