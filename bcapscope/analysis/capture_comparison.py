@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
-from itertools import zip_longest
 from typing import NamedTuple, TypeAlias
 
 from bcapscope.analysis.finding import NO_TRAFFIC, Finding, Severity, TrafficTotals
@@ -265,9 +264,7 @@ _PACES = ("calls_per_s", "line_time_share")
 
 
 def _session_differences(good: ComparedCapture, bad: ComparedCapture) -> Iterator[Difference]:
-    for number, (first, second) in enumerate(zip_longest(good.slave_sessions, bad.slave_sessions), 1):
-        if first is None or second is None:
-            return
+    for number, (first, second) in enumerate(zip(good.slave_sessions, bad.slave_sessions, strict=False), 1):
         counts = (first.counts.sent, second.counts.sent)
         for figure, read, judge in _SESSION_FIGURES:
             one, two = read(first), read(second)

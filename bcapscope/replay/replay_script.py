@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import NamedTuple
 
-from bcapscope.protocol.codec.frame import Frame
 from bcapscope.protocol.codec.variant import Variant
 from bcapscope.protocol.retry.reserved_convention import ReplyReserved
 from bcapscope.traffic.call import Call
@@ -73,14 +72,10 @@ def _script_call(call: Call, start: int) -> ScriptCall:
     return ScriptCall(
         number=call.number,
         kind=call.kind,
-        arguments=_values(call.request.item),
+        arguments=call.request.item.variants,
         offset=asked - start,
         hresult=call.hresult,
-        values=() if reply is None else _values(reply.item),
+        values=() if reply is None else reply.item.variants,
         duration=call.rtt or 0,
         notice_offsets=tuple(notice.time - asked for notice in call.notices),
     )
-
-
-def _values(frame: Frame) -> tuple[Variant, ...]:
-    return frame.variants

@@ -39,6 +39,7 @@ class SlaveSessionBuilder:
         entered_at: Time of the reply to `entry_call`, ns since 1970.
         batch: Set points that wait to be processed.
         models: Models of the processed set points; None before the first.
+        error_exit: Error that ended it, unless a later set point is accepted; None without one.
         after_end: Number of set points refused as a consequence of the end, or not answered after it.
         last_accepted: Send time of the latest processed set point that was accepted, ns since 1970; None
             without one.
@@ -61,6 +62,7 @@ class SlaveSessionBuilder:
         self.entered_at: int | None = None if entry is None else entry.reply_time or entry.time
         self.batch = SetPointBatch()
         self.models: SessionModels | None = None
+        self.error_exit: SessionExit | None = None
         self.after_end = 0
         self.last_accepted: int | None = None
         self._window = window

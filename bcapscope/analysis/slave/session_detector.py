@@ -89,8 +89,6 @@ class SlaveSessionDetector:
         self._on_set_points = on_set_points
         self._controllers: dict[Endpoint, ControllerState] = {}
         self._active: dict[SessionKey, SlaveSessionBuilder] = {}
-        # An error ended these, unless a later set point is accepted.
-        self._ended_by_error: dict[SlaveSessionBuilder, SessionExit] = {}
         self._recently_ended: dict[SessionKey, SlaveSessionBuilder] = {}
         self._held_back: deque[_EndedSession] = deque()
         self._session_count = 0
@@ -112,7 +110,7 @@ class SlaveSessionDetector:
         self._remaining = None
         first = calls[0]
         builder = self._active.get((first.conversation, first.request.item.raw[_HANDLE]))
-        if builder is None or builder in self._ended_by_error:
+        if builder is None or builder.error_exit is not None:
             return [session for call in calls for session in self.add_call(call)]
         batch = builder.batch
         finished: Sequence[SlaveSession] = ()
@@ -185,14 +183,14 @@ class SlaveSessionDetector:
             if self._is_outside_session(key, call, failed):
                 return
             builder = self._begin_session(key, call)
-        if builder in self._ended_by_error:
+        if builder.error_exit is not None:
             if code is None or failed:
                 builder.after_end += 1
                 return
-            del self._ended_by_error[builder]
+            builder.error_exit = None
         builder.batch.add(call)
         if failed:
-            self._ended_by_error[builder] = _exit_by_call(ExitReason.ERROR, call)
+            builder.error_exit = _exit_by_call(ExitReason.ERROR, call)
         if len(builder.batch) >= BATCH_SIZE or len(call.request.item.raw) > LARGE_FRAME:
             self._process_batch(builder)
 
@@ -306,8 +304,7 @@ class SlaveSessionDetector:
 
     def _end_session(self, builder: SlaveSessionBuilder, exit_: SessionExit) -> None:
         """End a slave-mode session. If an error ended it earlier, that error is the reason."""
-        exit_ = self._ended_by_error.pop(builder, exit_)
-        controller = self._controllers.get(builder.conversation.server) or ControllerState()
+        controller = self._controller_of(builder)
         self._active.pop(builder.key, None)
         controller.pending_sessions.pop(builder.key, None)
         self._recently_ended[builder.key] = builder
@@ -315,13 +312,13 @@ class SlaveSessionDetector:
             del self._recently_ended[next(iter(self._recently_ended))]
         slave_setup = self._slave_setup(builder)
         builder.process_batch(slave_setup)
-        self._held_back.append(_EndedSession(builder, exit_, slave_setup))
+        self._held_back.append(_EndedSession(builder, builder.error_exit or exit_, slave_setup))
 
     def _ended_with_traffic(self, builder: SlaveSessionBuilder, ended_at: int) -> _EndedSession:
         """Return a session as it is if the traffic ended at `ended_at`, without ending it."""
         last = builder.last_activity
         reason = ExitReason.SILENT if ended_at - last > SILENCE_NS else ExitReason.CAPTURE_ENDED
-        exit_ = self._ended_by_error.get(builder) or SessionExit(reason, last, (), None, None)
+        exit_ = builder.error_exit or SessionExit(reason, last, (), None, None)
         slave_setup = self._slave_setup(builder)
         return _EndedSession(builder.processed(slave_setup), exit_, slave_setup)
 
@@ -340,7 +337,7 @@ class SlaveSessionDetector:
 
     def _make_session(self, ended: _EndedSession) -> SlaveSession:
         builder = ended.builder
-        controller = self._controllers.get(builder.conversation.server) or ControllerState()
+        controller = self._controller_of(builder)
         exit_ = _find_exit_cause(ended, controller)
         others = controller.calls_between(builder.began_at(exit_.time) - BEFORE_NS, exit_.time + AFTER_NS)
         # Set points may have been added after the end: see `_begin_session`.
@@ -352,8 +349,10 @@ class SlaveSessionDetector:
         builder.process_batch(self._slave_setup(builder))
 
     def _slave_setup(self, builder: SlaveSessionBuilder) -> SlaveSetup:
-        controller = self._controllers.get(builder.conversation.server) or ControllerState()
-        return controller.slave_setup(builder.mode)
+        return self._controller_of(builder).slave_setup(builder.mode)
+
+    def _controller_of(self, builder: SlaveSessionBuilder) -> ControllerState:
+        return self._controllers.get(builder.conversation.server) or ControllerState()
 
     def _controller(self, call: Call) -> ControllerState:
         server = call.conversation.server

@@ -134,19 +134,6 @@ RECOMMENDED_TIMEOUTS = (
 """Recommended time-outs for slvMove."""
 
 
-class _DeadlineMisses:
-    """Number of set points for which a time-out is too short."""
-
-    __slots__ = ("given_up", "late")
-
-    def __init__(self) -> None:
-        self.late = self.given_up = 0
-
-    def add(self, budget: _RecommendedTimeout, latencies: Floats) -> None:
-        self.late += int(np.count_nonzero(latencies > budget.timeout_ms))
-        self.given_up += int(np.count_nonzero(latencies > budget.timeout_ms * budget.tries))
-
-
 class CycleGrid(NamedTuple):
     """The period that a client should keep, and the reason."""
 
@@ -183,7 +170,7 @@ class TimingModel:
         self._last = 0  # time of the latest set point
         self._count = self._backwards = self._on_grid = self._skipped = self._gap_count = 0
         self._cycle, self._jitter, self._latency, self._rtt = (Histogram() for _ in range(4))
-        self._misses = [_DeadlineMisses() for _ in RECOMMENDED_TIMEOUTS]
+        self._late, self._given_up = [0] * len(RECOMMENDED_TIMEOUTS), [0] * len(RECOMMENDED_TIMEOUTS)
         self._slowest: list[tuple[float, SetPointFact]] = []
         self._gaps: list[SetPointFact] = []
 
@@ -221,8 +208,9 @@ class TimingModel:
         self._latency.add(latencies[answered])
         self._rtt.add((rows.replies - rows.arrivals)[answered] / 1e6)
         judged = latencies[~rows.open]
-        for misses, budget in zip(self._misses, RECOMMENDED_TIMEOUTS, strict=True):
-            misses.add(budget, judged)
+        for index, budget in enumerate(RECOMMENDED_TIMEOUTS):
+            self._late[index] += int(np.count_nonzero(judged > budget.timeout_ms))
+            self._given_up[index] += int(np.count_nonzero(judged > budget.timeout_ms * budget.tries))
         known = np.where(rows.open, -1.0, latencies)
         least = self._slowest[-1][0] if len(self._slowest) == MAX_SLOWEST else -1.0
         slow = np.flatnonzero(known > least)
@@ -251,7 +239,7 @@ class TimingModel:
             rate_hz=self._rate(),
             latency=self._latency.distribution(bins=True),
             rtt=self._rtt.distribution(),
-            deadlines=tuple(map(self._deadline, RECOMMENDED_TIMEOUTS, self._misses)),
+            deadlines=tuple(map(self._deadline, RECOMMENDED_TIMEOUTS, self._late, self._given_up)),
             slowest=tuple(fact for _, fact in self._slowest),
             slack_ms=self._slack_ms,
             gaps=self._gap_count,
@@ -262,15 +250,15 @@ class TimingModel:
         lasted = self._last - (self._first or 0)
         return (self._count - 1) / (lasted / 1e9) if self._count > 1 and lasted > 0 else None
 
-    def _deadline(self, budget: _RecommendedTimeout, misses: _DeadlineMisses) -> Deadline:
+    def _deadline(self, budget: _RecommendedTimeout, late: int, given_up: int) -> Deadline:
         kind = None if self._mode is None else self._mode.kind
         applies = kind in budget.kinds and (self._transport is Transport.UDP or not budget.udp_only)
         return Deadline(
             name=budget.name,
             timeout_ms=budget.timeout_ms,
             tries=budget.tries,
-            late=misses.late,
-            given_up=misses.given_up,
+            late=late,
+            given_up=given_up,
             applies=applies,
             source=budget.source,
         )
