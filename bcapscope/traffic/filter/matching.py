@@ -176,12 +176,13 @@ def _parse_port(written: str) -> int | None:
 
 def equality(wanted: Sequence[LiteralMatch], negated: bool) -> Match:
     """Match a value that equals one of `wanted`. If `negated`, match a comparable value that equals none."""
-    same_kind = _any_of([one.same_kind for one in wanted])
-    equal = _any_of([one.equal for one in wanted])
+    same_kind = any_of([one.same_kind for one in wanted])
+    equal = any_of([one.equal for one in wanted])
     return (lambda value: same_kind(value) and not equal(value)) if negated else equal
 
 
-def _any_of(matches: Sequence[Match]) -> Match:
+def any_of(matches: Sequence[Match]) -> Match:
+    """Match what one of `matches` matches."""
     if len(matches) == 1:
         return matches[0]
 

@@ -1,6 +1,6 @@
 """Right-hand sides of comparisons: turn tokens into tests that fit the type of the field.
 
-This module checks an expression against the types of the fields.
+Every function raises a `FilterError` if the field cannot be compared with the token in this way.
 """
 
 from __future__ import annotations
@@ -50,52 +50,41 @@ class ComparedField(NamedTuple):
     type: FieldType
     start: int
 
-    def fail_at(self, token: Token, reason: str) -> NoReturn:
-        """Raise a `FilterError` that points at `token`."""
-        raise FilterError(self.expression, token.start, reason)
+    @property
+    def name_and_type(self) -> str:
+        type_ = self.type.value
+        return f"{self.name} is {'an' if type_[0] in 'aeioH' else 'a'} {type_}"
+
+    def fail(self, reason: str) -> NoReturn:
+        """Raise a `FilterError` that points at the field."""
+        self.fail_at(self.start, reason)
+
+    def fail_at(self, place: Token | int, reason: str) -> NoReturn:
+        """Raise a `FilterError` that points at a token or a character."""
+        raise FilterError(self.expression, place if isinstance(place, int) else place.start, reason)
 
 
 def equality(compared: ComparedField, literals: Sequence[Token], negated: bool) -> Match:
-    """Compile ``==``, ``!=``, ``in`` and ``not in``.
-
-    Raises:
-        FilterError: The field cannot be compared with one of the literals.
-    """
+    """Compile ``==``, ``!=``, ``in`` and ``not in``."""
     return matches.equality([_literal_match(compared, literal) for literal in literals], negated)
 
 
 def order(compared: ComparedField, sign: str, literal: Token) -> Match:
-    """Compile ``<``, ``<=``, ``>`` and ``>=``.
-
-    Raises:
-        FilterError: The field has no order, or the literal is no number comparable with it.
-    """
+    """Compile ``<``, ``<=``, ``>`` and ``>=``."""
     check_literal(compared, literal)
     if compared.type is FieldType.HRESULT:
         signed = literal.kind is TokenKind.NUMBER and not _is_hex(literal) and int_of(literal) < 2**31
         return matches.code_order(sign, _code(compared, literal), signed)
     if compared.type in NUMERIC or compared.type is FieldType.VALUE:
         return matches.order(sign, _number(compared, literal))
-    raise FilterError(
-        compared.expression,
-        compared.start,
-        f"{compared.name} is {_type_with_article(compared.type)}, which has no order",
-    )
+    compared.fail(f"{compared.name_and_type}, which has no order")
 
 
 def contains(compared: ComparedField, literal: Token) -> Match:
-    """Compile ``contains``.
-
-    Raises:
-        FilterError: The field cannot contain anything, or not a literal of this type.
-    """
+    """Compile ``contains``."""
     check_literal(compared, literal)
     if compared.type in NUMERIC or compared.type is FieldType.HRESULT:
-        raise FilterError(
-            compared.expression,
-            compared.start,
-            f"{compared.name} is {_type_with_article(compared.type)}, it contains nothing",
-        )
+        compared.fail(f"{compared.name_and_type}, it contains nothing")
     if compared.type is FieldType.NUMBERS or (
         literal.kind is TokenKind.NUMBER and compared.type in (FieldType.VALUE, FieldType.VALUES)
     ):
@@ -104,24 +93,14 @@ def contains(compared: ComparedField, literal: Token) -> Match:
     if literal.is_word("true", "false", "null"):
         compared.fail_at(literal, "contains takes a text or a number")
     if literal.kind is TokenKind.NUMBER:
-        compared.fail_at(
-            literal, f"{compared.name} is {_type_with_article(compared.type)}: put what it contains in quotes"
-        )
+        compared.fail_at(literal, f"{compared.name_and_type}: put what it contains in quotes")
     return matches.contains(literal.text)
 
 
 def search(compared: ComparedField, literal: Token) -> Match:
-    """Compile ``~``.
-
-    Raises:
-        FilterError: The field has no text, or RE2 rejects the literal as a regular expression.
-    """
+    """Compile ``~``."""
     if compared.type in NUMERIC or compared.type in (FieldType.HRESULT, FieldType.NUMBERS):
-        raise FilterError(
-            compared.expression,
-            compared.start,
-            f"{compared.name} is {_type_with_article(compared.type)}, a regular expression needs text",
-        )
+        compared.fail(f"{compared.name_and_type}, a regular expression needs text")
     check_literal(compared, literal)
     if literal.kind not in (TokenKind.TEXT, TokenKind.WORD):
         compared.fail_at(literal, "a regular expression stands in quotes")
@@ -157,19 +136,13 @@ def _is_hex(token: Token) -> bool:
     return "x" in token.text.casefold()
 
 
-def _type_with_article(type_: FieldType) -> str:
-    return f"{'an' if type_.value[0] in 'aeioH' else 'a'} {type_.value}"
-
-
 def _literal_match(compared: ComparedField, token: Token) -> LiteralMatch:
     check_literal(compared, token)
     if token.is_word("null"):
         return matches.NULL
     if compared.type in _LISTS:
         compared.fail_at(
-            token,
-            f"{compared.name} is {_type_with_article(compared.type)}: "
-            f"use {compared.name} contains ..., or {compared.name}[0]",
+            token, f"{compared.name_and_type}: use {compared.name} contains ..., or {compared.name}[0]"
         )
     match compared.type:
         case FieldType.HRESULT:
@@ -194,7 +167,7 @@ def _value(compared: ComparedField, token: Token) -> LiteralMatch:
 def _text(compared: ComparedField, token: Token) -> str:
     if token.kind is TokenKind.NUMBER:
         hint = "; the number is function_id" if compared.field.name == "function" else ""
-        compared.fail_at(token, f"{compared.name} is {_type_with_article(compared.type)}, not a number{hint}")
+        compared.fail_at(token, f"{compared.name_and_type}, not a number{hint}")
     values = compared.field.values
     if values and token.kind is TokenKind.WORD and token.text.casefold() not in map(str.casefold, values):
         hint = nearest(token.text, values)
@@ -223,17 +196,13 @@ def _number(compared: ComparedField, token: Token) -> Number:
 
 def _check_number(compared: ComparedField, token: Token) -> None:
     if token.kind is not TokenKind.NUMBER:
-        compared.fail_at(
-            token, f"{compared.name} is {_type_with_article(compared.type)}, {token.text!r} is none"
-        )
+        compared.fail_at(token, f"{compared.name_and_type}, {token.text!r} is none")
 
 
 def _plain_number(compared: ComparedField, token: Token) -> int | float:
     if token.unit:
         position = token.start + len(token.text)
-        raise FilterError(
-            compared.expression, position, f"{compared.name} is no time, {token.unit!r} means nothing here"
-        )
+        compared.fail_at(position, f"{compared.name} is no time, {token.unit!r} means nothing here")
     if _is_hex(token) or token.text.lstrip("+-").isdecimal():
         return int_of(token)
     value = float(token.text)
@@ -248,9 +217,7 @@ def _nanoseconds(compared: ComparedField, token: Token) -> Number:
     if not unit and value:
         compared.fail_at(token, f"{compared.name} needs a unit: {token.text}ms, or us, ns, s")
     if unit and unit not in UNITS:
-        raise FilterError(
-            compared.expression, token.start + len(token.text), f"{unit!r} is no unit; ns, us, ms and s are"
-        )
+        compared.fail_at(token.start + len(token.text), f"{unit!r} is no unit; ns, us, ms and s are")
     value *= UNITS[unit] if unit else 1
     return value.numerator if value.denominator == 1 else value
 
