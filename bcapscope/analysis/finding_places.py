@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from bcapscope.messages.places import CallPlace, ClientPlace, CodePlace
+from bcapscope.messages.message import PlaceValue
+from bcapscope.messages.places import CallPlace, ClientPlace, CodePlace, Moment
 from bcapscope.protocol.tables.function_table import function_name
 from bcapscope.protocol.tables.hresult import describe_hresult, hresult_name
 from bcapscope.traffic.call import Call
@@ -17,6 +18,15 @@ def client_place(conversation: Conversation) -> ClientPlace:
 def call_place(call: Call) -> CallPlace:
     """Return a call, shown with its name and its first serial, such as `slvMove 250`."""
     return CallPlace(_name_of(call), call.request.item.serial, call.number)
+
+
+def call_places(call: Call) -> dict[str, PlaceValue]:
+    """Return the places `at`, `call` and `client` of a sentence about a call."""
+    return {
+        "at": Moment(call.request.time),
+        "call": call_place(call),
+        "client": client_place(call.conversation),
+    }
 
 
 def attempt_place(call: Call, serial: int) -> CallPlace:
@@ -35,6 +45,5 @@ def code_place(code: int) -> CodePlace:
 
 
 def _name_of(call: Call) -> str:
-    """Return the command of a call, or its function if it has none."""
     command = call.kind.command
     return function_name(call.kind.function_id) if command is None else command

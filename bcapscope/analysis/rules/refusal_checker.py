@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from bcapscope.analysis.client_state import ClientRegistry, ClientState
-from bcapscope.analysis.finding_places import call_name_place, call_place, client_place, code_place
+from bcapscope.analysis.finding_places import call_name_place, call_places, code_place
 from bcapscope.analysis.rules import (
     error_rules,
     limit_rules,
@@ -17,7 +17,6 @@ from bcapscope.analysis.rules import (
 from bcapscope.analysis.rules.refusal import Refusal, RefusalReason
 from bcapscope.analysis.rules.rule_checker import CallHealth, OccurrenceSink, RuleChecker
 from bcapscope.messages import Message
-from bcapscope.messages.places import Moment
 from bcapscope.traffic.call import Call
 from bcapscope.traffic.call_kind import CallKind
 
@@ -77,12 +76,7 @@ class RefusalChecker(RuleChecker):
 
 
 def _usual_sentence(call: Call, code: int, why: RefusalReason) -> Message:
-    usual = {
-        "at": Moment(call.request.time),
-        "call": call_place(call),
-        "client": client_place(call.conversation),
-        "code": code_place(code),
-    }
+    usual = {**call_places(call), "code": code_place(code)}
     if why.text is None:
         return Message("finding.refused", **usual)
     return Message("finding.refused.because", **usual, reason=why.text)

@@ -7,7 +7,7 @@ from functools import lru_cache
 
 from bcapscope.analysis.client_state import ClientState, argument, folded_command
 from bcapscope.analysis.finding import Severity
-from bcapscope.analysis.finding_places import call_place, client_place
+from bcapscope.analysis.finding_places import call_places
 from bcapscope.analysis.rules.refusal import NO_REASON, Refusal, RefusalReason
 from bcapscope.analysis.rules.rule_checker import (
     SAME_CALL,
@@ -16,7 +16,7 @@ from bcapscope.analysis.rules.rule_checker import (
     RuleChecker,
 )
 from bcapscope.messages import Message
-from bcapscope.messages.places import Count, Listing, Moment, WireText, shortened
+from bcapscope.messages.places import Count, Listing, WireText, shortened
 from bcapscope.protocol.codec.variant import ARRAY, VT, Variant, vt_name
 from bcapscope.protocol.slave_mode.formats import ReceiveFormat, SendFormat, parse_format_parameter
 from bcapscope.protocol.slave_mode.modes import Generation
@@ -87,13 +87,7 @@ class RequestChecker(RuleChecker):
 
     def _report_odd(self, call: Call, detail: Message | None) -> None:
         if detail is not None:
-            fact = Message(
-                "finding.unusual-argument",
-                at=Moment(call.request.time),
-                call=call_place(call),
-                client=client_place(call.conversation),
-                detail=detail,
-            )
+            fact = Message("finding.unusual-argument", **call_places(call), detail=detail)
             self.report_call(UNUSUAL_ARGUMENT, call, fact, group_key=repr(detail))
 
 

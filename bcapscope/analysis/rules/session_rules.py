@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 from bcapscope.analysis.client_state import ClientState, text_argument
 from bcapscope.analysis.finding import Severity
-from bcapscope.analysis.finding_places import call_place, client_place
+from bcapscope.analysis.finding_places import call_place, call_places, client_place
 from bcapscope.analysis.rules.refusal import Refusal, RefusalReason
 from bcapscope.analysis.rules.rule_checker import (
     SECOND,
@@ -148,16 +148,14 @@ class SessionChecker(RuleChecker):
         self.report_occurrence(_unclean_quit(client.last_call, call.request.time, fact, frames))
 
     def _report_executing_forever(self, call: Call) -> None:
-        notices, what = call.notices, call_place(call)
+        notices = call.notices
         fact = Message(
             "finding.executing-forever",
-            at=Moment(call.request.time),
-            call=what,
-            client=client_place(call.conversation),
+            **call_places(call),
             times=Times(len(notices)),
             lasted=Duration(notices[-1].time - call.request.time),
         )
-        clause = Message("clause.executing-forever", call=what)
+        clause = Message("clause.executing-forever", call=call_place(call))
         self.report_call(EXECUTING_FOREVER, call, fact, clause, completed=notices[-1].time)
 
     def _check_long_call(self, call: Call, service: Call) -> None:
@@ -172,9 +170,7 @@ class SessionChecker(RuleChecker):
         case = ".retried" if call.retries else ""
         fact = Message(
             f"finding.long-call-without-wdt{case}",
-            at=Moment(call.request.time),
-            call=call_place(call),
-            client=client_place(call.conversation),
+            **call_places(call),
             took=Duration(took),
             waited=Duration(waited),
             attempts=Count(len(call.attempts), "attempt"),

@@ -85,13 +85,7 @@ _SUSPECT_WITHIN_NS = 200 * MS
 class SlaveModeChecker(RuleChecker):
     """Checks how slave-mode sessions ended."""
 
-    rules = (
-        SLVMOVE_OUTSIDE_SLAVE_MODE,
-        REFUSED_IN_SLAVE_MODE,
-        SLAVE_MODE_ENDED_BY_OTHER,
-        SLAVE_MODE_LOST_UNSEEN,
-        SLAVE_MODE_REFUSED,
-    )
+    rules = (SLAVE_MODE_ENDED_BY_OTHER, SLAVE_MODE_LOST_UNSEEN)
 
     def session_occurrences(self, session: SlaveSession) -> Iterator[Occurrence]:
         exit_ = session.exit
@@ -188,15 +182,13 @@ def _explain_off_unseen(call: Call, client: ClientState) -> RefusalReason:
 def _explain_not_allowed(call: Call, client: ClientState) -> RefusalReason | None:
     owner = next((each for each in (*client.other_clients(), client) if _was_in_slave_mode(each, call)), None)
     name = call_name_place(call)
-    case, places = (
-        "",
-        {
-            "client": client_place(call.conversation),
-            "call": name,
-            "at": Moment(call.request.time),
-            "code": HexNumber(call.hresult or 0),
-        },
-    )
+    places: dict[str, PlaceValue] = {
+        "client": client_place(call.conversation),
+        "call": name,
+        "at": Moment(call.request.time),
+        "code": HexNumber(call.hresult or 0),
+    }
+    case = ""
     if owner is client:
         case = ".own"
     elif owner is not None:
