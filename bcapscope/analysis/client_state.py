@@ -13,8 +13,8 @@ from bcapscope.protocol.slave_mode.modes import Generation, SlaveMode, slave_mod
 from bcapscope.protocol.tables.function_table import FUNCTIONS, ID, ObjectClass
 from bcapscope.protocol.tables.hresult import ends_slave_mode, is_failure
 from bcapscope.traffic.call import Call
-from bcapscope.traffic.call_kind import MAX_CONVERSATIONS, CallKind
-from bcapscope.traffic.handle_tracker import TrackedObject
+from bcapscope.traffic.call_kind import MAX_CONVERSATIONS
+from bcapscope.traffic.handle_tracker import TrackedObject, requested_name
 from bcapscope.traffic.observation import ConnectionEnd, Conversation, Direction
 from bcapscope.traffic.slave_mode_tracker import SlaveModeChange, SlaveModeEffect
 
@@ -64,11 +64,6 @@ def result_of(call: Call) -> Value:
     if call.reply is None or is_failure(call.reply.item.code) or not call.reply.item.arguments:
         return None
     return call.reply.item.arguments[0].variant.value
-
-
-def folded_command(call_kind: CallKind) -> str:
-    """Return the command in case-folded form; empty for functions without a command."""
-    return (call_kind.command or "").casefold()
 
 
 def first_number(variant: Variant | None) -> int | None:
@@ -220,7 +215,7 @@ class ClientState:
         slow = not call.evicted if reply is None else reply.time - call.request.time > SLOW_CALL_NS
         if slow:
             self.slow_call = call
-        is_point = folded_command(call.kind) == "slvmove"
+        is_point = call.kind.folded_command == "slvmove"
         if reply is None:
             if is_point and self.mode_value:
                 self._remember_set_point(call)
@@ -251,7 +246,7 @@ class ClientState:
     def _on_success(self, call: Call) -> None:
         function_id, command = call.kind
         if command is not None:
-            teach = _BY_COMMAND.get(command.casefold()) if function_id in EXECUTES else None
+            teach = _BY_COMMAND.get(call.kind.folded_command) if function_id in EXECUTES else None
         else:
             teach = _BY_FUNCTION.get(function_id)
             self._follow_handles(call)
@@ -264,7 +259,9 @@ class ClientState:
             return
         handle, thing = result_of(call), self.target_object
         if function.creates is not None and isinstance(handle, int):
-            _put_bounded(self.opened_objects, handle, OpenedObject(function.creates, _requested_name(call)))
+            _put_bounded(
+                self.opened_objects, handle, OpenedObject(function.creates, requested_name(call, function))
+            )
             self.released_by.pop((function.creates, handle), None)
         elif function.releases is not None and thing is not None:
             _put_bounded(self.released_by, (thing.kind, thing.handle), call)
@@ -362,10 +359,6 @@ def _put_bounded(table: dict[_Key, _Value], key: _Key, value: _Value) -> None:
     if len(table) >= MAX_HANDLES:
         del table[next(iter(table))]
     table[key] = value
-
-
-def _requested_name(call: Call) -> str:
-    return text_argument(call, 0 if call.kind.function_id == ID["Controller_Connect"] else 1)
 
 
 class ClientRegistry:

@@ -19,7 +19,7 @@ from bcapscope.protocol.slave_mode.poses import pose_numbers
 from bcapscope.protocol.tables.function_table import FUNCTIONS, ObjectClass, ResultKind
 from bcapscope.protocol.tables.hresult import is_failure, is_success
 from bcapscope.replay.replay_script import ReplayScript, ScriptCall
-from bcapscope.replay.set_point_runs import command_of, mode_entered
+from bcapscope.replay.set_point_runs import mode_entered
 
 ABSOLUTE_TOLERANCE, RELATIVE_TOLERANCE = 1e-3, 1e-4
 """Numbers that differ by less, absolutely or relatively, count as equal. A robot never returns exactly the
@@ -151,7 +151,7 @@ class ScriptPlayer:
         kind = None if mode is None else pose_type_of_mode(mode)
         if kind is None:
             return
-        moves = (line for line in self._script.calls[place + 1 :] if command_of(line) == "slvmove")
+        moves = (line for line in self._script.calls[place + 1 :] if line.kind.folded_command == "slvmove")
         first = next(moves, None)
         goal = None if first is None or len(first.arguments) < 3 else pose_numbers(first.arguments[2])
         if first is None or goal is None:

@@ -52,6 +52,11 @@ class CallKind(NamedTuple):
     function_id: int
     command: str | None
 
+    @property
+    def folded_command(self) -> str:
+        """The command in lower case, since controllers ignore case; empty without one."""
+        return (self.command or "").casefold()
+
 
 _BY_ID: dict[int, CallKind] = {function_id: CallKind(function_id, None) for function_id in FUNCTIONS}
 _BY_PREFIX: dict[bytes, CallKind] = {}

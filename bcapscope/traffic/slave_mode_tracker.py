@@ -85,8 +85,7 @@ def execute_parameter(request: Frame) -> Variant | None:
 
 def requested_mode(call: Call) -> int | None:
     """Return the mode that slvChangeMode requests; None for other calls and for an unreadable mode."""
-    command = call.kind.command
-    if command is None or command.casefold() != "slvchangemode":
+    if call.kind.folded_command != "slvchangemode":
         return None
     parameter = execute_parameter(call.request.item)
     return None if parameter is None else integer_value(parameter)

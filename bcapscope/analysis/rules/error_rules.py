@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from bcapscope.analysis.client_state import ClientState, folded_command
+from bcapscope.analysis.client_state import ClientState
 from bcapscope.analysis.finding import Severity
 from bcapscope.analysis.finding_places import call_place, client_place
 from bcapscope.analysis.rules.refusal import Refusal, RefusalReason
@@ -88,7 +88,7 @@ class ErrorChecker(RuleChecker):
     by_client: dict[Conversation, _CallsAfterError]
 
     def wants_call(self, call_kind: CallKind, health: CallHealth) -> bool:
-        name = folded_command(call_kind)
+        name = call_kind.folded_command
         if name == "slvmove":
             return health is not CallHealth.SMOOTH
         if name:
@@ -100,7 +100,7 @@ class ErrorChecker(RuleChecker):
         failure = client.uncleared_error
         if failure is None:
             return
-        if folded_command(call.kind) == "clearerror":
+        if call.kind.folded_command == "clearerror":
             self.by_client.pop(call.conversation, None)
             if call.reply is not None and not client.error_was_read and not self._was_read_by_other(client):
                 self._report_unread(call, failure)

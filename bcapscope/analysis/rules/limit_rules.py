@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
 
-from bcapscope.analysis.client_state import ClientState, argument, folded_command
+from bcapscope.analysis.client_state import ClientState, argument
 from bcapscope.analysis.finding import Severity
 from bcapscope.analysis.finding_places import call_place, client_place
 from bcapscope.analysis.rules.refusal import NO_REASON, Refusal, RefusalReason
@@ -130,7 +130,7 @@ def _first_time(session: SlaveSession) -> int:
 
 def _pose_values(call: Call, pose_type: PoseType | None) -> tuple[float, ...]:
     parameter = argument(call, 2)
-    if parameter is None or folded_command(call.kind) != "slvmove":
+    if parameter is None or call.kind.folded_command != "slvmove":
         return ()
     pose = parse_set_point(parameter, pose_type).pose
     return pose.values if pose is not None else ()
@@ -188,7 +188,7 @@ def _explain_beyond_range(call: Call, client: ClientState) -> RefusalReason | No
 
 def _explain_invalid(call: Call, client: ClientState) -> RefusalReason | None:
     parameter = argument(call, 2)
-    if parameter is None or folded_command(call.kind) != "slvmove":
+    if parameter is None or call.kind.folded_command != "slvmove":
         return NO_REASON
     problems = parse_set_point(
         parameter, pose_type_of_mode(client.mode_value) if client.mode_value else None

@@ -6,13 +6,7 @@ from collections import deque
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from bcapscope.analysis.client_state import (
-    MOTION_COMMANDS,
-    MOTION_FUNCTIONS,
-    ClientRegistry,
-    ClientState,
-    folded_command,
-)
+from bcapscope.analysis.client_state import MOTION_COMMANDS, MOTION_FUNCTIONS, ClientRegistry, ClientState
 from bcapscope.analysis.finding import Severity
 from bcapscope.analysis.finding_places import call_name_place, call_place, client_place
 from bcapscope.analysis.rules.rule_checker import (
@@ -67,7 +61,7 @@ class MotionChecker(RuleChecker):
     def wants_call(self, call_kind: CallKind, health: CallHealth) -> bool:
         return health is not CallHealth.REFUSED and (
             call_kind.function_id in (*MOTION_FUNCTIONS, ID["Variable_PutValue"])
-            or folded_command(call_kind) in (*MOTION_COMMANDS, "extspeed")
+            or call_kind.folded_command in (*MOTION_COMMANDS, "extspeed")
         )
 
     def on_call(self, call: Call, client: ClientState) -> None:
@@ -121,11 +115,11 @@ def _occurrences(motion: _TimedCall, change: _TimedCall) -> Iterator[Occurrence]
 
 
 def _is_motion(call: Call) -> bool:
-    return call.kind.function_id in MOTION_FUNCTIONS or folded_command(call.kind) in MOTION_COMMANDS
+    return call.kind.function_id in MOTION_FUNCTIONS or call.kind.folded_command in MOTION_COMMANDS
 
 
 def _sets_speed(call: Call, client: ClientState) -> bool:
-    if folded_command(call.kind) == "extspeed":
+    if call.kind.folded_command == "extspeed":
         return True
     target = client.target_object
     return target is not None and target.name.casefold() in _SPEED_VARIABLES

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from bcapscope.analysis.client_state import ClientRegistry, ClientState, result_of, text_argument
+from bcapscope.analysis.client_state import ClientRegistry, ClientState, result_of
 from bcapscope.analysis.finding import Severity
 from bcapscope.analysis.finding_places import call_place, client_place
 from bcapscope.analysis.rules.refusal import Refusal, RefusalReason
@@ -22,7 +22,7 @@ from bcapscope.protocol.tables.function_table import FUNCTIONS, ObjectClass
 from bcapscope.protocol.tables.hresult import E_HANDLE, E_MAX_OBJECT
 from bcapscope.traffic.call import Call
 from bcapscope.traffic.call_kind import CallKind
-from bcapscope.traffic.handle_tracker import handle_of
+from bcapscope.traffic.handle_tracker import handle_of, requested_name
 from bcapscope.traffic.observation import Conversation
 
 _SERVER = "orin_bcap C/src/bCAPServer/bcap_server.c"
@@ -67,8 +67,7 @@ class ObjectChecker(RuleChecker):
         if function.creates is ObjectClass.SERVICE or function.releases is ObjectClass.SERVICE:
             self._drop_conversation(call.conversation)
         elif function.creates is not None and isinstance(result_of(call), int):
-            name = text_argument(call, 0 if function.creates is ObjectClass.CONTROLLER else 1)
-            self._count_opened(call, function.creates, name)
+            self._count_opened(call, function.creates, requested_name(call, function))
         elif function.releases is not None and target is not None and _may_be_released(call):
             tally = self._tallies.get((call.conversation, target.kind, target.name))
             if tally is not None:

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from itertools import pairwise
 
-from bcapscope.analysis.client_state import ClientRegistry, ClientState, folded_command
+from bcapscope.analysis.client_state import ClientRegistry, ClientState
 from bcapscope.analysis.finding import Severity
 from bcapscope.analysis.finding_places import call_name_place, call_place, client_place
 from bcapscope.analysis.rules.refusal import Refusal, RefusalReason
@@ -184,7 +184,7 @@ def _longest_pause(call: Call, client: ClientState) -> tuple[Call, Call] | None:
     """Return the set points on both sides of the longest recent pause; None if the buffer bridges it."""
     points = (
         [*client.recent_set_points, call]
-        if folded_command(call.kind) == "slvmove"
+        if call.kind.folded_command == "slvmove"
         else list(client.recent_set_points)
     )
     pairs = [*pairwise(points[-_RECENT:])]

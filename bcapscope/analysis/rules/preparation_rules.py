@@ -2,13 +2,7 @@
 
 from __future__ import annotations
 
-from bcapscope.analysis.client_state import (
-    MOTION_FUNCTIONS,
-    ClientState,
-    argument,
-    folded_command,
-    gets_robslave,
-)
+from bcapscope.analysis.client_state import MOTION_FUNCTIONS, ClientState, argument, gets_robslave
 from bcapscope.analysis.finding import Severity
 from bcapscope.analysis.finding_places import call_name_place, call_place, client_place
 from bcapscope.analysis.rules.refusal import NO_REASON, Refusal, RefusalReason
@@ -121,11 +115,11 @@ class PreparationChecker(RuleChecker):
     rules = (NO_AT_E, TYPE_NOT_CHECKED)
 
     def wants_call(self, call_kind: CallKind, health: CallHealth) -> bool:
-        command = folded_command(call_kind)
+        command = call_kind.folded_command
         return command == "slvchangemode" or (health is not CallHealth.REFUSED and command != "slvmove")
 
     def on_call(self, call: Call, client: ClientState) -> None:
-        if folded_command(call.kind) == "slvchangemode" and _requests_mode(call):
+        if call.kind.folded_command == "slvchangemode" and _requests_mode(call):
             self._check_last_motion(call, client)
             self._check_type_read(call, client)
         elif client.last_motion is None and not client.type_was_read and _moves_robot(call):
@@ -211,7 +205,7 @@ def _ends_at_e(motion: Call) -> bool:
 
 
 def _explain_robslave(call: Call, client: ClientState) -> RefusalReason | None:
-    command = folded_command(call.kind)
+    command = call.kind.folded_command
     code = call.hresult or 0
     if gets_robslave(call):
         return RefusalReason(Message("reason.robslave.no-program"))
@@ -272,7 +266,7 @@ def _explain_moving(call: Call, client: ClientState) -> RefusalReason | None:
 def _explain_arm_taken(call: Call, client: ClientState) -> RefusalReason | None:
     holder = next((other for other in client.other_clients() if other.take_arm_call is not None), None)
     if holder is None or holder.take_arm_call is None:
-        if folded_command(call.kind) != "takearm":
+        if call.kind.folded_command != "takearm":
             return None
         return RefusalReason(Message("reason.arm.holder-unseen"))
     taken = holder.take_arm_call

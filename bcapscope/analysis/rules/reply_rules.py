@@ -6,7 +6,7 @@ from bisect import bisect_right
 from collections.abc import Iterator
 from itertools import pairwise
 
-from bcapscope.analysis.client_state import ClientRegistry, ClientState, folded_command
+from bcapscope.analysis.client_state import ClientRegistry, ClientState
 from bcapscope.analysis.finding import Severity
 from bcapscope.analysis.finding_places import attempt_place, call_place, call_places, client_place
 from bcapscope.analysis.rules.rule_checker import (
@@ -299,7 +299,7 @@ def _waited_for_room(call: Call, client: ClientState) -> bool:
     mode, latency = client.slave_mode, call.latency
     if mode is None or not mode.paces_client or latency is None:
         return False
-    return folded_command(call.kind) == "slvmove" and latency <= _TURN_NS
+    return call.kind.folded_command == "slvmove" and latency <= _TURN_NS
 
 
 class _AttemptIndex:

@@ -5,16 +5,11 @@ from __future__ import annotations
 from difflib import get_close_matches
 from functools import lru_cache
 
-from bcapscope.analysis.client_state import ClientState, argument, folded_command
+from bcapscope.analysis.client_state import ClientState, argument
 from bcapscope.analysis.finding import Severity
 from bcapscope.analysis.finding_places import call_places
 from bcapscope.analysis.rules.refusal import NO_REASON, Refusal, RefusalReason
-from bcapscope.analysis.rules.rule_checker import (
-    SAME_CALL,
-    CallHealth,
-    DiagnosisRule,
-    RuleChecker,
-)
+from bcapscope.analysis.rules.rule_checker import SAME_CALL, CallHealth, DiagnosisRule, RuleChecker
 from bcapscope.messages import Message
 from bcapscope.messages.places import Count, Listing, WireText, shortened
 from bcapscope.protocol.codec.variant import ARRAY, VT, Variant, vt_name
@@ -73,11 +68,11 @@ class RequestChecker(RuleChecker):
     by_client: dict[Conversation, bool]
 
     def wants_call(self, call_kind: CallKind, health: CallHealth) -> bool:
-        return folded_command(call_kind) in ("slvchangemode", "slvmove")
+        return call_kind.folded_command in ("slvchangemode", "slvmove")
 
     def on_call(self, call: Call, client: ClientState) -> None:
         conversation = call.conversation
-        if folded_command(call.kind) == "slvmove":
+        if call.kind.folded_command == "slvmove":
             if conversation not in self.by_client:
                 self.by_client[conversation] = True
                 self._report_odd(call, _odd_point(argument(call, 2), client.generation))
@@ -113,7 +108,7 @@ def _odd_point(parameter: Variant | None, generation: Generation | None) -> Mess
 
 
 def _explain_format(call: Call, client: ClientState) -> RefusalReason | None:
-    name = folded_command(call.kind)
+    name = call.kind.folded_command
     parameter = argument(call, 2)
     if name not in ("slvsendformat", "slvrecvformat") or parameter is None:
         return None

@@ -4,15 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from bcapscope.analysis.client_state import ClientState, folded_command
+from bcapscope.analysis.client_state import ClientState
 from bcapscope.analysis.finding import Severity
 from bcapscope.analysis.finding_places import call_name_place, call_place, client_place
-from bcapscope.analysis.rules.rule_checker import (
-    CallHealth,
-    DiagnosisRule,
-    Occurrence,
-    RuleChecker,
-)
+from bcapscope.analysis.rules.rule_checker import CallHealth, DiagnosisRule, Occurrence, RuleChecker
 from bcapscope.analysis.slave.slave_session import SlaveSession
 from bcapscope.messages import Message
 from bcapscope.messages.places import Count, Duration, Moment
@@ -73,12 +68,12 @@ class RetryChecker(RuleChecker):
     by_client: dict[Conversation, ReservedConvention]
 
     def wants_call(self, call_kind: CallKind, health: CallHealth) -> bool:
-        return health is not CallHealth.SMOOTH or folded_command(call_kind) != "slvmove"
+        return health is not CallHealth.SMOOTH or call_kind.folded_command != "slvmove"
 
     def on_call(self, call: Call, client: ClientState) -> None:
         if call.convention is not ReservedConvention.UNKNOWN:
             self._check_convention(call)
-        if call.retries and folded_command(call.kind) == "slvmove":
+        if call.retries and call.kind.folded_command == "slvmove":
             self._check_retry_delay(call)
         tcp = call.conversation.transport is Transport.TCP
         if not client.call_count:
@@ -213,7 +208,7 @@ def _is_same_request(one: Call, other: Call) -> bool:
 def _may_hold_position(client: ClientState) -> bool:
     """Return whether the last call is a set point that the next may repeat because the robot stands still."""
     last = client.last_call
-    if folded_command(last.kind) != "slvmove":
+    if last.kind.folded_command != "slvmove":
         return False
     earlier = [point for point in client.recent_set_points if point is not last]
     return not earlier or _is_same_request(earlier[-1], last)

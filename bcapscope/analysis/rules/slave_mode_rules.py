@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from bcapscope.analysis.client_state import ClientState, argument, folded_command
+from bcapscope.analysis.client_state import ClientState, argument
 from bcapscope.analysis.finding import Severity
 from bcapscope.analysis.finding_places import call_name_place, call_place, client_place
 from bcapscope.analysis.rules.refusal import Refusal, RefusalReason
@@ -161,7 +161,7 @@ def _explain_outside(call: Call, client: ClientState) -> RefusalReason | None:
         return RefusalReason(Message(f"reason.slave-mode.{'never-on' if unseen else 'not-entered'}"))
     if ended is None or (entered is not None and entered.number > ended.number):
         return _explain_off_unseen(call, client)
-    if folded_command(ended.kind) == "slvchangemode":
+    if ended.kind.folded_command == "slvchangemode":
         return RefusalReason(
             Message("reason.slave-mode.left", call=call_place(ended), at=Moment(ended.request.time)),
             evidence_call=ended,
@@ -213,7 +213,7 @@ def _was_in_slave_mode(client: ClientState, call: Call) -> bool:
 
 def _explain_mode_refused(call: Call, client: ClientState) -> RefusalReason | None:
     parameter = argument(call, 2)
-    if folded_command(call.kind) != "slvchangemode" or parameter is None:
+    if call.kind.folded_command != "slvchangemode" or parameter is None:
         return None
     value = integer_value(parameter)
     if value is None:

@@ -83,7 +83,7 @@ def clue_of_call(call: Call) -> GenerationClue:
         return _clue_of_provider(call.request.item.arguments)
     if function_id not in (_ROBOT_EXECUTE, _CONTROLLER_EXECUTE) or command is None:
         return NO_CLUE
-    name = command.casefold()
+    name = call.kind.folded_command
     return _clue_of_change(call) if name == "slvchangemode" else _COMMANDS.get(name, NO_CLUE)
 
 

@@ -252,7 +252,7 @@ class SlaveSessionDetector:
         elif effect is SlaveModeEffect.MODE_CHANGED:
             self._on_change_mode(call, controller)
         elif function_id == _ROBOT_EXECUTE and command is not None and not is_failure(call.hresult or 0):
-            self._on_robot_call(call, command.casefold(), controller)
+            self._on_robot_call(call, call.kind.folded_command, controller)
 
     def _on_robot_call(self, call: Call, command: str, controller: ControllerState) -> None:
         if call.reply is not None and command in ("slvsendformat", "slvrecvformat"):
