@@ -55,7 +55,6 @@ class CallSelection:
         self._release_frame(stray.observation.number)
 
     def add_occurrence(self, occurrence: Occurrence) -> None:
-        """Add an occurrence that a rule reports."""
         if self._unsettled_frame is not None:
             self._held_occurrences.setdefault(self._unsettled_frame, []).append(occurrence)
             return

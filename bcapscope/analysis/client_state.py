@@ -188,7 +188,6 @@ class ClientState:
         )
 
     def other_clients(self) -> list[ClientState]:
-        """Return the other clients of the same controller."""
         host = self.conversation.server.host
         return [each for each in self._registry if each is not self and each.conversation.server.host == host]
 
@@ -402,5 +401,4 @@ class ClientRegistry:
                 self._on_drop(dropped)
 
     def find(self, conversation: Conversation) -> ClientState | None:
-        """Return a client; None if it has made no call or was dropped."""
         return self._by_conversation.get(conversation)

@@ -91,7 +91,6 @@ class Diagnosis(PipelineSubscriber):
         self._last: Observation | None = None
 
     def on_frame(self, observation: Observation) -> None:
-        """Check the next frame, or bytes that are no frame."""
         item = observation.item
         if self._selection is not None:
             self._selection.on_frame(observation)
@@ -103,7 +102,6 @@ class Diagnosis(PipelineSubscriber):
                 check(observation)
 
     def on_call(self, call: Call, target: TrackedObject | None) -> None:
-        """Check a completed call."""
         if self._selection is not None:
             self._selection.on_call(call)
         if self._selected_sessions is not None:
@@ -139,7 +137,6 @@ class Diagnosis(PipelineSubscriber):
             self._on_slave_sessions(sessions)
 
     def on_stray_reply(self, stray: StrayReply) -> None:
-        """Check a reply that belongs to no call."""
         if self._selection is not None:
             self._selection.on_stray_reply(stray)
         self._check_frame(stray.observation)
@@ -147,7 +144,6 @@ class Diagnosis(PipelineSubscriber):
             check(stray)
 
     def on_slave_mode(self, change: SlaveModeChange) -> None:
-        """Update the state of a client whose slave mode changed."""
         self._clients.client_of(change.call).on_slave_mode(change)
 
     def _check_frame(self, observation: FrameObservation) -> None:

@@ -50,7 +50,6 @@ class FindingGroup:
         self.shown: Occurrence
 
     def add(self, occurrence: Occurrence) -> None:
-        """Add an occurrence."""
         self.count += occurrence.count
         (self._earliest if len(self._earliest) < MAX_KEPT else self._latest).append(occurrence)
 
@@ -69,7 +68,6 @@ class FindingGroup:
         return replaced
 
     def copy(self) -> FindingGroup:
-        """Return an independent group of the same occurrences."""
         twin = FindingGroup(self.rule, self.selected)
         twin.count = self.count
         twin._earliest, twin._latest = self._earliest.copy(), self._latest.copy()

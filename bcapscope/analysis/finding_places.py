@@ -11,7 +11,6 @@ from bcapscope.traffic.observation import Conversation
 
 
 def client_place(conversation: Conversation) -> ClientPlace:
-    """Return the client of a conversation."""
     return ClientPlace(str(conversation.client), conversation.transport.value)
 
 
@@ -40,7 +39,6 @@ def call_name_place(call: Call) -> CallPlace:
 
 
 def code_place(code: int) -> CodePlace:
-    """Return a result code with its name and meaning."""
     return CodePlace(code, hresult_name(code), describe_hresult(code).meaning)
 
 

@@ -149,7 +149,6 @@ class ReportDataBuilder(PipelineSubscriber):
         self._damaged: list[DamagedFrame] = []
 
     def on_frame(self, observation: Observation) -> None:
-        """Add the next frame, or the next bytes that are no frame."""
         time = observation.time
         if self._start is None or time < self._start:
             self._start = time
@@ -158,7 +157,6 @@ class ReportDataBuilder(PipelineSubscriber):
             self._add_damaged(observation)
 
     def on_call(self, call: Call, target: TrackedObject | None) -> None:
-        """Add a completed call."""
         for seen in call_observations(call):
             self._check_frame(seen)
         if self._is_selected is None or self._is_selected(call):
@@ -171,7 +169,6 @@ class ReportDataBuilder(PipelineSubscriber):
                 self._add_selected(call)
 
     def on_stray_reply(self, stray: StrayReply) -> None:
-        """Add a reply that belongs to no call."""
         self._stray_replies += 1
         self._check_frame(stray.observation)
 
@@ -260,8 +257,6 @@ class ReportDataBuilder(PipelineSubscriber):
 
 
 class _TimelineBuilder:
-    """Builds the timeline of one client."""
-
     def __init__(self, conversation: Conversation) -> None:
         self.call_count = 0
         self._conversation = conversation

@@ -31,7 +31,6 @@ class TimelineEventKind(StrEnum):
 
     @property
     def message(self) -> Message:
-        """What happened."""
         return Message(f"timeline.{self.value}")
 
 
@@ -78,7 +77,6 @@ class TimelineEventList:
 
     @property
     def all(self) -> tuple[TimelineEvent, ...]:
-        """The events so far."""
         return tuple(self._events)
 
     def _append(self, event: TimelineEvent) -> None:

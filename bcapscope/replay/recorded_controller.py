@@ -115,7 +115,6 @@ class _ReplayClient:
         self._notice_offsets: deque[int] = deque()
 
     def receive(self, frame: Frame, now: int) -> list[bytes]:
-        """Process a request; return the frames to send at once."""
         self.last_request_at = now
         decision = self._responder.receive_request(frame)
         if decision.kind is RequestKind.BUSY and self._is_unanswered:
@@ -144,7 +143,6 @@ class _ReplayClient:
         return None if self._is_unanswered else self._began + took
 
     def poll(self, now: int) -> Iterator[bytes]:
-        """Yield the frames that are due."""
         while (due := self.due) is not None and due <= now:
             if self._notice_offsets:
                 self._notice_offsets.popleft()
@@ -254,7 +252,6 @@ class RecordedController:
         return self._outputs(peer, part, frames, now)
 
     def on_disconnect(self, peer: Peer, now: int) -> None:
-        """Forget a client that has disconnected."""
         self._clients.pop(peer, None)
 
     def reset(self, now: int) -> list[SimulatorOutput]:
@@ -264,7 +261,6 @@ class RecordedController:
         return [SimulatorOutput(peer, b"") for peer in peers]
 
     def advance(self, now: int) -> list[SimulatorOutput]:
-        """Return what to send at the time `now`."""
         return [each for peer, part in self._clients.items() for each in self._due_outputs(peer, part, now)]
 
     def due(self, now: int) -> int | None:

@@ -49,13 +49,11 @@ class PlayedCall(NamedTuple):
 
     @property
     def failed(self) -> bool:
-        """Whether the recorded call succeeded and this one did not."""
         then = self.script_call.hresult is not None and is_success(self.script_call.hresult)
         return then and not isinstance(self.result, CallAnswered)
 
     @property
     def unanswered(self) -> bool:
-        """Whether the recorded call was answered and this one was not."""
         return self.script_call.hresult is not None and isinstance(self.result, CallTimedOut)
 
 
@@ -168,7 +166,6 @@ class ScriptPlayer:
         self._channel.wait_until(self._channel.now() + length)
 
     def _learn_handle(self, call: ScriptCall, result: RequesterOutcome) -> None:
-        """Record which current handle replaces a recorded one."""
         function = FUNCTIONS.get(call.kind.function_id)
         if function is None or function.creates is None or not isinstance(result, CallAnswered):
             return

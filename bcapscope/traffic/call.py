@@ -143,7 +143,6 @@ class Call:
         return f"Call({self.number}, {self.kind.function_id}, {self.kind.command!r}: {events})"
 
     def add_frame(self, role: FrameRole, observation: FrameObservation) -> None:
-        """Append a frame to `other_frames`."""
         if self.other_frames:
             self.other_frames.append(CallFrame(role, observation))
         else:
@@ -190,12 +189,10 @@ class Call:
 
     @property
     def notices(self) -> tuple[FrameObservation, ...]:
-        """S_EXECUTING notices."""
         return self._frames_with_role(FrameRole.NOTICE)
 
     @property
     def duplicates(self) -> tuple[FrameObservation, ...]:
-        """Exact copies of requests and replies."""
         return self._frames_with_role(FrameRole.DUPLICATE)
 
     @property
@@ -236,12 +233,10 @@ class Call:
 
     @property
     def convention(self) -> ReservedConvention:
-        """How the client uses the reserved field."""
         return self.reserved_usage.convention
 
     @property
     def reply_reserved(self) -> ReplyReserved:
-        """How the controller uses the reserved field."""
         return self.reserved_usage.reply_reserved
 
     @property
@@ -251,12 +246,10 @@ class Call:
 
     @property
     def outcome(self) -> Outcome:
-        """How the call ended for the client."""
         return outcome_of(self)
 
     @property
     def verdict(self) -> CallVerdict:
-        """What happened to the call."""
         return verdict_of(self)
 
     def _frames_with_role(self, role: FrameRole) -> tuple[FrameObservation, ...]:

@@ -64,7 +64,6 @@ _KNOWN: dict[CallKind, CallKind] = {}
 
 
 def call_kind_of(request: Frame) -> CallKind:
-    """Return the function and command of a request."""
     code = request.code
     if code not in COMMAND_FUNCTIONS:
         return _BY_ID.get(code) or CallKind(code, None)
@@ -133,7 +132,6 @@ class RecentRequests:
         return question
 
     def close_conversation(self, conversation: Conversation) -> None:
-        """Forget a conversation that has ended."""
         self._conversations.pop(conversation, None)
         if self._current_conversation is conversation:
             self._current_conversation, self._current = None, _KindsBySerial()

@@ -77,7 +77,6 @@ class CallCollector(PipelineSubscriber):
         self._is_selected = is_selected
 
     def on_call(self, call: Call, target: TrackedObject | None) -> None:
-        """Keep a call if it is selected."""
         if self._is_selected is None or self._is_selected(call):
             self.calls.append(call)
 

@@ -147,7 +147,6 @@ class SlaveModeTracker:
         return SlaveModeChange(call, effect, updated.mode)
 
     def find(self, conversation: Conversation) -> OpenSlaveMode:
-        """Return the slave mode of a client."""
         return self._clients.get(conversation, _NOTHING_KNOWN)
 
     def clients_in_slave_mode(self) -> Iterator[Conversation]:

@@ -32,8 +32,6 @@ _MAX_NAMES = 256
 
 
 class _VariableReads:
-    """Variable reads of one client."""
-
     def __init__(self, call: Call) -> None:
         self.first = self.last = call
         self.count = 0

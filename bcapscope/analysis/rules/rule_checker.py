@@ -40,12 +40,10 @@ class DiagnosisRule:
 
     @property
     def title(self) -> Message:
-        """What the rule finds."""
         return Message(f"rule.{self.id}.title")
 
     @property
     def advice(self) -> Message:
-        """What to do about it."""
         return Message(f"rule.{self.id}.advice")
 
 
@@ -205,7 +203,6 @@ class RuleChecker:
 
 
 def frame_numbers(*calls: Call | None) -> tuple[int, ...]:
-    """Return the numbers of all frames of the calls."""
     return tuple(seen.number for call in calls if call is not None for seen in call_observations(call))
 
 

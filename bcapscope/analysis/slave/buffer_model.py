@@ -293,7 +293,6 @@ class BufferModel:
             self._smallest = int(found[least]), int(frames[first + least])
 
     def facts(self) -> BufferFacts:
-        """Return the predictions and reports so far."""
         rules, smallest = self._behaviour, self._smallest
         levels = {level: count for level, count in enumerate(self._levels) if count}
         return BufferFacts(

@@ -42,7 +42,6 @@ class LeftOutReason(StrEnum):
 
     @property
     def message(self) -> Message:
-        """The reason for people."""
         return Message(f"trajectory.left-out.{self.value}")
 
 
@@ -131,7 +130,6 @@ class TrajectoryExtractor(PipelineSubscriber):
         self._drop_sessions(self._detector.add_call(call))
 
     def on_set_points(self, calls: Sequence[Call]) -> None:
-        """Add set points that are alike."""
         for call in calls:
             self._count_set_point(call)
         self._drop_sessions(self._detector.add_set_points(calls))

@@ -102,7 +102,6 @@ class ControllerClock:
         return bool(self._microseconds)
 
     def facts(self) -> ClockFacts | None:
-        """Return the facts so far; None without stamps."""
         if not self._count:
             return None
         return ClockFacts(

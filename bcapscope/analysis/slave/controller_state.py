@@ -104,7 +104,6 @@ class ControllerState:
         return call_fact(tried)
 
     def record_format(self, call: Call, command: str) -> None:
-        """Record an accepted format."""
         parameter = execute_parameter(call.request.item)
         found = None if parameter is None else parse_format_parameter(parameter)
         if found is None:
@@ -116,7 +115,6 @@ class ControllerState:
             self._receive = format_
 
     def record_position(self, call: Call, command: str) -> None:
-        """Record the position of the robot, if the call requested it."""
         pose_type, reply = _POSITIONS.get(command), call.reply
         if pose_type is None or reply is None or not reply.item.arguments:
             return

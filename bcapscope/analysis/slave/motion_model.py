@@ -248,7 +248,6 @@ class MotionModel:
         self._tail_frames = self._tail_times = np.empty(0, np.int64)
 
     def add(self, poses: PoseTable) -> None:
-        """Add the poses of the next set points."""
         finite: Bools = np.logical_and.reduce(np.isfinite(poses.commanded), axis=1)
         good = poses.readable & finite
         self._count_bad(poses, finite)
@@ -389,6 +388,5 @@ class MotionModel:
 
 
 def _stands_out(sizes: Floats, beside: Floats) -> Bools:
-    """Return True for steps that are far larger than their neighbours."""
     far: Bools = (sizes > JUMP_TIMES * beside) & (sizes > SMALLEST_JUMP)
     return far

@@ -88,7 +88,6 @@ class PlotSampler:
             self._length *= 2
 
     def samples(self) -> tuple[PlotSample, ...]:
-        """Return the runs so far."""
         return tuple(self._sample(row) for row in self._runs.tolist())
 
     def _sample(self, row: list[float]) -> PlotSample:

@@ -73,7 +73,6 @@ class SlaveSessionBuilder:
 
     @property
     def conversation(self) -> Conversation:
-        """Conversation of the client that sends the set points."""
         return self.key[0]
 
     @property
@@ -83,7 +82,6 @@ class SlaveSessionBuilder:
 
     @property
     def robot(self) -> int | None:
-        """Handle of the robot; None if unreadable."""
         known = self.handle[:6] == _I4_ARGUMENT and len(self.handle) == _I4_SIZE
         return int.from_bytes(self.handle[-4:], "little", signed=True) if known else None
 

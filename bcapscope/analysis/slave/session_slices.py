@@ -37,8 +37,6 @@ class SessionSlice(NamedTuple):
 
 
 class _OpenSlice:
-    """The slice that is being filled."""
-
     __slots__ = ("cycle", "latency", "number", "refused", "retries", "sent", "slack", "unanswered")
 
     def __init__(self, number: int) -> None:

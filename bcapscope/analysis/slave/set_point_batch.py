@@ -110,7 +110,6 @@ class SetPointBatch:
         return SetPointRow(*_ROW.unpack_from(self.row_data, start))
 
     def add(self, call: Call) -> None:
-        """Add a set point."""
         if call.is_plain and call.hresult == 0:
             self.add_run((call,))
         else:

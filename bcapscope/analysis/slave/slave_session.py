@@ -206,7 +206,6 @@ class SlaveSession:
 
     @property
     def began_before_capture(self) -> bool:
-        """Whether the capture lacks the slvChangeMode that began it."""
         return self.entry_call is None
 
     @property

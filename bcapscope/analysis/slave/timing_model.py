@@ -227,7 +227,6 @@ class TimingModel:
             self._gaps.append(set_point_fact(rows, row, cycles))
 
     def facts(self) -> TimingFacts:
-        """Return the timing so far."""
         return TimingFacts(
             cycle=self._cycle.distribution(bins=True),
             grid_ms=float(self.grid.ms),

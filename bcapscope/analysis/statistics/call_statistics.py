@@ -212,7 +212,6 @@ class StatisticsBuilder(PipelineSubscriber):
         self._end = 0
 
     def on_call(self, call: Call, target: TrackedObject | None) -> None:
-        """Count a completed call if it is selected."""
         if self._is_selected is not None and not self._is_selected(call):
             return
         if call.kind is not self._question or call.conversation is not self._conversation:
@@ -312,7 +311,6 @@ class SlicedStatistics:
         return found
 
     def close(self) -> list[Statistics]:
-        """Return the remaining slices."""
         return self._finish_slices(list(self._builders))
 
     def _finish_slices(self, numbers: list[int]) -> list[Statistics]:

@@ -87,7 +87,6 @@ class Histogram:
             self._join_pending()
 
     def merge(self, other: Histogram) -> None:
-        """Add all values of another histogram."""
         if other._counts is not None:
             self._add_counts(other._first_bin, other._counts)
             self._total += other._total

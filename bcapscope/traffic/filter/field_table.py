@@ -83,7 +83,6 @@ class FilterField(NamedTuple):
 
     @property
     def getter_name(self) -> str:
-        """Name of the field's getter."""
         return self.reads_as or self.name
 
 
@@ -189,5 +188,4 @@ FIELD_BY_NAME: Mapping[str, FilterField] = MappingProxyType({field.name: field f
 
 
 def fields_of(kind: RecordKind) -> dict[str, FilterField]:
-    """Return the fields of records of `kind`, by name."""
     return {field.name: field for field in FIELDS if kind in field.applies_to}

@@ -76,7 +76,6 @@ def is_number(value: object) -> TypeGuard[int | float]:
 
 
 def is_null(value: object) -> bool:
-    """Tell whether the value is missing."""
     return value is None
 
 
@@ -112,7 +111,6 @@ NULL = LiteralMatch(_is_anything, is_null)
 
 
 def number(wanted: Number) -> LiteralMatch:
-    """Match a number."""
     return LiteralMatch(is_number, lambda value: value == wanted and not isinstance(value, bool))
 
 
@@ -182,7 +180,6 @@ def equality(wanted: Sequence[LiteralMatch], negated: bool) -> Match:
 
 
 def any_of(matches: Sequence[Match]) -> Match:
-    """Match what one of `matches` matches."""
     if len(matches) == 1:
         return matches[0]
 

@@ -56,11 +56,9 @@ class ComparedField(NamedTuple):
         return f"{self.name} is {'an' if type_[0] in 'aeioH' else 'a'} {type_}"
 
     def fail(self, reason: str) -> NoReturn:
-        """Raise a `FilterError` that points at the field."""
         self.fail_at(self.start, reason)
 
     def fail_at(self, place: Token | int, reason: str) -> NoReturn:
-        """Raise a `FilterError` that points at a token or a character."""
         raise FilterError(self.expression, place if isinstance(place, int) else place.start, reason)
 
 

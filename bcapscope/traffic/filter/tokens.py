@@ -58,8 +58,6 @@ def nearest(word: str, candidates: Iterable[str]) -> str:
 
 
 class TokenKind(Enum):
-    """Kind of a token."""
-
     WORD = "word"
     NUMBER = "number"
     TEXT = "text"
@@ -86,7 +84,6 @@ class Token(NamedTuple):
     unit: str = ""
 
     def is_sign(self, *texts: str) -> bool:
-        """Tell whether the token is one of these signs."""
         return self.kind is TokenKind.SIGN and self.text in texts
 
     def is_word(self, *texts: str) -> bool:
