@@ -30,8 +30,6 @@ class AlikeSetPoints:
     set point. Any other call of the conversation ends it.
     """
 
-    __slots__ = ("_current", "_known", "_learned")
-
     def __init__(self) -> None:
         self._current: _SetPointForm | None = None
         self._known: list[_SetPointForm] = []

@@ -148,8 +148,6 @@ class _KindsBySerial:
     """Kinds of one conversation's requests by serial. Two generations let old ones expire without a
     search."""
 
-    __slots__ = ("earlier", "latest")
-
     def __init__(self) -> None:
         self.latest: dict[int, CallKind] = {}
         self.earlier: dict[int, CallKind] = {}

@@ -71,29 +71,6 @@ class ConversationPairing:
         memory_bytes: Bytes that the open calls hold.
     """
 
-    __slots__ = (
-        "_answered_early",
-        "_budget",
-        "_by_serial",
-        "_conversation",
-        "_extra_frames",
-        "_first_reserved",
-        "_frame_indexes",
-        "_is_tcp",
-        "_last_handle",
-        "_latest_answered",
-        "_latest_evicted",
-        "_latest_overfull",
-        "_newest_call",
-        "_release_serial",
-        "_reserved_usage",
-        "_reused_serials",
-        "_serials",
-        "_session_call",
-        "memory_bytes",
-        "open_calls",
-    )
-
     def __init__(
         self, conversation: Conversation, latest_evicted: int = 0, budget: ByteBudget | None = None
     ) -> None:

@@ -14,8 +14,6 @@ class FrameIndex:
         reply_bytes: Bytes of all replies, accepted or not, without notices.
     """
 
-    __slots__ = ("reply_bytes", "reserved_by_serial", "sent_at")
-
     def __init__(self, call: Call) -> None:
         self.sent_at: dict[bytes, int] = {}
         self.reserved_by_serial: dict[int, int] = {}

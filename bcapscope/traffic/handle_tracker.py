@@ -171,8 +171,6 @@ class _ClientObjects:
         orphans: Objects whose handle the client never received.
     """
 
-    __slots__ = ("conversation", "objects", "orphans", "started_by_call")
-
     def __init__(self, conversation: Conversation) -> None:
         self.conversation = conversation
         self.start_session(None)

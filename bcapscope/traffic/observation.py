@@ -71,8 +71,6 @@ class Conversation:
         connection_end: End of the TCP connection as far as seen; None while it is open, and for UDP.
     """
 
-    __slots__ = ("client", "connection_end", "server", "server_known_by", "transport")
-
     def __init__(
         self, client: Endpoint, server: Endpoint, transport: Transport, server_known_by: str
     ) -> None:
@@ -95,8 +93,6 @@ class Conversation:
 
 class Flow:
     """One direction of a conversation, with its endpoints as ready-made text for output."""
-
-    __slots__ = ("conversation", "direction", "dst", "dst_text", "src", "src_text")
 
     def __init__(self, conversation: Conversation, direction: Direction) -> None:
         ends = (conversation.client, conversation.server)

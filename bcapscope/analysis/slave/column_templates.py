@@ -56,8 +56,6 @@ class PoseColumns:
         stamps: Time stamps of the controller.
     """
 
-    __slots__ = ("has_pose", "poses", "stamps")
-
     def __init__(self, rows: int, axes: int) -> None:
         self.poses = np.full((rows, axes), np.nan)
         self.has_pose = np.zeros(rows, np.bool_)
@@ -66,8 +64,6 @@ class PoseColumns:
 
 class _ColumnTemplate:
     """A template: its bytes, which of them may differ, and the positions of pose and time stamp."""
-
-    __slots__ = ("_fields", "_fixed", "_pose", "_stamp", "_template")
 
     def __init__(
         self, raw: bytes, spans: Sequence[NumberSpan], pose: Sequence[int], stamp: int | None

@@ -199,8 +199,6 @@ class StartDistance(NamedTuple):
 class _LargestByAxis:
     """The largest value of each axis and its frame."""
 
-    __slots__ = ("frames", "values")
-
     def __init__(self, axes: int) -> None:
         self.values = np.full(axes, -1.0)
         self.frames = np.zeros(axes, np.int64)

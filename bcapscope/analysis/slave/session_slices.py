@@ -37,8 +37,6 @@ class SessionSlice(NamedTuple):
 
 
 class _OpenSlice:
-    __slots__ = ("cycle", "latency", "number", "refused", "retries", "sent", "slack", "unanswered")
-
     def __init__(self, number: int) -> None:
         self.number = number
         self.sent = self.retries = self.refused = self.unanswered = 0

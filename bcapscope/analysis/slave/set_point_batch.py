@@ -33,8 +33,6 @@ class FrameBytes:
         odd_sized: Frames of another size, by index; b"" for a missing frame.
     """
 
-    __slots__ = ("data", "odd_sized", "size")
-
     def __init__(self, raws: Iterable[bytes] = ()) -> None:
         self.size = 0
         self.data = bytearray()
@@ -94,8 +92,6 @@ class SetPointBatch:
         irregular: Index and call of the set points that were retried, were not answered with S_OK, or differ
             in size.
     """
-
-    __slots__ = ("irregular", "requests", "results", "row_data")
 
     def __init__(self) -> None:
         self.row_data = bytearray()

@@ -114,11 +114,6 @@ class Statistics:
 class _CallTally:
     """Counts calls of one kind. Nearly all are plain successes; those are counted many at once, for speed."""
 
-    __slots__ = (
-        "calls", "codes", "executing", "histogram", "late", "other_latencies",
-        "outcomes", "request_bytes", "retried", "retries", "smooth_latencies", "waited",
-    )  # fmt: skip
-
     def __init__(self) -> None:
         self.calls = self.retries = self.retried = self.late = self.executing = self.request_bytes = 0
         self.waited = 0

@@ -67,8 +67,6 @@ class DistributionSummary:
 class Histogram:
     """Collects values of 0 or more. Negative values, NaN and infinity are left out."""
 
-    __slots__ = ("_counts", "_first_bin", "_least", "_most", "_pending", "_pending_count", "_total")
-
     def __init__(self) -> None:
         self._pending: list[Floats] = []  # values not yet counted in bins
         self._pending_count = 0
