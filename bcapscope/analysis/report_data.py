@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import heapq
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, TypeAlias
@@ -249,7 +249,8 @@ class ReportDataBuilder(PipelineSubscriber):
         timeline = self._timeline_of(observation.flow.conversation)
         if timeline is not None:
             kind = TimelineEventKind.MISSING if missing else TimelineEventKind.DAMAGED
-            timeline.add_event(kind, TimelineEvent(observation.time, observation.time, 1, observation.number))
+            event = TimelineEvent(observation.time, observation.time, 1, observation.number)
+            timeline.events[kind].add(event)
         self._damaged_count += 1
         if len(self._damaged) < MAX_DAMAGED:
             about = observation.flow, len(item.raw), item.raw[:MAX_DAMAGED_BYTES], item.problems, missing
@@ -261,7 +262,7 @@ class _TimelineBuilder:
         self.call_count = 0
         self._conversation = conversation
         self._activity = TimelineEventList(MAX_ACTIVITY_PERIODS, ACTIVITY_PAUSE_NS)
-        self._events: dict[TimelineEventKind, TimelineEventList] = {}
+        self.events = defaultdict[TimelineEventKind, TimelineEventList](lambda: TimelineEventList(MAX_EVENTS))
 
     def add_call(self, call: Call, plain: bool) -> None:
         self.call_count += 1
@@ -270,16 +271,10 @@ class _TimelineBuilder:
         if not plain:
             event = TimelineEvent(request.time, request.time, 1, request.number, call.kind, call.hresult)
             for kind in _event_kinds(call):
-                self.add_event(kind, event)
-
-    def add_event(self, kind: TimelineEventKind, event: TimelineEvent) -> None:
-        events = self._events.get(kind)
-        if events is None:
-            events = self._events[kind] = TimelineEventList(MAX_EVENTS)
-        events.add(event)
+                self.events[kind].add(event)
 
     def timeline(self) -> ClientTimeline:
-        events = {kind: self._events[kind].all for kind in TimelineEventKind if kind in self._events}
+        events = {kind: self.events[kind].all for kind in TimelineEventKind if kind in self.events}
         return ClientTimeline(self._conversation, self.call_count, self._activity.all, events)
 
 
