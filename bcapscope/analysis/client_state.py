@@ -235,7 +235,7 @@ class ClientState:
             self.recent_set_points.clear()
             if change.mode:
                 self.mode_entered_by = call
-                self.generation_clue = stronger_clue(self.generation_clue, clue_of_call(call))
+                self._learn_generation(call)
             elif self.mode_value:
                 self.mode_ended_by = call
         elif change.effect is not SlaveModeEffect.SESSION_BOUNDARY:
@@ -287,7 +287,7 @@ class ClientState:
 
     def _on_connect(self, call: Call) -> None:
         self.connect_call, self.session_end = call, None
-        self.generation_clue = stronger_clue(self.generation_clue, clue_of_call(call))
+        self._learn_generation(call)
 
     def _on_start_task(self, call: Call) -> None:
         thing = self.target_object
@@ -308,7 +308,7 @@ class ClientState:
 
     def _on_take_arm(self, call: Call) -> None:
         self.take_arm_call = call
-        self.generation_clue = stronger_clue(self.generation_clue, clue_of_call(call))
+        self._learn_generation(call)
 
     def _on_give_arm(self, call: Call) -> None:
         self.take_arm_call = None
@@ -322,7 +322,7 @@ class ClientState:
     def _on_read_type(self, call: Call) -> None:
         self.type_was_read = True
 
-    def _on_put_auto_mode(self, call: Call) -> None:
+    def _learn_generation(self, call: Call) -> None:
         self.generation_clue = stronger_clue(self.generation_clue, clue_of_call(call))
 
 
@@ -346,7 +346,7 @@ _BY_COMMAND: dict[str, _StateUpdate] = {
     "givearm": ClientState._on_give_arm,
     "clearerror": ClientState._on_clear_error,
     "getrobottypename": ClientState._on_read_type,
-    "putautomode": ClientState._on_put_auto_mode,
+    "putautomode": ClientState._learn_generation,
 }
 
 

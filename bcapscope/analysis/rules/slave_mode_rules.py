@@ -24,8 +24,9 @@ from bcapscope.protocol.codec.variant import integer_value
 from bcapscope.protocol.tables.call_effect import CallEffect, function_effect
 from bcapscope.protocol.tables.command_catalogue import find_command
 from bcapscope.protocol.tables.function_table import function_name
-from bcapscope.protocol.tables.hresult import E_NOT_IN_SLAVE_MODE, E_REFUSED_IN_SLAVE_MODE
+from bcapscope.protocol.tables.hresult import E_REFUSED_IN_SLAVE_MODE
 from bcapscope.traffic.call import Call
+from bcapscope.traffic.slave_mode_tracker import SLAVE_MODE_OFF_CODES
 
 _ERRORS = "public list of controller errors in nkawa/Denso_CobottaPro900_MQTT_Control"
 _REACH = 60 * SECOND
@@ -78,7 +79,6 @@ SLAVE_MODE_REFUSED = DiagnosisRule(
 )
 
 _NOT_ALLOWED = (E_REFUSED_IN_SLAVE_MODE, 0x8120174E, 0x81500177)
-_NEEDS_IT = (E_NOT_IN_SLAVE_MODE, 0x83501033, 0x8120184E)
 _SUSPECT_WITHIN_NS = 200 * MS
 
 
@@ -222,7 +222,7 @@ def _explain_mode_refused(call: Call, client: ClientState) -> RefusalReason | No
 
 
 REFUSALS: tuple[Refusal, ...] = (
-    Refusal(SLVMOVE_OUTSIDE_SLAVE_MODE, _NEEDS_IT, _explain_outside),
+    Refusal(SLVMOVE_OUTSIDE_SLAVE_MODE, SLAVE_MODE_OFF_CODES, _explain_outside),
     Refusal(REFUSED_IN_SLAVE_MODE, _NOT_ALLOWED, _explain_not_allowed),
     Refusal(SLAVE_MODE_REFUSED, (0x80070057, 0x80020005, 0x80010003, 0x83500127), _explain_mode_refused),
 )

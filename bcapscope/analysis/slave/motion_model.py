@@ -349,7 +349,9 @@ class MotionModel:
             not_finite=self._not_finite_count,
             not_finite_frames=tuple(self._not_finite),
             pose_type_guessed=self._guessed,
-            axes=tuple(self._axis(index, 1000.0 / grid_ms) for index in self._axes_found()),
+            axes=tuple(
+                self._axis(index, 1000.0 / grid_ms) for index in range(len(self._axes) if self._read else 0)
+            ),
             returned=self._returned,
             repeated=self._repeated,
             stutters=self._stutters_count,
@@ -362,9 +364,6 @@ class MotionModel:
             first_distance_known_by=start.known_by,
             first_distance_frames=start.frames,
         )
-
-    def _axes_found(self) -> range:
-        return range(len(self._axes) if self._read else 0)
 
     def _axis(self, index: int, per_second: float) -> AxisMotion:
         step, change = self._steps[index].distribution(), self._changes[index].distribution()

@@ -180,7 +180,8 @@ class TimingModel:
         if self._first is None:
             self._first = int(rows.times[0])
             cycles[0] = np.nan
-            self._choose_grid(cycles[1:])
+            overwrites = None if self._mode is None else self._mode.overwrites_waiting
+            self.grid = choose_grid(overwrites, cycles[1:])
         self._count += len(cycles)
         self._last = int(rows.times[-1])
         measured = cycles[~np.isnan(cycles)]
@@ -188,9 +189,6 @@ class TimingModel:
         self._add_latencies(rows, cycles)
         self._add_gaps(rows, cycles)
         return cycles
-
-    def _choose_grid(self, cycles: Floats) -> None:
-        self.grid = choose_grid(None if self._mode is None else self._mode.overwrites_waiting, cycles)
 
     def _add_cycles(self, cycles: Floats) -> None:
         grid = self.grid.ms
