@@ -35,17 +35,29 @@ class PlayedCall(NamedTuple):
 
     Attributes:
         delay: Delay behind the planned time, ns, because earlier calls took longer than in the recording.
-        differs: Whether the result code differs, or only one of the two calls has a reply.
-        values_differ: Whether the values differ under the same result code; a robot is never twice in the
-            same place.
     """
 
     script_call: ScriptCall
     arguments: tuple[Variant, ...]
     result: RequesterOutcome
     delay: int
-    differs: bool
-    values_differ: bool
+
+    @property
+    def differs(self) -> bool:
+        """Whether the result code differs, or only one of the two calls has a reply."""
+        result = self.result
+        return self.script_call.hresult != (None if isinstance(result, CallTimedOut) else result.reply.code)
+
+    @property
+    def values_differ(self) -> bool:
+        """Whether the values differ under the same result code; a robot is never twice in the same place."""
+        call, result = self.script_call, self.result
+        if isinstance(result, CallTimedOut) or result.reply.code != call.hresult:
+            return False
+        function = FUNCTIONS.get(call.kind.function_id)
+        if function is not None and function.result is ResultKind.HANDLE:
+            return False
+        return not _nearly_equal(call.values, result.reply.variants)
 
     @property
     def failed(self) -> bool:
@@ -111,11 +123,7 @@ class ScriptPlayer:
             late = channel.now() - start - at
             settled = await self._opener.session.perform_call(line.kind.function_id, arguments)
             self._learn_handle(line, settled)
-            if not on_played(
-                PlayedCall(
-                    line, arguments, settled, late, _differs(line, settled), _values_differ(line, settled)
-                )
-            ):
+            if not on_played(PlayedCall(line, arguments, settled, late)):
                 return
 
     def _send_times(self) -> Iterator[int]:
@@ -178,19 +186,6 @@ class ScriptPlayer:
 def _first_number(values: Sequence[Variant]) -> int | None:
     value = values[0].value if values else None
     return value if isinstance(value, int) else None
-
-
-def _differs(call: ScriptCall, result: RequesterOutcome) -> bool:
-    return call.hresult != (None if isinstance(result, CallTimedOut) else result.reply.code)
-
-
-def _values_differ(call: ScriptCall, result: RequesterOutcome) -> bool:
-    if isinstance(result, CallTimedOut) or result.reply.code != call.hresult:
-        return False
-    function = FUNCTIONS.get(call.kind.function_id)
-    if function is not None and function.result is ResultKind.HANDLE:
-        return False
-    return not _nearly_equal(call.values, tuple(argument.variant for argument in result.reply.arguments))
 
 
 def _nearly_equal(first: object, second: object) -> bool:
