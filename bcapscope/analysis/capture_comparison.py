@@ -42,7 +42,6 @@ class ComparedCapture:
     """Contents of one capture that are compared.
 
     Attributes:
-        statistics: Statistics of its calls; None without calls.
         slave_sessions: Its slave-mode sessions in the order in which they began, at most `MAX_SESSIONS`.
     """
 

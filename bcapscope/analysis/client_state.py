@@ -102,9 +102,7 @@ class ClientState:
     Attributes:
         longest_pause_ns: Longest time between two calls in ns, not counting the pauses between set points.
         service_start: Accepted Service_Start of this session.
-        connect_call: Accepted Controller_Connect.
         session_end: Accepted Service_Stop or Controller_Disconnect since then.
-        motor_call: Latest accepted Motor.
         motor_on: State that it switched to; None if unknown.
         take_arm_call: Accepted TakeArm, until GiveArm.
         robslave_start: Latest accepted start of the task RobSlave.

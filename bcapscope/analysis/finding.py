@@ -40,7 +40,6 @@ class Consequence:
     """A consequence that the text of a root cause names.
 
     Attributes:
-        clause: What happened.
         after: Time since the cause, or since the consequence before it, ns.
     """
 
@@ -59,7 +58,6 @@ class Finding:
         consequence_of: Number of the finding that caused this one, counted from 1 in the order of the report;
             None if no cause was found.
         began: Time when it began, ns since 1970.
-        repetition: How often it occurred; None for once.
         consequences: The first consequences of a root cause, which its text names.
         followed_by: Numbers of the first and last finding that follow from a root cause, if its text does not
             name all of them.
@@ -87,7 +85,6 @@ class TrafficTotals(NamedTuple):
 
     Attributes:
         frames: Number of frames and malformed items.
-        clients: Number of conversations with at least one call.
         duration_ns: Time from the first frame to the end, ns.
         not_followed: Number of calls that were evicted before a reply arrived.
         selected_calls: Number of selected calls; None if all are selected.

@@ -72,11 +72,7 @@ class DamagedFrame(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class ClientTimeline:
-    """One client over time.
-
-    Attributes:
-        activity: Periods in which it made calls, with the number of calls.
-    """
+    """One client over time."""
 
     conversation: Conversation
     calls: int
@@ -93,7 +89,6 @@ class ReportData:
         end: Time of the last frame, ns since 1970.
         findings: Findings of all rules, root cause first.
         timelines: Clients, the one with the most calls first.
-        timelines_left_off: Number of clients without a timeline.
         slave_sessions: Slave-mode sessions in the order in which they began.
         slave_sessions_left_off: Number of slave-mode sessions beyond `MAX_SESSIONS`.
         verdicts: Number of calls by verdict, without those that were just answered or refused.

@@ -40,9 +40,7 @@ class TimelineEvent(NamedTuple):
     Attributes:
         begin: Start of the first occurrence, ns since 1970.
         end: End of the last occurrence, ns since 1970.
-        frame: Frame number of the first occurrence.
         call_kind: Kind of the first call; None for activity periods and events without a call.
-        hresult: Result code of the first call; None without one.
     """
 
     begin: int

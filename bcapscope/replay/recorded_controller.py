@@ -88,7 +88,6 @@ class _ReplayClient:
 
     Attributes:
         splitter: Splits the TCP stream into frames; None on UDP.
-        last_request_at: Time of the client's last request, ns.
     """
 
     def __init__(
@@ -207,7 +206,6 @@ class RecordedController:
         """Start without clients.
 
         Args:
-            report: Called with the client and each answered call.
             delays: Whether to reply after the time that the controller took, instead of at once.
         """
         self.dropped = 0

@@ -16,9 +16,7 @@ class ScriptCall(NamedTuple):
     """One call, without its retries.
 
     Attributes:
-        number: Number of the call in the recording.
         offset: Time of the first attempt, ns after the first call of the script.
-        hresult: Result code of the accepted reply; None without a reply.
         duration: Time from the answered attempt to its reply, ns; 0 without a reply.
         notice_offsets: Time of each S_EXECUTING notice, ns after the first attempt.
     """

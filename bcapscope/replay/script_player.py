@@ -87,7 +87,6 @@ class ScriptPlayer:
         """Prepare to play; nothing is sent yet.
 
         Args:
-            channel: Channel whose clock and waiting are used.
             longest_pause: Limit for pauses between two calls, ns; longer ones are cut to it.
             anywhere: Whether to enter slave mode wherever the robot is.
         """

@@ -36,7 +36,6 @@ class SetPointRun(NamedTuple):
     """Set points sent without leaving slave mode in between.
 
     Attributes:
-        first_call: Number of the call with the first set point.
         trajectory: All set points, whatever the recorded controller answered, because a replay sends all of
             them.
         sent_at: Time of each set point, s after the first.

@@ -85,7 +85,6 @@ class Call:
 
     Attributes:
         number: 1 for the call that started first in the traffic, then counting up.
-        kind: Function and command of the request.
         request: First attempt, or the first attempt captured.
         reply: Reply that the client accepted; None if none was captured.
         last_attempt: Latest attempt. The client accepts a reply only if it answers this attempt.

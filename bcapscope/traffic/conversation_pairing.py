@@ -67,7 +67,6 @@ class ConversationPairing:
     """Pairs the frames of one conversation; returns its calls in the order in which they started.
 
     Attributes:
-        open_calls: Calls that have not settled, in starting order.
         memory_bytes: Bytes that the open calls hold.
     """
 

@@ -31,8 +31,6 @@ class TrackedObject:
     """An object of the controller for which a client has, or had, a handle.
 
     Attributes:
-        kind: Class of the object.
-        handle: Number that the controller gave.
         name: Name in the opening call, such as `Arm`; "" without one.
         parent: Label of the object through which it was opened; "" for controllers and if unknown.
         known_to_client: Whether the client received the handle. False if the call was executed more than

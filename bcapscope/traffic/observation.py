@@ -112,7 +112,6 @@ class Observation(NamedTuple):
         number: 1 for the first item of the traffic; damaged items are numbered as well.
         time: Time of the last byte, ns since 1970-01-01 UTC.
         first_byte_time: Time of the first byte; differs from `time` only if a stream split the frame.
-        item: The frame, or the bytes that are no frame.
         packet: Number of the captured packet that completed it, from 1 over all packets of the source; 0
             without a capture.
     """

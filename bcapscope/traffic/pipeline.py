@@ -65,11 +65,7 @@ class PipelineSubscriber:
 
 
 class CallCollector(PipelineSubscriber):
-    """Collects completed calls.
-
-    Attributes:
-        calls: The calls; a reader may remove them.
-    """
+    """Collects completed calls in `calls`, from which a reader may remove them."""
 
     def __init__(self, is_selected: Callable[[Call], bool] | None = None) -> None:
         """Collect the calls for which `is_selected` returns True, by default all."""
@@ -85,9 +81,6 @@ class Pipeline:
     """Turns observations into events for its subscribers, in bounded memory.
 
     Observations come in capture order. The only clock is their time; see `Tracker`.
-
-    Attributes:
-        add: Adds the next observation.
     """
 
     def __init__(
@@ -99,7 +92,6 @@ class Pipeline:
         """Create a pipeline.
 
         Args:
-            subscribers: Receive the events, in this order.
             handles: Handle tracker to update, for a caller that reads it. Without one, the pipeline follows
                 handles only if a subscriber needs targets.
             slave_mode: Slave-mode tracker to update. Without one, the pipeline follows slave mode only if a

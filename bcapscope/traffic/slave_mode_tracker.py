@@ -111,7 +111,6 @@ class OpenSlaveMode(NamedTuple):
     Attributes:
         mode: Value of the slave mode, 0 for off; None if unknown.
         robots: Handles of the robots for which the client entered slave mode and did not leave it.
-        set_points_refused: Whether the controller refused the latest set point.
     """
 
     mode: int | None = None

@@ -45,9 +45,7 @@ class PredictedUnderflow(NamedTuple):
 
     Attributes:
         time: Time when the controller needed the point, ns since 1970.
-        last_frame: Frame of the previous set point.
         late_frame: Frame of the set point that arrived too late.
-        missed_ticks: Number of controller ticks without a set point.
         late_ms: Delay of the set point after `time`, ms.
         moving: True if the last two set points before differ; None if they are unreadable.
     """
@@ -79,7 +77,6 @@ class BufferFacts:
         smallest_slack_ms: Shortest time left until the buffer would have been empty; negative if it was
             empty.
         smallest_slack_frame: Frame of the set point that arrived then; None for fewer than two set points.
-        levels: Number of set points that found each level.
         reported_underflows: Frames of replies that reported an underflow (84201482).
         reported_overflows: Frames of replies that reported an overflow (83201483).
         reported_full: Frames of the first replies with S_BUF_FULL.

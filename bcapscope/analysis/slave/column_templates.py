@@ -51,9 +51,7 @@ class PoseColumns:
     """Poses and time stamps, one row per frame; NaN where a frame has none.
 
     Attributes:
-        poses: Poses, with as many columns as requested.
         has_pose: True for rows with a complete pose.
-        stamps: Time stamps of the controller.
     """
 
     def __init__(self, rows: int, axes: int) -> None:

@@ -35,9 +35,7 @@ class ClockFacts:
         jitter: Change of the delay from one reply to the next; None for fewer than two stamps.
         step: Difference of successive stamps; None for fewer than two.
         missing: Number of controller periods without a stamp, between the first and the last.
-        repeated: Number of stamps equal to the previous one.
         backwards: Number of stamps before the previous one, apart from wraps.
-        wraps: Number of times the 32-bit number wrapped.
     """
 
     stamps: int

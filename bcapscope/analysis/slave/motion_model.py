@@ -129,17 +129,13 @@ class MotionFacts:
         not_finite: Number of set points with a NaN or an infinity; other figures do not include them.
         not_finite_frames: Frames of the first of them.
         pose_type_guessed: The pose type was inferred from the count of numbers.
-        axes: Motion of each axis; () if no pose could be read.
         returned: Number of replies with a pose of the same type.
         repeated: Number of set points equal to the previous one.
         stutters: Number of repeated set points between two that move: the robot has to stop for one period.
         stutter_frames: Request frames of the first of them.
         jumps: Number of jumps of all kinds, see `JumpKind`.
         figure_changes: Number of changes of Fig; 0 for joints.
-        lag_cycles: Estimated lag of all axes; None if no axis has one.
         first_distance: First set point minus the position known then, per axis; () if none is known.
-        first_distance_known_by: Source of that position; None if none is known.
-        first_distance_frames: Frames that prove both; () if none is known.
     """
 
     read: int
@@ -167,10 +163,7 @@ class PoseTable:
 
     Attributes:
         commanded: Commanded pose; NaN if unreadable.
-        readable: True where `commanded` could be read.
         returned: Returned pose; NaN without one.
-        has_returned: True where a pose was returned.
-        frames: Frame number of the first request.
         times: Time of the first request, ns.
     """
 

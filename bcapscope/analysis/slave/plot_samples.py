@@ -21,7 +21,6 @@ class PlotSample(NamedTuple):
     """A run of successive set points, summarised for plots.
 
     Attributes:
-        time: Time of the first set point.
         frame: Request frame of the first set point.
         cycle_least: Shortest cycle in the run, ms; NaN without one.
         cycle_most: Longest cycle in the run, ms; NaN without one.

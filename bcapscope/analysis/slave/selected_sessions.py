@@ -31,7 +31,6 @@ class SelectedSlaveSessions(PipelineSubscriber):
                 sessions without set points.
             on_slave_session: Receives each slave-mode session that is finished; `remaining_sessions` returns
                 the others.
-            window: Length of a time slice, as in `SlaveSessionDetector`.
         """
         self._is_selected = is_selected
         self._on_slave_session = on_slave_session

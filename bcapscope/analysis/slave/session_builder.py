@@ -37,7 +37,6 @@ class SlaveSessionBuilder:
         mode: Value of the mode, and its source.
         entry_call: The slvChangeMode that began it; None if that was not seen.
         entered_at: Time of the reply to `entry_call`, ns since 1970.
-        batch: Set points that wait to be processed.
         models: Models of the processed set points; None before the first.
         error_exit: Error that ended it, unless a later set point is accepted; None without one.
         after_end: Number of set points refused as a consequence of the end, or not answered after it.
@@ -178,9 +177,7 @@ class SetPointChunk(NamedTuple):
     """Successive set points of one slave-mode session, including refused ones.
 
     Attributes:
-        builder: The session so far.
         models: Its models, which have processed these set points.
-        table: Calls of the set points.
         commanded: Poses of the requests, one row per call.
         returned: Poses of the same type and time stamps in the replies, one row per call.
     """

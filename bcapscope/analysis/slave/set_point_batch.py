@@ -65,9 +65,7 @@ class SetPointRow(NamedTuple):
     """Data of a set point apart from its bytes.
 
     Attributes:
-        frame: Frame of the first request.
         time: Time of the first request, ns since 1970-01-01 UTC.
-        reply_frame: Frame of the accepted reply; 0 without one.
         reply_time: Time of the accepted reply; time of the request without one.
     """
 
@@ -87,8 +85,6 @@ class SetPointBatch:
 
     Attributes:
         row_data: One row per set point, as 64-bit integers.
-        requests: Bytes of the first requests.
-        results: Bytes of the accepted replies.
         irregular: Index and call of the set points that were retried, were not answered with S_OK, or differ
             in size.
     """

@@ -31,15 +31,7 @@ class FrameTime(NamedTuple):
 
 
 class CallFact(NamedTuple):
-    """A call that is relevant to a slave-mode session.
-
-    Attributes:
-        request_frame: Frame of the first request.
-        time: Time of the first request.
-        reply_frame: Frame of the accepted reply; None without one.
-        reply_time: Time of the accepted reply; None without one.
-        hresult: Result code of the accepted reply; None without one.
-    """
+    """A call that is relevant to a slave-mode session; `time` is that of the first request."""
 
     call: int
     client: Endpoint
@@ -79,7 +71,6 @@ class AcceptedFormat(NamedTuple):
     Attributes:
         value: Bits of the format.
         microseconds: True if the unit of the time stamp is µs, not ms.
-        frame: Frame of the request.
     """
 
     value: int
@@ -131,7 +122,6 @@ class SetPointCounts:
     """Number of set points in a slave-mode session; each counts once, however often it was sent.
 
     Attributes:
-        accepted: Set points answered with success.
         refused: Set points answered with a failure, by HRESULT.
         unanswered: Set points that the client gave up; no reply was captured.
         open: Set points that waited for a reply when the capture ended.
@@ -167,10 +157,8 @@ class SlaveSession:
 
     Attributes:
         number: Number in the order of start times, counted from 1.
-        robot: Handle of the robot; None if unreadable.
         entry_call: The slvChangeMode that began it; None if it began before the capture.
         entered_at: Start: time of the reply to `entry_call`, else of the first set point.
-        mode: Slave mode that the client requested.
         send_format: Accepted send format; None if none was seen, which is not the same as 0.
         receive_format: Accepted receive format; None if none was seen.
         clock: Time stamps of the controller; None if none came back.

@@ -64,11 +64,9 @@ class TimingFacts:
         rate_hz: Set points per second over the whole slave-mode session; None for fewer than two.
         latency: Time from the first request to the accepted reply, ms; None without a reply.
         rtt: Time from the answered attempt to the accepted reply, ms; None without a reply.
-        deadlines: Recommended time-outs, compared with `latency`.
         slowest: Set points with the longest latency or no reply in time, worst first.
         slack_ms: Time that a full buffer can bridge, ms; see `buffer_model.slack_ms`.
         gaps: Number of cycles longer than `slack_ms`.
-        gap_list: Set points after the first gaps.
     """
 
     cycle: DistributionSummary | None
@@ -94,8 +92,6 @@ class _RecommendedTimeout(NamedTuple):
     Attributes:
         timeout_ms: Time-out of one attempt, ms.
         tries: Maximum number of attempts, including the first.
-        kinds: Kinds of mode that it is meant for.
-        udp_only: True if it is meant for UDP only.
     """
 
     name: Message

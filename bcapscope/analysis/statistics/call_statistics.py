@@ -51,7 +51,6 @@ class CallFigures:
         unanswered: Number of calls that the client gave up.
         open: Number of calls still open when the traffic ended.
         not_followed: Number of calls evicted while open, because too many calls were open.
-        executing: Number of S_EXECUTING notices.
         request_bytes: Size of all requests in bytes, including retries.
         calls_per_second: Calls per second over the whole time; None if that is 0.
         line_time_share: Sum of the latencies as a share of the whole time; None if that is 0. Concurrent

@@ -90,7 +90,6 @@ class Filter:
     """A compiled expression, not yet bound to getters.
 
     Attributes:
-        kind: Kind of record that it tests.
         getter_names: Names of the getters that `bind` needs.
     """
 

@@ -64,7 +64,6 @@ class FilterField(NamedTuple):
     """One field of the language.
 
     Attributes:
-        name: Name in an expression.
         type: Type of the values, which determines the permitted comparisons.
         applies_to: Kinds of record that have the field.
         meaning: Description for people, one clause.

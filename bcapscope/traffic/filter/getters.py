@@ -19,7 +19,6 @@ class AnnotatedFrame(NamedTuple):
     Attributes:
         call_kind: Function and command of the request, or of the request that a reply answers; None if
             unknown.
-        comments: Comments of the capture on this frame.
     """
 
     observation: Observation

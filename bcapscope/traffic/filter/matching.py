@@ -41,7 +41,6 @@ class LiteralMatch(NamedTuple):
     Attributes:
         same_kind: Whether a value can be compared with the literal at all; if not, it is neither equal nor
             different.
-        equal: Whether a value equals the literal.
     """
 
     same_kind: Match

@@ -39,7 +39,6 @@ class ComparedField(NamedTuple):
     Attributes:
         expression: The whole filter, for error messages.
         field: Field that the left side begins with.
-        name: Field with its indexes, as written.
         type: Type of its values: the field's type, or that of an element.
         start: Index of its first character in the expression.
     """

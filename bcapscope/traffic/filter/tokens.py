@@ -23,7 +23,6 @@ class FilterError(ValueError):
 
     Attributes:
         position: Index of the character at fault; the length of the expression if its end is incomplete.
-        message: The reason, one clause.
     """
 
     def __init__(self, expression: str, position: int, message: str) -> None:
@@ -72,7 +71,6 @@ class Token(NamedTuple):
     Attributes:
         text: Text as written. For quoted text, the content with escapes resolved; for a number, the digits
             without its unit.
-        start: Index of its first character in the expression.
         stop: Index after its last character.
         unit: Letters after a number; a space may precede a unit of time.
     """
