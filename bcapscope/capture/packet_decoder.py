@@ -47,7 +47,7 @@ class PacketDecoder:
     Attributes:
         counts: Sums over the packets so far.
         comments: Comments by packet number, of the latest `COMMENTS_LIMIT` packets that have any.
-        end_time: Capture time of the last packet, b-CAP or not, ns since 1970. It is 0 until `decode` ends.
+        end_time: Latest capture time of all packets so far, b-CAP or not, ns since 1970; 0 before the first.
     """
 
     def __init__(self, ports: Collection[int] = BCAP_PORTS, interface_prefix: str = "") -> None:
@@ -85,13 +85,14 @@ class PacketDecoder:
             CaptureError: `packets` raised it; all observations before were yielded.
         """
         counts, broken = self.counts, None
-        number, packet, time = counts.items, counts.packets, 0
+        number, packet, time, latest = counts.items, counts.packets, 0, self.end_time
         interface, ethernet, wanted = None, False, True
         flow_of, new = self._udp.flows.get, tuple.__new__
         unpack, begin_of = _UDP_IN_ETHERNET.unpack_from, _SOH_AND_LENGTH.unpack_from
         try:
             for time, data, original, source, comments in packets:
                 packet += 1
+                self.end_time = latest = time if time > latest else latest  # cheaper than max() per packet
                 if comments:
                     self._keep_comments(packet, comments)
                 if source is not interface:
@@ -119,7 +120,6 @@ class PacketDecoder:
         finally:
             counts.packets = packet
             counts.items = number
-            self.end_time = max(self.end_time, time)
         for flow, sighting in self._flush(time, packet):
             counts.items += 1
             yield self._make_observation(counts.items, flow, sighting)
