@@ -15,6 +15,7 @@ import msgspec
 from bcapscope.capture.append_log import AppendLogReader, AppendLogWriter, CachedFileReader
 from bcapscope.messages.message_codec import decode_message, encode_message
 from bcapscope.protocol.codec.frame import Frame, Malformed, Problem
+from bcapscope.protocol.codec.frame_template import FrameTemplates
 from bcapscope.traffic.call_kind import CallKind
 from bcapscope.traffic.filter.getters import AnnotatedFrame
 from bcapscope.traffic.observation import Conversation, Direction, Endpoint, Flow, Observation, Transport
@@ -143,6 +144,7 @@ class ObservationStore:
         self._records = AppendLogReader(folder / _FRAMES)
         self._conversations = CachedFileReader(folder / _CONVERSATIONS)
         self._flows: dict[int, tuple[Flow, Flow]] = {}
+        self._templates = FrameTemplates()
 
     def __len__(self) -> int:
         """Return the number of observations at the last `refresh`."""
@@ -172,7 +174,7 @@ class ObservationStore:
         if kind & _MALFORMED:
             item = Malformed(raw, problems, missing)
         else:
-            item = Frame(raw, problems[0] if problems else None)
+            item = Frame(raw, problems[0] if problems else None, self._templates)
         flow = self._flows_at(place)[kind & _RESPONSE]
         return AnnotatedFrame(Observation(number, time, began, flow, item, packet), question, comments)
 

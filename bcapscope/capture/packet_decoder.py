@@ -18,6 +18,7 @@ from bcapscope.capture.undecided_conversation import TimedItem
 from bcapscope.errors import CaptureError
 from bcapscope.messages import Message
 from bcapscope.protocol.codec.frame import EOT, SMALLEST_FRAME, SOH, Frame, Malformed, Problem
+from bcapscope.protocol.codec.frame_template import FrameTemplates
 from bcapscope.traffic.observation import Conversation, Flow, Observation
 
 CONVERSATIONS_LIMIT = 10_000
@@ -63,8 +64,9 @@ class PacketDecoder:
         self.end_time = 0
         self._conversations: dict[Conversation, None] = {}
         self._interface_prefix = interface_prefix
-        self._udp = UdpConversations(ports, self.counts)
-        self._tcp = TcpConversations(ports, self.counts)
+        self._templates = FrameTemplates()
+        self._udp = UdpConversations(ports, self.counts, self._templates)
+        self._tcp = TcpConversations(ports, self.counts, self._templates)
         self._fragments = IpReassembly()
 
     @property
@@ -87,7 +89,7 @@ class PacketDecoder:
         counts, broken = self.counts, None
         number, packet, time, latest = counts.items, counts.packets, 0, self.end_time
         interface, ethernet, wanted = None, False, True
-        flow_of, new = self._udp.flows.get, tuple.__new__
+        flow_of, new, templates = self._udp.flows.get, tuple.__new__, self._templates
         unpack, begin_of = _UDP_IN_ETHERNET.unpack_from, _SOH_AND_LENGTH.unpack_from
         try:
             for time, data, original, source, comments in packets:
@@ -109,7 +111,9 @@ class PacketDecoder:
                         whole = total - 28 == size - 8 == length == len(raw) and not part & 0x3FFF
                         if whole and length >= SMALLEST_FRAME and soh == SOH and raw[-1] == EOT:
                             number += 1
-                            yield new(Observation, (number, time, time, flow, Frame(raw), packet))
+                            yield new(
+                                Observation, (number, time, time, flow, Frame(raw, None, templates), packet)
+                            )
                             continue
                 counts.packets = packet
                 for flow, sighting in self._decode_any(time, data, original, source, packet):

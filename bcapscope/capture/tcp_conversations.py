@@ -15,7 +15,9 @@ from bcapscope.capture.undecided_conversation import (
     reverse_key,
 )
 from bcapscope.protocol.codec.byte_budget import ByteBudget
-from bcapscope.protocol.codec.frame import SMALLEST_FRAME, Frame
+from bcapscope.protocol.codec.frame import SMALLEST_FRAME
+from bcapscope.protocol.codec.frame_content import FrameContent
+from bcapscope.protocol.codec.frame_template import FrameTemplates
 from bcapscope.traffic.observation import Flow, Transport
 
 CONNECTIONS_LIMIT = 1024
@@ -31,25 +33,29 @@ class _TrackedConnection:
 
     __slots__ = ("connection", "conversation", "ends", "keys", "unconfirmed_segments")
 
-    def __init__(self, key: bytes, budget: ByteBudget) -> None:
+    def __init__(self, key: bytes, connection: TcpConnection) -> None:
         self.keys = (key, reverse_key(key)) if key != reverse_key(key) else (key,)
         self.ends = endpoints_of(key)
-        self.connection = TcpConnection(budget)
+        self.connection = connection
         self.conversation: UndecidedConversation | None = None
         self.unconfirmed_segments = 0  # segments accepted while the traffic could be something else
 
 
 class TcpConversations:
-    def __init__(self, ports: Collection[int], counts: CaptureCounts) -> None:
+    def __init__(
+        self, ports: Collection[int], counts: CaptureCounts, templates: FrameTemplates | None = None
+    ) -> None:
         """Start without connections.
 
         Args:
             ports: Ports on which servers listen.
             counts: Counts the segments that are not b-CAP.
+            templates: Passed to the frames.
         """
         self._ports = ports
         self._counts = counts
         self._budget = ByteBudget()
+        self._templates = templates
         self._connections: OrderedDict[bytes, tuple[_TrackedConnection, int]] = OrderedDict()
         self._contradictions = 0
         self._most_recent: _TrackedConnection | None = None
@@ -121,7 +127,7 @@ class TcpConversations:
                 self._connections.move_to_end(each)
 
     def _open_connection(self, key: bytes) -> tuple[_TrackedConnection, int]:
-        call = _TrackedConnection(key, self._budget)
+        call = _TrackedConnection(key, TcpConnection(self._budget, self._templates))
         source, destination = call.ends
         server = server_index_by_port(self._ports, source.port, destination.port)
         if server is not None:
@@ -140,7 +146,7 @@ class TcpConversations:
             call.conversation = _recognise_bcap(call, sender, segment)
             if call.conversation is None:
                 call.connection.close(time, packet)
-                call.connection = TcpConnection(self._budget)
+                call.connection = TcpConnection(self._budget, self._templates)
                 self._counts.not_bcap += 1
                 return []
         said = call.connection.receive(sender, segment, time, packet)
@@ -162,7 +168,8 @@ class TcpConversations:
         """Count the connection's segments as not b-CAP, and start to detect its protocol anew."""
         self._counts.not_bcap += call.unconfirmed_segments
         call.connection.close(0, 0)
-        call.conversation, call.connection, call.unconfirmed_segments = None, TcpConnection(self._budget), 0
+        call.conversation, call.unconfirmed_segments = None, 0
+        call.connection = TcpConnection(self._budget, self._templates)
 
     def _end_connection(
         self, call: _TrackedConnection, time: int, packet: int
@@ -193,5 +200,5 @@ def _recognise_bcap(
     if call.connection.streams[sender].starts_at(segment.seq):
         return UndecidedConversation(call.ends, Transport.TCP, is_tentative=True)
     length = int.from_bytes(segment.data[1:5], "little")
-    whole = SMALLEST_FRAME <= length <= len(segment.data) and not Frame(segment.data[:length]).problems
+    whole = SMALLEST_FRAME <= length <= len(segment.data) and not FrameContent(segment.data[:length]).problems
     return UndecidedConversation(call.ends, Transport.TCP) if whole else None

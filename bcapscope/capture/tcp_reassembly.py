@@ -14,6 +14,7 @@ from typing import NamedTuple
 
 from bcapscope.capture.undecided_conversation import TimedItem
 from bcapscope.protocol.codec.byte_budget import ByteBudget
+from bcapscope.protocol.codec.frame_template import FrameTemplates
 from bcapscope.protocol.codec.stream_splitter import GUARANTEED_BUFFER, StreamPiece, StreamSplitter
 
 REORDER_LIMIT = 1024 * 1024
@@ -110,16 +111,18 @@ class TcpStream:
         "_next_offset",
         "_recent",
         "_splitter",
+        "_templates",
         "begun",
         "closed",
         "contradictions",
     )
 
-    def __init__(self, budget: ByteBudget) -> None:
+    def __init__(self, budget: ByteBudget, templates: FrameTemplates | None = None) -> None:
         self.begun = self.closed = False
         self.contradictions = 0
         self._budget = budget
-        self._splitter = StreamSplitter(budget=budget)
+        self._templates = templates
+        self._splitter = StreamSplitter(budget=budget, templates=templates)
         self._first_seq = self._next_offset = self._acknowledged = self._ahead_cost = 0
         self._end_offset: int | None = None
         self._ahead: list[_StreamPart] = []
@@ -135,7 +138,7 @@ class TcpStream:
         """
         self.begun = True
         self._first_seq = seq
-        self._splitter = StreamSplitter(synchronized=from_start, budget=self._budget)
+        self._splitter = StreamSplitter(from_start, budget=self._budget, templates=self._templates)
 
     def starts_at(self, seq: int) -> bool:
         """Return whether `seq` is the first byte of this stream."""
@@ -352,8 +355,8 @@ class TcpConnection:
 
     __slots__ = ("server", "streams")
 
-    def __init__(self, budget: ByteBudget) -> None:
-        self.streams = (TcpStream(budget), TcpStream(budget))
+    def __init__(self, budget: ByteBudget, templates: FrameTemplates | None = None) -> None:
+        self.streams = (TcpStream(budget, templates), TcpStream(budget, templates))
         self.server: int | None = None
 
     @property

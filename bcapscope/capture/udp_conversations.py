@@ -13,6 +13,7 @@ from bcapscope.capture.undecided_conversation import (
     reverse_key,
 )
 from bcapscope.protocol.codec.frame import Frame, Malformed, Problem, parse_datagram
+from bcapscope.protocol.codec.frame_template import FrameTemplates
 from bcapscope.traffic.observation import Flow, Transport
 
 FLOWS_LIMIT = 65536
@@ -32,16 +33,20 @@ class UdpConversations:
             address, then the source and destination port, as in a packet.
     """
 
-    def __init__(self, ports: Collection[int], counts: CaptureCounts) -> None:
+    def __init__(
+        self, ports: Collection[int], counts: CaptureCounts, templates: FrameTemplates | None = None
+    ) -> None:
         """Start without conversations.
 
         Args:
             ports: Ports on which servers listen.
             counts: Counts the datagrams that are not b-CAP.
+            templates: Passed to the frames.
         """
         self.flows: dict[bytes, Flow] = {}
         self._ports = ports
         self._counts = counts
+        self._templates = templates
         self._undecided: dict[bytes, tuple[UndecidedConversation, int]] = {}
 
     def receive(
@@ -57,7 +62,7 @@ class UdpConversations:
         """
         key = addresses + segment[:4]
         payload = segment[8:]
-        items = [timed_item._replace(item=item) for item in _parse_items(payload, note)]
+        items = [timed_item._replace(item=item) for item in self._parse_items(payload, note)]
         flow = self.flows.get(key)
         if flow is not None:
             return [(flow, item) for item in items]
@@ -114,14 +119,13 @@ class UdpConversations:
         talk.guess_server()
         return self._release_items(key, talk, sender)
 
-
-def _parse_items(payload: bytes, note: Problem | None) -> tuple[Frame | Malformed, ...]:
-    if note is None:
-        return parse_datagram(payload)
-    if not payload:
-        return (Malformed(payload, (note,)),)
-    *sound, last = parse_datagram(payload)
-    note = note._replace(offset=len(last.raw))
-    if isinstance(last, Malformed):
-        return (*sound, Malformed(last.raw, (*last.problems, note)))
-    return (*sound, Frame(last.raw, note))
+    def _parse_items(self, payload: bytes, note: Problem | None) -> tuple[Frame | Malformed, ...]:
+        if note is None:
+            return parse_datagram(payload, self._templates)
+        if not payload:
+            return (Malformed(payload, (note,)),)
+        *sound, last = parse_datagram(payload, self._templates)
+        note = note._replace(offset=len(last.raw))
+        if isinstance(last, Malformed):
+            return (*sound, Malformed(last.raw, (*last.problems, note)))
+        return (*sound, Frame(last.raw, note, self._templates))

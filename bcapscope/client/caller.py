@@ -8,6 +8,7 @@ from typing import TypeAlias
 
 from bcapscope.messages import Message
 from bcapscope.protocol.codec.frame import Frame, Malformed, parse_datagram
+from bcapscope.protocol.codec.frame_template import FrameTemplates
 from bcapscope.protocol.codec.stream_splitter import StreamSplitter
 from bcapscope.protocol.codec.variant import Variant
 from bcapscope.protocol.retry.requester import Requester, RequesterEvent, RequesterOutcome, RetryPolicy
@@ -39,7 +40,8 @@ class Caller:
         self._timer: asyncio.TimerHandle | None = None
         self._pending_call: asyncio.Future[RequesterOutcome] | None = None
         self._data_arrived: asyncio.Future[None] | None = None
-        self._splitter = StreamSplitter()
+        self._templates = FrameTemplates()
+        self._splitter = StreamSplitter(templates=self._templates)
         self._frames_seen = 0
         self._lost_reason: Message | None = None
 
@@ -93,7 +95,7 @@ class Caller:
             if self._lost_reason is not None:
                 raise ConnectionResetError(self._lost_reason)
             now = self._clock.now()
-            for item in parse_datagram(raw):
+            for item in parse_datagram(raw, self._templates):
                 self._report_frame(self._request_flow, item, now)
             self._data_arrived = asyncio.get_running_loop().create_future()
             self.link.send(raw)
@@ -109,7 +111,7 @@ class Caller:
     def on_data(self, data: bytes) -> None:
         """Process bytes received over the link."""
         if self.link.datagrams:
-            items: Sequence[Frame | Malformed] = parse_datagram(data)
+            items: Sequence[Frame | Malformed] = parse_datagram(data, self._templates)
         else:
             items = [piece.item for piece in self._splitter.feed(data)]
         now = self._clock.now()
@@ -143,7 +145,8 @@ class Caller:
         """Send what is due, set the timer and report the events."""
         requester = self._requester
         for raw in requester.data_to_send():
-            self._report_frame(self._request_flow, Frame(raw), self._clock.now())
+            frame = Frame(raw, None, self._templates)
+            self._report_frame(self._request_flow, frame, self._clock.now())
             self.link.send(raw)
         if self._timer is not None:
             self._timer.cancel()

@@ -17,6 +17,7 @@ from bcapscope.protocol.codec.frame import (
     parse_datagram,
 )
 from bcapscope.protocol.codec.frame_content import has_compressed_header, has_zlib_header
+from bcapscope.protocol.codec.frame_template import FrameTemplates
 from bcapscope.protocol.guard import always_passes, passes_read_only
 from bcapscope.protocol.tables.command_catalogue import commands_of
 from bcapscope.protocol.tables.function_table import FUNCTIONS, function_name
@@ -121,11 +122,12 @@ class RequestGuard:
         self.read_only = read_only
         self._block = tuple(block)
         self._allow = tuple(allow)
+        self._templates = FrameTemplates()
 
     def filter_frames(self, data: bytes) -> GuardResult:
         """Judge each frame in a datagram, or in a piece of a stream that was split into frames."""
         passing, refused, dropped = [], [], 0
-        for item in parse_datagram(data):
+        for item in parse_datagram(data, self._templates):
             if not isinstance(item, Frame):
                 dropped += len(item.raw)
             elif why := self.refusal_reason(item):

@@ -23,7 +23,6 @@ from functools import lru_cache
 from bcapscope.errors import LocalProtocolError, TooLargeError
 from bcapscope.messages import Message
 from bcapscope.messages.places import Count
-from bcapscope.protocol.codec import frame_template as layouts
 from bcapscope.protocol.codec.arguments import Argument, Problem
 from bcapscope.protocol.codec.checksum import crc16
 from bcapscope.protocol.codec.frame_content import (
@@ -33,13 +32,11 @@ from bcapscope.protocol.codec.frame_content import (
     LARGEST_UNPACKED,
     SMALLEST_FRAME,
     SOH,
-    FrameContent,
     Framing,
     compressed_code,
     is_compressed,
 )
-from bcapscope.protocol.codec.frame_template import FrameNumbers, FrameTemplate
-from bcapscope.protocol.codec.frame_template import find_template as find_layout
+from bcapscope.protocol.codec.frame_template import FrameNumbers, FrameTemplate, FrameTemplates
 from bcapscope.protocol.codec.variant import ARRAY, NUMBER_ARRAYS, NUMBER_FORMATS, Variant, encode_argument
 
 __all__ = [
@@ -106,7 +103,7 @@ class Frame:
     id or an HRESULT.
 
     A frame holds only its bytes, never the decoded values, so a store of frames needs no more memory than
-    their bytes. `FrameContent.cached` and the frame templates keep the most recent results of decoding.
+    their bytes. Many frames share one `FrameTemplates`, which keeps what was learnt from the latest ones.
 
     Attributes:
         raw: The bytes as received.
@@ -117,10 +114,17 @@ class Frame:
         capture; None for nearly all frames.
     """
 
-    __slots__ = ("code", "external_problem", "raw", "reserved", "serial")
+    __slots__ = ("_templates", "code", "external_problem", "raw", "reserved", "serial")
 
-    def __init__(self, raw: bytes, external_problem: Problem | None = None) -> None:
-        """Read the header of `raw`, which holds at least `HEADER_SIZE` bytes."""
+    def __init__(
+        self, raw: bytes, external_problem: Problem | None = None, templates: FrameTemplates | None = None
+    ) -> None:
+        """Read the header of `raw`, which holds at least `HEADER_SIZE` bytes.
+
+        `templates` saves time for the second of two similar frames; without it, each look at the arguments
+        decodes the frame in full.
+        """
+        self._templates = templates
         self.raw = raw
         self.external_problem = external_problem
         self.serial, self.reserved, self.code = _SERIAL_RESERVED_CODE(raw)
@@ -157,19 +161,19 @@ class Frame:
         """
         if self.external_problem is not None:
             return None
-        inner = find_layout(self.raw) or _decode_in_full(self.raw)
+        inner = (self._templates or FrameTemplates()).decode(self.raw)
         return inner if isinstance(inner, tuple) else None
 
     @property
     def arguments(self) -> tuple[Argument, ...]:
         """The arguments, as far as their bytes go; spans are offsets in `body`."""
-        inner = find_layout(self.raw) or _decode_in_full(self.raw)
+        inner = (self._templates or FrameTemplates()).decode(self.raw)
         return inner[0].fill_arguments(inner[1]) if isinstance(inner, tuple) else inner.arguments
 
     @property
     def variants(self) -> tuple[Variant, ...]:
         """The values of the arguments, without their positions."""
-        inner = find_layout(self.raw) or _decode_in_full(self.raw)
+        inner = (self._templates or FrameTemplates()).decode(self.raw)
         if isinstance(inner, tuple):
             return inner[0].fill_variants(inner[1])
         return tuple(argument.variant for argument in inner.arguments)
@@ -177,56 +181,47 @@ class Frame:
     @property
     def problems(self) -> tuple[Problem, ...]:
         """Deviations from b-CAP; empty for a sound frame."""
-        inner = find_layout(self.raw) or _decode_in_full(self.raw)
+        inner = (self._templates or FrameTemplates()).decode(self.raw)
         own = () if isinstance(inner, tuple) else inner.problems
         return own if self.external_problem is None else (*own, self.external_problem)
 
     @property
     def framing(self) -> Framing:
         """How the frame ends, as far as its bytes show."""
-        inner = find_layout(self.raw) or _decode_in_full(self.raw)
+        inner = (self._templates or FrameTemplates()).decode(self.raw)
         return Framing.PLAIN if isinstance(inner, tuple) else inner.framing
 
     @property
     def body(self) -> bytes:
         """`raw`; for a compressed frame, the same bytes with the unpacked content in place."""
-        inner = find_layout(self.raw) or _decode_in_full(self.raw)
+        inner = (self._templates or FrameTemplates()).decode(self.raw)
         return self.raw if isinstance(inner, tuple) else inner.body
 
 
-def _decode_in_full(raw: bytes) -> tuple[FrameTemplate, FrameNumbers] | FrameContent:
-    """Decode a frame that matches no template, and learn a template from it if possible."""
-    content = FrameContent.cached(raw)
-    if content.framing is Framing.PLAIN and not content.problems:
-        layouts.learn_template(raw, content.number_spans, content.arguments)
-        return find_layout(raw) or content
-    return content
-
-
-def parse_datagram(raw: bytes) -> tuple[Frame | Malformed, ...]:
+def parse_datagram(raw: bytes, templates: FrameTemplates | None = None) -> tuple[Frame | Malformed, ...]:
     """Split a datagram into its frames, or into bytes that are no frame.
 
     Bytes that begin with SOH and hold a header become a frame, whatever its problems. A frame that ends with
     EOT before the datagram ends is followed by further items.
     """
     if len(raw) >= HEADER_SIZE and raw[0] == SOH and int.from_bytes(raw[1:5], "little") == len(raw):
-        return (Frame(raw),)
+        return (Frame(raw, None, templates),)
     items: list[Frame | Malformed] = []
     pos = 0
     while True:
         length = int.from_bytes(raw[pos + 1 : pos + 5], "little")
         stop = pos + length
         if not SMALLEST_FRAME <= length < len(raw) - pos or raw[pos] != SOH or raw[stop - 1] != EOT:
-            items.append(parse_single_frame(raw[pos:]))
+            items.append(parse_single_frame(raw[pos:], templates))
             return tuple(items)
-        items.append(Frame(raw[pos:stop]))
+        items.append(Frame(raw[pos:stop], None, templates))
         pos = stop
 
 
-def parse_single_frame(raw: bytes) -> Frame | Malformed:
+def parse_single_frame(raw: bytes, templates: FrameTemplates | None = None) -> Frame | Malformed:
     """Return all of `raw` as one frame if it begins as one; the frame's problems describe the rest."""
     if len(raw) >= HEADER_SIZE and raw[0] == SOH:
-        return Frame(raw)
+        return Frame(raw, None, templates)
     if raw[:1] != b"\x01":
         reason = Message("problem.soh", byte=f"{raw[0]:02X}") if raw else Message("problem.soh.no-bytes")
         return Malformed(raw, (Problem(0, "soh", reason),))

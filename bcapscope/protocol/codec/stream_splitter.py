@@ -18,6 +18,7 @@ from bcapscope.protocol.codec.frame import (
     Malformed,
 )
 from bcapscope.protocol.codec.frame_content import has_compressed_header
+from bcapscope.protocol.codec.frame_template import FrameTemplates
 
 LARGEST_UNCONFIRMED = 64 * 1024
 """Largest frame, in bytes, to wait for if its arguments do not confirm the length field. Frames of real
@@ -77,7 +78,11 @@ class StreamSplitter:
     """
 
     def __init__(
-        self, synchronized: bool = True, limit: int = LARGEST_FRAME, budget: ByteBudget | None = None
+        self,
+        synchronized: bool = True,
+        limit: int = LARGEST_FRAME,
+        budget: ByteBudget | None = None,
+        templates: FrameTemplates | None = None,
     ) -> None:
         """Start a stream.
 
@@ -86,9 +91,11 @@ class StreamSplitter:
                 missed.
             limit: Longest frame to wait for, bytes.
             budget: Counts the bytes that this and other splitters hold; `close` returns them to it.
+            templates: Passed to the frames.
         """
         self._buffer = bytearray()
         self._budget = budget or ByteBudget()
+        self._templates = templates
         self._stream_offset = 0
         self._synchronized = synchronized
         self._limit = limit
@@ -123,7 +130,7 @@ class StreamSplitter:
         if self._buffer or not self._synchronized or not _is_one_frame(data) or len(data) > self._limit:
             return None
         self._stream_offset += len(data)
-        return Frame(data)
+        return Frame(data, None, self._templates)
 
     def add_gap(self, missing: int) -> list[StreamPiece]:
         """Return the unfinished bytes and a piece for `missing` bytes of the stream that were lost."""
@@ -144,7 +151,7 @@ class StreamSplitter:
             return pieces
         note = Problem(len(last.raw), "cut", why)
         if isinstance(last, Frame) and last.length > len(last.raw):
-            pieces[-1] = pieces[-1]._replace(item=Frame(last.raw, note))
+            pieces[-1] = pieces[-1]._replace(item=Frame(last.raw, note, self._templates))
         elif isinstance(last, Malformed) and last.raw[0] == SOH and len(last.raw) < HEADER_SIZE:
             pieces[-1] = pieces[-1]._replace(item=Malformed(last.raw, (*last.problems, note)))
         return pieces
@@ -171,7 +178,7 @@ class StreamSplitter:
 
     def _frame_or_malformed(self, raw: bytes) -> Frame | Malformed:
         if raw[0] == SOH and len(raw) >= HEADER_SIZE:
-            return Frame(raw)
+            return Frame(raw, None, self._templates)
         if raw[0] == SOH:
             return Malformed(raw, (Problem(0, "short", Message("problem.short.cut", size=len(raw))),))
         return Malformed(raw, (Problem(0, "soh", Message("problem.soh.outside")),))
