@@ -21,10 +21,22 @@ Json: TypeAlias = "str | int | float | list[Json] | dict[str, Json] | None"
 
 
 class Place(ABC):
-    """A typed value. In templates, its type follows the name of the place: ``{latency:duration}``."""
+    """A typed value. In templates, its type follows the name of the place: ``{latency:duration}``.
 
-    __slots__ = ()
+    Nobody changes its attributes, which are the arguments of its constructor, in their order. The kinds of
+    places are no dataclasses: to make 17 of those takes 7 ms at the start of every command.
+    """
+
     type_name: ClassVar[str]
+
+    def __eq__(self, other: object) -> bool:
+        return type(other) is type(self) and vars(other) == vars(self)
+
+    def __hash__(self) -> int:
+        return hash(tuple(vars(self).values()))
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({', '.join(map(repr, vars(self).values()))})"
 
     @abstractmethod
     def text(self, words: MessageFormatter) -> str:

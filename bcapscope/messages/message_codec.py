@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import fields
 from functools import cache
 from typing import cast
 
@@ -49,10 +48,7 @@ def _to_data(value: object) -> Json:
     if isinstance(value, Message):
         return message_to_data(value)
     if isinstance(value, Place):
-        return {
-            "type": value.type_name,
-            "fields": [_to_data(getattr(value, each.name)) for each in fields(value)],  # type: ignore[arg-type]
-        }
+        return {"type": value.type_name, "fields": list(map(_to_data, vars(value).values()))}
     if isinstance(value, tuple):
         return [_to_data(each) for each in value]
     return cast("Json", value)
