@@ -121,8 +121,8 @@ class Frame:
     ) -> None:
         """Read the header of `raw`, which holds at least `HEADER_SIZE` bytes.
 
-        `templates` saves time for the second of two similar frames; without it, each look at the arguments
-        decodes the frame in full.
+        Similar frames that share `templates` need only one full decoding. Without it, the frame gets its own
+        when its arguments are first read, and then holds them decoded.
         """
         self._templates = templates
         self.raw = raw
@@ -130,6 +130,10 @@ class Frame:
         self.serial, self.reserved, self.code = _SERIAL_RESERVED_CODE(raw)
         if self.reserved == 1 and is_compressed(raw):
             self.code = compressed_code(raw)
+
+    def _own_templates(self) -> FrameTemplates:
+        self._templates = FrameTemplates()
+        return self._templates
 
     def __repr__(self) -> str:
         return f"Frame({self.raw.hex()!r})"
@@ -161,19 +165,19 @@ class Frame:
         """
         if self.external_problem is not None:
             return None
-        inner = (self._templates or FrameTemplates()).decode(self.raw)
+        inner = (self._templates or self._own_templates()).decode(self.raw)
         return inner if isinstance(inner, tuple) else None
 
     @property
     def arguments(self) -> tuple[Argument, ...]:
         """The arguments, as far as their bytes go; spans are offsets in `body`."""
-        inner = (self._templates or FrameTemplates()).decode(self.raw)
+        inner = (self._templates or self._own_templates()).decode(self.raw)
         return inner[0].fill_arguments(inner[1]) if isinstance(inner, tuple) else inner.arguments
 
     @property
     def variants(self) -> tuple[Variant, ...]:
         """The values of the arguments, without their positions."""
-        inner = (self._templates or FrameTemplates()).decode(self.raw)
+        inner = (self._templates or self._own_templates()).decode(self.raw)
         if isinstance(inner, tuple):
             return inner[0].fill_variants(inner[1])
         return tuple(argument.variant for argument in inner.arguments)
@@ -181,20 +185,20 @@ class Frame:
     @property
     def problems(self) -> tuple[Problem, ...]:
         """Deviations from b-CAP; empty for a sound frame."""
-        inner = (self._templates or FrameTemplates()).decode(self.raw)
+        inner = (self._templates or self._own_templates()).decode(self.raw)
         own = () if isinstance(inner, tuple) else inner.problems
         return own if self.external_problem is None else (*own, self.external_problem)
 
     @property
     def framing(self) -> Framing:
         """How the frame ends, as far as its bytes show."""
-        inner = (self._templates or FrameTemplates()).decode(self.raw)
+        inner = (self._templates or self._own_templates()).decode(self.raw)
         return Framing.PLAIN if isinstance(inner, tuple) else inner.framing
 
     @property
     def body(self) -> bytes:
         """`raw`; for a compressed frame, the same bytes with the unpacked content in place."""
-        inner = (self._templates or FrameTemplates()).decode(self.raw)
+        inner = (self._templates or self._own_templates()).decode(self.raw)
         return self.raw if isinstance(inner, tuple) else inner.body
 
 
