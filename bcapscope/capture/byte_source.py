@@ -36,11 +36,7 @@ class ByteSource:
         self.offset = 0
 
     def advance(self, used: int) -> bool:
-        """Drop the first `used` bytes of `data` and append the next bytes of the stream.
-
-        Returns:
-            Whether any bytes were appended; False at the end of the stream.
-        """
+        """Drop the first `used` bytes of `data` and append the next ones; return False at the end."""
         chunk = self._read(CHUNK_SIZE)
         self.data = self.data[used:] + chunk
         self.offset += used

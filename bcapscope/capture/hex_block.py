@@ -100,11 +100,9 @@ class HexBlock:
         self.blank_line_follows = False
 
     def split(self, offset: int) -> HexBlock:
-        """Cut the block at an offset and return the rest, to which further rows are added.
+        """Cut the block at an offset in bytes and return the rest, to which further rows are added.
 
-        Args:
-            offset: Offset of the rest in bytes. If it is 0 or leaves too many rows, the rest is only the last
-                row, with a note.
+        If the offset is 0 or leaves too many rows, the rest is only the last row, with a note.
         """
         first = bisect_right(self._rows, 2 * offset, key=itemgetter(0)) - 1
         note = ""

@@ -280,13 +280,9 @@ def _packets_in(block: HexBlock) -> Iterator[HexPacket]:
 
 
 def _frame_starts(data: bytes, rows: list[int]) -> list[int]:
-    """Return the offsets of the frames in `data`.
+    """Return the offsets of the frames in the bytes of a block whose rows begin at `rows`.
 
     A frame begins after a whole frame, or else at a row that looks like the start of a frame.
-
-    Args:
-        data: Bytes of a block.
-        rows: Offsets of the block's rows.
     """
     cuts = [0]
     while True:
@@ -344,12 +340,7 @@ def _direction_by_content(part: bytes) -> Direction | None:
 
 
 def _without_headers(data: bytes) -> tuple[bytes, Direction | None, int]:
-    """Strip Ethernet, IP and transport headers from a whole packet.
-
-    Returns:
-        The payload, its direction by port, and the number of bytes stripped. Without headers, `data`, None
-        and 0.
-    """
+    """Strip the headers of a packet; return payload, direction by port, and number of bytes stripped."""
     for start in (find_ip(ETHERNET, data), 0):
         packet = read_ip(data, start) if start != NOT_IP and data else None
         if packet is None or packet.fragment is not None:

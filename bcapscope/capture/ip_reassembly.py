@@ -110,9 +110,7 @@ class IpReassembly:
     def add(self, packet: IPPacket, time: int) -> ReassembledPacket | None:
         """Add a fragment and return the packet that it completes; None while fragments are missing.
 
-        Args:
-            packet: A fragment. A whole packet is returned unchanged.
-            time: Capture time, ns since 1970.
+        A whole packet is returned unchanged. `time` is the capture time, ns since 1970.
         """
         fragment = packet.fragment
         if fragment is None:

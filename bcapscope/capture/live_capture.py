@@ -60,10 +60,7 @@ class LiveCapture(Protocol):
 
 
 def open_live_capture(name: str) -> LiveCapture:
-    """Start to capture on an interface; packets from now on are buffered until they are read.
-
-    Args:
-        name: System name of the interface, such as `eth0` or `lo`, or `ANY_INTERFACE`.
+    """Start to capture on an interface such as `eth0`, or on `ANY_INTERFACE`; buffer its packets from now on.
 
     Raises:
         CaptureError: The interface does not exist, the right to capture is missing, or the capture fails.

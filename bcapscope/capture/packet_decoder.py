@@ -54,9 +54,8 @@ class PacketDecoder:
     def __init__(self, ports: Collection[int] = BCAP_PORTS, interface_prefix: str = "") -> None:
         """Start without conversations.
 
-        Args:
-            ports: Ports on which servers listen. Conversations on other ports are detected by their content.
-            interface_prefix: Only packets of interfaces whose name has this prefix are decoded.
+        Servers listen on `ports`; conversations on other ports are detected by their content. Only packets of
+        interfaces whose name has `interface_prefix` are decoded.
         """
         self.counts = CaptureCounts()
         self.comments: dict[int, tuple[str, ...]] = {}

@@ -89,12 +89,9 @@ class RotatingRecording(io.RawIOBase):
     """
 
     def __init__(self, path: Path, limits: RotationLimits | None = None) -> None:
-        """Create the first file.
+        """Create the first file, which must not exist. Without limits, it is the only one.
 
-        Args:
-            path: The file, which must not exist. The files of a ring add their number, and the date and time
-                at which they began, to this name.
-            limits: Limits of a ring; None for a single file.
+        The files of a ring add their number, and the date and time at which they began, to the name.
 
         Raises:
             OSError: The file cannot be written.
@@ -176,11 +173,7 @@ class RotatingRecording(io.RawIOBase):
         return True
 
     def _free_space(self, error: OSError, kept: int) -> bool:
-        """If `error` is a full disk, remove the oldest file of a ring, but keep the newest `kept` files.
-
-        Returns:
-            Whether a file was removed.
-        """
+        """On a full disk, remove the oldest file of a ring but not the newest `kept`; return whether it did."""
         if self._limits is None or error.errno not in _DISK_FULL or len(self._files) <= kept:
             return False
         self.files_freed += 1

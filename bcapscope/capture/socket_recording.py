@@ -89,14 +89,9 @@ class SocketRecording:
         self._writer.write((time, packet, len(packet), interface, (comment,) if comment else ()))
 
     def datagram_pair_encoder(self, incoming: Hop, outgoing: Hop, size: int) -> PacketPairEncoder:
-        """Return an encoder for a datagram that is recorded on two hops, for use with `write_blocks`.
+        """Return an encoder for datagrams of `size` bytes that are recorded on two hops, for `write_blocks`.
 
         The encoder is valid until `continue_in`.
-
-        Args:
-            incoming: First hop of the datagram.
-            outgoing: Second hop of the datagram.
-            size: Size of the datagram's payload in bytes.
         """
         first, second = (
             self._writer.packet_template(where, self._datagram_header(source, target, size), size)

@@ -45,13 +45,7 @@ class TcpConversations:
     def __init__(
         self, ports: Collection[int], counts: CaptureCounts, templates: FrameTemplates | None = None
     ) -> None:
-        """Start without connections.
-
-        Args:
-            ports: Ports on which servers listen.
-            counts: Counts the segments that are not b-CAP.
-            templates: Passed to the frames.
-        """
+        """Start without connections; servers listen on `ports`, and `counts` gets what is not b-CAP."""
         self._ports = ports
         self._counts = counts
         self._budget = ByteBudget()
@@ -73,11 +67,7 @@ class TcpConversations:
     ) -> list[tuple[Flow, TimedItem]]:
         """Accept a segment and return the items whose flow is known by now.
 
-        Args:
-            key: Source and destination address, then source and destination port, as in the packet.
-            segment: The parsed segment.
-            time: Capture time, ns since 1970.
-            packet: Packet number.
+        `key` is source and destination address, then source and destination port, as in the packet.
         """
         known = self._connections.get(key)
         if known is not None:

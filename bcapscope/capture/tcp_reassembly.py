@@ -59,9 +59,7 @@ class TcpSegment(NamedTuple):
 def read_segment(payload: bytes, missing: int) -> TcpSegment | None:
     """Parse the payload of an IP packet as a segment; return None if the header is not sound.
 
-    Args:
-        payload: Captured payload of the IP packet.
-        missing: Number of bytes after `payload` that the capture lacks.
+    The capture lacks `missing` bytes after `payload`.
     """
     if len(payload) < 20:
         return None
@@ -130,11 +128,9 @@ class TcpStream:
         self._recent: deque[_StreamPart] = deque(maxlen=_RECENT)
 
     def begin(self, seq: int, from_start: bool) -> None:
-        """Start the stream at the sequence number `seq`.
+        """Start the stream at the sequence number of the first byte seen.
 
-        Args:
-            seq: Sequence number of the first byte sent, or of the first byte seen.
-            from_start: Whether the SYN was seen, so that `seq` is the first byte sent.
+        With the SYN seen (`from_start`), that is the first byte sent.
         """
         self.begun = True
         self._first_seq = seq
@@ -156,10 +152,8 @@ class TcpStream:
     def receive_frame(self, segment: TcpSegment, time: int, packet: int) -> TimedItem | None:
         """Accept a segment that comes next in order and is exactly one frame; the fast path.
 
-        Call this only while `is_waiting` is False.
-
-        Returns:
-            The frame. None for any other segment, which is left untouched for `receive`.
+        Call it only while not `is_waiting`. None for any other segment, which is left untouched for
+        `receive`.
         """
         _, seq, _, data, _ = segment
         if (
@@ -197,10 +191,9 @@ class TcpStream:
         return self._drain_and_skip(time, packet)
 
     def acknowledge(self, ack: int, time: int, packet: int) -> list[TimedItem]:
-        """Record that the other end has all bytes before `ack`.
+        """Record that the other end has all bytes before `ack`, and return the items that this completes.
 
-        Returns:
-            Items that the acknowledgement completes: missing bytes before `ack` will not be sent again.
+        Missing bytes before `ack` will not be sent again.
         """
         offset = self._offset_of(ack)
         if self._acknowledged < offset <= self._next_offset + ACK_LIMIT:
@@ -377,8 +370,7 @@ class TcpConnection:
     ) -> list[TimedItem] | None:
         """Accept a segment in order that holds exactly one frame or no data; nearly all segments do.
 
-        Returns:
-            The items from `sender`. None for any other segment, which is left untouched for `receive`.
+        None for any other segment, which is left untouched for `receive`.
         """
         own, other = self.streams[sender], self.streams[1 - sender]
         if segment.flags & (FIN | SYN | RST) or own.is_waiting or other.is_waiting:

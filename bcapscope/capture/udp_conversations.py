@@ -36,13 +36,7 @@ class UdpConversations:
     def __init__(
         self, ports: Collection[int], counts: CaptureCounts, templates: FrameTemplates | None = None
     ) -> None:
-        """Start without conversations.
-
-        Args:
-            ports: Ports on which servers listen.
-            counts: Counts the datagrams that are not b-CAP.
-            templates: Passed to the frames.
-        """
+        """Start without conversations; servers listen on `ports`, and `counts` gets what is not b-CAP."""
         self.flows: dict[bytes, Flow] = {}
         self._ports = ports
         self._counts = counts
@@ -52,13 +46,9 @@ class UdpConversations:
     def receive(
         self, addresses: bytes, segment: bytes, timed_item: TimedItem, note: Problem | None
     ) -> list[tuple[Flow, TimedItem]]:
-        """Accept a datagram and return the items whose flow is known by now.
+        """Accept a datagram, with its header of 8 bytes, and return the items whose flow is known by now.
 
-        Args:
-            addresses: Source and destination address, as in the packet.
-            segment: The datagram with its header of 8 bytes.
-            timed_item: Times and packet number of the datagram; its item is ignored.
-            note: Why the datagram is incomplete; None for a whole one.
+        The item of `timed_item` is ignored. `note` says why the datagram is incomplete; None for a whole one.
         """
         key = addresses + segment[:4]
         payload = segment[8:]

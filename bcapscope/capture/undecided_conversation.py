@@ -16,11 +16,7 @@ A single S_OK reply or a single request identifies the server, so real traffic n
 
 
 def endpoints_of(key: bytes) -> tuple[Endpoint, Endpoint]:
-    """Return source and destination.
-
-    Args:
-        key: Source and destination address, then source and destination port, as in a packet.
-    """
+    """Return both ends, from source and destination address and then both ports, as in a packet."""
     size = (len(key) - 4) // 2
     family = socket.AF_INET if size == 4 else socket.AF_INET6
     hosts = (socket.inet_ntop(family, key[:size]), socket.inet_ntop(family, key[size : 2 * size]))
@@ -101,11 +97,7 @@ class UndecidedConversation:
             flow.conversation.record_end(flow.direction, reset, time)
 
     def add_item(self, sender: int, timed_item: TimedItem) -> bool:
-        """Hold an item until `release_items` returns it.
-
-        Returns:
-            False if the traffic turns out not to be b-CAP.
-        """
+        """Hold an item until `release_items`; return False if the traffic turns out not to be b-CAP."""
         if self.is_tentative:
             if isinstance(timed_item.item, Malformed) or timed_item.item.problems:
                 return False

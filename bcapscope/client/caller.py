@@ -79,14 +79,9 @@ class Caller:
                 self._after_input()
 
     async def send_raw(self, raw: bytes, timeout: float) -> bool:
-        """Send bytes unchanged, valid or not, without retries.
+        """Send bytes unchanged, valid or not, without retries; return whether anything arrived.
 
-        Args:
-            raw: One datagram, or bytes of a stream.
-            timeout: Longest wait for any received bytes, s.
-
-        Returns:
-            Whether anything arrived; the observer has received it.
+        `raw` is one datagram, or bytes of a stream. `timeout` is in s. The observer receives what arrives.
 
         Raises:
             ConnectionError: The link is lost.

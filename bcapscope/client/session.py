@@ -243,13 +243,9 @@ async def open_session(
 ) -> AsyncIterator[Session]:
     """Open a link. The end of the block releases everything that calls have opened, even after an error.
 
-    Args:
-        open_link: Result of `over_udp`, `over_tcp` or `over_link`.
-        convention: Convention of the reserved field. None selects that of DENSO's slides on UDP, and 0 on
-            TCP.
-        retry_policies: Timeouts and numbers of retries.
-        observer: Receives every frame.
-        listener: Receives every event.
+    `open_link` is the result of `over_udp`, `over_tcp` or `over_link`. The default convention of the reserved
+    field is that of DENSO's slides on UDP, and 0 on TCP. `observer` receives every frame, `listener` every
+    event.
 
     Raises:
         OSError: The controller cannot be reached, or does not listen.

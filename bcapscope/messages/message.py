@@ -154,12 +154,7 @@ class MessageFormatter:
         return ("" if self.language is Language.JAPANESE else " ").join(filter(None, texts))
 
     def place_text(self, value: PlaceValue, type_name: str) -> str:
-        """Return the text of a place.
-
-        Args:
-            value: Value of the place.
-            type_name: Type that the template expects; with a capital letter, the text begins a sentence.
-        """
+        """Return the text of a place; for a type with a capital letter, the text begins a sentence."""
         if isinstance(value, Place):
             text = value.text(self)
         else:

@@ -73,17 +73,10 @@ class FirstFrameQueue(Generic[Key]):
         return dropped
 
     def feed_bytes(self, key: Key, data: bytes, now: int) -> bytes | None:
-        """Add bytes that a connection sent.
+        """Add bytes that a connection sent at the time `now`, ns.
 
-        Args:
-            key: The connection.
-            data: The bytes.
-            now: Current time, ns.
-
-        Returns:
-            All bytes of the connection once its first frame is complete, or once they cannot begin a frame.
-            The
-            connection then leaves the queue. None before that.
+        Once its first frame is complete, or its bytes cannot begin a frame, the connection leaves the queue,
+        and all its bytes are returned; None before that.
         """
         newcomer = self._waiting[key]
         newcomer.first_byte_at = newcomer.first_byte_at or now

@@ -32,13 +32,7 @@ class TcpLink(SocketLink[asyncio.Transport], asyncio.Protocol):
 
 
 async def open_tcp(host: str, port: int, receiver: LinkReceiver, timeout: float = 5.0) -> TcpLink:
-    """Connect to `host` and return the link.
-
-    Args:
-        host: Host name or IP address.
-        port: TCP port.
-        receiver: Receives the data and the end of the link.
-        timeout: Timeout of the connection attempt, s.
+    """Connect to `host` within `timeout` s and return the link.
 
     Raises:
         OSError: The host is unknown or unreachable, or nothing listens on the port; TimeoutError is a

@@ -240,14 +240,9 @@ def encode_frame(
     arguments: Sequence[Variant] = (),
     framing: Framing = Framing.PLAIN,
 ) -> bytes:
-    """Return the bytes of a frame.
+    """Return the bytes of a frame; `code` is signed or unsigned.
 
-    Args:
-        serial: 0 to 65535.
-        reserved: 0 to 65535; 1 in the two framings of version 1.
-        code: Function id or HRESULT, signed or unsigned.
-        arguments: Values of the arguments, in order.
-        framing: How the frame ends.
+    `reserved` is 1 in the two framings of version 1.
 
     Raises:
         TooLargeError: The frame is longer than `LARGEST_FRAME`, or unpacks to more than `LARGEST_UNPACKED`.
@@ -277,11 +272,7 @@ def encode_frame(
 
 
 def _encode_number_row(serial: int, reserved: int, code: int, row: Variant) -> bytes | None:
-    """Fast path for a frame whose only argument is a short row of numbers, as in replies to slvMove.
-
-    Returns:
-        The frame. None for every other argument, and if something does not fit.
-    """
+    """Fast path for a frame with only a short row of numbers, as slvMove's reply; None for others."""
     vt, values, count = row
     if (
         vt not in NUMBER_ARRAYS
@@ -298,10 +289,7 @@ def _encode_number_row(serial: int, reserved: int, code: int, row: Variant) -> b
 
 @lru_cache(maxsize=256)
 def _packer(vt: int, count: int) -> tuple[Callable[..., bytes], int, int]:
-    """Return a function that packs a frame with `count` numbers, and two lengths in bytes.
-
-    The lengths are those of the frame and of its argument.
-    """
+    """Return a function that packs a frame with `count` numbers, and the sizes of frame and argument."""
     whole = struct.Struct(f"<BIHHIHIHI{count}{NUMBER_FORMATS[vt & ~ARRAY]}B")
     return whole.pack, whole.size, whole.size - SMALLEST_FRAME - 4
 
@@ -312,7 +300,6 @@ def with_serial_and_reserved(raw: bytes, serial: int, reserved: int) -> bytes:
 
 
 def _apply_framing(plain: bytes, framing: Framing, reserved: int) -> bytes:
-    """Convert a plain frame to another framing."""
     numbers, inner = plain[5:9], plain[9:-1]
     if framing is Framing.SERIAL_LINE:
         checked = (len(plain) + 2).to_bytes(4, "little") + numbers + inner

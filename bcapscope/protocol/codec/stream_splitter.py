@@ -84,14 +84,10 @@ class StreamSplitter:
         budget: ByteBudget | None = None,
         templates: FrameTemplates | None = None,
     ) -> None:
-        """Start a stream.
+        """Start a stream; `synchronized` is False if its start was missed.
 
-        Args:
-            synchronized: True if the first byte fed begins a frame; False if the start of the stream was
-                missed.
-            limit: Longest frame to wait for, bytes.
-            budget: Counts the bytes that this and other splitters hold; `close` returns them to it.
-            templates: Passed to the frames.
+        `limit` is the longest frame to wait for, bytes. `budget` counts the bytes that this and other
+        splitters hold; `close` returns them. `templates` are passed to the frames.
         """
         self._buffer = bytearray()
         self._budget = budget or ByteBudget()
@@ -124,8 +120,7 @@ class StreamSplitter:
     def feed_whole_frame(self, data: bytes) -> Frame | None:
         """Fast path of `feed` for the most frequent case: `data` is exactly one frame.
 
-        Returns:
-            The frame. None in every other case, in which nothing is consumed; pass the bytes to `feed` then.
+        In every other case, return None and consume nothing; pass the bytes to `feed` then.
         """
         if self._buffer or not self._synchronized or not _is_one_frame(data) or len(data) > self._limit:
             return None
@@ -240,11 +235,7 @@ class StreamSplitter:
         return None if trust in (_Trust.CONFIRMED, _Trust.INCOMPLETE) else False
 
     def _assess_header(self, pos: int, synchronized: bool = True) -> tuple[_Trust, int]:
-        """Assess the frame that may begin at `pos`, from its header and argument lengths.
-
-        Returns:
-            The trust in it, and its length in bytes; 0 if that is not known.
-        """
+        """Return the trust in the frame that may begin at `pos`, and its length; 0 if that is unknown."""
         buffer = self._buffer
         if len(buffer) - pos < HEADER_SIZE:
             return _Trust.INCOMPLETE, 0

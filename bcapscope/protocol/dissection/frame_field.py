@@ -75,11 +75,7 @@ def frame_fields(
     bytes; a damaged EOT holds the byte in its place. `envelope_fields` describes a compressed frame as it is
     on the wire, and reports the problems there.
 
-    Args:
-        frame: The frame.
-        is_request: Whether the client sent it; the frame itself does not show this.
-        function_id: For a reply, the function id of its request; None if the request was not captured.
-        command: For a reply, the bstrCommand of its request; None if it has none.
+    `function_id` and `command` are those of the request that a reply answers; None if it was not captured.
     """
     if is_request:
         function_id, command = frame.code, _command_of(frame)

@@ -24,16 +24,11 @@ _PARTS = {"bytes": "string length", "data": "value", UNREAD: "value", "left over
 
 
 def damage_problem(raw: bytes, is_request: bool | None = None) -> Problem | None:
-    """Describe the probable damage of a frame, or a misspelt command in a sound one.
+    """Describe the probable damage of a frame or a separate argument, or a misspelt command in a sound frame.
 
-    Args:
-        raw: One frame, or a separate argument of one.
-        is_request: Whether the client sent it; None if unknown.
-
-    Returns:
-        The offset of the first damage, and a clause. The code is `guess`, `cut` if only the end is missing,
-        `argument` for a sound argument, `name` for an unknown command. None for a sound frame, or if no small
-        damage explains it. Strings of the frame appear only with ordinary characters; others are escaped.
+    The offset is that of the first damage. The code is `guess`, `cut` if only the end is missing, `argument`
+    for a sound argument, `name` for an unknown command. None for a sound frame, or if no small damage
+    explains it. Strings of the frame appear only with ordinary characters; others are escaped.
     """
     found = find_repair(raw, is_request)
     if found is None:

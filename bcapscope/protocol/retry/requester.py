@@ -148,15 +148,12 @@ class Requester:
     """
 
     def __init__(self, convention: ReservedConvention, first_serial: int = 1) -> None:
-        """Start a conversation.
+        """Start a conversation. The convention also selects UDP (with retries and a size limit) or TCP.
 
-        Args:
-            convention: Convention for the reserved field. It also selects UDP (with retries and a size limit)
-                or TCP.
-            first_serial: First serial, 1..65535. The C server takes 0 from a new client for a retry.
+        The C server takes a first serial of 0 from a new client for a retry.
 
         Raises:
-            ValueError: `convention` is `UNKNOWN`, or `first_serial` is out of range.
+            ValueError: `convention` is `UNKNOWN`, or `first_serial` is not in 1..65535.
         """
         if convention is ReservedConvention.UNKNOWN or not 1 <= first_serial <= _LAST_SERIAL:
             raise ValueError(f"convention {convention}, first serial {first_serial}")
@@ -184,13 +181,7 @@ class Requester:
     def start_call(
         self, function_id: int, arguments: Sequence[Variant], policy: RetryPolicy, now: int
     ) -> None:
-        """Start a call.
-
-        Args:
-            function_id: Function to call.
-            arguments: Arguments of the request.
-            policy: Timeout and number of retries.
-            now: Current time, ns.
+        """Start a call at the time `now`, ns.
 
         Raises:
             TooLargeError: The frame is too large for UDP.

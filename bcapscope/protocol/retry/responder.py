@@ -158,8 +158,8 @@ class Responder:
         """Start with a client about which nothing is known.
 
         Args:
-            expects_retries: Whether the client may retry: True on UDP. On TCP every request is a new call.
-            reply_reserved: What replies carry in the reserved field; `UNKNOWN` acts as `ZERO`.
+            expects_retries: True on UDP. On TCP every request is a new call.
+            reply_reserved: `UNKNOWN` acts as `ZERO`.
             convention: Convention of the client if known beforehand; otherwise it is detected.
             remembered: Number of replies to store.
             largest_answer: Largest reply, bytes.
@@ -208,13 +208,7 @@ class Responder:
         return RequestDecision(RequestKind.REPEAT, again)
 
     def answer_call(self, code: int, arguments: Sequence[Variant] = ()) -> bytes:
-        """End the running call, store its reply and return the frame to send.
-
-        The frame carries the serial of the newest attempt.
-
-        Args:
-            code: HRESULT of the reply.
-            arguments: Arguments of the reply.
+        """End the running call, store its reply and return it, with the serial of the newest attempt.
 
         Raises:
             TooLargeError: The reply is longer than `largest_answer`; the call is still running.

@@ -110,12 +110,7 @@ def pass_motion_text(value: int) -> str:
 
 
 def option_meanings(text: str, is_move: bool) -> dict[str, str]:
-    """Return the meanings of the known keys in an option string, ignoring case.
-
-    Args:
-        text: Keys, separated by commas, each with an optional value after `=`.
-        is_move: True for the option of Robot_Move; False for that of a function that opens an object.
-    """
+    """Return the meanings of the known keys in an option string such as `SPEED=50,NEXT`, ignoring case."""
     known = MOVE_OPTIONS if is_move else OBJECT_OPTIONS
     keys = {part.partition("=")[0].strip().casefold() for part in text.split(",")}
     return {key: meaning for key, meaning in known.items() if key.casefold() in keys}

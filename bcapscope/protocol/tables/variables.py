@@ -132,14 +132,10 @@ def find_variable(owner: ObjectClass, name: str) -> VariableKind | None:
 
 
 def write_effect(name: str, value: Variant) -> CallEffect:
-    """Return the strongest effect that writing a variable can have.
+    """Return the strongest effect that writing a variable can have. The name is in any case, "" if unknown.
 
     A running program may wait for any value. So everything counts as moving, except writes that switch the
     motor on or off (@SERVO_ON) or stop a task (@STOP).
-
-    Args:
-        name: Name from the client's request, in any case; "" if unknown.
-        value: Value to write.
     """
     folded = name.casefold()
     if folded == SERVO_ON.casefold():
