@@ -28,8 +28,6 @@ class ByteSource:
         offset: Offset of `data` in the capture, in bytes.
     """
 
-    __slots__ = ("_read", "data", "offset")
-
     def __init__(self, read: ChunkReader) -> None:
         self._read = read
         self.data = b""
@@ -55,8 +53,6 @@ class GzipReader:
 
     The standard library's reader waits for full buffers, and loses bytes that it decompressed before damage.
     """
-
-    __slots__ = ("_bytes_returned", "_decompressor", "_read", "_tail")
 
     def __init__(self, read: ChunkReader, head: bytes) -> None:
         """Decompress `head`, which was already read from the stream, and then the bytes from `read`."""

@@ -72,7 +72,6 @@ class CallStoreWriter:
 
     @property
     def count(self) -> int:
-        """Number of rows added so far."""
         return self._calls.count
 
     def add(self, settled: PairingResult, subject: TrackedObject | None) -> None:
@@ -166,11 +165,9 @@ class CallStore:
         self._row_by_frame = CachedFileReader(folder / _ROW_BY_FRAME)
 
     def __len__(self) -> int:
-        """Return the number of rows at the last `refresh`."""
         return len(self._records)
 
     def refresh(self) -> int:
-        """Update and return the number of rows."""
         self._row_by_frame.discard_cache()
         return self._records.refresh()
 

@@ -67,7 +67,6 @@ class HexBlock:
 
     @property
     def digits(self) -> str:
-        """The hex digits of all rows."""
         return "".join(self._parts)
 
     @property
@@ -92,7 +91,6 @@ class HexBlock:
         return [(place // 2, line) for place, line in self._rows]
 
     def add(self, line: int, row: HexDigits) -> None:
-        """Append the row on line `line`."""
         self._rows.append((self._digit_count, line))
         self._append(row.digits)
         self.is_hex_only = self.is_hex_only and row.is_hex_only
@@ -125,7 +123,6 @@ class HexBlock:
         return rest
 
     def extend(self, other: HexBlock) -> None:
-        """Append all rows of another block."""
         self._rows += [(self._digit_count + place, line) for place, line in other._rows]
         self._append(other.digits)
         self.notes += other.notes

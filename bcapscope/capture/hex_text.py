@@ -180,7 +180,6 @@ class _BlockReader:
             self._set_last_block(block.split(_last_frame_start(block)))
 
     def _set_last_block(self, block: HexBlock) -> None:
-        """Finish the last block and continue with `block`."""
         if self.last is not None:
             self._finished.append(self.last)
         self.last = self._open = block
@@ -207,7 +206,6 @@ def _digits_begin_frame(digits: str) -> bool:
 
 
 def _begins_as_frame(data: bytes) -> bool:
-    """Return whether `data` begins with SOH and a plausible length."""
     return data[:1] == bytes((SOH,)) and plausible_length_field(data) is not None
 
 
@@ -361,7 +359,6 @@ def _direction_by_ports(segment: bytes) -> Direction | None:
 
 
 def _note_serial_mismatches(packets: Iterable[HexPacket]) -> Iterator[HexPacket]:
-    """Add a note to each reply whose serial matches no earlier request."""
     request_serials: set[int] = set()
     last = 0
     for packet in packets:

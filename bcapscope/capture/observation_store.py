@@ -45,7 +45,6 @@ def encode_text(text: str) -> bytes:
 
 
 def decode_text(data: bytes) -> str:
-    """Decode the result of `encode_text`."""
     return data.decode("utf-8", "surrogatepass")
 
 
@@ -61,7 +60,6 @@ class ObservationStoreWriter:
 
     @property
     def count(self) -> int:
-        """Number of observations added so far."""
         return self._frames.count
 
     def add(self, observation: Observation, call_kind: CallKind | None, comments: Sequence[str] = ()) -> None:
@@ -147,11 +145,9 @@ class ObservationStore:
         self._templates = FrameTemplates()
 
     def __len__(self) -> int:
-        """Return the number of observations at the last `refresh`."""
         return len(self._records)
 
     def refresh(self) -> int:
-        """Update and return the number of observations."""
         return self._records.refresh()
 
     def read_frame(self, number: int) -> AnnotatedFrame:

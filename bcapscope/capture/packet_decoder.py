@@ -203,7 +203,6 @@ class PacketDecoder:
         return self._tcp.receive(ip.addresses + ip.payload[:4], segment, time, packet)
 
     def _flush(self, time: int, packet: int) -> list[tuple[Flow, TimedItem]]:
-        """Release all held items at the end of the capture."""
         found = self._udp.close() + self._tcp.close(time, packet)
         self._fragments.close()
         self.counts.fragments_lost = self._fragments.packets_lost

@@ -65,7 +65,6 @@ def may_begin_frame(data: bytes) -> bool:
 
 
 def is_whole_frames(data: bytes) -> bool:
-    """Return whether `data` consists of whole frames only."""
     start = 0
     while start < len(data):
         stop = start + int.from_bytes(data[start + 1 : start + 5], "little")

@@ -113,7 +113,6 @@ class RotatingRecording(io.RawIOBase):
         self._write_file_header()
 
     def writable(self) -> bool:
-        """Return True."""
         return True
 
     def write(self, data: bytes, /) -> int:  # type: ignore[override]  # whole blocks, which are bytes
@@ -125,7 +124,6 @@ class RotatingRecording(io.RawIOBase):
 
     @property
     def bytes_pending(self) -> int:
-        """Bytes of memory that the pending blocks take."""
         return self._added - self._taken + len(self._pending) * _BLOCK_OVERHEAD
 
     @property
@@ -173,7 +171,7 @@ class RotatingRecording(io.RawIOBase):
         return True
 
     def _free_space(self, error: OSError, kept: int) -> bool:
-        """On a full disk, remove the oldest file of a ring but not the newest `kept`; return whether it did."""
+        """On a full disk, remove a ring's oldest file, but not the newest `kept`; return whether it did."""
         if self._limits is None or error.errno not in _DISK_FULL or len(self._files) <= kept:
             return False
         self.files_freed += 1
@@ -214,7 +212,6 @@ class RotatingRecording(io.RawIOBase):
 
     @property
     def is_empty(self) -> bool:
-        """Whether the current file holds no packet."""
         return self._size <= self._header_size
 
     @property

@@ -31,8 +31,6 @@ class _TrackedConnection:
     destination.
     """
 
-    __slots__ = ("connection", "conversation", "ends", "keys", "unconfirmed_segments")
-
     def __init__(self, key: bytes, connection: TcpConnection) -> None:
         self.keys = (key, reverse_key(key)) if key != reverse_key(key) else (key,)
         self.ends = endpoints_of(key)
@@ -56,7 +54,6 @@ class TcpConversations:
 
     @property
     def contradictions(self) -> int:
-        """Number of retransmissions with different content."""
         open_calls = (
             call.connection.contradictions for call, sender in self._connections.values() if sender == 0
         )
@@ -88,7 +85,6 @@ class TcpConversations:
         return found + self._receive_any(*known, segment, time, packet)
 
     def close(self, time: int, packet: int) -> list[tuple[Flow, TimedItem]]:
-        """End all connections and return their held and unfinished items."""
         found: list[tuple[Flow, TimedItem]] = []
         while self._connections:
             found += self._end_connection(next(iter(self._connections.values()))[0], time, packet)
@@ -110,7 +106,6 @@ class TcpConversations:
         return [(flows[sender], sighting) for sighting in said]
 
     def _touch(self, call: _TrackedConnection) -> None:
-        """Mark this connection as the most recently active one."""
         if call is not self._most_recent:
             self._most_recent = call
             for each in call.keys:

@@ -98,23 +98,6 @@ class TcpStream:
         contradictions: Number of retransmissions with different content. The first content is kept.
     """
 
-    __slots__ = (
-        "_acknowledged",
-        "_ahead",
-        "_ahead_cost",
-        "_budget",
-        "_end_offset",
-        "_first_seq",
-        "_marks",
-        "_next_offset",
-        "_recent",
-        "_splitter",
-        "_templates",
-        "begun",
-        "closed",
-        "contradictions",
-    )
-
     def __init__(self, budget: ByteBudget, templates: FrameTemplates | None = None) -> None:
         self.begun = self.closed = False
         self.contradictions = 0
@@ -137,7 +120,6 @@ class TcpStream:
         self._splitter = StreamSplitter(from_start, budget=self._budget, templates=self._templates)
 
     def starts_at(self, seq: int) -> bool:
-        """Return whether `seq` is the first byte of this stream."""
         return self.begun and seq == self._first_seq
 
     def is_ahead(self, seq: int) -> bool:
@@ -171,7 +153,6 @@ class TcpStream:
         return TimedItem(time, time, packet, frame)
 
     def receive(self, segment: TcpSegment, time: int, packet: int) -> list[TimedItem]:
-        """Accept a segment and return the items that it completes."""
         if self.closed:
             return []
         start, data = self._offset_of(segment.seq), segment.data
@@ -228,7 +209,6 @@ class TcpStream:
         return self._next_offset + (ahead if ahead < 0x80000000 else ahead - 0x100000000)
 
     def _deliver(self, part: _StreamPart) -> list[TimedItem]:
-        """Feed the part that continues the stream to the splitter."""
         start, data, time, packet = part
         self._next_offset = stop = start + len(data)
         self._keep_recent(part)
@@ -278,7 +258,6 @@ class TcpStream:
         return found
 
     def _skip_lost(self, offset: int, time: int, packet: int) -> list[TimedItem]:
-        """Turn the bytes up to `offset` into a gap."""
         missing = offset - self._next_offset
         self._next_offset = offset
         return self._with_times(self._splitter.add_gap(missing), time, packet)
@@ -346,15 +325,12 @@ class TcpConnection:
         server: Index of the end that accepted the connection. None if the handshake was not seen.
     """
 
-    __slots__ = ("server", "streams")
-
     def __init__(self, budget: ByteBudget, templates: FrameTemplates | None = None) -> None:
         self.streams = (TcpStream(budget, templates), TcpStream(budget, templates))
         self.server: int | None = None
 
     @property
     def contradictions(self) -> int:
-        """Number of retransmissions with different content."""
         return self.streams[0].contradictions + self.streams[1].contradictions
 
     def is_reopened_by(self, sender: int, segment: TcpSegment) -> bool:

@@ -25,7 +25,6 @@ def endpoints_of(key: bytes) -> tuple[Endpoint, Endpoint]:
 
 
 def reverse_key(key: bytes) -> bytes:
-    """Return the key of the other direction."""
     size = (len(key) - 4) // 2
     return key[size:-4] + key[:size] + key[-2:] + key[-4:-2]
 
@@ -60,8 +59,6 @@ class UndecidedConversation:
         is_tentative: Whether the traffic may still turn out not to be b-CAP.
     """
 
-    __slots__ = ("_closed", "_ends", "_held_bytes", "_held_items", "_transport", "flows", "is_tentative")
-
     def __init__(
         self, ends: tuple[Endpoint, Endpoint], transport: Transport, is_tentative: bool = False
     ) -> None:
@@ -89,7 +86,6 @@ class UndecidedConversation:
             self.set_server(1 - client, "a guess: the other end spoke first, and nothing said was proof")
 
     def record_close(self, sender: int, reset: bool, time: int) -> None:
-        """Record that an end closed the connection (FIN) or reset it (RST)."""
         if self.flows is None:
             self._closed.setdefault((sender, reset), time)
         else:

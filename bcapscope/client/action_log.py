@@ -72,7 +72,6 @@ class LoggedConnection(NamedTuple):
 
 
 def default_folder() -> Path:
-    """Return the folder of the action log on this platform."""
     return platformdirs.user_log_path("bcapscope", appauthor=False)
 
 
@@ -132,7 +131,6 @@ class ActionLog:
         self._write(time, connection, fields, needs_arming(item.code, item.variants))
 
     def log_reply(self, connection: LoggedConnection, item: Frame | Malformed, time: int) -> None:
-        """Log a reply, if its request was logged."""
         if isinstance(item, Malformed):
             return
         with self._lock:

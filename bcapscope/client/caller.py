@@ -46,7 +46,6 @@ class Caller:
         self._lost_reason: Message | None = None
 
     def attach(self, link: Link, convention: ReservedConvention) -> None:
-        """Use `link` from now on."""
         self.link = link
         self._requester = Requester(convention)
         transport = Transport.UDP if link.datagrams else Transport.TCP
@@ -104,7 +103,6 @@ class Caller:
         self.on_link_lost(Message("connection.link-closed"))
 
     def on_data(self, data: bytes) -> None:
-        """Process bytes received over the link."""
         if self.link.datagrams:
             items: Sequence[Frame | Malformed] = parse_datagram(data, self._templates)
         else:
@@ -117,7 +115,6 @@ class Caller:
         self._after_input()
 
     def on_send_error(self, reason: Message) -> None:
-        """Record the system's error for the last packet."""
         self._requester.record_send_error(reason, self._clock.now())
 
     def on_link_lost(self, reason: Message) -> None:
@@ -128,7 +125,6 @@ class Caller:
         self._signal_data()
 
     def _signal_data(self) -> None:
-        """Wake `send_raw`."""
         if self._data_arrived is not None and not self._data_arrived.done():
             self._data_arrived.set_result(None)
 

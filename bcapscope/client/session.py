@@ -40,12 +40,10 @@ _TRY_ONCE = RetryPolicy(_MS, 0)
 
 
 def over_udp(host: str, port: int = DEFAULT_PORT) -> LinkOpener:
-    """Return an opener that connects to a controller over UDP."""
     return lambda receiver: open_udp(host, port, receiver)
 
 
 def over_tcp(host: str, port: int = DEFAULT_PORT) -> LinkOpener:
-    """Return an opener that connects to a controller over TCP."""
     return lambda receiver: open_tcp(host, port, receiver)
 
 
@@ -263,7 +261,6 @@ async def open_session(
 def open_target_session(
     target: ControllerTarget, observer: Observer | None = None, listener: EventListener | None = None
 ) -> AbstractAsyncContextManager[Session]:
-    """Open a session with a target, as `open_session` does."""
     opener = (over_tcp if target.tcp else over_udp)(target.host, target.port)
     return open_session(
         opener,

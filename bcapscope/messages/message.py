@@ -190,7 +190,6 @@ ENGLISH_WORDS = MessageFormatter()
 
 
 def message_params(message: Message) -> dict[str, Json]:
-    """Return the values of a message's places for programs."""
     return {name: _json(value) for name, value in message.places.items()}
 
 
@@ -210,7 +209,6 @@ def _translations(language: Language) -> GNUTranslations:
 
 
 def has_message(id: str) -> bool:
-    """Return whether the catalogue has an id."""
     return _template(Language.ENGLISH, id) is not None
 
 

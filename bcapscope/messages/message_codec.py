@@ -13,7 +13,6 @@ from bcapscope.messages.message import Json, Message, Place, PlaceValue
 
 
 def message_to_data(message: Message) -> dict[str, Json]:
-    """Return a message as objects and lists of JSON."""
     data: dict[str, Json] = {"id": message.id}
     if message.places:
         data["places"] = {name: _to_data(value) for name, value in message.places.items()}
@@ -35,12 +34,10 @@ def message_from_data(data: Mapping[str, Json]) -> Message:
 
 
 def encode_message(message: Message) -> bytes:
-    """Return a message as one line of JSON."""
     return orjson.dumps(message_to_data(message))
 
 
 def decode_message(line: bytes) -> Message:
-    """Return the message of `encode_message`."""
     return message_from_data(orjson.loads(line))
 
 

@@ -39,8 +39,6 @@ class _PendingConnection:
         first_byte_at: Time of the first byte, ns; 0 before it.
     """
 
-    __slots__ = ("data", "first_byte_at", "source")
-
     def __init__(self, source: str) -> None:
         self.source = source
         self.data = bytearray()

@@ -15,7 +15,6 @@ NetworkModel: TypeAlias = Callable[[bytes], Iterable[float]]
 
 
 def perfect_network(_: bytes) -> Iterable[float]:
-    """Deliver each packet once, without delay."""
     return (0.0,)
 
 

@@ -153,7 +153,6 @@ class Frame:
 
     @property
     def argc(self) -> int:
-        """The argument count field."""
         return int.from_bytes(self.body[13:15], "little")
 
     @property

@@ -229,7 +229,6 @@ def number_count(variant: Variant) -> int:
 
 
 def numbers_of_arguments(arguments: Sequence[Argument]) -> FrameNumbers:
-    """Return the numbers of arguments, as `FrameTemplate.fill_arguments` expects them."""
     taken = zip(arguments, number_counts(arguments), strict=True)
     return tuple(number for argument, count in taken if count for number in iter_numbers(argument.variant))
 
@@ -249,7 +248,6 @@ def iter_numbers(variant: Variant) -> Iterator[int | float | bytes]:
 
 
 def _filler(variant: Variant) -> Callable[[Variant, FrameNumbers], Variant]:
-    """Return the function that puts numbers into a value of this form."""
     if not isinstance(variant.value, tuple):
         return _fill_scalar
     return _fill_nest if variant.vt == ARRAY | VT.VARIANT else _fill_row

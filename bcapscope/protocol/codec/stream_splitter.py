@@ -101,7 +101,6 @@ class StreamSplitter:
 
     @property
     def pending_bytes(self) -> int:
-        """Number of bytes fed that were not returned yet."""
         return len(self._buffer)
 
     def feed(self, data: bytes) -> list[StreamPiece]:

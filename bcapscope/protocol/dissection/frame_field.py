@@ -144,7 +144,6 @@ class _FieldBuilder:
     def all_fields(
         self, is_request: bool, function_id: int | None, command: str | None
     ) -> Iterator[FrameField]:
-        """Yield the fields of the frame in the order of its bytes."""
         frame = self._frame
         yield from self.header_fields()
         name, text = ("function id", function_name) if is_request else (HRESULT, hresult_name)
@@ -170,7 +169,6 @@ class _FieldBuilder:
             yield self.number_field(name, start, stop)
 
     def number_field(self, name: str, start: int, stop: int) -> FrameField:
-        """Return a field with an unsigned number."""
         return self.leaf_field(name, start, stop, int.from_bytes(self.body[start:stop], "little"))
 
     def leaf_field(
@@ -231,7 +229,6 @@ class _ArgumentFields:
         self._argument = argument
 
     def fields(self, label: ValueLabel) -> Iterator[FrameField]:
-        """Yield the fields of the argument, in the order of its bytes."""
         variant, start, stop = self._argument
         walk = self._builder
         yield walk.number_field("length", start, start + 4)
@@ -243,7 +240,6 @@ class _ArgumentFields:
                 yield walk.leaf_field(UNREAD, end, stop, walk.body[end:stop] or None, problems=broken)
 
     def _variant_fields(self, variant: Variant, start: int, label: ValueLabel) -> Iterator[FrameField]:
-        """Yield type, count and data of a VARIANT that begins at `start`."""
         yield self._builder.leaf_field("type", start, start + 2, variant.vt, text=vt_name(variant.vt))
         yield self._builder.number_field("element count", start + 2, start + _TYPE_AND_COUNT)
         start += _TYPE_AND_COUNT

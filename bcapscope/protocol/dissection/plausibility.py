@@ -46,7 +46,6 @@ class _BytesEnded(Exception):
 
 
 def plausible_length_field(data: bytes) -> int | None:
-    """Return the length field if it is plausible, else None."""
     if len(data) < _LENGTH_AT + 4:
         return None
     (length,) = _U32.unpack_from(data, _LENGTH_AT)

@@ -84,7 +84,6 @@ class _Sentence:
         return _problem(edits[0].offset, "guess", reason)
 
     def _wrong(self, edits: tuple[ByteEdit, ...]) -> Problem:
-        """Describe bytes that have wrong values."""
         first = edits[0].offset
         if first == 1:
             claimed = int.from_bytes(edits[0].found, "little")
@@ -170,7 +169,6 @@ def _about_argument(raw: bytes, found: FrameRepair) -> Problem:
 
 
 def _alone(argument: bytes) -> Variant:
-    """Decode a separate argument."""
     size = HEADER_SIZE + len(argument) + 1
     head = b"\x01" + size.to_bytes(4, "little") + bytes(8) + b"\x01\0"
     return Frame(head + argument + b"\x04").arguments[0].variant

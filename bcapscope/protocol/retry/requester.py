@@ -53,34 +53,27 @@ def _is_complete(frame: Frame) -> bool:
     return frame.length == len(frame.raw) and frame.raw[-1] == EOT
 
 
-def _elapsed(attempts: tuple[Attempt, ...]) -> int:
-    return attempts[-1].events[-1].time - attempts[0].sent
-
-
 @dataclass(frozen=True, slots=True)
-class CallAnswered:
+class _CallReplied:
+    reply: Frame
+    attempts: tuple[Attempt, ...]
+
+    @property
+    def elapsed(self) -> int:
+        """Time from the first attempt to the reply, ns."""
+        return self.attempts[-1].events[-1].time - self.attempts[0].sent
+
+
+class CallAnswered(_CallReplied):
     """The call succeeded: `reply` carries S_OK or another code that is no failure."""
 
-    reply: Frame
-    attempts: tuple[Attempt, ...]
-
-    @property
-    def elapsed(self) -> int:
-        """Time from the first attempt to the reply, ns."""
-        return _elapsed(self.attempts)
+    __slots__ = ()
 
 
-@dataclass(frozen=True, slots=True)
-class CallRefused:
+class CallRefused(_CallReplied):
     """The call failed: the controller replied with a failure code."""
 
-    reply: Frame
-    attempts: tuple[Attempt, ...]
-
-    @property
-    def elapsed(self) -> int:
-        """Time from the first attempt to the reply, ns."""
-        return _elapsed(self.attempts)
+    __slots__ = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,7 +129,6 @@ class _OpenAttempt:
         self.events: list[AttemptEvent] = []
 
     def snapshot(self) -> Attempt:
-        """Return the attempt and its events as an immutable value."""
         return Attempt(self.serial, self.reserved, self.sent, tuple(self.events))
 
 
@@ -170,7 +162,6 @@ class Requester:
 
     @property
     def call_in_progress(self) -> bool:
-        """Whether a call is in progress."""
         return self._deadline is not None
 
     @property

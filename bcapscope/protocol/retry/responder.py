@@ -93,7 +93,6 @@ class _Call:
         self.answer = b""
 
     def add_attempt(self, frame: Frame) -> None:
-        """Add `frame` as a further attempt of this call."""
         self.serials |= {frame.serial, frame.reserved or frame.serial}
         if _is_ahead(frame.serial, self.newest):
             self.newest = frame.serial
@@ -181,7 +180,6 @@ class Responder:
 
     @property
     def is_call_running(self) -> bool:
-        """Whether a call is being executed."""
         return self._running is not None
 
     def receive_request(self, frame: Frame) -> RequestDecision:

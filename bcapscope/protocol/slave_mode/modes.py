@@ -86,7 +86,6 @@ class SlaveMode:
 
     @property
     def description(self) -> Message:
-        """Its text in the reader's language."""
         return Message.from_table(f"slave-mode.{self.generation.lower()}.{self.value:03x}", self.text)
 
 

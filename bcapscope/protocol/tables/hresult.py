@@ -91,7 +91,6 @@ class HresultInfo:
 
     @cached_property
     def text(self) -> str:
-        """Meaning in English."""
         return str(self.meaning)
 
 
@@ -156,7 +155,6 @@ def _has_level_digits(code: int) -> bool:
 
 
 def level_name(level: int) -> Message:
-    """Return the name of an error level."""
     return Message(f"hresult.level.{level}")
 
 
