@@ -99,21 +99,12 @@ class CachedFileReader:
 
 
 class AppendLogReader:
-    """Reads the records of an `AppendLogWriter`, by number from 0.
-
-    It is also a context manager that closes the files.
-    """
+    """Reads the records of an `AppendLogWriter`, by number from 0."""
 
     def __init__(self, path: Path) -> None:
         self._records = CachedFileReader(path)
         self._index = CachedFileReader(_index_path(path))
         self._count = 0
-
-    def __enter__(self) -> AppendLogReader:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
     def __len__(self) -> int:
         """Return the number of records at the last `refresh`."""
