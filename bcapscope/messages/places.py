@@ -250,52 +250,47 @@ class WireText(Place):
         return self.value
 
 
-class Listing(Place):
-    """Several messages or strings in a row; the last one follows "and"."""
-
-    type_name = "list"
+class _Several(Place):
+    """Several messages or strings."""
 
     def __init__(self, items: tuple[Message | str, ...]) -> None:
         self.items = items
 
+    def texts(self, words: MessageFormatter) -> list[str]:
+        return [each if isinstance(each, str) else words.text(each) for each in self.items]
+
+    def to_json(self) -> Json:
+        return [str(each) for each in self.items]
+
+
+class Listing(_Several):
+    """Several in a row; the last one follows "and"."""
+
+    type_name = "list"
+
     def text(self, words: MessageFormatter) -> str:
-        texts = [each if isinstance(each, str) else words.text(each) for each in self.items]
+        texts = self.texts(words)
         if len(texts) < 2:
             return "".join(texts)
         return words("list.and", items=words("list.comma").join(texts[:-1]), last=texts[-1])
 
-    def to_json(self) -> Json:
-        return [str(each) for each in self.items]
 
-
-class Enumeration(Place):
-    """Several messages in a row, all separated alike."""
+class Enumeration(_Several):
+    """Several in a row, all separated alike."""
 
     type_name = "enumeration"
 
-    def __init__(self, items: tuple[Message, ...]) -> None:
-        self.items = items
-
     def text(self, words: MessageFormatter) -> str:
-        return words("list.comma").join(map(words.text, self.items))
-
-    def to_json(self) -> Json:
-        return [str(each) for each in self.items]
+        return words("list.comma").join(self.texts(words))
 
 
-class IndentedLines(Place):
-    """Several messages, each on a line of its own below the sentence."""
+class IndentedLines(_Several):
+    """Several, each on a line of its own below the sentence."""
 
     type_name = "lines"
 
-    def __init__(self, items: tuple[Message, ...]) -> None:
-        self.items = items
-
     def text(self, words: MessageFormatter) -> str:
-        return "".join(f"\n  {words.text(each)}" for each in self.items)
-
-    def to_json(self) -> Json:
-        return [str(each) for each in self.items]
+        return "".join(f"\n  {text}" for text in self.texts(words))
 
 
 def shortened(text: str) -> str:
