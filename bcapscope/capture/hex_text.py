@@ -166,7 +166,7 @@ class _BlockReader:
             and tail[0] == number - 1
             and piece.is_hex_only
             and not piece.offset
-            and not _digits_begin_frame(piece.digits)
+            and not _begins_as_frame(bytes.fromhex(piece.digits[: len(piece.digits) & ~1]))
         ):
             block.add(*tail)
         block.add(number, piece)
@@ -199,10 +199,6 @@ def _last_frame_start(block: HexBlock) -> int:
         else 0
     )
     return start if block.size - start <= LARGEST_LIKELY else 0
-
-
-def _digits_begin_frame(digits: str) -> bool:
-    return _begins_as_frame(bytes.fromhex(digits[: len(digits) & ~1]))
 
 
 def _begins_as_frame(data: bytes) -> bool:
@@ -291,15 +287,11 @@ def _frame_starts(data: bytes, rows: list[int]) -> list[int]:
             cuts.append(stop)
             continue
         later = range(bisect_right(rows, start), len(rows) if stop != len(data) else 0)
-        begun = (rows[at] for at in later if _frame_begins_at(data, rows[at]))
-        row = next(begun, None)
+        after_eot = (rows[at] for at in later if data[rows[at] - 1 : rows[at]] == bytes((EOT,)))
+        row = next((row for row in after_eot if _begins_as_frame(data[row : row + 5])), None)
         if row is None:
             return cuts
         cuts.append(row)
-
-
-def _frame_begins_at(data: bytes, row: int) -> bool:
-    return data[row - 1 : row] == bytes((EOT,)) and _begins_as_frame(data[row : row + 5])
 
 
 def _direction_of(

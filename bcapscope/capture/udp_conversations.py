@@ -64,7 +64,8 @@ class UdpConversations:
                 self._counts.not_bcap += 1
                 return []
             known = talk, 0
-            found = self._limit_undecided()
+            if len(self._undecided) >= 2 * UNDECIDED_LIMIT:
+                found = self._guess_oldest()
             self._undecided[key] = known
             self._undecided[reverse_key(key)] = talk, 1
         talk, sender = known
@@ -100,9 +101,6 @@ class UdpConversations:
             while len(self.flows) > FLOWS_LIMIT:
                 del self.flows[next(iter(self.flows))]
         return conversation.release_items()
-
-    def _limit_undecided(self) -> list[tuple[Flow, TimedItem]]:
-        return self._guess_oldest() if len(self._undecided) >= 2 * UNDECIDED_LIMIT else []
 
     def _guess_oldest(self) -> list[tuple[Flow, TimedItem]]:
         key, (talk, sender) = next(iter(self._undecided.items()))

@@ -139,9 +139,6 @@ def write_effect(name: str, value: Variant) -> CallEffect:
     """
     folded = name.casefold()
     if folded == SERVO_ON.casefold():
-        return CallEffect.CHANGES if _is_false(value) else CallEffect.ENERGISES
+        switches_off = value.value is False or integer_value(value) == 0
+        return CallEffect.CHANGES if switches_off else CallEffect.ENERGISES
     return CallEffect.CHANGES if folded == _STOP.casefold() else CallEffect.MOVES
-
-
-def _is_false(value: Variant) -> bool:
-    return value.value is False or integer_value(value) == 0
