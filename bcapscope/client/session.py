@@ -40,12 +40,10 @@ _TRY_ONCE = RetryPolicy(_MS, 0)
 
 
 def over_udp(host: str, port: int = DEFAULT_PORT) -> LinkOpener:
-    """Return an opener that connects to a controller over UDP."""
     return lambda receiver: open_udp(host, port, receiver)
 
 
 def over_tcp(host: str, port: int = DEFAULT_PORT) -> LinkOpener:
-    """Return an opener that connects to a controller over TCP."""
     return lambda receiver: open_tcp(host, port, receiver)
 
 
@@ -243,13 +241,9 @@ async def open_session(
 ) -> AsyncIterator[Session]:
     """Open a link. The end of the block releases everything that calls have opened, even after an error.
 
-    Args:
-        open_link: Result of `over_udp`, `over_tcp` or `over_link`.
-        convention: Convention of the reserved field. None selects that of DENSO's slides on UDP, and 0 on
-            TCP.
-        retry_policies: Timeouts and numbers of retries.
-        observer: Receives every frame.
-        listener: Receives every event.
+    `open_link` is the result of `over_udp`, `over_tcp` or `over_link`. The default convention of the reserved
+    field is that of DENSO's slides on UDP, and 0 on TCP. `observer` receives every frame, `listener` every
+    event.
 
     Raises:
         OSError: The controller cannot be reached, or does not listen.
@@ -267,7 +261,6 @@ async def open_session(
 def open_target_session(
     target: ControllerTarget, observer: Observer | None = None, listener: EventListener | None = None
 ) -> AbstractAsyncContextManager[Session]:
-    """Open a session with a target, as `open_session` does."""
     opener = (over_tcp if target.tcp else over_udp)(target.host, target.port)
     return open_session(
         opener,

@@ -12,6 +12,7 @@ from typing import Any, TypeAlias, TypeVar
 from bcapscope.messages.os_errors import os_reason
 from bcapscope.player.channel import Channel
 from bcapscope.protocol.codec.frame import Frame, Malformed, parse_datagram
+from bcapscope.protocol.codec.frame_template import FrameTemplates
 from bcapscope.protocol.codec.stream_splitter import StreamSplitter
 from bcapscope.protocol.codec.variant import Variant
 from bcapscope.protocol.retry.requester import (
@@ -80,7 +81,8 @@ class BlockingCaller:
         self.check_abort: Callable[[], None] = _never_abort
         self.overslept = 0
         self._requester = Requester(convention, first_serial)
-        self._splitter = StreamSplitter()
+        self._templates = FrameTemplates()
+        self._splitter = StreamSplitter(templates=self._templates)
         self._on_frame = on_frame
 
     async def perform_call(
@@ -215,7 +217,7 @@ class BlockingCaller:
     def _feed_bytes(self, data: bytes) -> None:
         arrived = self.link.arrival_time
         if self.link.datagrams:
-            items: Sequence[Frame | Malformed] = parse_datagram(data)
+            items: Sequence[Frame | Malformed] = parse_datagram(data, self._templates)
         else:
             items = [piece.item for piece in self._splitter.feed(data)]
         for item in items:

@@ -17,6 +17,7 @@ from bcapscope.faults.fault_injector import FaultInjector
 from bcapscope.faults.wire_message import FaultOutput, WireMessage
 from bcapscope.faults.wire_message import SendBytes as Sent
 from bcapscope.protocol.codec.frame import Frame
+from bcapscope.protocol.codec.frame_template import FrameTemplates
 from bcapscope.proxy.direction_state import (
     ClientActivity,
     ClientStates,
@@ -78,6 +79,7 @@ class RulePolicy:
         self._outbox: list[PolicyAction] = []
         self._messages = 0
         self._recent_requests = RecentRequests()
+        self._templates = FrameTemplates()
         self._tickets = 0
 
     @property
@@ -284,7 +286,9 @@ class RulePolicy:
     def _process(self, state: DirectionState, data: bytes, now: int, work: DecisionBuilder) -> None:
         if self._inspects_frames:
             self._messages += 1
-            message = WireMessage(self._messages, state.flow, data, now, now + self._epoch)
+            message = WireMessage(
+                self._messages, state.flow, data, now, now + self._epoch, templates=self._templates
+            )
             message.annotate(self._recent_requests)
             self._sender.on_message(state.flow, data)
             left = self._show_to_scripts(state, message, work)
@@ -373,7 +377,9 @@ class RulePolicy:
 
     def _message_with(self, message: WireMessage, data: bytes) -> WireMessage:
         """Return a message with other bytes that replaces the original."""
-        changed = WireMessage(message.number, message.flow, data, message.now, message.time)
+        changed = WireMessage(
+            message.number, message.flow, data, message.now, message.time, templates=self._templates
+        )
         changed.annotate(self._recent_requests)
         return changed
 

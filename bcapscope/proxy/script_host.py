@@ -14,6 +14,7 @@ from contextlib import suppress
 from typing import Any
 
 from bcapscope.faults.wire_message import WireMessage
+from bcapscope.protocol.codec.frame_template import FrameTemplates
 from bcapscope.proxy.addons import AddonClient, AddonRunner, load_addons
 from bcapscope.proxy.script_protocol import (
     LONGEST_SENTENCE,
@@ -47,6 +48,7 @@ class ScriptHost:
         self._addons = addons
         self._clients: dict[int, tuple[AddonClient, Conversation]] = {}
         self._recent_requests = RecentRequests()
+        self._templates = FrameTemplates()
         self._messages = 0
         self._notices: list[str] = []
         addons.notify = self._notices.append
@@ -84,7 +86,12 @@ class ScriptHost:
         self._messages += 1
         direction = Direction.REQUEST if order.up else Direction.RESPONSE
         message = WireMessage(
-            self._messages, Flow(conversation, direction), order.data, order.now, order.time
+            self._messages,
+            Flow(conversation, direction),
+            order.data,
+            order.now,
+            order.time,
+            templates=self._templates,
         )
         message.annotate(self._recent_requests)
         passing = self._addons.run_message_hooks(client, message)

@@ -14,6 +14,7 @@ from typing import TypeAlias
 
 from bcapscope.errors import LocalProtocolError, TooLargeError
 from bcapscope.protocol.codec.frame import LARGEST_FRAME, LARGEST_UDP_FRAME, Frame, parse_datagram
+from bcapscope.protocol.codec.frame_template import FrameTemplates
 from bcapscope.protocol.codec.stream_splitter import StreamSplitter
 from bcapscope.protocol.codec.variant import Variant
 from bcapscope.protocol.retry.responder import RequestKind, Responder
@@ -96,11 +97,11 @@ class _ReplayClient:
         lookup: ScriptLookup,
         responder: Responder,
         *,
-        udp: bool,
+        splitter: StreamSplitter | None,
         delays: bool,
         on_answered: _AnsweredCallback,
     ) -> None:
-        self.splitter = None if udp else StreamSplitter(limit=LARGEST_REQUEST)
+        self.splitter = splitter
         self.last_request_at = 0
         self._number = number
         self._delays = delays
@@ -216,10 +217,11 @@ class RecordedController:
         self._delays = delays
         self._clients: dict[Peer, _ReplayClient] = {}
         self._last_client_number = 0
+        self._templates = FrameTemplates()
 
     def on_datagram(self, peer: Peer, data: bytes, now: int) -> list[SimulatorOutput]:
         """Process a UDP datagram; return what to send."""
-        items = parse_datagram(data) if len(data) <= LARGEST_UDP_FRAME else ()
+        items = parse_datagram(data, self._templates) if len(data) <= LARGEST_UDP_FRAME else ()
         frame = items[0] if len(items) == 1 else None
         if not isinstance(frame, Frame) or frame.problems:
             self.dropped += 1
@@ -304,8 +306,14 @@ class RecordedController:
             expects_retries=udp, reply_reserved=self._reply_reserved, largest_answer=largest
         )
         told, prompter = partial(self._on_answered, peer), ScriptLookup(self._index)
+        splitter = None if udp else StreamSplitter(limit=LARGEST_REQUEST, templates=self._templates)
         part = _ReplayClient(
-            self._last_client_number, prompter, responder, udp=udp, delays=self._delays, on_answered=told
+            self._last_client_number,
+            prompter,
+            responder,
+            splitter=splitter,
+            delays=self._delays,
+            on_answered=told,
         )
         self._clients[peer] = part
         part.last_request_at = now

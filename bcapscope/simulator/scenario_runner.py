@@ -17,6 +17,7 @@ from bcapscope.faults.fault_injector import FaultInjector
 from bcapscope.faults.fault_matcher import FaultMatcher
 from bcapscope.faults.wire_message import CloseConnection, SendBytes, WireMessage
 from bcapscope.faults.wire_message import FaultOutput as Verdict
+from bcapscope.protocol.codec.frame_template import FrameTemplates
 from bcapscope.protocol.codec.stream_splitter import StreamSplitter
 from bcapscope.simulator.scenario import FaultsAndEvents, Scenario
 from bcapscope.simulator.scenario_event import AnyEvent, ScenarioEvent
@@ -85,6 +86,7 @@ class ScenarioRunner:
         self._peers: dict[Conversation, Peer] = {}
         self._timed: list[tuple[int, int, AnyEvent]] = []
         self._triggered: list[_TriggeredEvent] = []
+        self._templates = FrameTemplates()
         self._recent_requests, self._attempts = RecentRequests(), AttemptCounter()
         self._messages = self._counted = 0
         self._was_in_slave_mode = False
@@ -192,7 +194,9 @@ class ScenarioRunner:
     def _trigger_events(self, line: _ClientLine, data: bytes, now: int) -> list[SimulatorOutput]:
         """Apply the events that this message triggers."""
         self._messages += 1
-        message = WireMessage(self._messages, line.up, data, now, now + self._epoch)
+        message = WireMessage(
+            self._messages, line.up, data, now, now + self._epoch, templates=self._templates
+        )
         message.annotate_with_attempts(self._recent_requests, self._attempts)
         outputs: list[SimulatorOutput] = []
         for event, striker in self._triggered:

@@ -13,6 +13,7 @@ from typing import NamedTuple, TypeAlias
 
 from bcapscope.protocol.codec.frame import LARGEST_UDP_FRAME, Frame
 from bcapscope.protocol.codec.frame_content import EOT, SMALLEST_FRAME, SOH
+from bcapscope.protocol.codec.frame_template import FrameTemplates
 from bcapscope.protocol.codec.stream_splitter import StreamSplitter
 from bcapscope.protocol.guard import always_passes
 from bcapscope.simulator.call_executor import CallExecutor, CallReport
@@ -57,12 +58,12 @@ class _Link(NamedTuple):
     splitter: StreamSplitter | None
 
 
-def _sound_frame(data: bytes) -> Frame | None:
+def _sound_frame(data: bytes, templates: FrameTemplates) -> Frame | None:
     """Return the frame if a datagram is exactly one sound frame, else None; fast, because of floods."""
     size = len(data)
     if not SMALLEST_FRAME <= size <= LARGEST_UDP_FRAME or data[0] != SOH or data[-1] != EOT:
         return None
-    frame = Frame(data)
+    frame = Frame(data, None, templates)
     if frame.template_match is not None:  # a frame that matches a template is sound
         return frame
     return frame if frame.length == size and not frame.problems else None
@@ -100,6 +101,7 @@ class Simulator:
         self.dropped = 0
         self.refused = 0
         self._report = report
+        self._templates = FrameTemplates()
         self._links: dict[Peer, _Link] = {}
         self._running: dict[Peer, CallExecutor] = {}
         self._stops: dict[Peer, None] = {}  # UDP clients in the places kept for stops, oldest first
@@ -107,11 +109,11 @@ class Simulator:
         for place in range(self.machine.initial_state.udp_clients):
             self._add_client(("half-open", "udp", place), None, now)
         for place in range(self.machine.initial_state.tcp_clients):
-            self._add_client(("half-open", "tcp", place), StreamSplitter(limit=LARGEST_REQUEST), now)
+            self._add_client(("half-open", "tcp", place), self._new_splitter(), now)
 
     def on_datagram(self, peer: Peer, data: bytes, now: int) -> list[SimulatorOutput]:
         """Process a UDP datagram; return what to send."""
-        frame = _sound_frame(data)
+        frame = _sound_frame(data, self._templates)
         if frame is None:
             self.dropped += 1
             return []
@@ -132,7 +134,7 @@ class Simulator:
         if self._client_count(udp=False) >= MAX_CLIENTS + STOP_CLIENTS * is_stop:
             self.refused += 1
             return False
-        self._add_client(peer, StreamSplitter(limit=LARGEST_REQUEST), now)
+        self._add_client(peer, self._new_splitter(), now)
         return True
 
     def on_segment(self, peer: Peer, data: bytes, now: int) -> list[SimulatorOutput]:
@@ -241,6 +243,9 @@ class Simulator:
             return False
         self.on_disconnect(peer, now)
         return True
+
+    def _new_splitter(self) -> StreamSplitter:
+        return StreamSplitter(limit=LARGEST_REQUEST, templates=self._templates)
 
     def _add_client(self, peer: Peer, splitter: StreamSplitter | None, now: int) -> _Link:
         self._number += 1

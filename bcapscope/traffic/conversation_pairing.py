@@ -14,7 +14,7 @@ from bcapscope.protocol.codec.variant import VT
 from bcapscope.protocol.tables.function_table import FUNCTIONS, ResultKind
 from bcapscope.protocol.tables.hresult import E_BUSY, S_EXECUTING, is_failure
 from bcapscope.traffic.call import Call, CallFrame, CallState, FrameObservation, FrameRole, StrayReply
-from bcapscope.traffic.call_kind import call_kind_of
+from bcapscope.traffic.call_kind import CallKinds
 from bcapscope.traffic.frame_index import FrameIndex
 from bcapscope.traffic.observation import Conversation, Transport
 from bcapscope.traffic.pairing_states import TRANSITIONS, CallEvent
@@ -71,20 +71,25 @@ class ConversationPairing:
     """
 
     def __init__(
-        self, conversation: Conversation, latest_evicted: int = 0, budget: ByteBudget | None = None
+        self,
+        conversation: Conversation,
+        latest_evicted: int = 0,
+        budget: ByteBudget | None = None,
+        kinds: CallKinds | None = None,
     ) -> None:
         """Start without calls.
 
         Args:
+            latest_evicted: Number of the latest evicted call that may belong to it; 0 if there is none.
             budget: Byte count shared by the open calls of all conversations.
-            latest_evicted: Number of the latest evicted call that may belong to this conversation; 0 if
-                there is none.
+            kinds: Shared by all conversations.
         """
         self.open_calls: deque[Call] = deque()
         self.memory_bytes = 0
         self._budget = budget or ByteBudget()
         self._conversation = conversation
         self._latest_evicted = latest_evicted
+        self._kind_of = (kinds or CallKinds()).kind_of
         self._is_tcp = conversation.transport is Transport.TCP
         self._reserved_usage = ReservedFieldUsage()
         self._first_reserved = -1  # reserved field of the latest first attempt; on UDP 0 or 1 for zero or not
@@ -227,7 +232,7 @@ class ConversationPairing:
             if observation.time - since >= SHORTEST_TIMEOUT_NS:
                 newest.abandoned_at = observation.time
                 newest.state = TRANSITIONS[newest.state, CallEvent.NEXT_CALL].state
-        call = Call(number, self._conversation, call_kind_of(frame), observation, self._reserved_usage)
+        call = Call(number, self._conversation, self._kind_of(frame), observation, self._reserved_usage)
         if frame.code == SERVICE_START:
             self._session_call = number
         if self._is_tcp:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterator
-from dataclasses import replace
 from itertools import pairwise
 
 from bcapscope.analysis.client_state import ClientRegistry, ClientState
@@ -23,7 +22,7 @@ from bcapscope.analysis.slave.buffer_model import DEFAULT_SLOTS, PredictedUnderf
 from bcapscope.analysis.slave.slave_session import SlaveSession
 from bcapscope.messages import Message
 from bcapscope.messages.message import PlaceValue
-from bcapscope.messages.places import Count, Duration, FramePlace, HexNumber, Moment, Quantity
+from bcapscope.messages.places import CallPlace, Count, Duration, FramePlace, HexNumber, Moment, Quantity
 from bcapscope.protocol.tables.hresult import E_SLAVE_OVERFLOW, E_SLAVE_UNDERFLOW, S_BUF_FULL
 from bcapscope.traffic.call import Call
 from bcapscope.traffic.call_kind import CallKind
@@ -245,7 +244,8 @@ def _explain_overflow(call: Call, client: ClientState) -> RefusalReason | None:
     reason = Message("reason.overflow", **places)
     full = [point for point in points if point.hresult == S_BUF_FULL]
     if full:
-        answered = replace(call_name_place(full[-1]), serial=full[-1].last_attempt.item.serial)
+        last = full[-1]
+        answered = CallPlace(call_name_place(last).name, last.last_attempt.item.serial, last.number)
         reason = Message("reason.overflow.full", **places, call=answered)
     return RefusalReason(reason, clause=Message("clause.overflow"))
 

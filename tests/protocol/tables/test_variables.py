@@ -57,12 +57,6 @@ def test_not_known(owner: ObjectClass, name: str) -> None:
     assert find_variable(owner, name) is None
 
 
-def test_inferred_types_are_marked() -> None:
-    kind = find_variable(ROBOT, "@TYPE")
-    assert kind is not None
-    assert kind.type_inferred
-
-
 def test_every_variable_is_found_by_its_name() -> None:
     for kind in VARIABLES:
         assert find_variable(kind.owner, kind.name.lower() + ("7" if kind.is_numbered else "")) is kind
