@@ -27,7 +27,6 @@ class VariableKind:
         types: Types of its value, such as `VT_R4|VT_ARRAY`; () if no source says.
         type_inferred: Whether no source prints the type, so that it is inferred from the meaning.
         text: Meaning of its value, one clause.
-        effect: Strongest effect that writing it can have.
     """
 
     owner: ObjectClass
@@ -36,7 +35,6 @@ class VariableKind:
     types: tuple[str, ...]
     type_inferred: bool
     text: str
-    effect: CallEffect
 
 
 SERVO_ON, _START, _STOP = "@SERVO_ON", "@START", "@STOP"
@@ -44,23 +42,22 @@ SERVO_ON, _START, _STOP = "@SERVO_ON", "@START", "@STOP"
 _R4S, _R8S = "VT_R4|VT_ARRAY", "VT_R8|VT_ARRAY"
 _CONTROLLER, _ROBOT, _TASK = ObjectClass.CONTROLLER, ObjectClass.ROBOT, ObjectClass.TASK
 
-# Writing a value can influence a running program but starts nothing; writing an output switches it at once.
-_NUMBERED: tuple[tuple[str, tuple[str, ...], str, CallEffect], ...] = (
-    ("I", ("VT_I4",), "integer", CallEffect.CHANGES),
-    ("F", ("VT_R4",), "single-precision number", CallEffect.CHANGES),
-    ("D", ("VT_R8",), "double-precision number", CallEffect.CHANGES),
-    ("V", (_R4S, _R8S), "vector: X, Y, Z", CallEffect.CHANGES),
-    ("P", (_R4S, _R8S), "position: X, Y, Z [mm], Rx, Ry, Rz [deg], Fig", CallEffect.CHANGES),
-    ("J", (_R4S, _R8S), "joints: J1..J8 [deg]", CallEffect.CHANGES),
-    ("T", (_R4S, _R8S), "position: X, Y, Z [mm], Ox, Oy, Oz, Ax, Ay, Az, Fig", CallEffect.CHANGES),
-    ("S", ("VT_BSTR",), "text", CallEffect.CHANGES),
-    ("IO", ("VT_BOOL",), "I/O bit", CallEffect.MOVES),
-    ("IOB", ("VT_UI1", "VT_I2"), "8 I/O bits", CallEffect.MOVES),
-    ("IOW", ("VT_I2", "VT_I4"), "16 I/O bits", CallEffect.MOVES),
-    ("IOD", ("VT_I4",), "32 I/O bits", CallEffect.MOVES),
-    ("IOF", ("VT_R4",), "32 I/O bits as a number", CallEffect.MOVES),
-    ("TOOL", (), "tool definition (RC7)", CallEffect.CHANGES),
-    ("WORK", (), "work definition (RC7)", CallEffect.CHANGES),
+_NUMBERED: tuple[tuple[str, tuple[str, ...], str], ...] = (
+    ("I", ("VT_I4",), "integer"),
+    ("F", ("VT_R4",), "single-precision number"),
+    ("D", ("VT_R8",), "double-precision number"),
+    ("V", (_R4S, _R8S), "vector: X, Y, Z"),
+    ("P", (_R4S, _R8S), "position: X, Y, Z [mm], Rx, Ry, Rz [deg], Fig"),
+    ("J", (_R4S, _R8S), "joints: J1..J8 [deg]"),
+    ("T", (_R4S, _R8S), "position: X, Y, Z [mm], Ox, Oy, Oz, Ax, Ay, Az, Fig"),
+    ("S", ("VT_BSTR",), "text"),
+    ("IO", ("VT_BOOL",), "I/O bit"),
+    ("IOB", ("VT_UI1", "VT_I2"), "8 I/O bits"),
+    ("IOW", ("VT_I2", "VT_I4"), "16 I/O bits"),
+    ("IOD", ("VT_I4",), "32 I/O bits"),
+    ("IOF", ("VT_R4",), "32 I/O bits as a number"),
+    ("TOOL", (), "tool definition (RC7)"),
+    ("WORK", (), "work definition (RC7)"),
 )
 
 # Owner, names, types, inferred, text.
@@ -103,20 +100,10 @@ _NAMED: tuple[tuple[ObjectClass, str, tuple[str, ...], bool, str], ...] = (
     (_TASK, _STOP, ("VT_I4",), False, "stops the task when written"),
 )
 
-_WRITE_EFFECTS = {
-    _START: CallEffect.MOVES,
-    SERVO_ON: CallEffect.ENERGISES,
-    **dict.fromkeys(("@EXTSPEED", "@EXTACCEL", "@EXTDECEL"), CallEffect.ENERGISES),
-}
-"""Strongest effect of writing a variable, if it is more than the change of a value."""
-
 VARIABLES: tuple[VariableKind, ...] = (
+    *(VariableKind(_CONTROLLER, name, True, types, False, text) for name, types, text in _NUMBERED),
     *(
-        VariableKind(_CONTROLLER, name, True, types, False, text, effect)
-        for name, types, text, effect in _NUMBERED
-    ),
-    *(
-        VariableKind(owner, name, False, types, inferred, text, _WRITE_EFFECTS.get(name, CallEffect.CHANGES))
+        VariableKind(owner, name, False, types, inferred, text)
         for owner, name, types, inferred, text in _NAMED
     ),
 )
