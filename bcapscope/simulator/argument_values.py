@@ -99,6 +99,18 @@ def integer_of(variant: Variant) -> int:
     return int(number_of(variant))
 
 
+def number_within(variant: Variant, allowed: range, refusal: int) -> int:
+    """Read an integer.
+
+    Raises:
+        RefusedError: The value is no number; or the number is not in `allowed`, with the code `refusal`.
+    """
+    number = integer_of(variant)
+    if number not in allowed:
+        raise RefusedError(refusal)
+    return number
+
+
 def text_of(variant: Variant) -> str:
     """Read a text; EMPTY and NULL give "".
 

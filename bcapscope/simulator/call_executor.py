@@ -119,12 +119,12 @@ class CallExecutor:
         due = self.running.due(now)
         return due if self._next_notice is None else min(due, self._next_notice)
 
-    def close(self, now: int) -> None:
+    def close(self) -> None:
         """End the session of a client that is gone; its open requests get no reply."""
         self.running = None
         self._waiting.clear()
         self._responder.reset()
-        self.session.end(now)
+        self.session.end()
 
     def _execute(self, frame: Frame, now: int) -> list[bytes]:
         arguments = frame.variants

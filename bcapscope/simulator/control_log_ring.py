@@ -61,10 +61,11 @@ class ControlLog:
         self.due = due
 
 
-def log_record_variant(record: ControlLogRecord, current: Joints, tool: int, work: int) -> Variant:
+def log_record_variant(record: ControlLogRecord, tool: int, work: int) -> Variant:
     """Return the VARIANT array of GetLogRecord."""
     values = []
-    for commanded, actual, ampere in zip(record.commanded, record.actual, current, strict=True):
-        values += [r8(commanded), r8(actual), r8(ampere), r8(abs(ampere) * 10)]
+    for commanded, actual in zip(record.commanded, record.actual, strict=True):
+        lag = commanded - actual
+        values += [r8(commanded), r8(actual), r8(lag), r8(abs(lag) * 10)]
     counter = record.time // 1_000_000
     return variant_array(*values, i4(0), i4(0), bstr(""), i4(0), i4(counter), i4(tool), i4(work))

@@ -209,6 +209,10 @@ class Machine:
         self.check_state()
         if not self.motor_is_on(now):
             raise RefusedError(MOTOR_IS_OFF)
+        self.check_arm(client)
+
+    def check_arm(self, client: int) -> None:
+        """Refuse a call that needs the arm, unless this client has it or the controller has no TakeArm."""
         if self.profile.needs_arm and self.owner != client:
             raise RefusedError(E_ARM_NOT_TAKEN)
 

@@ -162,7 +162,7 @@ class Simulator:
         self._running.pop(peer, None)
         self._stops.pop(peer, None)
         if link is not None:
-            link.executor.close(now)
+            link.executor.close()
 
     def reset(self, now: int) -> list[SimulatorOutput]:
         """Press the pendant's Reset button: the controller forgets every client (DENSO Wave 2009)."""
