@@ -14,15 +14,7 @@ from bcapscope.simulator.object_table import ControllerObject, ObjectTable
 
 @dataclass(slots=True)
 class CallContext:
-    """One call.
-
-    Attributes:
-        machine: The controller.
-        client: Number of the client.
-        objects: Objects that the client has opened.
-        object: Object that the client calls.
-        now: Time, ns.
-    """
+    """One call of a client, by its number, on one of its objects; `now` in ns."""
 
     machine: Machine
     client: int

@@ -36,16 +36,7 @@ _FUNCTIONS_WITH_RESULT = frozenset(
 
 
 class CallReport(NamedTuple):
-    """A call with its result.
-
-    Attributes:
-        client: Number of the client.
-        function_id: Function id of the request.
-        arguments: Arguments of the request.
-        result: Result of the call.
-        began: Time of the request, ns.
-        ended: Time of the reply, ns.
-    """
+    """A call with its result; both times in ns."""
 
     client: int
     function_id: int
@@ -59,7 +50,6 @@ class CallExecutor:
     """Runs the calls of one client.
 
     Attributes:
-        session: Session of the client.
         last_heard: Time of the last request, ns.
         running: The call that is running; None if there is none.
     """

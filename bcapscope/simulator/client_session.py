@@ -141,8 +141,7 @@ class ClientSession:
     def _connect(self, arguments: tuple[Variant, ...]) -> Variant:
         """Open the controller; RC7 ignores all four strings, the others need their provider.
 
-        A name is in use while any client has it. A crashed client has it until the controller forgets that
-        client.
+        A name is in use while any client has it, also a crashed one that the controller remembers.
         """
         name, provider, _, option = (text_of(argument_at(arguments, index)) for index in range(4))
         providers = self.machine.profile.providers
@@ -167,15 +166,10 @@ def _provider_reason(provider: str, providers: tuple[str, ...]) -> str:
 def is_allowed_in_slave_mode(
     function_id: int, arguments: tuple[Variant, ...], is_other: bool = False
 ) -> bool:
-    """Return whether a call is accepted while slave mode is on.
+    """Return whether a call is accepted while slave mode is on; `is_other`: another client has the arm.
 
     If no source says, calls that only read are accepted and all others refused. Unknown commands are accepted
     here, and refused elsewhere.
-
-    Args:
-        function_id: Function id of the call.
-        arguments: Arguments of the call, the handle first.
-        is_other: Whether another client has the arm.
     """
     refused = _REFUSED_COMMANDS.get(function_id)
     if refused is not None:

@@ -33,7 +33,6 @@ class ControlLog:
     """The ring of records; the oldest has index 0.
 
     Attributes:
-        records: The records.
         due: Time of the next record, ns; None while the log does not record.
     """
 
@@ -42,7 +41,6 @@ class ControlLog:
         self.due: int | None = None
 
     def start(self, now: int) -> None:
-        """Start or continue recording."""
         self.due = now if self.due is None else self.due
 
     def stop(self) -> None:

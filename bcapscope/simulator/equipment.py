@@ -26,8 +26,7 @@ class Equipment:
         hand: COBOTTA's electric hand, which is also the extension `Hand0`.
         gripper: The 2FG hand.
         vacuum: Power of COBOTTA's vacuum hand in percent; 0 while it is off.
-        tools: Definitions of tools by number; a missing one is all zeros.
-        works: Definitions of works by number; a missing one is all zeros.
+        tools: Definitions of tools by number; a missing one is all zeros. The same for works.
         areas: Numbers of the enabled areas.
         lines: Numbers of the open serial and socket lines.
         brackets: Names of the open brackets around motions: `time` and `move`.

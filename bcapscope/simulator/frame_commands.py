@@ -117,11 +117,7 @@ def _define(context: CallContext, parameter: Variant, frames: FrameTable) -> Non
 
 
 def frame_number(number: int, first: int = 0) -> int:
-    """Check the number of a tool or work, and return it.
-
-    Raises:
-        RefusedError: The number is below `first` or too large.
-    """
+    """Return the number of a tool or work; refused if it is below `first` or too large."""
     if not first <= number < MAX_FRAMES:
         raise RefusedError(BAD_INDEX)
     return number

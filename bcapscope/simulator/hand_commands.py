@@ -113,11 +113,7 @@ def _stop(context: CallContext, parameter: Variant) -> None:
 def _begin_motion(
     context: CallContext, goal: float, speed: float, force: float, is_next: bool = False
 ) -> RunningCall | None:
-    """Begin a motion of COBOTTA's hand.
-
-    Raises:
-        RefusedError: The controller's state forbids motion, the motor is off, or the hand moves already.
-    """
+    """Begin a motion of COBOTTA's hand, unless the state forbids it, the motor is off or the hand moves."""
     hand = context.machine.equipment.hand
     _check_ready(context)
     _check_not_moving(context, hand)

@@ -129,11 +129,7 @@ def trans(joints: Joints) -> tuple[float, ...]:
 
 
 def joints_of_trans(values: tuple[float, ...]) -> Joints:
-    """Compute the joints that reach a pose of T type.
-
-    Raises:
-        RefusedError: The position is out of reach.
-    """
+    """Compute the joints that reach a pose of T type; raises as `joints_of_position`."""
     ox, oy, oz, ax, ay, az = values[3:9]
     nx, ny, nz = oy * az - oz * ay, oz * ax - ox * az, ox * ay - oy * ax
     pitch = asin(max(-1.0, min(1.0, -nz)))
@@ -142,11 +138,7 @@ def joints_of_trans(values: tuple[float, ...]) -> Joints:
 
 
 def joints_of(pose_type: PoseType, values: tuple[float, ...]) -> Joints:
-    """Compute the joints of any pose.
-
-    Args:
-        pose_type: Type of the pose.
-        values: Finite numbers, at least six, for T type at least nine.
+    """Compute the joints of any pose of finite numbers.
 
     Raises:
         RefusedError: There are too few numbers, or the position is out of reach.

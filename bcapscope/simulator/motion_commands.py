@@ -47,11 +47,7 @@ _PAIR = re.compile(r"\(\s*([0-9]{1,2})\s*,\s*([^(),\s]+)\s*\)")
 
 
 def move(context: CallContext, interpolation: Variant, pose: Variant, option: Variant) -> HandlerOutcome:
-    """Run Robot_Move. Here, lines and circles are followed like PTP, and free curves hold no points.
-
-    Raises:
-        RefusedError: The interpolation is unknown, or the motion is refused.
-    """
+    """Run Robot_Move. Here, lines and circles are followed like PTP, and free curves hold no points."""
     kind, read = integer_of(interpolation), context.machine.memory.read
     if kind == _CIRCLE:
         targets = [parse_target(each, read) for each in _poses(pose)]
@@ -82,13 +78,7 @@ def drive(
     option: str,
     passing: int | None = None,
 ) -> HandlerOutcome:
-    """Move single axes (1..6) by, or to, angles in degrees.
-
-    If `passing` is None, the option holds the pass.
-
-    Raises:
-        RefusedError: There is no such axis, or the motion is refused.
-    """
+    """Move single axes (1..6) by, or to, angles in degrees; `passing` None takes the pass from the option."""
     joints = list(context.machine.arm.goal)
     for axis, way in axis_moves:
         if not 1 <= axis <= AXIS_COUNT:
@@ -110,11 +100,7 @@ def hold(context: CallContext) -> None:
 
 
 def unhold(context: CallContext) -> None:
-    """Resume a paused motion of any client.
-
-    Raises:
-        RefusedError: The controller's state forbids motion, for example because of an error.
-    """
+    """Resume a paused motion of any client, unless the controller's state forbids motion."""
     machine = context.machine
     if machine.current_move and machine.is_held:
         machine.check_state()
@@ -122,11 +108,7 @@ def unhold(context: CallContext) -> None:
 
 
 def run_motion(context: CallContext, target: MotionTarget, option: str = "") -> HandlerOutcome:
-    """Begin a motion.
-
-    Raises:
-        RefusedError: The robot is busy, is not ready, or cannot reach the target.
-    """
+    """Begin a motion; refused if the robot is busy or not ready, or cannot reach the target."""
     machine, now = context.machine, context.now
     machine.check_motion(context.client, now)
     if now < machine.free_at:
@@ -142,13 +124,7 @@ def run_motion(context: CallContext, target: MotionTarget, option: str = "") -> 
 
 
 class _MotionOptions(NamedTuple):
-    """Options of a motion.
-
-    Attributes:
-        speed: Internal speed in percent; None to use the robot's current setting.
-        time: Minimum duration, ns.
-        next: Whether the call returns before the motion ends.
-    """
+    """Internal speed in percent or None, least duration in ns, and whether the call answers at once."""
 
     speed: float | None
     time: int

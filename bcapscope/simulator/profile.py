@@ -61,7 +61,6 @@ class Profile:
         title: Title for people.
         generation: Generation, which decides the meaning of slave-mode numbers.
         replies: What replies carry in reserved.
-        no_argument: Replies without a value that carry no argument instead of EMPTY.
         mode_type: Type of slvGetMode's result.
         real: Element type of poses.
         providers: Names that Controller_Connect accepts, in upper or lower case; () if it ignores the name.

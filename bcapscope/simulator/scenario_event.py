@@ -47,12 +47,8 @@ class OperatingMode(StrEnum):
 class ScenarioEvent(Fault, frozen=True, kw_only=True):
     """Fields of all events.
 
-    An event with a condition or an attempt number happens just before the controller gets a matching request.
-    Any other event happens automatically, once.
-
-    Attributes:
-        direction: Direction of the messages that can trigger the event.
-        times: How often the event happens at most.
+    An event with a condition or an attempt number happens just before the controller gets a matching request,
+    at most `times` times. Any other event happens automatically, once.
     """
 
     direction: Direction | None = Direction.REQUEST
@@ -101,11 +97,7 @@ class MotorOff(ScenarioEvent, frozen=True, kw_only=True, tag="motor-off"):
 
 
 class RaiseError(ScenarioEvent, frozen=True, kw_only=True, tag="error"):
-    """An error occurs: motions and slave mode end, and the error stays active until ClearError.
-
-    Attributes:
-        code: Code of the error.
-    """
+    """An error occurs: motions and slave mode end, and the error stays active until ClearError."""
 
     code: HresultQuantity
 
@@ -120,11 +112,7 @@ class RaiseError(ScenarioEvent, frozen=True, kw_only=True, tag="error"):
 
 
 class SwitchMode(ScenarioEvent, frozen=True, kw_only=True, tag="mode"):
-    """Somebody turns the mode switch of the pendant.
-
-    Attributes:
-        to: New position.
-    """
+    """Somebody turns the mode switch of the pendant."""
 
     to: OperatingMode
 
@@ -134,11 +122,7 @@ class SwitchMode(ScenarioEvent, frozen=True, kw_only=True, tag="mode"):
 
 
 class StopTask(ScenarioEvent, frozen=True, kw_only=True, tag="stop-task"):
-    """Somebody stops a program on the pendant.
-
-    Attributes:
-        task: Name of the program.
-    """
+    """Somebody stops a program on the pendant."""
 
     task: Annotated[str, Meta(min_length=1, max_length=LONGEST_NAME)]
 
@@ -156,12 +140,7 @@ class TakeArm(ScenarioEvent, frozen=True, kw_only=True, tag="take-arm"):
 
 
 class MoveArm(ScenarioEvent, frozen=True, kw_only=True, tag="move"):
-    """Somebody else moves the arm, unless slave mode is on or a motion is held.
-
-    Attributes:
-        joints: Target, six angles in degrees.
-        speed: Percent of the highest speed.
-    """
+    """Somebody else moves the arm, unless slave mode is on or a motion is held; `speed` in percent."""
 
     joints: Joints6
     speed: Percent = 100.0

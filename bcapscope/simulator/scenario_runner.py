@@ -41,7 +41,7 @@ class _ClientLine(NamedTuple):
 
 class _TriggeredEvent(NamedTuple):
     event: AnyEvent
-    striker: FaultMatcher
+    matcher: FaultMatcher
 
 
 def _ignore(news: str) -> None:
@@ -49,12 +49,7 @@ def _ignore(news: str) -> None:
 
 
 class ScenarioRunner:
-    """A simulator with the faults and events of a scenario.
-
-    Attributes:
-        simulator: The controller.
-        shaper: Applies the faults to messages.
-    """
+    """A simulator with the faults and events of a scenario; `shaper` applies the faults to messages."""
 
     def __init__(
         self,
@@ -65,14 +60,9 @@ class ScenarioRunner:
         seed: int | None = None,
         on_news: Callable[[str], None] = _ignore,
     ) -> None:
-        """Begin to play.
+        """Begin to play; `simulator` has the scenario's profile and initial state.
 
-        Args:
-            scenario: The faults and events.
-            simulator: A simulator with the scenario's profile and initial state.
-            now: Current time of the simulator's clock, ns.
-            seed: Random seed; None for that of the scenario.
-            on_news: Called with the name of each event and fault that acts.
+        `seed` None is that of the scenario. `on_news` gets the name of each event and fault that acts.
         """
         self.simulator = simulator
         self._scenario = scenario
@@ -92,12 +82,10 @@ class ScenarioRunner:
         self._schedule(scenario.faults, now)
 
     def on_datagram(self, peer: Peer, data: bytes, now: int) -> list[SimulatorOutput]:
-        """Process a UDP datagram; return what to send."""
-        outputs = self._advance_to(now)
+        outputs = self.advance(now)
         return outputs + self._on_client_message(self._line_of(peer, Transport.UDP), data, now)
 
     def on_connect(self, peer: Peer, now: int, is_stop: bool = False) -> bool:
-        """Accept a TCP connection; return False if there are too many, so that the caller closes it."""
         self._line_of(peer, Transport.TCP)
         taken = self.simulator.on_connect(peer, now, is_stop)
         if not taken:
@@ -105,8 +93,7 @@ class ScenarioRunner:
         return taken
 
     def on_segment(self, peer: Peer, data: bytes, now: int) -> list[SimulatorOutput]:
-        """Process bytes of a connection; return what to send."""
-        outputs = self._advance_to(now)
+        outputs = self.advance(now)
         line = self._lines.get(peer)
         if line is None or line.splitter is None:
             return outputs
@@ -123,26 +110,18 @@ class ScenarioRunner:
         self._remove_client(peer)
 
     def reset(self, now: int) -> list[SimulatorOutput]:
-        """Press the pendant's Reset button; return what to send."""
         return self._send_to_clients(self.simulator.reset(now), now)
 
-    def advance(self, now: int) -> list[SimulatorOutput]:
-        """Advance the model to `now`; return what to send."""
-        return self._advance_to(now)
-
     def due(self, now: int) -> int | None:
-        """Return the latest time for the next `advance`, ns; None if nothing is under way."""
         times = (self.simulator.due(now), self.shaper.due(), self._timed[0][0] if self._timed else None)
         return min((time for time in times if time is not None), default=None)
 
     @property
     def runs_in_real_time(self) -> bool:
-        """Whether the model's time continues while the process gets no processor time."""
         return self.simulator.runs_in_real_time
 
     @property
     def has_running_calls(self) -> bool:
-        """Whether a call waits for time to pass."""
         return self.simulator.has_running_calls
 
     # faults and events
@@ -163,7 +142,7 @@ class ScenarioRunner:
         self._on_news(event.name or event.action)
         return self._send_to_clients(event.apply(self.simulator, now), now)
 
-    def _advance_to(self, now: int) -> list[SimulatorOutput]:
+    def advance(self, now: int) -> list[SimulatorOutput]:
         """Run everything that is due by `now`, in order of time."""
         outputs: list[SimulatorOutput] = []
         while self._timed and self._timed[0][0] <= now:
@@ -183,21 +162,19 @@ class ScenarioRunner:
     # messages
 
     def _on_client_message(self, line: _ClientLine, data: bytes, now: int) -> list[SimulatorOutput]:
-        """Process one message of a client; return what to send."""
         outputs = self._trigger_events(line, data, now) if self._triggered else []
         taken = self.shaper.process_message(line.up, data, now)
         self._report_touched(taken.fault_notes)
         return outputs + self._carry_out(taken.outputs, now)
 
     def _trigger_events(self, line: _ClientLine, data: bytes, now: int) -> list[SimulatorOutput]:
-        """Apply the events that this message triggers."""
         self._messages += 1
         message = WireMessage(self._messages, line.up, data, now, now + self._epoch)
         message.annotate_with_attempts(self._recent_requests, self._attempts)
         outputs: list[SimulatorOutput] = []
-        for event, striker in self._triggered:
-            if striker.matches(message) and striker.draw():
-                striker.count_hit()
+        for event, matcher in self._triggered:
+            if matcher.matches(message) and matcher.draw():
+                matcher.count_hit()
                 outputs += self._apply_event(event, now)
         return outputs
 
@@ -226,19 +203,19 @@ class ScenarioRunner:
 
     def _send_to_clients(self, outputs: Iterable[SimulatorOutput], now: int) -> list[SimulatorOutput]:
         """Pass the controller's replies through the faults."""
-        said: list[SimulatorOutput] = []
+        passed: list[SimulatorOutput] = []
         for output in outputs:
             line = self._lines.get(output.peer)
             if line is None:
-                said.append(output)
+                passed.append(output)
             elif not output.data:
                 self._remove_client(output.peer)
-                said.append(output)
+                passed.append(output)
             else:
                 taken = self.shaper.process_message(line.down, output.data, now)
                 self._report_touched(taken.fault_notes)
-                said += self._carry_out(taken.outputs, now)
-        return said
+                passed += self._carry_out(taken.outputs, now)
+        return passed
 
     def _close_connection(self, closing: CloseConnection, now: int) -> list[SimulatorOutput]:
         peer = self._peers.get(closing.conversation)

@@ -41,12 +41,7 @@ class ResetMarker(bytes):
 
 
 class SimulatorOutput(NamedTuple):
-    """Something to send.
-
-    Attributes:
-        peer: The client to send to.
-        data: One frame; empty to close the connection.
-    """
+    """One frame to send to a client; empty data closes the connection."""
 
     peer: Peer
     data: bytes
@@ -88,13 +83,9 @@ class Simulator:
         now: int = 0,
         report: Callable[[Peer, CallReport], None] = _ignore,
     ) -> None:
-        """Switch the controller on.
+        """Switch the controller on at `now`, ns; all later times use the same clock.
 
-        Args:
-            profile: Kind of controller.
-            initial_state: State at the beginning.
-            now: Current time, ns; all later times use the same clock.
-            report: Called with the client and each answered call.
+        `report` is called with the client and each answered call.
         """
         self.machine = Machine(profile, initial_state, now)
         self.dropped = 0
@@ -110,7 +101,6 @@ class Simulator:
             self._add_client(("half-open", "tcp", place), StreamSplitter(limit=LARGEST_REQUEST), now)
 
     def on_datagram(self, peer: Peer, data: bytes, now: int) -> list[SimulatorOutput]:
-        """Process a UDP datagram; return what to send."""
         frame = _sound_frame(data)
         if frame is None:
             self.dropped += 1
@@ -124,10 +114,7 @@ class Simulator:
     def on_connect(self, peer: Peer, now: int, is_stop: bool = False) -> bool:
         """Accept a TCP connection; return False if there are too many, so that the caller closes it.
 
-        Args:
-            peer: The client.
-            now: Time, ns.
-            is_stop: Its first request is a stop, which is accepted beyond the usual limit.
+        A client whose first request is a stop (`is_stop`) is accepted beyond the usual limit.
         """
         if self._client_count(udp=False) >= MAX_CLIENTS + STOP_CLIENTS * is_stop:
             self.refused += 1
@@ -172,7 +159,6 @@ class Simulator:
         return [SimulatorOutput(peer, b"") for peer in peers]
 
     def advance(self, now: int) -> list[SimulatorOutput]:
-        """Advance the model to `now`; return what to send."""
         self.machine.advance(now)
         return self._poll(now) if self._running else []
 

@@ -55,7 +55,6 @@ class SimulatorClock:
         )
 
     def now(self) -> int:
-        """Return the model's time."""
         return self._monotonic() - self.paused_ns
 
     def update(self) -> int:

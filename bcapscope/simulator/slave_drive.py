@@ -28,12 +28,7 @@ _TOLERANCE = 1.000001  # single-precision set points are rounded; rounding is no
 
 @dataclass(frozen=True, slots=True)
 class SlaveModeFault:
-    """The error that ended slave mode.
-
-    Attributes:
-        code: HRESULT, unsigned.
-        time: Time of the error, ns.
-    """
+    """The code (HRESULT) of the error that ended slave mode, and its time, ns."""
 
     code: int
     time: int
@@ -73,7 +68,6 @@ class SlaveDrive:
 
     @property
     def waiting(self) -> int:
-        """Set points in the buffer."""
         return len(self._queue)
 
     @property

@@ -39,11 +39,7 @@ TYPE_NUMBER = 999
 
 
 def check_exists(owner: ObjectClass, name: str, generation: Generation) -> None:
-    """Refuse a variable that the object does not have on a controller of this generation.
-
-    Raises:
-        RefusedError: There is no variable of that name.
-    """
+    """Refuse a variable that the object does not have on a controller of this generation."""
     upper = name.strip().upper()
     match = _NUMBERED.fullmatch(upper) if owner is ObjectClass.CONTROLLER else None
     is_known = match is not None or (owner, upper) in _READERS
@@ -56,7 +52,6 @@ def _exists_on(generation: Generation, name: str) -> bool:
 
 
 def read_variable(context: CallContext) -> Variant:
-    """Read the variable of `context.object`."""
     place = _numbered_variable(context.object)
     if place and place[0] in FRAMES:
         return _read_frame(context, *place)
@@ -69,11 +64,7 @@ def read_variable(context: CallContext) -> Variant:
 
 
 def write_variable(context: CallContext, value: Variant) -> HandlerOutcome:
-    """Write the variable of `context.object`; if it acts as a command, the call lasts as long as the command.
-
-    Raises:
-        RefusedError: It cannot be written, the value does not fit, or the command is refused.
-    """
+    """Write the variable of `context.object`; if it acts as a command, the call lasts as long as that."""
     place = _numbered_variable(context.object)
     if place:
         if place[0] in FRAMES:
@@ -177,11 +168,9 @@ def _task_name(context: CallContext) -> str:
 
 
 class _WriteAction(NamedTuple):
-    """The effect of writing a variable.
+    """The command that writing a variable runs, with the written value as its parameter.
 
-    Attributes:
-        command: Command to run, with the written value as its parameter.
-        in_slave_mode: Whether slave mode allows it, as it allows the equivalent function or command.
+    `in_slave_mode` is as for the equivalent function or command.
     """
 
     command: CommandHandler
