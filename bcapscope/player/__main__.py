@@ -60,11 +60,7 @@ def play(
 ) -> PlayEnded:
     """Play a plan; return how that ended.
 
-    Args:
-        plan: What to do.
-        pipe: Receives the messages.
-        recording: Where to record; None for no recording.
-        log: File for the controller's own log; None for none.
+    `recording` and `log` (the controller's own) are None if the plan has none.
     """
     target = plan.target
     with realtime_priority(plan.realtime and not plan.look_only) as grade:

@@ -44,13 +44,7 @@ def read_capture(
     options: ReadOptions,
     ports: Collection[int] = BCAP_PORTS,
 ) -> tuple[Trajectory, ...]:
-    """Read the set points of each slave-mode session.
-
-    Args:
-        packets: Packets of the capture.
-        source: Where the packets come from.
-        options: What the user says about the file.
-        ports: Ports of controllers.
+    """Read the set points of each slave-mode session; `ports` are those of controllers.
 
     Raises:
         TrajectoryError: There are no set points, or none of the wanted type.

@@ -64,14 +64,7 @@ class Channel(BaseLink, Protocol):
 
 
 class SocketChannel:
-    """A socket connected to its peer, so that the system drops datagrams from others.
-
-    Attributes:
-        datagrams: Whether this is UDP; else TCP.
-        local: Local address.
-        peer: Address of the peer.
-        arrival_time: Arrival time of the bytes received last.
-    """
+    """A socket connected to its peer, so that the system drops datagrams from others."""
 
     def __init__(self, sock: socket.socket) -> None:
         self.datagrams = sock.type == socket.SOCK_DGRAM
@@ -152,14 +145,7 @@ def _measure_epoch_offset() -> int:
 
 
 def open_channel(host: str, port: int, tcp: bool, timeout: float = 5.0, local_port: int = 0) -> SocketChannel:
-    """Open a channel to a controller.
-
-    Args:
-        host: Name or address of the controller.
-        port: Port of the controller.
-        tcp: TCP instead of UDP.
-        timeout: Seconds to wait for a connection.
-        local_port: Local UDP port; 0 for any.
+    """Open a channel to a controller, from any local UDP port if `local_port` is 0.
 
     Raises:
         OSError: The host is unknown or unreachable, or its port is closed.

@@ -54,14 +54,12 @@ class ReadOptions:
 
 @dataclass(frozen=True, slots=True)
 class ColumnLayout:
-    """The columns that make a trajectory.
+    """The columns that make a trajectory; one clause per note on what was chosen or assumed.
 
     Attributes:
-        kind: Pose type.
         columns: One element per axis, in order.
         time: Column of the times; None if there is none.
         counter: Column that counts records or time; None if there is none.
-        notes: What was chosen or assumed, one clause each.
     """
 
     kind: PoseType
@@ -72,11 +70,7 @@ class ColumnLayout:
 
 
 def parse_columns(text: str) -> dict[str, int]:
-    """Parse a description such as `time=1,J1..J6=2..7`: the column of each axis, from 1.
-
-    Raises:
-        InputError: The description is invalid.
-    """
+    """Parse a description such as `time=1,J1..J6=2..7`: the column of each axis, from 1."""
     columns: dict[str, int] = {}
     for part in text.split(","):
         for name, place in _column_pairs(part):
@@ -112,8 +106,7 @@ def _column_pairs(part: str) -> Iterator[tuple[str, int]]:
 def layout_of_titles(titles: Sequence[str], options: ReadOptions) -> ColumnLayout | None:
     """Find the columns by their titles; None if no pose is complete.
 
-    Raises:
-        TrajectoryError: Columns that the user named do not exist.
+    Columns that the user named but that do not exist raise TrajectoryError.
     """
     if options.columns:
         return _layout_as_given(options, titles, len(titles))
@@ -143,11 +136,7 @@ def layout_of_titles(titles: Sequence[str], options: ReadOptions) -> ColumnLayou
 
 
 def layout_of_numbers(rows: Sequence[Sequence[float]], options: ReadOptions) -> ColumnLayout:
-    """Guess what numbers without titles mean.
-
-    Args:
-        rows: The first lines, at least one.
-        options: What the user says about the file.
+    """Guess what numbers without titles mean; `rows` are the first lines, at least one.
 
     Raises:
         TrajectoryError: The numbers may mean several things, or nothing.
@@ -304,7 +293,6 @@ def _duplicate_notes(
 
 
 def list_titles(titles: Sequence[str]) -> Message:
-    """Return the first few titles."""
     named = ", ".join(" ".join(title[:40].split()) for title in titles[:_MAX_NAMED])
     more = len(titles) - _MAX_NAMED
     return Message("list.and-more", items=named, more=more) if more > 0 else Message.from_table("text", named)

@@ -25,13 +25,7 @@ class ColumnRole(StrEnum):
 
 
 class Unit(NamedTuple):
-    """A unit that a file may use.
-
-    Attributes:
-        name: Name to show.
-        kind: `angle`, `length` or `time`.
-        factor: Factor that converts to degrees, mm or seconds.
-    """
+    """A unit of an `angle`, a `length` or a `time`; the factor converts to degrees, mm or seconds."""
 
     name: str
     kind: str
@@ -57,13 +51,7 @@ TIME, COUNTER, NUMBER = "time", "counter", "number"
 
 
 class ColumnTitle(NamedTuple):
-    """What a title says.
-
-    Attributes:
-        axis: Name as in a pose, or `TIME`, `COUNTER` or `NUMBER`.
-        role: Role of the numbers.
-        unit: Unit; None if the title has none.
-    """
+    """What a title says: the axis as in a pose, or `TIME`, `COUNTER` or `NUMBER`; its role, and any unit."""
 
     axis: str
     role: ColumnRole

@@ -42,13 +42,7 @@ LOG_COLUMN_TITLES = tuple(f"[J{axis} - {what}]" for axis in range(1, 9) for what
 async def read_log_records(
     session: Session, target: ControllerTarget, robot_name: str, check_abort: Callable[[], None]
 ) -> list[Value]:
-    """Read the log records in a session with no open objects, and close the session.
-
-    `check_abort` is called before each record; an exception that it raises ends the reading.
-
-    Raises:
-        BcapError: As for `Session.call`.
-    """
+    """Read the log records, as `read_control_log`, in a session with no open objects, and close it."""
     records: list[Value] = []
     try:
         opener = ObjectOpener(session, target, {ObjectClass.ROBOT: robot_name})
@@ -84,11 +78,7 @@ def _csv_cell(value: object) -> object:
 
 
 def write_control_log(file: BinaryIO, records: Sequence[Value]) -> None:
-    """Write one line per record, in UTF-8.
-
-    Raises:
-        OSError: The file cannot be written, for example because the disk is full.
-    """
+    """Write one line per record, in UTF-8."""
     text = io.StringIO(newline="")
     rows = csv.writer(text, lineterminator="\n")
     rows.writerow(LOG_COLUMN_TITLES)

@@ -17,11 +17,7 @@ PROGRESS_INTERVAL = 50_000_000
 
 
 class PlayMonitor:
-    """Polls for orders and reports progress; each call returns quickly.
-
-    Attributes:
-        pacer: The pacer whose progress is reported.
-    """
+    """Polls for orders and reports the progress of `pacer`; each call returns quickly."""
 
     pacer: Pacer
 
@@ -35,11 +31,7 @@ class PlayMonitor:
         self._next_report = 0
 
     def on_idle(self, now: int) -> None:
-        """Poll for an order, and report progress when the next report is due.
-
-        Raises:
-            HaltedError: The order is to halt.
-        """
+        """Poll for an order, and report progress when that is due; an order to halt raises HaltedError."""
         order = self._pipe.poll_order()
         if order is Order.HALT:
             raise HaltedError
@@ -50,7 +42,6 @@ class PlayMonitor:
             self._pipe.try_send(self.progress(now))
 
     def progress(self, now: int) -> PlayProgress:
-        """Return the progress at the time `now` (ns)."""
         pacer, course = self.pacer, self._sequence
         left = max(0, course.total - course.index) * self._period / 1e9 if course.total else None
         return PlayProgress(

@@ -37,18 +37,13 @@ _SLOW, _CRAWL = 0.1, 1.0  # below this share of the top speed, or these units a 
 
 
 class AxisFigures(NamedTuple):
-    """The motion of one axis in figures.
+    """The motion of one axis in figures, in its unit and seconds; the limit is infinite if unknown.
 
     Attributes:
-        axis: Name and unit.
-        low: Smallest value.
-        high: Largest value.
         step: Largest step from one set point to the next.
-        speed: Largest speed, units a second.
-        acceleration: Largest acceleration, units a second squared. The robot counts as at rest before the
-            first and after the last point.
+        acceleration: Largest acceleration. The robot counts as at rest before the first and after the last
+            point.
         fastest: Number of the set point at the end of the fastest step, from 1.
-        limit: Limits of the axis; infinite if unknown.
     """
 
     axis: Axis
@@ -74,7 +69,6 @@ def axis_figures(context: PreflightContext) -> tuple[AxisFigures, ...]:
 
 
 def check_limits(context: PreflightContext) -> Iterator[PreflightProblem]:
-    """Compare positions, speeds and accelerations with the limits of each axis."""
     for motion in _padded_motions(context):
         points, count = set_point_numbers(np.isnan(motion.rows[1 : len(context.trajectory) + 1]).any(axis=1))
         if count:
@@ -91,7 +85,6 @@ def check_limits(context: PreflightContext) -> Iterator[PreflightProblem]:
 
 
 def check_rest(context: PreflightContext) -> Iterator[PreflightProblem]:
-    """Warn if the trajectory starts or ends at speed."""
     motion = _own_motion(context)
     speeds = np.abs(motion.speeds)
     if not len(speeds) or context.step is None:
@@ -110,7 +103,6 @@ def check_rest(context: PreflightContext) -> Iterator[PreflightProblem]:
 
 
 def check_first_point(context: PreflightContext) -> Iterator[PreflightProblem]:
-    """Compare the first point with the robot's current pose."""
     away = first_point_offsets(context)
     if away is None or context.current_pose is None:
         return
@@ -150,7 +142,6 @@ def first_point_offsets(context: PreflightContext) -> tuple[float, ...] | None:
 
 
 def check_join(context: PreflightContext) -> Iterator[PreflightProblem]:
-    """In a loop, compare the last point with the first."""
     if not context.loop or len(context.trajectory) < 2 or context.step is None:
         return
     motion = _own_motion(context)
@@ -165,14 +156,12 @@ def check_join(context: PreflightContext) -> Iterator[PreflightProblem]:
 
 
 def check_movement(context: PreflightContext) -> Iterator[PreflightProblem]:
-    """Note if nothing moves."""
     if not np.ptp(context.trajectory.points, axis=0).any():
         fact = Message("preflight.still", points=Count(len(context.trajectory), "set-point"))
         yield PreflightProblem("still", Severity.NOTE, fact)
 
 
 def _own_motion(context: PreflightContext) -> TrajectoryMotion:
-    """Return the motion of the trajectory's own axes."""
     return next(_motions_through(context, context.trajectory.points))
 
 

@@ -12,11 +12,7 @@ from typing import BinaryIO
 def open_new_file(path: str | None) -> Iterator[BinaryIO | None]:
     """Open a new file for the length of a block; delete it afterwards if nothing was written to it.
 
-    Args:
-        path: Path of the file; None to open none.
-
-    Raises:
-        OSError: The file exists already or cannot be written.
+    Without a path, there is no file. A file that exists or cannot be written raises OSError.
     """
     if path is None:
         yield None

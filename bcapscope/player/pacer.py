@@ -82,15 +82,7 @@ class HaltedError(Exception):
 
 
 class SlvMoveCall(NamedTuple):
-    """How to call slvMove.
-
-    Attributes:
-        robot: Handle of the robot.
-        real_type: Element type of the set point: VT_R8, or VT_R4 on RC7.
-        mode: The slave mode.
-        retry_policy: Time-out and number of retries.
-        period: Time between set points, ns.
-    """
+    """How to call slvMove: handle of the robot, VT_R8 (VT_R4 on RC7), mode, retries, and period in ns."""
 
     robot: int
     real_type: VT
@@ -99,7 +91,6 @@ class SlvMoveCall(NamedTuple):
     period: int
 
     def arguments(self, point: SetPointValues) -> tuple[Variant, ...]:
-        """Return the arguments of Robot_Execute for one set point."""
         return Variant(VT.I4, self.robot), Variant(VT.BSTR, "slvMove"), Variant.array(self.real_type, point)
 
 
@@ -260,9 +251,8 @@ class Pacer:
     def _result_code(self, settled: RequesterOutcome) -> int | None:
         """Count how a call ended; return its result, or None if no reply came in time.
 
-        Raises:
-            CallTimeout: The controller no longer answers.
-            ControllerError: A late reply shows that the controller refused an earlier set point.
+        Raises CallTimeout if the controller no longer answers, and ControllerError if a late reply shows
+        that it refused an earlier set point.
         """
         self._retries += len(settled.attempts) - 1
         self._count_late_replies()
@@ -291,11 +281,7 @@ class Pacer:
         return ControllerError(_NAME, code, hresult_name(code), meaning)
 
     def _await_late_reply(self, settled: CallTimedOut) -> Frame:
-        """Wait for a late reply and send nothing meanwhile.
-
-        Raises:
-            CallTimeout: No reply came in time.
-        """
+        """Wait for a late reply and send nothing meanwhile; raise CallTimeout if none came in time."""
         exchanger, attempts = self._caller, settled.attempts
         serials, give_up = [each.serial for each in attempts], attempts[0].sent + self._silence
         while (

@@ -77,12 +77,7 @@ YES, NO, CLEAR, AGAIN = "yes", "no", "clear", "again"
 
 
 class PlayAbortedError(Exception):
-    """The user, or an unfit situation, ends the session.
-
-    Attributes:
-        outcome: How the session ended.
-        reason: Why; None if the user asked for it.
-    """
+    """The user, or an unfit situation, ends the session; `reason` is None if the user asked for it."""
 
     def __init__(self, outcome: PlayOutcome, reason: Message | None) -> None:
         super().__init__(outcome, reason)
@@ -91,14 +86,9 @@ class PlayAbortedError(Exception):
 
 
 class PlaySession:
-    """One session.
-
-    Attributes:
-        has_log: Whether the controller's log holds the motion of this session.
-    """
+    """One session; `has_log` says whether the controller's log holds its motion."""
 
     def __init__(self, plan: PlayPlan, channel: Channel, pipe: PlayerPipe, recorder: FrameRecorder) -> None:
-        """Prepare the session; nothing is sent yet."""
         self.has_log = False
         self._plan = plan
         self._channel = channel
@@ -121,7 +111,6 @@ class PlaySession:
         self._was_off: dict[CleanupTask, bool] = {}
 
     async def run(self) -> PlayEnded:
-        """Carry out the plan; return how it ended."""
         outcome, reason = PlayOutcome.DONE, None
         self._cleanup.push()
         try:
@@ -171,11 +160,7 @@ class PlaySession:
                 await self._offer_to_clear_errors(error)
 
     def _confirm_start(self) -> None:
-        """Ask the user to confirm the start, and to arm it if a real robot will move.
-
-        Raises:
-            PlayAbortedError: The user did not confirm.
-        """
+        """Ask the user to confirm the start, and to arm it if a real robot will move."""
         if self._ask(QuestionTopic.BEGIN, Message("play.question.begin"), (NO, YES)) != YES:
             raise PlayAbortedError(PlayOutcome.DECLINED, Message("play.not-confirmed"))
         robot = self._robot
@@ -201,7 +186,6 @@ class PlaySession:
             self._pipe.send(PlayerProblem(Message("play.motion-not-ended"), errors))
 
     async def _play_once(self, mode: SlaveMode, trajectory: Trajectory) -> None:
-        """Prepare, play and clean up."""
         self._is_leaving = False
         try:
             await self._prepare(trajectory)
@@ -322,9 +306,6 @@ class PlaySession:
         """Report the controller's errors and offer to clear them; return if the user wants to play again.
 
         An order instead of an answer counts as no. Then the error remains the reason for the end.
-
-        Raises:
-            ControllerError: The user does not play again.
         """
         latest = error
         while True:
@@ -351,21 +332,13 @@ class PlaySession:
             await self._session.close()
 
     def _ask(self, topic: QuestionTopic, text: Message, choices: tuple[str, ...]) -> str:
-        """Ask the user; return the answer.
-
-        Raises:
-            PlayAbortedError: An order came instead of an answer.
-        """
+        """Ask the user; return the answer. An order instead raises PlayAbortedError."""
         answer = self._pipe.ask(PlayerQuestion(topic, text, choices))
         self._check_order()
         return answer
 
     def _pause(self, length: int) -> None:
-        """Wait for `length` ns.
-
-        Raises:
-            PlayAbortedError: An order came.
-        """
+        """Wait for `length` ns; an order raises PlayAbortedError."""
         until = self._channel.now() + length
         while True:
             self._check_order()
@@ -413,11 +386,7 @@ def _refuse_unconfirmed_call() -> None:
 
 
 def _slave_mode_for(plan: PlayPlan, generation: Generation) -> SlaveMode:
-    """Return the slave mode to play in.
-
-    Raises:
-        PlayAbortedError: The controller has no such mode, or it takes another pose type.
-    """
+    """Return the slave mode to play in, or raise PlayAbortedError if it does not fit."""
     value = plan.mode if isinstance(plan.mode, int) else _MODES[plan.mode, generation] | _KINDS[plan.kind]
     mode = slave_mode_by_number(value, generation)
     if mode is None or mode.pose_type is None:

@@ -123,12 +123,7 @@ class Order(StrEnum):
 
 
 class PlayerCommand(msgspec.Struct, frozen=True):
-    """An order, or the answer to a question.
-
-    Attributes:
-        order: The order; None for an answer.
-        answer: Answer to the last question.
-    """
+    """An order, or the answer to the last question."""
 
     order: Order | None = None
     answer: str = ""
@@ -148,7 +143,6 @@ class PlayState(StrEnum):
 
     @property
     def message(self) -> Message:
-        """The state for people."""
         return Message(f"player.state.{self.name.lower()}")
 
 
@@ -158,7 +152,6 @@ class ControllerInfo(msgspec.Struct, frozen=True, tag=True):
     Attributes:
         simulator: Whether it is bcapscope's simulator; then no robot moves.
         generation: RC7, or RC8 for all later ones.
-        facts: What the controller reports about itself.
         mode: Slave mode that the player will use.
         pose: Current pose of the robot, in the pose type of the set points.
         distance: Distance to the first point: the largest difference of any axis, degrees or mm.
@@ -230,13 +223,11 @@ class PlayProgress(msgspec.Struct, frozen=True, tag=True):
     """Progress, about twenty times a second; the player drops reports that nobody reads.
 
     Attributes:
-        state: What the player is doing.
         index: Set points of the trajectory sent so far, all rounds together.
         of: Total number of set points; 0 if there is no end.
         elapsed: Seconds since the first set point.
         left: Seconds until the last set point; None if there is no end.
         lateness: Time from the deadline of each set point to its sending, so far.
-        counts: Counts about the set points.
         commanded: The last set point.
         returned: The pose in the last reply.
         sent: The last frame sent.
@@ -259,13 +250,7 @@ class PlayProgress(msgspec.Struct, frozen=True, tag=True):
 
 
 class FrameMessage(msgspec.Struct, frozen=True, tag=True):
-    """A frame of a call that is no set point.
-
-    Attributes:
-        sent: Whether the player sent it; else the player received it.
-        raw: Bytes of the frame.
-        time: Time, ns since 1970.
-    """
+    """A frame of a call that is no set point; `sent` by the player or received, at `time`, ns since 1970."""
 
     sent: bool
     raw: bytes
@@ -284,13 +269,7 @@ class QuestionTopic(StrEnum):
 
 
 class PlayerQuestion(msgspec.Struct, frozen=True, tag=True):
-    """A decision for the user; the player waits for it.
-
-    Attributes:
-        topic: Subject of the question.
-        text: The question.
-        choices: Possible answers; the first one does nothing.
-    """
+    """A decision for the user, for which the player waits; the first choice does nothing."""
 
     topic: QuestionTopic
     text: Message
@@ -298,20 +277,13 @@ class PlayerQuestion(msgspec.Struct, frozen=True, tag=True):
 
 
 class PlayerProblem(msgspec.Struct, frozen=True, tag=True):
-    """A problem.
-
-    Attributes:
-        text: Description.
-        errors: Errors that the controller shows, newest first: code and text.
-    """
+    """A problem, with the errors that the controller shows, newest first: code and text."""
 
     text: Message
     errors: tuple[tuple[int, str], ...] = ()
 
 
 class PlayOutcome(StrEnum):
-    """How the player's work ended."""
-
     DONE = "done"
     LOOKED = "looked"
     STOPPED = "stopped"
@@ -329,11 +301,9 @@ class PlayEnded(msgspec.Struct, frozen=True, tag=True):
     """The last message.
 
     Attributes:
-        outcome: How the player's work ended.
         reason: Why; None if everything was done.
         lateness: Lateness of all set points, exact.
         cycle: Time between set points, ns, exact.
-        counts: Counts about the set points.
         index: Set points of the trajectory sent.
         realtime: Whether the player had real-time priority.
         left: Whether the cleanup ran; False if the controller no longer answered.

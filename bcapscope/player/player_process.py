@@ -141,7 +141,6 @@ class PlayerProcess:
             self._serial = Frame(sent).serial
 
     def wait_for_messages(self, seconds: float) -> list[PlayerMessage]:
-        """Wait for messages, `seconds` at most; return those that have come."""
         if self._ended is None:
             select.select((self,), (), (), seconds)
         return self.read_messages()
@@ -160,7 +159,6 @@ class PlayerProcess:
                 self._process.send_signal(signal.SIGUSR1)
 
     def answer(self, choice: str) -> None:
-        """Answer the last question."""
         self._send(encode_message(PlayerCommand(answer=choice)))
 
     def close(self) -> PlayEnded:

@@ -46,9 +46,8 @@ class PreflightContext:
     """The trajectory and what the checks compare it with.
 
     Attributes:
-        trajectory: The trajectory, with the axes that its file has.
+        trajectory: The trajectory as read or resampled, with the axes that its file has.
         period: Seconds between two slvMove.
-        limits: Limits of the arm.
         current_pose: Current pose of the robot, of the trajectory's kind; None if unknown.
         mode: Slave mode to play in; None if unknown.
         loop: Whether the trajectory starts again at its end.
@@ -63,8 +62,7 @@ class PreflightContext:
 
     @property
     def axis_count(self) -> int | None:
-        """Number of joints: that of the known arm, or of the joints that the controller reports; None if
-        unknown.
+        """Number of joints, of the known arm or of those that the controller reports; None if unknown.
 
         Most controllers report eight joints, with 0 for those that the robot lacks. So eight proves nothing.
         """
@@ -83,17 +81,13 @@ class PreflightContext:
 
 
 def set_point_numbers(where: ArrayLike, first: int = 1) -> tuple[tuple[int, ...], int]:
-    """Return the numbers of the set points for which an array is true, at most `MAX_NUMBERS`, and their
-    count.
+    """Return the numbers of the set points for which an array is true, and their count.
 
-    Args:
-        where: One truth value per set point.
-        first: Number of the set point that the first element belongs to.
+    There are at most `MAX_NUMBERS` numbers; `first` is that of the first element.
     """
     found = np.flatnonzero(where)
     return tuple((found[:MAX_NUMBERS] + first).tolist()), len(found)
 
 
 def interval_ms(seconds: float) -> Measured:
-    """Return an interval in milliseconds."""
     return Measured(seconds * 1000, "ms")

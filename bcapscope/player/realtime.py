@@ -59,13 +59,9 @@ class RealtimeGrant(msgspec.Struct, frozen=True):
 def realtime_priority(is_wanted: bool = True, *, collect_garbage: bool = False) -> Iterator[RealtimeGrant]:
     """Take all priority that the system grants, for the length of a block.
 
-    Objects that exist before the block are excluded from garbage collection: examining them again and again
-    costs milliseconds.
-
-    Args:
-        is_wanted: Whether to take real-time priority and lock memory, which can disturb other programs.
-        collect_garbage: Whether to collect garbage among new objects; if False, not until the end of the
-            block.
+    Unless `is_wanted`, it takes neither real-time priority nor locked memory, which can disturb other
+    programs. Objects that exist before the block are excluded from garbage collection: examining them again
+    and again costs milliseconds. New objects are collected only if `collect_garbage`.
     """
     gc.collect()
     gc.freeze()

@@ -38,17 +38,15 @@ _ROUNDING = 1e-9  # share of a cycle that rounding may add to a number of cycles
 def resample(
     trajectory: Trajectory, period: float, *, speed: float = 1.0, ramp: float = DEFAULT_RAMP
 ) -> Trajectory:
-    """Give a trajectory other times.
+    """Give a finite trajectory other times; its first and last point stay.
+
+    A trajectory without period needs increasing times, or no times; then `period` counts as its period.
 
     Args:
-        trajectory: A finite trajectory with a period, with increasing times, or with neither; then `period`
-            counts as its period.
+        trajectory: The trajectory.
         period: Seconds between the set points of the result.
-        speed: Share of the original speed, above 0.
+        speed: Share of the original speed, above 0, that the rate never exceeds.
         ramp: Seconds of the start and of the stop; 0 if the trajectory begins and ends at rest anyway.
-
-    Returns:
-        A trajectory without times, with the same first and last point; its rate never exceeds `speed`.
 
     Raises:
         TrajectoryError: A number is not finite, times do not increase, or there would be too many set points.
@@ -93,11 +91,12 @@ def _resampling_notes(trajectory: Trajectory, period: float, speed: float, ramp:
 def stop_after(
     trajectory: Trajectory, row: int, period: float, limits: ArmLimits = UNKNOWN_ARM, *, loop: bool = False
 ) -> Array:
-    """Return the set points that bring the robot to rest on its way.
+    """Return the set points that bring the robot to rest on its way, one row each.
 
     The stop takes 0.1 s to 2 s; the function tries longer and longer stops until one keeps within the limits.
     Where the trajectory itself exceeds a limit, the stop may exceed it as much. If an acceleration limit is
-    unknown, the stop takes at least 0.5 s.
+    unknown, the stop takes at least 0.5 s. If the trajectory ends sooner than a stop takes, the result is its
+    remaining points.
 
     Args:
         trajectory: Points that follow each other every `period`.
@@ -105,9 +104,6 @@ def stop_after(
         period: Time between points, seconds.
         limits: Limits of the arm.
         loop: Whether the first point follows the last.
-
-    Returns: The set points to send next, one row each; the robot rests at the last one. If the trajectory
-        ends sooner than a stop takes, these are its remaining points: no rows after the last point.
     """
     ahead = 2 * len(trajectory) if loop else len(trajectory) - 1 - row
     longest = min(ceil(_LONGEST_STOP / period), 2 * ahead)

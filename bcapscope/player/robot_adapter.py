@@ -57,8 +57,6 @@ class RobotAdapter:
     """A controller with its robot. Every method raises what `Session.call` raises.
 
     Attributes:
-        robot: The arm.
-        is_simulator: Whether the controller is bcapscope's simulator.
         generation: RC7 if joints come as VT_R4, as DENSO's slides show them; else RC8.
         facts: What the controller reports about itself.
     """
@@ -76,12 +74,10 @@ class RobotAdapter:
 
     @property
     def real_type(self) -> VT:
-        """Element type of a pose."""
         return VT.R4 if self.generation is Generation.RC7 else VT.R8
 
     @property
     def needs_take_arm(self) -> bool:
-        """Whether motion needs TakeArm."""
         return self.generation is not Generation.RC7
 
     async def connect(self) -> None:
@@ -100,11 +96,7 @@ class RobotAdapter:
         self.generation = Generation.RC7 if joints.vt == ARRAY | VT.R4 else Generation.RC8
 
     async def read_pose(self, kind: PoseType) -> SetPointValues:
-        """Return the current pose of the robot.
-
-        Raises:
-            RemoteProtocolError: The reply holds no pose.
-        """
+        """Return the current pose of the robot, or raise RemoteProtocolError if the reply holds none."""
         row = pose_numbers(await self._read_pose_value(kind))
         if row is None or len(row) < 6 or not all(map(isfinite, row)):
             raise RemoteProtocolError(Message("play.no-pose", kind=kind), b"")
@@ -118,7 +110,6 @@ class RobotAdapter:
             return 0
 
     async def clean_up(self, task: CleanupTask) -> None:
-        """Undo one task."""
         if task is CleanupTask.ROBSLAVE:
             await (await self._opener.open_remote(Task)).stop(1)
         elif task is CleanupTask.ARM:
@@ -139,7 +130,6 @@ class RobotAdapter:
         return state is not None and state.value == _RUNNING
 
     async def start_robslave(self) -> None:
-        """Start the program."""
         await (await self._opener.open_remote(Task)).start(ONE_CYCLE)
         self._pause(_ROBSLAVE_START_DELAY)
 
@@ -234,7 +224,6 @@ class RobotAdapter:
                 return
 
     async def start_log(self) -> None:
-        """Clear the controller's log and start it."""
         await self.robot.execute("ClearLog")
         await self.robot.execute("StartLog")
 
@@ -243,7 +232,6 @@ class RobotAdapter:
         return await read_errors(await self._opener.open_remote(Controller))
 
     async def clear_errors(self) -> None:
-        """Clear the active errors."""
         await clear_errors(await self._opener.open_remote(Controller))
 
     async def _read_pose_value(self, kind: PoseType) -> Variant:

@@ -29,10 +29,10 @@ class SetPointSequence:
     def __init__(
         self, trajectory: Trajectory, period: float, limits: ArmLimits, rounds: int, hold_count: int
     ) -> None:
-        """Begin at the first point.
+        """Begin at the first point of a trajectory with all numbers that slvMove needs, at rest at both ends.
 
         Args:
-            trajectory: A trajectory with all numbers that slvMove needs; it begins and ends at rest.
+            trajectory: The trajectory.
             period: Seconds from one point to the next.
             limits: Limits of the arm; a stop keeps within them.
             rounds: Number of rounds, the first point following the last; 0 for no end.

@@ -29,12 +29,11 @@ _CYCLE_TOLERANCE = 0.05
 
 
 class SetPointTiming(NamedTuple):
-    """Timing of set points.
+    """Timing of set points in seconds, and notes on what was assumed.
 
     Attributes:
-        period: Seconds between set points; None if uneven or unknown.
-        times: Seconds from the first set point; None if the times have no meaning.
-        notes: What was assumed.
+        period: Time between set points; None if uneven or unknown.
+        times: Times from the first set point; None if they have no meaning.
     """
 
     period: float | None
@@ -80,23 +79,16 @@ def find_gaps(times: Array) -> NDArray[np.bool_]:
 
 
 class RecordRun(NamedTuple):
-    """Records that follow each other without a gap.
-
-    Attributes:
-        start: Index of the first record, from 0.
-        stop: Index after the last record.
-    """
+    """Records without a gap: index of the first, from 0, and after the last."""
 
     start: int
     stop: int
 
 
 def find_runs(counter: Array) -> tuple[tuple[RecordRun, ...], float | None]:
-    """Find the runs of records without gaps, by a counter.
+    """Find the runs of records without gaps by a counter, and the growth of the counter per record.
 
-    Returns:
-        The runs in order, and the growth of the counter per record; one run and None if the counter does not
-        grow evenly enough.
+    If the counter does not grow evenly enough, return one run and None.
     """
     whole = (RecordRun(0, len(counter)),)
     steps = np.diff(counter)

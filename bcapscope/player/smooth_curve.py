@@ -32,19 +32,12 @@ DIRECTION_COLUMNS = ORIENTATION, APPROACH = slice(3, 6), slice(6, 9)
 
 
 class SmoothCurve:
-    """The curve through points.
-
-    Attributes:
-        end: Last parameter; the first is 0.
-    """
+    """The curve through points; `end` is the last parameter, the first is 0."""
 
     def __init__(self, kind: PoseType, knots: Array, points: Array) -> None:
-        """Compute the curve.
+        """Compute the curve through points, one row each.
 
-        Args:
-            kind: Pose type, which says what the columns are.
-            knots: Parameter of each point, such as its time; strictly increasing from 0, at least two.
-            points: One row per point.
+        `knots` are their parameters, such as their times: strictly increasing from 0, at least two.
         """
         self._kind = kind
         self._knots = knots

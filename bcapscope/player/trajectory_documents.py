@@ -41,12 +41,9 @@ _AXIS_NUMBERS = range(1, len(AXES[PoseType.J]) + 1)
 def read_documents(
     documents: Sequence[object], source: TrajectorySource, options: ReadOptions
 ) -> tuple[Trajectory, ...]:
-    """Read the objects that a JSON or YAML parser made of a file.
+    """Read the objects that a parser made of a file: one from JSON, one or several from YAML.
 
-    Args:
-        documents: One from JSON, one or several from YAML.
-        source: Where the documents come from.
-        options: What the user says about the file; for ROS messages only what they leave open counts.
+    For ROS messages, only those options count that the messages leave open.
 
     Raises:
         TrajectoryError: The documents hold no trajectory.
@@ -180,12 +177,7 @@ def _read_ros(message: dict[str, Any], source: TrajectorySource) -> Trajectory:
 
 
 def _joint_order(names: Sequence[str]) -> tuple[list[int], tuple[Message, ...]]:
-    """Return the index in the message of J1, J2 and so on, by the numbers in the names or as listed, and
-    notes.
-
-    Raises:
-        TrajectoryError: There are more joints than a robot has, or their numbers have a gap.
-    """
+    """Return the index in the message of J1, J2 and so on, by number or as listed, and notes."""
     numbers = [_LAST_NUMBER.search(name) for name in names]
     by_number = {int(found[1]): place for place, found in enumerate(numbers) if found and len(found[1]) < 3}
     count = sum(found is not None for found in numbers)
@@ -220,11 +212,7 @@ def _float(value: object) -> float:
 
 
 def _number_table(rows: Sequence[Sequence[object]], names: Sequence[str]) -> Array:
-    """Convert values to numbers; NaN and infinities may be text.
-
-    Raises:
-        TrajectoryError: A value is no number.
-    """
+    """Convert values to numbers; NaN and infinities may be text."""
     if len(rows) > MAX_POINTS:
         raise TrajectoryError(Message("trajectory.too-long", limit=MAX_POINTS))
     table = np.array([[_float(value) for value in row] for row in rows], dtype=np.float64)

@@ -63,17 +63,11 @@ _BOM_ENCODINGS = (
 def read_trajectories(
     path: str | os.PathLike[str], options: ReadOptions | None = None, ports: Collection[int] = BCAP_PORTS
 ) -> tuple[Trajectory, ...]:
-    """Read the trajectories of a file or a WINCAPS III project.
+    """Read the trajectories of a file or a WINCAPS III project: its folder or its .wpj file.
 
-    Args:
-        path: Path of a table (CSV, TSV, numbers separated by spaces; UTF-8, UTF-16 or Shift-JIS), of a file
-            that `bcapscope extract` wrote, of a JointTrajectory as JSON or YAML, of a capture, or of a
-            project: its folder or its .wpj file.
-        options: What the user says about the file.
-        ports: Ports of controllers, for captures.
-
-    Returns:
-        One or several trajectories: slave-mode sessions, messages, runs of records, or logs of a project.
+    A file is a table (CSV, TSV, numbers separated by spaces; UTF-8, UTF-16 or Shift-JIS), one that
+    `bcapscope extract` wrote, a JointTrajectory as JSON or YAML, or a capture; `ports` are those of
+    controllers in captures. There is one trajectory per slave-mode session, message, run of records, or log.
 
     Raises:
         TrajectoryError: There is none that can be read; the message says why in one sentence.
@@ -118,12 +112,7 @@ def _read_file(path: Path, options: ReadOptions, ports: Collection[int]) -> tupl
 
 
 def _open_regular_file(path: Path) -> BinaryIO:
-    """Open a regular file; reading a pipe or a device could block.
-
-    Raises:
-        TrajectoryError: The path is no regular file.
-        OSError: The file cannot be opened.
-    """
+    """Open a regular file; reading a pipe or a device could block."""
     try:
         if not stat.S_ISREG(path.stat().st_mode):
             raise TrajectoryError(Message("trajectory.no-file"))

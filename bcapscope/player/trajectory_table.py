@@ -46,12 +46,7 @@ _NUMBER = re.compile(
 
 
 class TableLine:
-    """One line of a table, neither empty nor a comment.
-
-    Attributes:
-        number: Number of the line, from 1.
-        cells: Text of each cell.
-    """
+    """One line of a table, neither empty nor a comment; numbers count from 1."""
 
     __slots__ = ("cells", "number")
 
@@ -63,15 +58,9 @@ class TableLine:
 def read_table(
     lines: Iterable[str], source: TrajectorySource, options: ReadOptions
 ) -> tuple[Trajectory, ...]:
-    """Read a table.
+    """Read a table; `source.file_format` holds its encoding.
 
-    Args:
-        lines: Lines of text, with or without line ends.
-        source: Where the table comes from; `file_format` holds the encoding.
-        options: What the user says about the file.
-
-    Returns:
-        One trajectory, or one per run of records if some are missing between them.
+    Returns one trajectory, or one per run of records if some are missing between them.
 
     Raises:
         TrajectoryError: The table holds no set points.
@@ -126,11 +115,7 @@ def _separator(head: Sequence[str]) -> str:
 
 
 def _table_lines(lines: Iterable[str], separator: str) -> Iterator[TableLine]:
-    """Yield the lines that hold cells.
-
-    Raises:
-        TrajectoryError: Quotes do not match, or a cell has no end.
-    """
+    """Yield the lines that hold cells."""
     if separator == " ":
         for number, text in enumerate(lines, 1):
             plain = text.strip()
@@ -178,12 +163,7 @@ def _lenient_float(cell: str) -> float:
 
 
 class _NumberTable:
-    """Collects the numbers of the layout's columns.
-
-    Attributes:
-        points: One row per line, one column per axis of the layout.
-        filled: For each of these columns, whether it has numbers.
-    """
+    """Collects the numbers of the layout's columns."""
 
     def __init__(self, layout: ColumnLayout, width: int, decimal_comma: bool) -> None:
         self._others = [column for column in (layout.time, layout.counter) if column is not None]
@@ -212,9 +192,8 @@ class _NumberTable:
     def read_lines(self, lines: Iterable[TableLine]) -> None:
         """Read all lines.
 
-        Raises:
-            TrajectoryError: A cell is no number, or a column is empty in only some lines, or a line has
-                another number of cells.
+        Raises TrajectoryError if a cell is no number, if a column is empty in only some lines, or if a line
+        has another number of cells.
         """
         numbers, count = array("d"), 0
         for line in lines:
@@ -263,11 +242,7 @@ class _NumberTable:
 
 
 def _without_empty(columns: tuple[Column, ...], kind: PoseType, filled: Sequence[bool]) -> tuple[Column, ...]:
-    """Return the columns before the first empty one.
-
-    Raises:
-        TrajectoryError: These columns are no pose, or a column after the empty one has numbers.
-    """
+    """Return the columns before the first empty one; raise if they are no pose or a later one has numbers."""
     width = next((place for place, full in enumerate(filled) if not full), len(filled))
     if any(filled[width:]) or width < MIN_COLUMNS[kind]:
         raise TrajectoryError(

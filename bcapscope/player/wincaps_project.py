@@ -42,15 +42,10 @@ def is_project(path: Path) -> bool:
 
 
 def read_project(path: Path, read_file: FileReader) -> tuple[Trajectory, ...]:
-    """Read every control log in a project.
+    """Read every control log in a project, given as its folder or file.
 
-    Args:
-        path: Path of the project's folder or file.
-        read_file: Reads one file.
-
-    Returns: The trajectories by file. Reading stops after the file that reaches `MAX_TRAJECTORIES`. A table
-        without titles does not count as a log, because it may hold anything. Neither does a capture, which no
-        program exports here.
+    Reading stops after the file that reaches `MAX_TRAJECTORIES`. A table without titles does not count as a
+    log, because it may hold anything. Neither does a capture, which no program exports here.
 
     Raises:
         TrajectoryError: There is no control log; the message lists what there is and what to export.
