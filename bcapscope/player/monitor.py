@@ -42,14 +42,14 @@ class PlayMonitor:
             self._pipe.try_send(self.progress(now))
 
     def progress(self, now: int) -> PlayProgress:
-        pacer, course = self.pacer, self._sequence
-        left = max(0, course.total - course.index) * self._period / 1e9 if course.total else None
+        pacer, sequence = self.pacer, self._sequence
+        left = max(0, sequence.total - sequence.index) * self._period / 1e9 if sequence.total else None
         return PlayProgress(
-            PlayState.STOPPING if course.is_stopping else PlayState.PLAYING,
-            course.index,
-            course.total,
+            PlayState.STOPPING if sequence.is_stopping else PlayState.PLAYING,
+            sequence.index,
+            sequence.total,
             0.0 if pacer.started_at is None else (now - pacer.started_at) / 1e9,
-            None if course.is_stopping else left,
+            None if sequence.is_stopping else left,
             pacer.lateness.estimated_spread(),
             pacer.counts,
             pacer.commanded,

@@ -191,18 +191,18 @@ class Pacer:
 
     def _record_reply_time(self, settled: RequesterOutcome, sent: int) -> None:
         """Note how long the reply took, without the player's own lateness as far as it is known."""
-        exchanger = self._caller
-        self._overslept = exchanger.overslept
-        self._reply_took = exchanger.link.now() - sent - self._overslept
-        self._is_behind = isinstance(settled, CallTimedOut) or bool(exchanger.late_replies)
+        caller = self._caller
+        self._overslept = caller.overslept
+        self._reply_took = caller.link.now() - sent - self._overslept
+        self._is_behind = isinstance(settled, CallTimedOut) or bool(caller.late_replies)
         if not isinstance(settled, CallTimedOut):
-            self._reply_took = min(self._reply_took, exchanger.link.arrival_time - sent)
+            self._reply_took = min(self._reply_took, caller.link.arrival_time - sent)
 
     def _send_point(self, arguments: tuple[Variant, ...], due: int) -> int:
-        exchanger = self._caller
-        exchanger.begin_call(_ROBOT_EXECUTE, arguments, self._move.retry_policy, due)
+        caller = self._caller
+        caller.begin_call(_ROBOT_EXECUTE, arguments, self._move.retry_policy, due)
         self._wait_until(due)
-        sent = exchanger.send_due()
+        sent = caller.send_due()
         self.lateness.add(sent - due)
         if self.started_at is None:
             self.started_at = sent
@@ -227,18 +227,18 @@ class Pacer:
 
     def _await_reply(self, due: int) -> RequesterOutcome:
         """Wait for the reply as long as the slave mode allows."""
-        exchanger, link = self._caller, self._caller.link
+        caller, link = self._caller, self._caller.link
         by_clock = self._move.mode.kind in _BY_CLOCK
         until = due + self._move.period - self._preparation
         if by_clock and not self._is_behind:
             self._sleep_until(until)
         while True:
             look = link.now() + PERIOD_NS
-            settled = exchanger.wait_for_outcome(min(look, until) if by_clock else look)
+            settled = caller.wait_for_outcome(min(look, until) if by_clock else look)
             if settled is not None:
                 return settled
             if by_clock and link.now() >= until:
-                return exchanger.abandon()
+                return caller.abandon()
             self._on_idle(link.now())
 
     def _sleep_until(self, until: int) -> None:
@@ -282,12 +282,12 @@ class Pacer:
 
     def _await_late_reply(self, settled: CallTimedOut) -> Frame:
         """Wait for a late reply and send nothing meanwhile; raise CallTimeout if none came in time."""
-        exchanger, attempts = self._caller, settled.attempts
+        caller, attempts = self._caller, settled.attempts
         serials, give_up = [each.serial for each in attempts], attempts[0].sent + self._silence
         while (
-            found := exchanger.wait_for_late_reply(serials, min(give_up, exchanger.link.now() + PERIOD_NS))
+            found := caller.wait_for_late_reply(serials, min(give_up, caller.link.now() + PERIOD_NS))
         ) is None:
-            now = exchanger.link.now()
+            now = caller.link.now()
             if now >= give_up:
                 raise CallTimeout(_NAME, attempts)
             self._on_idle(now)

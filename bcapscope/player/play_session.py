@@ -31,10 +31,10 @@ from bcapscope.player.motion_checks import POSITION_TOLERANCE
 from bcapscope.player.pacer import HaltedError, Pacer, SlvMoveCall
 from bcapscope.player.player_messages import (
     TYPE_NAME_FACT,
-    Aftermath,
     CleanupTask,
     ControllerInfo,
     Order,
+    PendingCleanup,
     PlayEnded,
     PlayerProblem,
     PlayerQuestion,
@@ -95,9 +95,8 @@ class PlaySession:
         self._pipe = pipe
         self._recorder = recorder
         target = plan.target
-        serial = plan.aftermath.serial if plan.aftermath else 1
         self._caller = BlockingCaller(
-            channel, target.convention_for(channel.datagrams), recorder.on_frame, serial
+            channel, target.convention_for(channel.datagrams), recorder.on_frame, plan.first_serial
         )
         self._caller.check_abort = self._check_order_if_playing
         self._session = Session(self._caller, target.retry_policies)
@@ -171,7 +170,7 @@ class PlaySession:
         if self._ask(QuestionTopic.ARM, text, (NO, YES)) != YES:
             raise PlayAbortedError(PlayOutcome.UNARMED, Message("play.not-armed"))
 
-    async def _clean_up_after_crash(self, left: Aftermath) -> None:
+    async def _clean_up_after_crash(self, left: PendingCleanup) -> None:
         """Undo what a crashed player began, then report the errors that the controller shows."""
         self._robot.generation = Generation(left.generation)
         self._is_leaving = True

@@ -16,6 +16,7 @@ from bcapscope.client.controller_target import DEFAULT_ROBOT, ROBSLAVE, Controll
 from bcapscope.messages import Message
 from bcapscope.messages.message_codec import message_from_data, message_to_data
 from bcapscope.player.lateness import Spread
+from bcapscope.player.realtime import RealtimeReport
 from bcapscope.protocol.slave_mode.modes import (
     PERIOD_NS,
     Generation,
@@ -53,21 +54,19 @@ class CleanupTask(StrEnum):
     SLAVE_MODE = "slave mode"
 
 
-class Aftermath(msgspec.Struct, frozen=True):
-    """What a crashed player left undone.
+class PendingCleanup(msgspec.Struct, frozen=True, tag=True):
+    """What must be undone; sent before each step begins and whenever a cleanup task is done.
 
     Attributes:
-        debts: Cleanup tasks of the crashed player, oldest first.
+        debts: Cleanup tasks, oldest first.
         generation: Generation of the controller.
-        port: Local port of the crashed player. A controller knows a UDP client by its port, so the next
-            process continues the conversation from there.
-        serial: First serial to use, beyond any that the crashed player can have used.
+        port: Local port of the player. A controller knows a UDP client by its port, so a process that cleans
+            up continues the conversation from there.
     """
 
     debts: tuple[CleanupTask, ...]
     generation: str
     port: int
-    serial: int
 
 
 class PlayPlan(msgspec.Struct, frozen=True, kw_only=True):
@@ -91,7 +90,8 @@ class PlayPlan(msgspec.Struct, frozen=True, kw_only=True):
         log: Path of a new CSV file for the controller's own log; None for no log.
         record: Path of a new recording of all frames; None for none.
         realtime: Whether to take real-time priority if the system grants it.
-        aftermath: Only undo what this holds, and play nothing; None to play.
+        aftermath: Only undo what this crashed player left, and play nothing; None to play.
+        first_serial: First serial to use, beyond any that a crashed player can have used.
     """
 
     target: ControllerTarget
@@ -110,7 +110,8 @@ class PlayPlan(msgspec.Struct, frozen=True, kw_only=True):
     log: str | None = None
     record: str | None = None
     realtime: bool = True
-    aftermath: Aftermath | None = None
+    aftermath: PendingCleanup | None = None
+    first_serial: int = 1
 
 
 class Order(StrEnum):
@@ -173,28 +174,6 @@ class ControllerInfo(msgspec.Struct, frozen=True, tag=True):
     def slave_mode(self) -> SlaveMode | None:
         """The slave mode that the player will use; None if the controller has none of this number."""
         return slave_mode_by_number(self.mode, Generation(self.generation))
-
-
-class PendingCleanup(msgspec.Struct, frozen=True, tag=True):
-    """What must be undone; sent before each step begins and whenever a cleanup task is done.
-
-    Attributes:
-        debts: Cleanup tasks, oldest first.
-        generation: Generation of the controller.
-        port: Local port of the player.
-    """
-
-    debts: tuple[CleanupTask, ...]
-    generation: str
-    port: int
-
-
-class RealtimeReport(msgspec.Struct, frozen=True, tag=True):
-    """What the system grants, as in `realtime.RealtimeGrant`."""
-
-    realtime: bool
-    locked: bool
-    text: Message
 
 
 class PlayCounts(msgspec.Struct, frozen=True):

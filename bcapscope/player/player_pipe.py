@@ -123,8 +123,8 @@ class PlayerPipe:
         self._answers.clear()
         self.send(question)
         while self.poll_order() is None and not self._answers:
-            told = self._flush()
-            select.select((self._commands,), () if told else (self._messages,), (), 0.5)
+            is_sent = self._flush()
+            select.select((self._commands,), () if is_sent else (self._messages,), (), 0.5)
         answer = self._answers.pop(0) if self._answers else ""
         return answer if answer in question.choices else question.choices[0]
 

@@ -24,7 +24,6 @@ from msgspec import structs
 from bcapscope.messages import Message
 from bcapscope.messages.os_errors import os_reason
 from bcapscope.player.player_messages import (
-    Aftermath,
     FrameMessage,
     Order,
     PendingCleanup,
@@ -224,9 +223,15 @@ class PlayerProcess:
         serial = (self._serial + _SERIAL_MARGIN - 1) % _SERIAL_MAX + 1
         if target.name and not target.connect_option:
             target = replace(target, connect_option="@IfNotMember")  # over UDP, the client is still connected
-        aftermath = Aftermath(owed.debts, owed.generation, owed.port, serial)
         return structs.replace(
-            self._plan, target=target, points=(), log=None, record=None, realtime=False, aftermath=aftermath
+            self._plan,
+            target=target,
+            points=(),
+            log=None,
+            record=None,
+            realtime=False,
+            aftermath=owed,
+            first_serial=serial,
         )
 
     def _with_crash(self, ended: PlayEnded) -> PlayEnded:
