@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 
 from bcapscope.messages import Message
-from bcapscope.player import set_point_timing
 from bcapscope.player.column_layout import ReadOptions, layout_of_titles, list_titles
+from bcapscope.player.set_point_timing import SetPointTiming, timing_from_due_times
 from bcapscope.player.smooth_curve import Array
 from bcapscope.player.trajectory import MAX_POINTS, Column, Trajectory, TrajectoryError, TrajectorySource
 from bcapscope.protocol.slave_mode.modes import PoseType
@@ -48,12 +48,9 @@ def read_documents(
     Raises:
         TrajectoryError: The documents hold no trajectory.
     """
-    if (
-        len(documents) == 1
-        and isinstance(documents[0], dict)
-        and documents[0].get("format") == EXTRACT_FORMAT
-    ):
-        return (_read_extract(documents[0], source, options),)
+    only = documents[0] if len(documents) == 1 else None
+    if isinstance(only, dict) and only.get("format") == EXTRACT_FORMAT:
+        return (_read_extract(only, source, options),)
     seen: set[int] = set()
     found = [message for document in documents for message in _find_ros_messages(document, _DEEPEST, seen)]
     if not found:
@@ -65,13 +62,10 @@ def read_documents(
         raise TrajectoryError(Message("trajectory.too-many", limit=_MAX_TRAJECTORIES))
     if options.kind not in (None, PoseType.J):
         raise TrajectoryError(Message("trajectory.ros-kind", kind=str(options.kind)))
-    several = len(found) > 1
+    parts = [Message("trajectory.part.number", number=number + 1) for number in range(len(found))]
     return tuple(
-        _read_ros(
-            message,
-            replace(source, part=Message("trajectory.part.number", number=number) if several else None),
-        )
-        for number, message in enumerate(found, 1)
+        _read_ros(message, replace(source, part=part if len(found) > 1 else None))
+        for message, part in zip(found, parts, strict=True)
     )
 
 
@@ -90,23 +84,17 @@ def _read_extract(document: dict[str, Any], source: TrajectorySource, options: R
         [_select_values(row, places, len(titles), number) for number, row in enumerate(rows, 1)], names
     )
     points *= [column.factor for column in layout.columns]
-    session, grid = document.get("stay"), document.get("interval_ms")
-    known = _float(grid)
-    note = Message("trajectory.note.one-cycle")
-    return Trajectory(
-        kind=layout.kind,
-        points=points,
-        source=replace(
-            source,
-            file_format=Message("trajectory.format.extract", encoding=source.file_format or ""),
-            part=Message("trajectory.part.session-number", number=session)
-            if isinstance(session, int)
-            else None,
-            columns=layout.columns,
-            notes=(*source.notes, *layout.notes, note),
-        ),
-        period=known / 1000 if isfinite(known) and known > 0 else None,
+    session, interval = document.get("stay"), _float(document.get("interval_ms"))
+    part = Message("trajectory.part.session-number", number=session) if isinstance(session, int) else None
+    source = replace(
+        source,
+        file_format=Message("trajectory.format.extract", encoding=source.file_format or ""),
+        part=part,
+        columns=layout.columns,
+        notes=(*source.notes, *layout.notes, Message("trajectory.note.one-cycle")),
     )
+    period = interval / 1000 if isfinite(interval) and interval > 0 else None
+    return Trajectory(layout.kind, points, source, period)
 
 
 def _select_values(row: object, places: Sequence[int], width: int, number: int) -> list[object]:
@@ -152,28 +140,20 @@ def _read_ros(message: dict[str, Any], source: TrajectorySource) -> Trajectory:
         Column(axis, place + 1, names[place], "rad", _DEGREES_PER_RADIAN)
         for axis, place in zip(axes, order, strict=True)
     ]
-    timed = None not in seconds
-    if not timed and any(moment is not None for moment in seconds):
-        raise TrajectoryError(Message("trajectory.no-time", number=seconds.index(None) + 1))
-    found = (
-        set_point_timing.timing_from_due_times(np.array(seconds, dtype=np.float64))
-        if timed
-        else set_point_timing.SetPointTiming(None, None)
-    )
-    if timed:
+    timing = SetPointTiming(None, None)
+    if None not in seconds:
+        timing = timing_from_due_times(np.array(seconds, dtype=np.float64))
         columns.append(Column("time", 0, "time_from_start", "s"))
-    return Trajectory(
-        kind=PoseType.J,
-        points=_number_table(rows, axes) * _DEGREES_PER_RADIAN,
-        source=replace(
-            source,
-            file_format=Message("trajectory.format.ros", encoding=source.file_format or ""),
-            columns=tuple(columns),
-            notes=(*source.notes, Message("trajectory.note.radians"), *notes),
-        ),
-        period=found.period,
-        times=found.times,
+    elif any(moment is not None for moment in seconds):
+        raise TrajectoryError(Message("trajectory.no-time", number=seconds.index(None) + 1))
+    source = replace(
+        source,
+        file_format=Message("trajectory.format.ros", encoding=source.file_format or ""),
+        columns=tuple(columns),
+        notes=(*source.notes, Message("trajectory.note.radians"), *notes),
     )
+    points = _number_table(rows, axes) * _DEGREES_PER_RADIAN
+    return Trajectory(PoseType.J, points, source, timing.period, timing.times)
 
 
 def _joint_order(names: Sequence[str]) -> tuple[list[int], tuple[Message, ...]]:
@@ -199,8 +179,7 @@ def _seconds(value: object) -> float | None:
         return None
     if isinstance(value, dict):
         whole, rest = value.get("sec", value.get("secs", 0)), value.get("nanosec", value.get("nsecs", 0))
-        parts = _float(whole), _float(rest)
-        return parts[0] + parts[1] * 1e-9
+        return _float(whole) + _float(rest) * 1e-9
     return _float(value)
 
 
