@@ -10,11 +10,15 @@ from numpy.typing import NDArray
 
 from bcapscope.analysis.finding import Severity
 from bcapscope.messages import Message
-from bcapscope.messages.message import PlaceValue
 from bcapscope.messages.places import Count, Enumeration, Measured
 from bcapscope.player.arm_limits import MAX_ARM_SPEED
 from bcapscope.player.checks import RESAMPLE_ADVICE
-from bcapscope.player.preflight_problem import PreflightContext, PreflightProblem, set_point_numbers
+from bcapscope.player.preflight_problem import (
+    PreflightContext,
+    PreflightProblem,
+    problem_at,
+    set_point_numbers,
+)
 from bcapscope.player.smooth_curve import (
     FIG_COLUMN,
     Array,
@@ -199,11 +203,12 @@ def _check_axis_limits(
     limit, unit = context.limits.limit_for(axis.name, axis.unit), axis.unit
     values = motion.rows[1 : count + 1, place]
     outside = (values < limit.low) | (values > limit.high)
-    yield from _limit_problem(
-        "range",
+    yield from problem_at(
         outside,
-        _POSITIONS,
+        "range",
+        Severity.ERROR,
         "preflight.range",
+        _POSITIONS,
         axis=axis.name,
         low=Measured(float(values.min())),
         high=Measured(float(values.max()), unit),
@@ -214,21 +219,23 @@ def _check_axis_limits(
         return
     speeds = np.abs(motion.speeds[:, place])
     is_known = limit.speed != MAX_ARM_SPEED.get(unit)
-    yield from _limit_problem(
-        "speed",
+    yield from problem_at(
         _mark_set_points(speeds > limit.speed * _SLACK, count),
-        _SLOWER,
+        "speed",
+        Severity.ERROR,
         "preflight.speed" if is_known else "preflight.speed.any-arm",
+        _SLOWER,
         axis=axis.name,
         speed=Measured(float(speeds.max()), f"{unit}/s", 4),
         limit=Measured(limit.speed),
     )
     accelerations = np.abs(motion.accelerations[:, place])
-    yield from _limit_problem(
-        "acceleration",
+    yield from problem_at(
         _mark_set_points(accelerations > limit.acceleration * _SLACK, count),
-        Message("preflight.advice.slower-or-resample"),
+        "acceleration",
+        Severity.ERROR,
         "preflight.acceleration",
+        Message("preflight.advice.slower-or-resample"),
         axis=axis.name,
         acceleration=Measured(float(accelerations.max()), f"{unit}/s²", 4),
         limit=Measured(limit.acceleration),
@@ -242,11 +249,12 @@ def _check_turning(context: PreflightContext) -> Iterator[PreflightProblem]:
     points, most = context.trajectory.points, MAX_ARM_SPEED[_DIRECTIONS.unit]
     after = points[:1] if context.loop else points[-1:]
     speeds = direction_turns(context.trajectory.kind, np.vstack((points[:1], points, after))) / context.step
-    yield from _limit_problem(
-        "speed",
+    yield from problem_at(
         _mark_set_points(speeds > most, len(points)),
-        _SLOWER,
+        "speed",
+        Severity.ERROR,
         "preflight.speed.any-arm",
+        _SLOWER,
         axis=_DIRECTIONS.name,
         speed=Measured(float(speeds.max()), f"{_DIRECTIONS.unit}/s", 4),
     )
@@ -258,15 +266,6 @@ def _mark_set_points(where: NDArray[np.bool_], count: int) -> NDArray[np.bool_]:
     rest = where[count : 2 * count]
     at[: len(rest)] |= rest
     return at
-
-
-def _limit_problem(
-    check: str, where: NDArray[np.bool_], advice: Message, id: str, **places: PlaceValue
-) -> Iterator[PreflightProblem]:
-    points, count = set_point_numbers(where)
-    if count:
-        fact = Message(id, **places, points=Count(count, "set-point"))
-        yield PreflightProblem(check, Severity.ERROR, fact, advice, points, count)
 
 
 def _offset(axis: Axis, offset: float) -> Message:

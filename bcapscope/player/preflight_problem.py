@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,7 +10,8 @@ from numpy.typing import ArrayLike
 
 from bcapscope.analysis.finding import Severity
 from bcapscope.messages import Message
-from bcapscope.messages.places import Measured
+from bcapscope.messages.message import PlaceValue
+from bcapscope.messages.places import Count, Measured
 from bcapscope.player.arm_limits import ArmLimits
 from bcapscope.player.trajectory import Trajectory
 from bcapscope.protocol.slave_mode.modes import PoseType, SlaveMode
@@ -87,6 +88,23 @@ def set_point_numbers(where: ArrayLike, first: int = 1) -> tuple[tuple[int, ...]
     """
     found = np.flatnonzero(where)
     return tuple((found[:MAX_NUMBERS] + first).tolist()), len(found)
+
+
+def problem_at(
+    where: ArrayLike,
+    check: str,
+    severity: Severity,
+    id: str,
+    advice: Message | None,
+    *,
+    first: int = 1,
+    **places: PlaceValue,
+) -> Iterator[PreflightProblem]:
+    """Yield a problem if an array is true for any set point; its sentence has their number as `points`."""
+    points, count = set_point_numbers(where, first)
+    if count:
+        fact = Message(id, **places, points=Count(count, "set-point"))
+        yield PreflightProblem(check, severity, fact, advice, points, count)
 
 
 def interval_ms(seconds: float) -> Measured:
