@@ -98,7 +98,7 @@ class PlaySession:
         self._caller = BlockingCaller(
             channel, target.convention_for(channel.datagrams), recorder.on_frame, plan.first_serial
         )
-        self._caller.check_abort = self._check_order_if_playing
+        self._caller.check_abort = self._check_order
         self._session = Session(self._caller, target.retry_policies)
         names = {ObjectClass.ROBOT: plan.robot, ObjectClass.TASK: plan.task}
         self._robot = RobotAdapter(ObjectOpener(self._session, target, names), self._pause)
@@ -125,11 +125,8 @@ class PlaySession:
         except CallTimeout as error:
             outcome, reason = PlayOutcome.UNANSWERED, error.message
         except OSError as error:
-            outcome, reason, self._cleanup.is_controller_gone = (
-                PlayOutcome.UNANSWERED,
-                os_reason(error),
-                True,
-            )
+            outcome, reason = PlayOutcome.UNANSWERED, os_reason(error)
+            self._cleanup.is_controller_gone = True
         except BcapError as error:
             outcome, reason = PlayOutcome.FAILED, error.message
         finally:
@@ -160,14 +157,14 @@ class PlaySession:
 
     def _confirm_start(self) -> None:
         """Ask the user to confirm the start, and to arm it if a real robot will move."""
-        if self._ask(QuestionTopic.BEGIN, Message("play.question.begin"), (NO, YES)) != YES:
+        if not self._confirm(QuestionTopic.BEGIN, Message("play.question.begin")):
             raise PlayAbortedError(PlayOutcome.DECLINED, Message("play.not-confirmed"))
         robot = self._robot
         if robot.is_simulator or self._plan.armed:
             return
         named = ", ".join(f"{name} {value}" for name, value in robot.facts.items())
         text = Message("play.question.arm", robot=named) if named else Message("play.question.arm-unknown")
-        if self._ask(QuestionTopic.ARM, text, (NO, YES)) != YES:
+        if not self._confirm(QuestionTopic.ARM, text):
             raise PlayAbortedError(PlayOutcome.UNARMED, Message("play.not-armed"))
 
     async def _clean_up_after_crash(self, left: PendingCleanup) -> None:
@@ -240,7 +237,7 @@ class PlaySession:
                 text = Message(
                     "play.question.approach-fig", distance=distance, percent=percent, fig=fig, current=current
                 )
-            if self._ask(QuestionTopic.APPROACH, text, (NO, YES)) != YES:
+            if not self._confirm(QuestionTopic.APPROACH, text):
                 raise PlayAbortedError(PlayOutcome.DECLINED, Message("play.not-at-start"))
         self._report_state(PlayState.APPROACHING)
         self._cleanup.push(CleanupTask.MOTION)
@@ -330,11 +327,11 @@ class PlaySession:
         else:
             await self._session.close()
 
-    def _ask(self, topic: QuestionTopic, text: Message, choices: tuple[str, ...]) -> str:
-        """Ask the user; return the answer. An order instead raises PlayAbortedError."""
-        answer = self._pipe.ask(PlayerQuestion(topic, text, choices))
+    def _confirm(self, topic: QuestionTopic, text: Message) -> bool:
+        """Ask the user; return whether the answer is yes. An order instead raises PlayAbortedError."""
+        answer = self._pipe.ask(PlayerQuestion(topic, text, (NO, YES)))
         self._check_order()
-        return answer
+        return answer == YES
 
     def _pause(self, length: int) -> None:
         """Wait for `length` ns; an order raises PlayAbortedError."""
@@ -346,13 +343,9 @@ class PlaySession:
                 return
             self._channel.wait_until(min(until, now + ABORT_CHECK_INTERVAL))
 
-    def _check_order_if_playing(self) -> None:
-        """Raise PlayAbortedError on an order unless the cleanup has begun."""
-        if not self._is_leaving:
-            self._check_order()
-
     def _check_order(self) -> None:
-        order = self._pipe.poll_order()
+        """Raise PlayAbortedError on an order unless the cleanup has begun."""
+        order = None if self._is_leaving else self._pipe.poll_order()
         if order is not None:
             outcome = PlayOutcome.HALTED if order is Order.HALT else PlayOutcome.STOPPED
             raise PlayAbortedError(outcome, self._pipe.reason)

@@ -93,21 +93,16 @@ def _read_file(path: Path, options: ReadOptions, ports: Collection[int]) -> tupl
         if not head:
             raise TrajectoryError(Message("trajectory.file-empty"))
         if head[:4] == MAGIC or head[:4] in MAGICS or head.startswith(GZIP_MAGIC):
-            return _read_capture(path, options, ports)
+            with open_capture(path) as capture:
+                return read_capture(capture, TrajectorySource(str(path)), options, ports)
         _refuse_foreign(head)
         stream.seek(0)
         if path.suffix.casefold() in _YAML:
-            return read_documents(
-                list(read_yaml(_read_whole(stream, size))),
-                TrajectorySource(str(path), _encoding("YAML")),
-                options,
-            )
+            documents = list(read_yaml(_read_whole(stream, size)))
+            return read_documents(documents, _source(path, "YAML"), options)
         if head.lstrip(codecs.BOM_UTF8 + b" \t\r\n")[:1] == b"{" or path.suffix.casefold() == ".json":
-            return read_documents(
-                _parse_json(_read_whole(stream, size)),
-                TrajectorySource(str(path), _encoding("JSON")),
-                options,
-            )
+            documents = _parse_json(_read_whole(stream, size))
+            return read_documents(documents, _source(path, "JSON"), options)
         return _read_text(stream, path, head, options)
 
 
@@ -121,11 +116,6 @@ def _open_regular_file(path: Path) -> BinaryIO:
         if isinstance(error, TrajectoryError):
             raise
         raise TrajectoryError(Message("trajectory.no-file-name")) from error
-
-
-def _read_capture(path: Path, options: ReadOptions, ports: Collection[int]) -> tuple[Trajectory, ...]:
-    with open_capture(path) as capture:
-        return read_capture(capture, TrajectorySource(str(path)), options, ports)
 
 
 def _refuse_foreign(head: bytes) -> None:
@@ -159,18 +149,17 @@ def _read_text(stream: BinaryIO, path: Path, head: bytes, options: ReadOptions) 
         stream.seek(0)
         text = io.TextIOWrapper(stream, encoding, newline="")
         try:
-            return read_table(_lines(text), TrajectorySource(str(path), _encoding(name)), options)
+            return read_table(_lines(text), _source(path, name), options)
         except UnicodeError:
             continue
         finally:
             text.detach()
-    raise TrajectoryError(
-        Message("trajectory.no-text", encodings=" or ".join((name for _, name in marked or _ENCODINGS)))
-    )
+    names = [name for _, name in marked or _ENCODINGS]
+    raise TrajectoryError(Message("trajectory.no-text", encodings=" or ".join(names)))
 
 
-def _encoding(name: str) -> Message:
-    return Message.from_table("text", name)
+def _source(path: Path, encoding: str) -> TrajectorySource:
+    return TrajectorySource(str(path), Message.from_table("text", encoding))
 
 
 def _lines(text: io.TextIOWrapper) -> Iterator[str]:

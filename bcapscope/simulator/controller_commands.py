@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from datetime import datetime, timedelta
-from types import MappingProxyType
 
 from bcapscope.protocol.codec.variant import Variant
 from bcapscope.protocol.tables.hresult import E_INVALIDARG, describe_hresult
@@ -79,30 +78,28 @@ def _put_auto_mode(context: CallContext, parameter: Variant) -> None:
     context.machine.auto_mode = mode
 
 
-CONTROLLER_COMMANDS: CommandTable = MappingProxyType(
-    {
-        **HAND_COMMANDS,
-        "clearerror": _clear_error,
-        # The text is bcapscope's, not the controller's.
-        "geterrordescription": lambda context, code: bstr(describe_hresult(integer_of(code)).text),
-        "getcurerrorcount": lambda context, _: i4(len(context.machine.alarms.active)),
-        "getcurerrorinfo": _current_error_info,
-        "geterrorlogcount": lambda context, _: i4(len(context.machine.alarms.log)),
-        "geterrorlog": _error_log,
-        # The serial number for 0, an empty text for other numbers.
-        "sysinfo": lambda context, kind: bstr("" if integer_of(kind) else "SIMULATOR"),
-        "sysstate": _system_state,
-        "stostate": lambda context, _: boolean(context.machine.emergency),
-        "manualreset": accept_without_effect,
-        "manualresetpreparation": accept_without_effect,
-        "resetstostate": accept_without_effect,
-        "putautomode": _put_auto_mode,
-        "getautomode": lambda context, _: i2(context.machine.auto_mode),
-    }
-)
+CONTROLLER_COMMANDS: CommandTable = {
+    **HAND_COMMANDS,
+    "clearerror": _clear_error,
+    # The text is bcapscope's, not the controller's.
+    "geterrordescription": lambda context, code: bstr(describe_hresult(integer_of(code)).text),
+    "getcurerrorcount": lambda context, _: i4(len(context.machine.alarms.active)),
+    "getcurerrorinfo": _current_error_info,
+    "geterrorlogcount": lambda context, _: i4(len(context.machine.alarms.log)),
+    "geterrorlog": _error_log,
+    # The serial number for 0, an empty text for other numbers.
+    "sysinfo": lambda context, kind: bstr("" if integer_of(kind) else "SIMULATOR"),
+    "sysstate": _system_state,
+    "stostate": lambda context, _: boolean(context.machine.emergency),
+    "manualreset": accept_without_effect,
+    "manualresetpreparation": accept_without_effect,
+    "resetstostate": accept_without_effect,
+    "putautomode": _put_auto_mode,
+    "getautomode": lambda context, _: i2(context.machine.auto_mode),
+}
 """Commands of Controller_Execute by their names in lower case."""
 
-TASK_COMMANDS: CommandTable = MappingProxyType(
-    {"getstatus": lambda context, _: i4(context.machine.tasks.get(context.object.name.casefold(), READY))}
-)
+TASK_COMMANDS: CommandTable = {
+    "getstatus": lambda context, _: i4(context.machine.tasks.get(context.object.name.casefold(), READY))
+}
 """Commands of Task_Execute by their names in lower case."""

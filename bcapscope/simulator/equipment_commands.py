@@ -11,7 +11,6 @@ between them.
 from __future__ import annotations
 
 from functools import partial
-from types import MappingProxyType
 
 from bcapscope.protocol.codec.variant import VT, Variant
 from bcapscope.protocol.tables.hresult import E_INVALIDARG
@@ -138,43 +137,39 @@ def _of_line(value: Variant | None) -> CommandHandler:
     return run
 
 
-EQUIPMENT_COMMANDS: CommandTable = MappingProxyType(
-    {
-        "synctimestart": partial(_open_bracket, name="time"),
-        "synctimeend": partial(_close_bracket, name="time"),
-        "syncmovestart": partial(_open_bracket, name="move"),
-        "syncmoveend": partial(_close_bracket, name="move"),
-        "forcectrl": _force_control,
-        "forceparam": _force_parameters,
-        "forcevalue": _force_value,
-        "forcesensor": _force_sensor,
-        # Mass, centre and inertia.
-        "curforcesensorpayload": lambda context, _: variant_array(
-            r8(0.0), float_array(VT.R8, _SIX[:3]), float_array(VT.R8, _SIX[:3])
-        ),
-        "forcewaitcondition": accept_without_effect,
-        "autocal": accept_without_effect,
-        "robinfo": _robot_info,
-        "getmechabuttonstate": _button_state,
-        "clearmechabuttonstate": _button_state,
-        "curscene": lambda context, _: i4(0),
-        "cursubscene": lambda context, _: i4(0),
-        "sceneinfo": _scene_info,
-        "setareaenabled": _switch_area,
-        "getareaenabled": _area_state,
-    }
-)
+EQUIPMENT_COMMANDS: CommandTable = {
+    "synctimestart": partial(_open_bracket, name="time"),
+    "synctimeend": partial(_close_bracket, name="time"),
+    "syncmovestart": partial(_open_bracket, name="move"),
+    "syncmoveend": partial(_close_bracket, name="move"),
+    "forcectrl": _force_control,
+    "forceparam": _force_parameters,
+    "forcevalue": _force_value,
+    "forcesensor": _force_sensor,
+    # Mass, centre and inertia.
+    "curforcesensorpayload": lambda context, _: variant_array(
+        r8(0.0), float_array(VT.R8, _SIX[:3]), float_array(VT.R8, _SIX[:3])
+    ),
+    "forcewaitcondition": accept_without_effect,
+    "autocal": accept_without_effect,
+    "robinfo": _robot_info,
+    "getmechabuttonstate": _button_state,
+    "clearmechabuttonstate": _button_state,
+    "curscene": lambda context, _: i4(0),
+    "cursubscene": lambda context, _: i4(0),
+    "sceneinfo": _scene_info,
+    "setareaenabled": _switch_area,
+    "getareaenabled": _area_state,
+}
 """Commands of Robot_Execute by their names in lower case."""
 
-LINE_COMMANDS: CommandTable = MappingProxyType(
-    {
-        # Every line exists, and has no device at its other end.
-        "open": lambda context, line: context.machine.equipment.lines.add(_line(line)),
-        "close": lambda context, line: context.machine.equipment.lines.discard(_line(line)),
-        "state": _line_state,
-        "clear": _of_line(None),
-        "count": _of_line(i4(0)),
-        "input": _of_line(bstr("")),
-    }
-)
+LINE_COMMANDS: CommandTable = {
+    # Every line exists, and has no device at its other end.
+    "open": lambda context, line: context.machine.equipment.lines.add(_line(line)),
+    "close": lambda context, line: context.machine.equipment.lines.discard(_line(line)),
+    "state": _line_state,
+    "clear": _of_line(None),
+    "count": _of_line(i4(0)),
+    "input": _of_line(bstr("")),
+}
 """Commands of the extension Comm by their names in lower case."""

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from functools import partial
-from types import MappingProxyType
 from typing import TypeAlias
 
 from bcapscope.protocol.codec.variant import Variant
@@ -173,25 +172,23 @@ FRAMES: Mapping[str, FrameTable] = {
     "WORK": lambda context: context.machine.equipment.works,
 }
 
-FRAME_COMMANDS: CommandTable = MappingProxyType(
-    {
-        "j2p": partial(_convert, source=_J, target=_P),
-        "j2t": partial(_convert, source=_J, target=_T),
-        "p2j": partial(_convert, source=_P, target=_J),
-        "p2t": partial(_convert, source=_P, target=_T),
-        "t2j": partial(_convert, source=_T, target=_J),
-        "t2p": partial(_convert, source=_T, target=_P),
-        "outrange": _out_range,
-        "checkvirtualfence": _check_virtual_fence,
-        "dev": partial(_move, move=moved_in_base),
-        "devh": partial(_move, move=moved_in_tool),
-        "convertposwork": _convert_work,
-        "gettooldef": _tool_definition,
-        "settooldef": partial(_define, frames=FRAMES["TOOL"]),
-        "setworkdef": partial(_define, frames=FRAMES["WORK"]),
-    }
-)
+FRAME_COMMANDS: CommandTable = {
+    "j2p": partial(_convert, source=_J, target=_P),
+    "j2t": partial(_convert, source=_J, target=_T),
+    "p2j": partial(_convert, source=_P, target=_J),
+    "p2t": partial(_convert, source=_P, target=_T),
+    "t2j": partial(_convert, source=_T, target=_J),
+    "t2p": partial(_convert, source=_T, target=_P),
+    "outrange": _out_range,
+    "checkvirtualfence": _check_virtual_fence,
+    "dev": partial(_move, move=moved_in_base),
+    "devh": partial(_move, move=moved_in_tool),
+    "convertposwork": _convert_work,
+    "gettooldef": _tool_definition,
+    "settooldef": partial(_define, frames=FRAMES["TOOL"]),
+    "setworkdef": partial(_define, frames=FRAMES["WORK"]),
+}
 """Commands of Robot_Execute by their names in lower case."""
 
-PALLET_COMMANDS: CommandTable = MappingProxyType({"calcpos": _pallet_position})
+PALLET_COMMANDS: CommandTable = {"calcpos": _pallet_position}
 """Commands of the extension Pallet by their names in lower case."""

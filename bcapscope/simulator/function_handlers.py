@@ -12,7 +12,6 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Container, Mapping
 from functools import lru_cache
-from types import MappingProxyType
 from typing import TypeAlias
 
 from bcapscope.protocol.codec.variant import EMPTY, VT, Variant
@@ -296,8 +295,8 @@ def _handler(function: Function) -> FunctionHandler | None:
     return _OWN_HANDLERS.get(function.name) or _SHARED_HANDLERS.get(verb)
 
 
-FUNCTION_HANDLERS: Mapping[int, tuple[ObjectClass, FunctionHandler | None]] = MappingProxyType(
-    {function.id: (function.owner, _handler(function)) for function in FUNCTIONS.values() if function.id > 3}
-)
+FUNCTION_HANDLERS: Mapping[int, tuple[ObjectClass, FunctionHandler | None]] = {
+    function.id: (function.owner, _handler(function)) for function in FUNCTIONS.values() if function.id > 3
+}
 """By function id: the class of object that it is called on, and its handler; None if it is not
 implemented."""

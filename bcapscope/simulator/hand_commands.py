@@ -14,7 +14,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from types import MappingProxyType
 
 from bcapscope.protocol.codec.variant import Variant
 from bcapscope.simulator.argument_values import (
@@ -225,46 +224,40 @@ def _of_gripper(read: Callable[[Hand, int], Variant]) -> CommandHandler:
     return lambda context, parameter: read(context.machine.equipment.gripper, context.now)
 
 
-HAND_COMMANDS: CommandTable = MappingProxyType(
-    {
-        "handmovea": _move_to,
-        "handmover": partial(_move_to, relative=True),
-        "handmoveh": _grip,
-        "handmoveah": _move_and_grip,
-        "handmoverh": partial(_move_and_grip, relative=True),
-        "handmovevh": _suck,
-        "handchuck": _chuck,
-        "handunchuck": _unchuck,
-        "handstop": _stop,
-        "handholdstate": lambda context, _: boolean(context.machine.equipment.hand.is_gripping(context.now)),
-        "handcurpos": _width,
-        "handcurpressure": lambda context, _: r8(context.machine.equipment.vacuum * _SUCTION),
-        "handcurload": lambda context, _: r8(_SUCTION_LOAD if context.machine.equipment.vacuum else 0.0),
-    }
-)
+HAND_COMMANDS: CommandTable = {
+    "handmovea": _move_to,
+    "handmover": partial(_move_to, relative=True),
+    "handmoveh": _grip,
+    "handmoveah": _move_and_grip,
+    "handmoverh": partial(_move_and_grip, relative=True),
+    "handmovevh": _suck,
+    "handchuck": _chuck,
+    "handunchuck": _unchuck,
+    "handstop": _stop,
+    "handholdstate": lambda context, _: boolean(context.machine.equipment.hand.is_gripping(context.now)),
+    "handcurpos": _width,
+    "handcurpressure": lambda context, _: r8(context.machine.equipment.vacuum * _SUCTION),
+    "handcurload": lambda context, _: r8(_SUCTION_LOAD if context.machine.equipment.vacuum else 0.0),
+}
 """Commands of Controller_Execute by their names in lower case."""
 
-GRIPPER_COMMANDS: CommandTable = MappingProxyType(
-    {
-        "handgrip": _hand_grip,
-        "handrelease": _hand_release,
-        "twofggrip": _two_finger_grip,
-        "twofgrelease": _two_finger_release,
-        "twofgstop": lambda context, _: context.machine.equipment.gripper.stop(context.now, HAND_STOPPED),
-        "twofgisconn": lambda context, _: i4(1),
-        "twofgisbusy": _of_gripper(lambda hand, now: i4(int(hand.is_moving(now)))),
-        "twofgisgrip": _of_gripper(lambda hand, now: i4(int(hand.is_gripping(now)))),
-        "twofggeterrorcode": lambda context, _: i4(0),
-        "twofggetmode": lambda context, _: i4(_EXTERNAL_GRIP),
-        "twofggetwidth": _of_gripper(lambda hand, now: r8(hand.width(now))),
-        "twofggetminwidth": _of_gripper(lambda hand, now: r8(hand.limits.narrowest)),
-        "twofggetmaxwidth": _of_gripper(lambda hand, now: r8(hand.limits.widest)),
-        "twofggetforce": _of_gripper(lambda hand, now: r8(hand.force(now))),
-    }
-)
+GRIPPER_COMMANDS: CommandTable = {
+    "handgrip": _hand_grip,
+    "handrelease": _hand_release,
+    "twofggrip": _two_finger_grip,
+    "twofgrelease": _two_finger_release,
+    "twofgstop": lambda context, _: context.machine.equipment.gripper.stop(context.now, HAND_STOPPED),
+    "twofgisconn": lambda context, _: i4(1),
+    "twofgisbusy": _of_gripper(lambda hand, now: i4(int(hand.is_moving(now)))),
+    "twofgisgrip": _of_gripper(lambda hand, now: i4(int(hand.is_gripping(now)))),
+    "twofggeterrorcode": lambda context, _: i4(0),
+    "twofggetmode": lambda context, _: i4(_EXTERNAL_GRIP),
+    "twofggetwidth": _of_gripper(lambda hand, now: r8(hand.width(now))),
+    "twofggetminwidth": _of_gripper(lambda hand, now: r8(hand.limits.narrowest)),
+    "twofggetmaxwidth": _of_gripper(lambda hand, now: r8(hand.limits.widest)),
+    "twofggetforce": _of_gripper(lambda hand, now: r8(hand.force(now))),
+}
 """Commands of Robot_Execute by their names in lower case."""
 
-HAND_EXTENSION_COMMANDS: CommandTable = MappingProxyType(
-    {"curpos": _width, "chuck": _chuck, "unchuck": _unchuck}
-)
+HAND_EXTENSION_COMMANDS: CommandTable = {"curpos": _width, "chuck": _chuck, "unchuck": _unchuck}
 """Commands of the extension Hand0 by their names in lower case."""

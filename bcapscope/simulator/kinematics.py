@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from math import acos, asin, atan2, cos, degrees, hypot, radians, sin
-from types import MappingProxyType
 from typing import NamedTuple, TypeAlias
 
 from bcapscope.protocol.slave_mode.modes import PoseType
@@ -156,10 +155,10 @@ def pose_of(pose_type: PoseType, joints: Joints) -> tuple[float, ...]:
     return position(joints) if pose_type is _P else trans(joints)
 
 
-FEWEST_NUMBERS: Mapping[PoseType, int] = MappingProxyType({_P: 6, _J: 6, _T: 9})
+FEWEST_NUMBERS: Mapping[PoseType, int] = {_P: 6, _J: 6, _T: 9}
 """Fewest numbers of a pose."""
 
-POSE_LENGTHS: Mapping[PoseType, range] = MappingProxyType(
-    {pose_type: range(FEWEST_NUMBERS[pose_type], len(axes) + 2) for pose_type, axes in AXES.items()}
-)
+POSE_LENGTHS: Mapping[PoseType, range] = {
+    pose_type: range(FEWEST_NUMBERS[pose_type], len(axes) + 2) for pose_type, axes in AXES.items()
+}
 """Allowed numbers of values in a set point: Fig may be missing, and one more value may follow."""

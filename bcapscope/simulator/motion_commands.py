@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import re
 from functools import partial
-from types import MappingProxyType
 from typing import NamedTuple
 
 from bcapscope.protocol.codec.variant import Variant
@@ -244,13 +243,11 @@ def _motion_skip(context: CallContext, parameter: Variant) -> None:
         machine.current_move.skip(now)
 
 
-MOTION_COMMANDS: CommandTable = MappingProxyType(
-    {
-        "approach": _approach,
-        "depart": _depart,
-        "driveex": partial(_drive_many, absolute=False),
-        "driveaex": partial(_drive_many, absolute=True),
-        "motionskip": _motion_skip,
-    }
-)
+MOTION_COMMANDS: CommandTable = {
+    "approach": _approach,
+    "depart": _depart,
+    "driveex": partial(_drive_many, absolute=False),
+    "driveaex": partial(_drive_many, absolute=True),
+    "motionskip": _motion_skip,
+}
 """Commands of Robot_Execute by their names in lower case."""

@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from types import MappingProxyType
 
 from bcapscope.protocol.codec.variant import VT
 from bcapscope.protocol.retry.reserved_convention import ReplyReserved
@@ -140,7 +139,5 @@ _CSERVER = replace(
     defects=Defect.FORGETS_FIRST | Defect.SERIAL_ZERO,
 )
 
-PROFILES: Mapping[str, Profile] = MappingProxyType(
-    {profile.name: profile for profile in (_RC7, _RC8, _RC9, _CSERVER)}
-)
+PROFILES: Mapping[str, Profile] = {profile.name: profile for profile in (_RC7, _RC8, _RC9, _CSERVER)}
 """Every profile by its name."""

@@ -6,8 +6,6 @@ nkawa/Denso_CobottaPro900_MQTT_Control. Results that no source printed are infer
 
 from __future__ import annotations
 
-from types import MappingProxyType
-
 from bcapscope.protocol.codec.variant import VT, Variant
 from bcapscope.protocol.slave_mode.modes import PoseType
 from bcapscope.protocol.tables.hresult import E_ARM_NOT_TAKEN, E_INVALIDARG
@@ -124,44 +122,42 @@ def _current_speed(name: str) -> CommandHandler:
     return lambda context, _: r8(getattr(context.machine.speeds, name))
 
 
-ROBOT_COMMANDS: CommandTable = MappingProxyType(
-    {
-        **SLAVE_COMMANDS,
-        **MOTION_COMMANDS,
-        **FRAME_COMMANDS,
-        **GRIPPER_COMMANDS,
-        **EQUIPMENT_COMMANDS,
-        "takearm": _take_arm,
-        "givearm": _give_arm,
-        "takearmstate": lambda context, _: i4(int(context.machine.owner == context.client)),
-        "motor": motor,
-        "extspeed": _ext_speed,
-        "curpos": _current_pose(_P),
-        "curposex": _current_pose(_P, timed=True),
-        "curjnt": _current_pose(_J),
-        "curtrn": _current_pose(_T),
-        "highcurjntex": _current_pose(_J, timed=True),
-        "destpos": _destination,
-        "curspd": _current_speed("internal"),
-        "curacc": _current_speed("acceleration"),
-        "curextspd": _current_speed("external"),
-        "curextacc": _current_speed("external_acceleration"),
-        "curtool": lambda context, _: i4(context.machine.tool),
-        "motioncomplete": _motion_complete,
-        "getsrvdata": _servo_data,
-        "getrobottypename": lambda context, _: bstr(context.machine.initial_state.type_name),
-        "clearlog": lambda context, _: context.machine.log.records.clear(),
-        "startlog": lambda context, _: context.machine.log.start(context.now),
-        "stoplog": lambda context, _: context.machine.log.stop(),
-        "getlogcount": lambda context, _: i4(len(context.machine.log.records)),
-        "getlogrecord": _log_record,
-        "payload": accept_without_effect,
-        "speedmode": accept_without_effect,
-        "highpathaccuracy": accept_without_effect,
-        "grvoffset": accept_without_effect,
-        "manualresetpreparation": accept_without_effect,
-        "motionpreparation": accept_without_effect,
-        "getmotionpreparationstate": lambda context, _: boolean(True),
-    }
-)
+ROBOT_COMMANDS: CommandTable = {
+    **SLAVE_COMMANDS,
+    **MOTION_COMMANDS,
+    **FRAME_COMMANDS,
+    **GRIPPER_COMMANDS,
+    **EQUIPMENT_COMMANDS,
+    "takearm": _take_arm,
+    "givearm": _give_arm,
+    "takearmstate": lambda context, _: i4(int(context.machine.owner == context.client)),
+    "motor": motor,
+    "extspeed": _ext_speed,
+    "curpos": _current_pose(_P),
+    "curposex": _current_pose(_P, timed=True),
+    "curjnt": _current_pose(_J),
+    "curtrn": _current_pose(_T),
+    "highcurjntex": _current_pose(_J, timed=True),
+    "destpos": _destination,
+    "curspd": _current_speed("internal"),
+    "curacc": _current_speed("acceleration"),
+    "curextspd": _current_speed("external"),
+    "curextacc": _current_speed("external_acceleration"),
+    "curtool": lambda context, _: i4(context.machine.tool),
+    "motioncomplete": _motion_complete,
+    "getsrvdata": _servo_data,
+    "getrobottypename": lambda context, _: bstr(context.machine.initial_state.type_name),
+    "clearlog": lambda context, _: context.machine.log.records.clear(),
+    "startlog": lambda context, _: context.machine.log.start(context.now),
+    "stoplog": lambda context, _: context.machine.log.stop(),
+    "getlogcount": lambda context, _: i4(len(context.machine.log.records)),
+    "getlogrecord": _log_record,
+    "payload": accept_without_effect,
+    "speedmode": accept_without_effect,
+    "highpathaccuracy": accept_without_effect,
+    "grvoffset": accept_without_effect,
+    "manualresetpreparation": accept_without_effect,
+    "motionpreparation": accept_without_effect,
+    "getmotionpreparationstate": lambda context, _: boolean(True),
+}
 """Commands of Robot_Execute by their names in lower case."""

@@ -140,7 +140,7 @@ class ScenarioRunner:
 
     def _apply_event(self, event: AnyEvent, now: int) -> list[SimulatorOutput]:
         self._on_news(event.name or event.action)
-        return self._send_to_clients(event.apply(self.simulator, now), now)
+        return self._send_to_clients(event.apply(self.simulator, now) or (), now)
 
     def advance(self, now: int) -> list[SimulatorOutput]:
         """Run everything that is due by `now`, in order of time."""

@@ -8,7 +8,6 @@ paper says so.
 from __future__ import annotations
 
 from math import hypot
-from types import MappingProxyType
 
 from bcapscope.protocol.codec.variant import ARRAY, VT, Variant, integer_value
 from bcapscope.protocol.slave_mode.formats import ReceiveFormat, SendFormat, parse_format_parameter
@@ -245,13 +244,11 @@ def currents(context: CallContext) -> tuple[float, ...]:
     return tuple(a - b for a, b in zip(arm.commanded(now), arm.actual(now), strict=True))
 
 
-SLAVE_COMMANDS: CommandTable = MappingProxyType(
-    {
-        "slvchangemode": change_mode,
-        "slvgetmode": get_mode,
-        "slvmove": slave_move,
-        "slvsendformat": send_format,
-        "slvrecvformat": receive_format,
-    }
-)
+SLAVE_COMMANDS: CommandTable = {
+    "slvchangemode": change_mode,
+    "slvgetmode": get_mode,
+    "slvmove": slave_move,
+    "slvsendformat": send_format,
+    "slvrecvformat": receive_format,
+}
 """Commands of Robot_Execute by their names in lower case."""

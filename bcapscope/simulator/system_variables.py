@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping
-from types import MappingProxyType
 from typing import NamedTuple
 
 from bcapscope import __version__
@@ -177,21 +176,19 @@ class _WriteAction(NamedTuple):
     in_slave_mode: bool
 
 
-_WRITE_ACTIONS: Mapping[tuple[ObjectClass, str], _WriteAction] = MappingProxyType(
-    {
-        (ObjectClass.ROBOT, "@SERVO_ON"): _WriteAction(motor, False),
-        (ObjectClass.TASK, "@START"): _WriteAction(
-            lambda context, _: context.machine.start_task(_task_name(context)), False
-        ),
-        (ObjectClass.TASK, "@STOP"): _WriteAction(
-            lambda context, _: context.machine.stop_task(_task_name(context), context.now), True
-        ),
-        **{
-            (ObjectClass.ROBOT, name): _WriteAction(_put_speed(field), not name.startswith("@EXT"))
-            for name, field in _SPEEDS.items()
-        },
-    }
-)
+_WRITE_ACTIONS: Mapping[tuple[ObjectClass, str], _WriteAction] = {
+    (ObjectClass.ROBOT, "@SERVO_ON"): _WriteAction(motor, False),
+    (ObjectClass.TASK, "@START"): _WriteAction(
+        lambda context, _: context.machine.start_task(_task_name(context)), False
+    ),
+    (ObjectClass.TASK, "@STOP"): _WriteAction(
+        lambda context, _: context.machine.stop_task(_task_name(context), context.now), True
+    ),
+    **{
+        (ObjectClass.ROBOT, name): _WriteAction(_put_speed(field), not name.startswith("@EXT"))
+        for name, field in _SPEEDS.items()
+    },
+}
 """Variables whose writing acts like a command or function: Motor, Task_Start, ExtSpeed."""
 
 
@@ -238,14 +235,12 @@ _ROBOT: dict[str, VariableReader] = {
 
 _TASK: dict[str, VariableReader] = {"@STATUS": _task_state, "@START": _task_state, "@STOP": _task_state}
 
-_READERS: Mapping[tuple[ObjectClass, str], VariableReader] = MappingProxyType(
-    {
-        (owner, name): reader
-        for owner, readers in (
-            (ObjectClass.CONTROLLER, _CONTROLLER),
-            (ObjectClass.ROBOT, _ROBOT),
-            (ObjectClass.TASK, _TASK),
-        )
-        for name, reader in readers.items()
-    }
-)
+_READERS: Mapping[tuple[ObjectClass, str], VariableReader] = {
+    (owner, name): reader
+    for owner, readers in (
+        (ObjectClass.CONTROLLER, _CONTROLLER),
+        (ObjectClass.ROBOT, _ROBOT),
+        (ObjectClass.TASK, _TASK),
+    )
+    for name, reader in readers.items()
+}
