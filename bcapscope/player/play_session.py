@@ -207,7 +207,7 @@ class PlaySession:
         if mode:
             raise PlayAbortedError(PlayOutcome.DECLINED, Message("play.already-slave", mode=f"0x{mode:03X}"))
         await self._switch_on(CleanupTask.ROBSLAVE, await robot.is_robslave_ready(), robot.start_robslave)
-        if robot.needs_take_arm:
+        if robot.generation is not Generation.RC7:  # which has no TakeArm
             await cleanup.run_and_push(CleanupTask.ARM, robot.take_arm)
         await self._switch_on(CleanupTask.MOTOR, await robot.is_motor_on(), robot.motor_on)
         await self._approach(trajectory.kind, trajectory.set_point(0))

@@ -7,8 +7,7 @@ raises on an order to stop.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from math import degrees, isfinite
 
 import numpy as np
@@ -75,10 +74,6 @@ class RobotAdapter:
     @property
     def real_type(self) -> VT:
         return VT.R4 if self.generation is Generation.RC7 else VT.R8
-
-    @property
-    def needs_take_arm(self) -> bool:
-        return self.generation is not Generation.RC7
 
     async def connect(self) -> None:
         """Connect and open the robot; no other calls are made."""
@@ -154,7 +149,7 @@ class RobotAdapter:
         await self._switch_motor(True, _ON_RETRIES)
 
     async def _switch_motor(self, on: bool, retries: int) -> None:
-        """Switch the motor.
+        """Switch the motor, with at least `retries` retries.
 
         With the machine lock on, the controller refuses, and this refusal is ignored: there is no motor to
         switch. DENSO's slides recommend the machine lock for experiments.
@@ -162,12 +157,17 @@ class RobotAdapter:
         parameter = Variant(VT.I2, int(on))
         if self.generation is not Generation.RC7:
             parameter = Variant.array(VT.I4, (int(on), 0))
-        with self._extra_retries(retries):
-            try:
-                await self.robot.execute("Motor", parameter)
-            except ControllerError as error:
-                if error.hresult not in _MACHINE_LOCK:
-                    raise
+        session = self._opener.session
+        usual = session.retry_policies
+        more = usual.others._replace(retries=max(retries, usual.others.retries))
+        session.retry_policies = usual._replace(others=more)
+        try:
+            await self.robot.execute("Motor", parameter)
+        except ControllerError as error:
+            if error.hresult not in _MACHINE_LOCK:
+                raise
+        finally:
+            session.retry_policies = usual
 
     async def approach(self, kind: PoseType, goal: SetPointValues, percent: float) -> None:
         """Move to a pose by an ordinary motion that ends with @E, as slave mode needs it.
@@ -252,18 +252,6 @@ class RobotAdapter:
             return await self._opener.read_variable(object_class, name)
         except ControllerError:
             return None
-
-    @contextmanager
-    def _extra_retries(self, retries: int) -> Iterator[None]:
-        """Allow at least `retries` retries for the calls of a block."""
-        session = self._opener.session
-        usual = session.retry_policies
-        more = usual.others._replace(retries=max(retries, usual.others.retries))
-        session.retry_policies = usual._replace(others=more)
-        try:
-            yield
-        finally:
-            session.retry_policies = usual
 
 
 def pose_distance(kind: PoseType, here: SetPointValues, there: SetPointValues) -> float:

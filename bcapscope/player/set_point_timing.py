@@ -78,19 +78,13 @@ def find_gaps(times: Array) -> NDArray[np.bool_]:
     return np.asarray(steps > GAP_FACTOR * np.median(steps))
 
 
-class RecordRun(NamedTuple):
-    """Records without a gap: index of the first, from 0, and after the last."""
-
-    start: int
-    stop: int
-
-
-def find_runs(counter: Array) -> tuple[tuple[RecordRun, ...], float | None]:
+def find_runs(counter: Array) -> tuple[tuple[tuple[int, int], ...], float | None]:
     """Find the runs of records without gaps by a counter, and the growth of the counter per record.
 
-    If the counter does not grow evenly enough, return one run and None.
+    A run is the index of its first record, from 0, and that after its last. If the counter does not grow
+    evenly enough, return one run and None.
     """
-    whole = (RecordRun(0, len(counter)),)
+    whole = ((0, len(counter)),)
     steps = np.diff(counter)
     if not len(steps) or not np.isfinite(steps).all():
         return whole, None
@@ -101,4 +95,4 @@ def find_runs(counter: Array) -> tuple[tuple[RecordRun, ...], float | None]:
     if len(breaks) >= MAX_PARTS:
         return whole, None
     edges = [0, *breaks.tolist(), len(counter)]
-    return tuple(RecordRun(start, stop) for start, stop in pairwise(edges)), usual
+    return tuple(pairwise(edges)), usual

@@ -32,7 +32,7 @@ DIRECTION_COLUMNS = ORIENTATION, APPROACH = slice(3, 6), slice(6, 9)
 
 
 class SmoothCurve:
-    """The curve through points; `end` is the last parameter, the first is 0."""
+    """The curve through points, by a parameter that begins at 0."""
 
     def __init__(self, kind: PoseType, knots: Array, points: Array) -> None:
         """Compute the curve through points, one row each.
@@ -44,7 +44,6 @@ class SmoothCurve:
         self._points = points
         self._rows = unwrap_rotations(kind, points)
         self._speeds, self._accelerations = _derivatives(knots, self._rows)
-        self.end = float(knots[-1])
 
     def sample(self, parameters: Array) -> Array:
         """Return a pose for each parameter; parameters outside the curve are clipped."""

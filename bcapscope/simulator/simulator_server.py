@@ -223,11 +223,9 @@ class SimulatorServer:
 
     def _arrival_time(self, control: AncillaryData) -> int:
         """Return the model's time at which the bytes just read arrived."""
-        return (
-            self._clock.arrival_time(kernel_timestamp(control, 0))
-            if self._may_be_more
-            else self._polled_empty_at
-        )
+        if not self._may_be_more:
+            return self._polled_empty_at
+        return self._clock.arrival_time(kernel_timestamp(control, 0))
 
     def _accept(self) -> None:
         """Accept connections; each becomes a client of the controller with its first frame."""
@@ -294,10 +292,8 @@ class SimulatorServer:
         connections = self._connections.items()
         writers = [number for number, each in connections if each.is_blocked]
         own = (number for number, each in connections if not each.is_blocked)
-        listeners = (
-            [self._udp_descriptor] if self._is_paused else [self._udp_descriptor, self._tcp_descriptor]
-        )
-        self._selector = SocketSelector([*listeners, *own, *self._extra], writers)
+        listeners = () if self._is_paused else (self._tcp_descriptor,)
+        self._selector = SocketSelector([self._udp_descriptor, *listeners, *own, *self._extra], writers)
 
     def _read_segment(self, number: int) -> None:
         connection = self._connections.get(number)
