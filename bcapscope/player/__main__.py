@@ -21,9 +21,8 @@ from bcapscope.messages.os_errors import os_reason
 from bcapscope.messages.places import Enumeration
 from bcapscope.player.blocking_caller import run_blocking
 from bcapscope.player.channel import Channel, open_channel
-from bcapscope.player.control_log import read_control_log, write_control_log
+from bcapscope.player.control_log import open_new_file, read_control_log, write_control_log
 from bcapscope.player.frame_recorder import FrameRecorder, open_recording
-from bcapscope.player.new_file import open_new_file
 from bcapscope.player.play_session import PlaySession
 from bcapscope.player.player_messages import PlayEnded, PlayOutcome, PlayPlan
 from bcapscope.player.player_pipe import PlayerPipe

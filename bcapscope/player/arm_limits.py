@@ -79,12 +79,10 @@ SIMULATED_ARM = ArmLimits(
 )
 """A scenario can set narrower software limits, which a controller does not report."""
 
-_KNOWN_ARMS = {ROBOT_TYPE: SIMULATED_ARM}
-
 
 def limits_for_arm(type_name: str) -> ArmLimits:
     """Return the limits of the arm with this type name; `UNKNOWN_ARM` if the name is unknown."""
-    return _KNOWN_ARMS.get(type_name, UNKNOWN_ARM)
+    return SIMULATED_ARM if type_name == ROBOT_TYPE else UNKNOWN_ARM
 
 
 def with_limits(limits: ArmLimits, texts: Sequence[str]) -> ArmLimits:

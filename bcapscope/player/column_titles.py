@@ -60,29 +60,17 @@ class ColumnTitle(NamedTuple):
 
 _AXIS = {axis.name.casefold(): axis.name for kind in AXES.values() for axis in kind}
 _JOINT = re.compile(r"(?:j|joint|axis|軸|関節)([1-8])")
+_COMMANDED = (
+    *("指令値", "指令", "command", "commanded", "cmd"),
+    *("reference", "ref", "target", "setpoint", "desired"),
+)
+_MEASURED = ("エンコーダ値", "エンコーダ", "encoder", "actual", "measured", "returned", "feedback", "現在値")
 _ROLES = {
-    **dict.fromkeys(
-        (
-            "指令値",
-            "指令",
-            "command",
-            "commanded",
-            "cmd",
-            "reference",
-            "ref",
-            "target",
-            "setpoint",
-            "desired",
-        ),
-        ColumnRole.COMMANDED,
-    ),
-    **dict.fromkeys(
-        ("エンコーダ値", "エンコーダ", "encoder", "actual", "measured", "returned", "feedback", "現在値"),
-        ColumnRole.MEASURED,
-    ),
+    **dict.fromkeys(_COMMANDED, ColumnRole.COMMANDED),
+    **dict.fromkeys(_MEASURED, ColumnRole.MEASURED),
 }
 _UNIT_WORDS = {
-    **{name: unit for name, unit in UNITS.items()},
+    **UNITS,
     **dict.fromkeys(("degree", "degrees", "度", "°"), UNITS["deg"]),
     **dict.fromkeys(("radian", "radians"), UNITS["rad"]),
     **dict.fromkeys(("sec", "second", "seconds", "秒"), UNITS["s"]),

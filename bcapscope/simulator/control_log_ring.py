@@ -15,9 +15,6 @@ from bcapscope.protocol.slave_mode.modes import PERIOD_NS
 from bcapscope.simulator.argument_values import bstr, i4, r8, variant_array
 from bcapscope.simulator.kinematics import Joints
 
-PERIOD = PERIOD_NS
-"""Time between two records, ns."""
-
 MAX_RECORDS = 10_000
 
 
@@ -51,11 +48,11 @@ class ControlLog:
         due = self.due
         if due is None:
             return
-        if now - due > MAX_RECORDS * PERIOD:
-            due += (now - due) // PERIOD * PERIOD - MAX_RECORDS * PERIOD
+        if now - due > MAX_RECORDS * PERIOD_NS:
+            due += (now - due) // PERIOD_NS * PERIOD_NS - MAX_RECORDS * PERIOD_NS
         while due <= now:
             self.records.append(sample(due))
-            due += PERIOD
+            due += PERIOD_NS
         self.due = due
 
 

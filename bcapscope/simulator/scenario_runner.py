@@ -39,15 +39,6 @@ class _ClientLine(NamedTuple):
     splitter: StreamSplitter | None
 
 
-class _TriggeredEvent(NamedTuple):
-    event: AnyEvent
-    matcher: FaultMatcher
-
-
-def _ignore(news: str) -> None:
-    """Ignore the news."""
-
-
 class ScenarioRunner:
     """A simulator with the faults and events of a scenario; `shaper` applies the faults to messages."""
 
@@ -58,7 +49,7 @@ class ScenarioRunner:
         now: int,
         *,
         seed: int | None = None,
-        on_news: Callable[[str], None] = _ignore,
+        on_news: Callable[[str], None] = lambda news: None,
     ) -> None:
         """Begin to play; `simulator` has the scenario's profile and initial state.
 
@@ -74,7 +65,7 @@ class ScenarioRunner:
         self._lines: dict[Peer, _ClientLine] = {}
         self._peers: dict[Conversation, Peer] = {}
         self._timed: list[tuple[int, int, AnyEvent]] = []
-        self._triggered: list[_TriggeredEvent] = []
+        self._triggered: list[tuple[AnyEvent, FaultMatcher]] = []
         self._recent_requests, self._attempts = RecentRequests(), AttemptCounter()
         self._messages = self._counted = 0
         self._was_in_slave_mode = False
@@ -136,7 +127,7 @@ class ScenarioRunner:
             else:
                 self._counted += 1
                 name = each.name or f"{each.action} {self._counted}"
-                self._triggered.append(_TriggeredEvent(each, FaultMatcher(each, name, self._seed, now)))
+                self._triggered.append((each, FaultMatcher(each, name, self._seed, now)))
 
     def _apply_event(self, event: AnyEvent, now: int) -> list[SimulatorOutput]:
         self._on_news(event.name or event.action)
@@ -163,9 +154,14 @@ class ScenarioRunner:
 
     def _on_client_message(self, line: _ClientLine, data: bytes, now: int) -> list[SimulatorOutput]:
         outputs = self._trigger_events(line, data, now) if self._triggered else []
-        taken = self.shaper.process_message(line.up, data, now)
-        self._report_touched(taken.fault_notes)
-        return outputs + self._carry_out(taken.outputs, now)
+        return outputs + self._shape(line.up, data, now)
+
+    def _shape(self, flow: Flow, data: bytes, now: int) -> list[SimulatorOutput]:
+        """Pass one message through the faults; return what to send."""
+        taken = self.shaper.process_message(flow, data, now)
+        for note in taken.fault_notes:
+            self._on_news(note)
+        return self._carry_out(taken.outputs, now)
 
     def _trigger_events(self, line: _ClientLine, data: bytes, now: int) -> list[SimulatorOutput]:
         self._messages += 1
@@ -206,15 +202,11 @@ class ScenarioRunner:
         passed: list[SimulatorOutput] = []
         for output in outputs:
             line = self._lines.get(output.peer)
-            if line is None:
-                passed.append(output)
-            elif not output.data:
+            if line is None or not output.data:
                 self._remove_client(output.peer)
                 passed.append(output)
             else:
-                taken = self.shaper.process_message(line.down, output.data, now)
-                self._report_touched(taken.fault_notes)
-                passed += self._carry_out(taken.outputs, now)
+                passed += self._shape(line.down, output.data, now)
         return passed
 
     def _close_connection(self, closing: CloseConnection, now: int) -> list[SimulatorOutput]:
@@ -223,10 +215,6 @@ class ScenarioRunner:
             return []
         self.on_disconnect(peer, now)
         return [SimulatorOutput(peer, ResetMarker() if closing.how is CloseMode.RESET else b"")]
-
-    def _report_touched(self, touched: Iterable[str]) -> None:
-        for each in touched:
-            self._on_news(each)
 
     # clients
 
@@ -237,9 +225,8 @@ class ScenarioRunner:
 
     def _new_line(self, peer: Peer, transport: Transport) -> _ClientLine:
         if len(self._lines) >= MAX_LINES:
-            self._remove_client(
-                next((each.peer for each in self._lines.values() if each.splitter is None), None)
-            )
+            datagram_lines = (each.peer for each in self._lines.values() if each.splitter is None)
+            self._remove_client(next(datagram_lines, None))
         conversation = Conversation(_endpoint(peer), _HERE, transport, "we are the server")
         self._peers[conversation] = peer
         splitter = StreamSplitter(limit=LARGEST_REQUEST) if transport is Transport.TCP else None

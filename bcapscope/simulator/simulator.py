@@ -63,10 +63,6 @@ def _sound_frame(data: bytes) -> Frame | None:
     return frame if frame.length == size and not frame.problems else None
 
 
-def _ignore(peer: Peer, report: CallReport) -> None:
-    """Ignore the call."""
-
-
 class Simulator:
     """A controller and all its clients.
 
@@ -81,7 +77,7 @@ class Simulator:
         profile: Profile,
         initial_state: InitialState | None = None,
         now: int = 0,
-        report: Callable[[Peer, CallReport], None] = _ignore,
+        report: Callable[[Peer, CallReport], None] = lambda peer, report: None,
     ) -> None:
         """Switch the controller on at `now`, ns; all later times use the same clock.
 
