@@ -54,10 +54,6 @@ def ignore_frame(sent: bool, raw: bytes, time: int) -> None:
     """Ignore the frame."""
 
 
-def _never_abort() -> None:
-    """Never raise."""
-
-
 class BlockingCaller:
     """Makes calls over a channel, one after the other.
 
@@ -77,7 +73,7 @@ class BlockingCaller:
     ) -> None:
         self.link = channel
         self.late_replies: list[LateReply] = []
-        self.check_abort: Callable[[], None] = _never_abort
+        self.check_abort: Callable[[], None] = lambda: None
         self.overslept = 0
         self._requester = Requester(convention, first_serial)
         self._splitter = StreamSplitter()

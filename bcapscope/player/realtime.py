@@ -106,7 +106,7 @@ def _set_fifo_priority() -> Message | None:
         return Message(
             "play.realtime.refused",
             reason=os_reason(error),
-            user=_user(),
+            user=os.environ.get("USER") or "USER",
             priority=FIFO_PRIORITY,
             python=os.path.realpath(sys.executable),
         )
@@ -131,10 +131,6 @@ def _throttling_note() -> Message | None:
     if runtime < 0 or runtime >= _NEEDED_SHARE * period:
         return None
     return Message("play.realtime.throttled", file=str(_THROTTLE_FILES[0]), runtime=runtime, period=period)
-
-
-def _user() -> str:
-    return os.environ.get("USER") or "USER"
 
 
 def _libc() -> ctypes.CDLL:

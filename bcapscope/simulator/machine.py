@@ -146,7 +146,7 @@ class Machine:
         self.stop_count = 0
         self.stopped_by = 0
         self.current_move: TimedMove | None = None
-        self.equipment = Equipment.with_object(self.initial_state.object_width)
+        self.equipment = Equipment(self.initial_state.object_width)
         self._motor_at: int | None = now if self.initial_state.motor else None
         for code in (*self.initial_state.errors, *((EMERGENCY_STOP,) if self.emergency else ())):
             self.alarms.add(code, now)

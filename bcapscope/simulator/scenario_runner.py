@@ -53,7 +53,8 @@ class ScenarioRunner:
     ) -> None:
         """Begin to play; `simulator` has the scenario's profile and initial state.
 
-        `seed` None is that of the scenario. `on_news` gets the name of each event and fault that acts.
+        Without a `seed`, that of the scenario counts. `on_news` gets the name of each event and fault that
+        acts.
         """
         self.simulator = simulator
         self._scenario = scenario

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping
-from typing import NamedTuple
 
 from bcapscope import __version__
 from bcapscope.protocol.codec.variant import EMPTY, VT, Variant
@@ -72,12 +71,12 @@ def write_variable(context: CallContext, value: Variant) -> HandlerOutcome:
             context.machine.memory.write(*place, value)
         return None
     name = context.object.name.strip().upper()
-    act = _WRITE_ACTIONS.get((_owner_kind(context.object), name))
-    if act is None:
+    command = _WRITE_COMMANDS.get((_owner_kind(context.object), name))
+    if command is None:
         raise RefusedError(NOT_WRITABLE)
-    if context.machine.slave.mode is not None and not act.in_slave_mode:
+    if context.machine.slave.mode is not None and name in _REFUSED_IN_SLAVE_MODE:
         context.machine.refuse(E_REFUSED_IN_SLAVE_MODE, context.now)
-    return act.command(context, value)
+    return command(context, value)
 
 
 def variable_names(owner: ObjectClass, generation: Generation) -> tuple[str, ...]:
@@ -166,30 +165,18 @@ def _task_name(context: CallContext) -> str:
     return task.name if task else ""
 
 
-class _WriteAction(NamedTuple):
-    """The command that writing a variable runs, with the written value as its parameter.
-
-    `in_slave_mode` is as for the equivalent function or command.
-    """
-
-    command: CommandHandler
-    in_slave_mode: bool
-
-
-_WRITE_ACTIONS: Mapping[tuple[ObjectClass, str], _WriteAction] = {
-    (ObjectClass.ROBOT, "@SERVO_ON"): _WriteAction(motor, False),
-    (ObjectClass.TASK, "@START"): _WriteAction(
-        lambda context, _: context.machine.start_task(_task_name(context)), False
+_WRITE_COMMANDS: Mapping[tuple[ObjectClass, str], CommandHandler] = {
+    (ObjectClass.ROBOT, "@SERVO_ON"): motor,
+    (ObjectClass.TASK, "@START"): lambda context, _: context.machine.start_task(_task_name(context)),
+    (ObjectClass.TASK, "@STOP"): lambda context, _: context.machine.stop_task(
+        _task_name(context), context.now
     ),
-    (ObjectClass.TASK, "@STOP"): _WriteAction(
-        lambda context, _: context.machine.stop_task(_task_name(context), context.now), True
-    ),
-    **{
-        (ObjectClass.ROBOT, name): _WriteAction(_put_speed(field), not name.startswith("@EXT"))
-        for name, field in _SPEEDS.items()
-    },
+    **{(ObjectClass.ROBOT, name): _put_speed(field) for name, field in _SPEEDS.items()},
 }
-"""Variables whose writing acts like a command or function: Motor, Task_Start, ExtSpeed."""
+"""Variables whose writing acts like a command or function, such as Motor, Task_Start and ExtSpeed."""
+
+_REFUSED_IN_SLAVE_MODE = frozenset(("@SERVO_ON", "@START", "@EXTSPEED", "@EXTACCEL", "@EXTDECEL"))
+"""Those of which slave mode refuses the equivalent command or function."""
 
 
 def _speed(field: str) -> VariableReader:
