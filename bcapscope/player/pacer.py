@@ -114,8 +114,6 @@ class Pacer:
         lateness: Time from the deadline of each set point to its sending.
         cycle: Time from one set point to the next.
         started_at: Time of the first set point, ns; None before it.
-        commanded: The last set point.
-        last_reply: The last reply to a set point.
     """
 
     def __init__(

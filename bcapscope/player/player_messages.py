@@ -73,10 +73,8 @@ class PlayPlan(msgspec.Struct, frozen=True, kw_only=True):
     """What to play and where.
 
     Attributes:
-        target: The controller and how to reach it.
         robot: Name for Controller_GetRobot.
         task: Name of the program that RC7 needs for slave mode.
-        kind: Pose type of the set points.
         mode: Kind of slave mode, or the exact number for slvChangeMode.
         period: Time between set points, ns, where the controller's reply does not decide it.
         points: Set points; the robot rests at the first and the last. Missing axes keep their position.
@@ -89,7 +87,6 @@ class PlayPlan(msgspec.Struct, frozen=True, kw_only=True):
         look_only: Connect, report facts and end; nothing moves and nothing changes.
         log: Path of a new CSV file for the controller's own log; None for no log.
         record: Path of a new recording of all frames; None for none.
-        realtime: Whether to take real-time priority if the system grants it.
         aftermath: Only undo what this crashed player left, and play nothing; None to play.
         first_serial: First serial to use, beyond any that a crashed player can have used.
     """

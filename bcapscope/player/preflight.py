@@ -43,7 +43,6 @@ class PreflightResult:
     """Result of the pre-flight check.
 
     Attributes:
-        period: Seconds between two slvMove.
         arm_name: Name of the arm whose limits were used.
         problems: Problems, most serious first.
         axis_figures: Figures of each axis at the file's own times; () if those are uneven, or a number is

@@ -31,12 +31,8 @@ class SetPointSequence:
     ) -> None:
         """Begin at the first point of a trajectory with all numbers that slvMove needs, at rest at both ends.
 
-        Args:
-            trajectory: The trajectory.
-            period: Seconds from one point to the next.
-            limits: Limits of the arm; a stop keeps within them.
-            rounds: Number of rounds, the first point following the last; 0 for no end.
-            hold_count: How often to send the first and the last point in addition.
+        `period` is in seconds, `rounds` 0 means no end, and a stop keeps within `limits`. The first and the
+        last point are sent `hold_count` times in addition.
         """
         self.index = 0
         self.is_stopping = False

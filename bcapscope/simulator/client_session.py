@@ -61,14 +61,12 @@ hand cannot move while slave mode moves the arm (issue 13 of DENSORobot/denso_ro
 
 
 class ClientSession:
-    """The session of one client, from its first call to its last.
+    """The session of one client, by its number, from its first call to its last.
 
     Attributes:
-        number: Number of the client, unique in this controller.
         is_started: Whether the client has called Service_Start.
         wdt: Time between two S_EXECUTING, ns; None for none.
         invoke_timeout: Longest time that a call may run, ns.
-        objects: Objects that the client has opened.
     """
 
     def __init__(self, machine: Machine, number: int) -> None:

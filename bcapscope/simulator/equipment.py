@@ -25,7 +25,6 @@ class Equipment:
         gripper: The 2FG hand.
         vacuum: Power of COBOTTA's vacuum hand in percent; 0 while it is off.
         tools: Definitions of tools by number; a missing one is all zeros. The same for works.
-        areas: Numbers of the enabled areas.
         lines: Numbers of the open serial and socket lines.
         brackets: Names of the open brackets around motions: `time` and `move`.
         force_control: Number of the active force control; None for none.

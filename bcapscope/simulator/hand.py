@@ -18,17 +18,12 @@ SECOND = 1_000_000_000
 
 
 class HandLimits(NamedTuple):
-    """Limits of a hand.
+    """Limits of a hand: widths in mm, speeds in mm/s, acceleration in mm/s², forces in N.
 
     Attributes:
-        narrowest: Width of the closed hand, mm.
-        widest: Width of the open hand, mm.
-        speed: Speed at 100 %, mm/s.
-        acceleration: Acceleration, mm/s².
-        grip_speed: Speed of a grip without speed parameter, mm/s.
+        speed: Speed at 100 %.
+        grip_speed: Speed of a grip without speed parameter.
         slowest: Lowest speed in percent.
-        weakest: Lowest force, N.
-        strongest: Highest force, N.
     """
 
     narrowest: float

@@ -52,22 +52,16 @@ class InitialState:
 
     Attributes:
         joints: Eight joints, degrees.
-        limits: Limits of the six axes.
         mode: 1 manual, 2 teach check, 3 automatic.
         token: Whether Ethernet has the executable token.
-        motor: Whether the motor is on.
         motor_time: Time that the motor takes to go on, ns.
         speed: External speed in percent, as set on the pendant.
-        type_name: Type name of the robot.
-        tasks: Names of the loaded programs.
-        running: Names of those that run.
+        tasks: Names of the loaded programs, of which `running` run.
         errors: Active errors, oldest first.
         empty: Names of variables of the robot that answer EMPTY, in capitals.
-        emergency: Whether the emergency stop is pressed.
         arm_taken: Whether a client outside this network has the arm.
         object_width: Width of an object between the fingers of the hands, mm; None for no object.
-        udp_clients: Places on UDP that half-open clients hold.
-        tcp_clients: Places on TCP that half-open clients hold.
+        udp_clients: Places on UDP that half-open clients hold; `tcp_clients` are those on TCP.
         epoch: Time 0 of the model's clock, ns since 1970.
     """
 

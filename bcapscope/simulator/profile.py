@@ -56,8 +56,7 @@ class Profile:
     """One kind of controller.
 
     Attributes:
-        name: Name for `--profile`.
-        title: Title for people.
+        name: Name for `--profile`; the title is for people.
         generation: Generation, which decides the meaning of slave-mode numbers.
         replies: What replies carry in reserved.
         mode_type: Type of slvGetMode's result.
@@ -68,8 +67,6 @@ class Profile:
         async_detector: Whether a late set point is an error in RC7's Async modes; a setting of the pendant.
         running_result: Result of slvChangeMode if the robot did not stand still in time.
         lacks: Commands that the controller does not know, in lower case.
-        version: Value of @VERSION.
-        defects: Defects of the C server that the simulator imitates.
     """
 
     name: str

@@ -181,16 +181,11 @@ class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         shows: Rule that `bcapscope diagnose` reports as the root cause; None if that is left open.
         then: Other rules that it reports, among those that depend on the client.
         client: Client that the scenario is made for.
-        profile: Kind of controller.
         defects: Defects of DENSO's C server that it has; None for those of the profile.
         no_argument: Replies without a value that carry no argument; None for those of the profile.
-        start: Initial state.
         variables: Values by name, such as ``I1``, ``P3`` or ``IO128``.
-        tasks: Programs.
-        limits: Limits of the axes.
         faults: Faults and events from the start on.
         in_slave_mode: Faults and events from the first time that slave mode is entered.
-        seed: Random seed.
     """
 
     title: Text

@@ -42,7 +42,6 @@ class SlaveDrive:
         consumed: Set points consumed in this slave-mode session.
         next_tick: Time at which the next set point is due, ns.
         async_detector: Whether a late set point is an error in modes that leave this to the pendant.
-        send_format: What slvMove carries, as set by slvSendFormat.
         receive_format: What slvMove returns, as set by slvRecvFormat; None before that.
         unreported_result: Result that ended slave mode and that no client has received yet; 0 if none.
     """
