@@ -62,6 +62,7 @@ def clip_to_r4(number: float) -> float:
 
 
 def _signed(number: int, bits: int) -> int:
+    """Return the low bits of a number as a signed number."""
     low = number & (1 << bits) - 1
     return low - (1 << bits) if low >> bits - 1 else low
 
