@@ -22,13 +22,9 @@ class Certainty(StrEnum):
 
 
 class Behaviour(NamedTuple):
-    """One behaviour.
+    """One behaviour: what the controller does, as one clause, and its source.
 
-    Attributes:
-        name: Field, constant or word.
-        certainty: Degree of certainty.
-        text: What the controller does, one clause.
-        source: Source of the behaviour; if it is assumed, what it was concluded from.
+    If a behaviour is assumed, the source says what it was concluded from.
     """
 
     name: str

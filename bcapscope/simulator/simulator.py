@@ -42,12 +42,7 @@ class ResetMarker(bytes):
 
 
 class SimulatorOutput(NamedTuple):
-    """Something to send.
-
-    Attributes:
-        peer: The client to send to.
-        data: One frame; empty to close the connection.
-    """
+    """One frame to send to a client; empty data closes the connection."""
 
     peer: Peer
     data: bytes
@@ -69,10 +64,6 @@ def _sound_frame(data: bytes, templates: FrameTemplates) -> Frame | None:
     return frame if frame.length == size and not frame.problems else None
 
 
-def _ignore(peer: Peer, report: CallReport) -> None:
-    """Ignore the call."""
-
-
 class Simulator:
     """A controller and all its clients.
 
@@ -87,15 +78,11 @@ class Simulator:
         profile: Profile,
         initial_state: InitialState | None = None,
         now: int = 0,
-        report: Callable[[Peer, CallReport], None] = _ignore,
+        report: Callable[[Peer, CallReport], None] = lambda peer, report: None,
     ) -> None:
-        """Switch the controller on.
+        """Switch the controller on at `now`, ns; all later times use the same clock.
 
-        Args:
-            profile: Kind of controller.
-            initial_state: State at the beginning.
-            now: Current time, ns; all later times use the same clock.
-            report: Called with the client and each answered call.
+        `report` is called with the client and each answered call.
         """
         self.machine = Machine(profile, initial_state, now)
         self.dropped = 0
@@ -112,7 +99,6 @@ class Simulator:
             self._add_client(("half-open", "tcp", place), self._new_splitter(), now)
 
     def on_datagram(self, peer: Peer, data: bytes, now: int) -> list[SimulatorOutput]:
-        """Process a UDP datagram; return what to send."""
         frame = _sound_frame(data, self._templates)
         if frame is None:
             self.dropped += 1
@@ -126,10 +112,7 @@ class Simulator:
     def on_connect(self, peer: Peer, now: int, is_stop: bool = False) -> bool:
         """Accept a TCP connection; return False if there are too many, so that the caller closes it.
 
-        Args:
-            peer: The client.
-            now: Time, ns.
-            is_stop: Its first request is a stop, which is accepted beyond the usual limit.
+        A client whose first request is a stop (`is_stop`) is accepted beyond the usual limit.
         """
         if self._client_count(udp=False) >= MAX_CLIENTS + STOP_CLIENTS * is_stop:
             self.refused += 1
@@ -164,7 +147,7 @@ class Simulator:
         self._running.pop(peer, None)
         self._stops.pop(peer, None)
         if link is not None:
-            link.executor.close(now)
+            link.executor.close()
 
     def reset(self, now: int) -> list[SimulatorOutput]:
         """Press the pendant's Reset button: the controller forgets every client (DENSO Wave 2009)."""
@@ -174,7 +157,6 @@ class Simulator:
         return [SimulatorOutput(peer, b"") for peer in peers]
 
     def advance(self, now: int) -> list[SimulatorOutput]:
-        """Advance the model to `now`; return what to send."""
         self.machine.advance(now)
         return self._poll(now) if self._running else []
 

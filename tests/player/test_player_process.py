@@ -24,9 +24,9 @@ from bcapscope.player.player_messages import (
     PlayOutcome,
     PlayPlan,
     PlayProgress,
-    RealtimeReport,
 )
 from bcapscope.player.player_process import PlayerProcess
+from bcapscope.player.realtime import RealtimeReport
 from bcapscope.simulator.machine import Machine
 from bcapscope.simulator.profile import PROFILES
 from bcapscope.simulator.simulator import Simulator

@@ -28,10 +28,10 @@ from bcapscope.player.player_messages import (
     PlayProgress,
     PlayState,
     QuestionTopic,
-    RealtimeReport,
 )
 from bcapscope.player.player_process import PlayerProcess
 from bcapscope.player.preflight import PreflightResult, run_preflight_for
+from bcapscope.player.realtime import RealtimeReport
 from bcapscope.player.trajectory import Trajectory
 from bcapscope.render.color_palette import Palette
 from bcapscope.render.escape import printable

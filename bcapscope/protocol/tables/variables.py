@@ -26,7 +26,6 @@ class VariableKind:
         is_numbered: Whether a number or `*` follows the name.
         types: Types of its value, such as `VT_R4|VT_ARRAY`; () if no source says.
         text: Meaning of its value, one clause.
-        effect: Strongest effect that writing it can have.
     """
 
     owner: ObjectClass
@@ -34,7 +33,6 @@ class VariableKind:
     is_numbered: bool
     types: tuple[str, ...]
     text: str
-    effect: CallEffect
 
 
 SERVO_ON, _START, _STOP = "@SERVO_ON", "@START", "@STOP"
@@ -42,23 +40,22 @@ SERVO_ON, _START, _STOP = "@SERVO_ON", "@START", "@STOP"
 _R4S, _R8S = "VT_R4|VT_ARRAY", "VT_R8|VT_ARRAY"
 _CONTROLLER, _ROBOT, _TASK = ObjectClass.CONTROLLER, ObjectClass.ROBOT, ObjectClass.TASK
 
-# Writing a value can influence a running program but starts nothing; writing an output switches it at once.
-_NUMBERED: tuple[tuple[str, tuple[str, ...], str, CallEffect], ...] = (
-    ("I", ("VT_I4",), "integer", CallEffect.CHANGES),
-    ("F", ("VT_R4",), "single-precision number", CallEffect.CHANGES),
-    ("D", ("VT_R8",), "double-precision number", CallEffect.CHANGES),
-    ("V", (_R4S, _R8S), "vector: X, Y, Z", CallEffect.CHANGES),
-    ("P", (_R4S, _R8S), "position: X, Y, Z [mm], Rx, Ry, Rz [deg], Fig", CallEffect.CHANGES),
-    ("J", (_R4S, _R8S), "joints: J1..J8 [deg]", CallEffect.CHANGES),
-    ("T", (_R4S, _R8S), "position: X, Y, Z [mm], Ox, Oy, Oz, Ax, Ay, Az, Fig", CallEffect.CHANGES),
-    ("S", ("VT_BSTR",), "text", CallEffect.CHANGES),
-    ("IO", ("VT_BOOL",), "I/O bit", CallEffect.MOVES),
-    ("IOB", ("VT_UI1", "VT_I2"), "8 I/O bits", CallEffect.MOVES),
-    ("IOW", ("VT_I2", "VT_I4"), "16 I/O bits", CallEffect.MOVES),
-    ("IOD", ("VT_I4",), "32 I/O bits", CallEffect.MOVES),
-    ("IOF", ("VT_R4",), "32 I/O bits as a number", CallEffect.MOVES),
-    ("TOOL", (), "tool definition (RC7)", CallEffect.CHANGES),
-    ("WORK", (), "work definition (RC7)", CallEffect.CHANGES),
+_NUMBERED: tuple[tuple[str, tuple[str, ...], str], ...] = (
+    ("I", ("VT_I4",), "integer"),
+    ("F", ("VT_R4",), "single-precision number"),
+    ("D", ("VT_R8",), "double-precision number"),
+    ("V", (_R4S, _R8S), "vector: X, Y, Z"),
+    ("P", (_R4S, _R8S), "position: X, Y, Z [mm], Rx, Ry, Rz [deg], Fig"),
+    ("J", (_R4S, _R8S), "joints: J1..J8 [deg]"),
+    ("T", (_R4S, _R8S), "position: X, Y, Z [mm], Ox, Oy, Oz, Ax, Ay, Az, Fig"),
+    ("S", ("VT_BSTR",), "text"),
+    ("IO", ("VT_BOOL",), "I/O bit"),
+    ("IOB", ("VT_UI1", "VT_I2"), "8 I/O bits"),
+    ("IOW", ("VT_I2", "VT_I4"), "16 I/O bits"),
+    ("IOD", ("VT_I4",), "32 I/O bits"),
+    ("IOF", ("VT_R4",), "32 I/O bits as a number"),
+    ("TOOL", (), "tool definition (RC7)"),
+    ("WORK", (), "work definition (RC7)"),
 )
 
 # Owner, name, types, text. No source prints the types of @FIRMWARE to @AUTO_ENABLE, @TYPE, @CURRENT_TOOL and
@@ -102,19 +99,9 @@ _NAMED: tuple[tuple[ObjectClass, str, tuple[str, ...], str], ...] = (
     (_TASK, _STOP, ("VT_I4",), "stops the task when written"),
 )
 
-_WRITE_EFFECTS = {
-    _START: CallEffect.MOVES,
-    SERVO_ON: CallEffect.ENERGISES,
-    **dict.fromkeys(("@EXTSPEED", "@EXTACCEL", "@EXTDECEL"), CallEffect.ENERGISES),
-}
-"""Strongest effect of writing a variable, if it is more than the change of a value."""
-
 VARIABLES: tuple[VariableKind, ...] = (
-    *(VariableKind(_CONTROLLER, name, True, types, text, effect) for name, types, text, effect in _NUMBERED),
-    *(
-        VariableKind(owner, name, False, types, text, _WRITE_EFFECTS.get(name, CallEffect.CHANGES))
-        for owner, name, types, text in _NAMED
-    ),
+    *(VariableKind(_CONTROLLER, name, True, types, text) for name, types, text in _NUMBERED),
+    *(VariableKind(owner, name, False, types, text) for owner, name, types, text in _NAMED),
 )
 """All known variables."""
 

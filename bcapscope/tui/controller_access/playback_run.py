@@ -20,10 +20,10 @@ from bcapscope.player.player_messages import (
     PlayPlan,
     PlayProgress,
     QuestionTopic,
-    RealtimeReport,
     SetPointValues,
 )
 from bcapscope.player.preflight import PreflightResult, run_preflight_for
+from bcapscope.player.realtime import RealtimeReport
 from bcapscope.player.trajectory import Trajectory
 from bcapscope.protocol.slave_mode.modes import PERIOD_MS, SlaveMode
 
