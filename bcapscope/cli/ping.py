@@ -40,17 +40,7 @@ _VARIABLES = (
 
 @dataclass(slots=True)
 class _PingResult:
-    """The result of a ping.
-
-    Attributes:
-        is_answering: a program answered.
-        is_simulator: it is bcapscope's simulator.
-        facts: variables that the controller returned, by name.
-        refusal: why the controller refused to connect; None if it did not.
-        break_reason: why not all calls could be made; None if they were.
-        round_trips: in ms.
-        lost: number of calls without a reply.
-    """
+    """The result of a ping. Round trips are in ms; `break_reason` says why not all calls could be made."""
 
     is_answering: bool = False
     is_simulator: bool = False

@@ -214,15 +214,7 @@ def _check_filter(context: click.Context, view: ViewOptions) -> None:
 
 @dataclass(frozen=True, slots=True)
 class _ProxyRun:
-    """One run of the proxy.
-
-    Attributes:
-        listeners: What to listen on, and where to forward to.
-        rules: What to change or refuse.
-        forget_ns: Silence after which a UDP client is forgotten, ns.
-        low_latency: Whether to keep the processors awake.
-        attended: Whether a parent process reads the output.
-    """
+    """One run of the proxy."""
 
     listeners: Sequence[ListenerSpec]
     rules: RuleOptions

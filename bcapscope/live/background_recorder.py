@@ -43,12 +43,7 @@ class BackgroundRecorder:
     """
 
     def __init__(self, recorder: Recorder, *, most_waiting: int = MAX_WAITING) -> None:
-        """Start the writing thread.
-
-        Args:
-            recorder: Where to record; not a ring.
-            most_waiting: Bytes that may wait for the disk.
-        """
+        """Start the writing thread. The recorder is not a ring; `most_waiting` is in bytes."""
         self._recorder = recorder
         self._most_waiting = most_waiting
         self._steps: deque[tuple[int, _WriteStep]] = deque()
@@ -125,8 +120,7 @@ class BackgroundRecorder:
     def on_idle(self) -> bool:
         """Encode waiting packets and wake the writing thread. Call this once all requests are answered.
 
-        Returns:
-            True if packets remain and the method should be called again soon.
+        Returns whether packets remain, so that it should be called again soon.
         """
         return self._make_packets(_MAKE_FOR_NS)
 

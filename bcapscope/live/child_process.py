@@ -29,11 +29,7 @@ _MAX_LINES = 500
 
 
 class ChildStartError(BcapError):
-    """The command did not start; the text is the last line that it printed.
-
-    Attributes:
-        code: Its exit code.
-    """
+    """The command did not start; the text is the last line that it printed, `code` its exit code."""
 
     def __init__(self, message: str, code: int) -> None:
         super().__init__(message)
@@ -41,11 +37,8 @@ class ChildStartError(BcapError):
 
 
 class ChildProcess:
-    """A running command.
-
-    Attributes:
-        listen_addresses: Addresses that it listens on, as it reported them.
-        control_address: Address of its control socket; "" for none.
+    """A running command, with the addresses that it reported. `control_address` is "" without control
+    socket.
     """
 
     def __init__(self, *words: str) -> None:

@@ -85,11 +85,8 @@ class CpuWakefulness:
         self._measured_at = 0.0
 
     def update(self, datagrams: int, now: float) -> None:
-        """Update the decision from the traffic so far. Call this about twenty times per second.
-
-        Args:
-            datagrams: Datagrams so far; see `datagrams_passed`.
-            now: Seconds of a steady clock.
+        """Update the decision from the datagrams so far. Call this about twenty times per second of a steady
+        clock.
         """
         is_much = datagrams - self._count_before >= BUSY_DATAGRAMS
         if is_much:
@@ -129,11 +126,7 @@ class CpuWakefulness:
 
 
 def datagrams_passed(counts: Sequence[int]) -> int:
-    """Return the datagrams received, plus the datagrams that the bytes sent on streams would make.
-
-    Args:
-        counts: Counts, indexed by `RelayCounter`.
-    """
+    """Return the datagrams received, plus the datagrams that the bytes sent on streams would make."""
     datagrams = counts[RelayCounter.CAME_UP] + counts[RelayCounter.CAME_DOWN]
     return datagrams + (counts[RelayCounter.BYTES_UP] + counts[RelayCounter.BYTES_DOWN]) // _STREAM_BYTES_EACH
 

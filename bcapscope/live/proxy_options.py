@@ -38,12 +38,10 @@ INCOMPLETE = 6
 
 
 class ClosingRequests(msgspec.Struct, frozen=True, array_like=True):
-    """How to close the session of a UDP client in its place.
+    """How to close the session of a UDP client in its place: frames, each sent after the reply to the
+    previous one.
 
-    Attributes:
-        client: Number of the client.
-        open_state: What is open besides handles, as text; "" for nothing.
-        requests: Frames to send, each after the reply to the previous one.
+    `open_state` says what is open besides handles; "" for nothing.
     """
 
     client: int
@@ -61,15 +59,7 @@ class TrafficFormat(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class ViewOptions:
-    """What is displayed.
-
-    Attributes:
-        shown: Frames or calls; None for nothing.
-        form: Format of each.
-        expression: Filter expression that chooses them; "" for all.
-        time_format: Format of times.
-        language: Language of the text.
-    """
+    """What is displayed: frames or calls (None for nothing), those that match `expression`."""
 
     shown: RecordKind | None
     form: TrafficFormat = TrafficFormat.LINE
@@ -89,12 +79,7 @@ class ViewOptions:
 
 
 class WatcherSubscriber(Protocol):
-    """Receives what the watcher decodes. All methods return at once.
-
-    Attributes:
-        diagnosis: The diagnosis that the watcher uses.
-        subscribers: What subscribes to the watcher's pipeline, `diagnosis` included.
-    """
+    """Receives what the watcher decodes. All methods return at once. `subscribers` includes the diagnosis."""
 
     diagnosis: Diagnosis
     subscribers: tuple[PipelineSubscriber, ...]
@@ -113,12 +98,7 @@ class WatcherSubscriber(Protocol):
 class ProxyOptions:
     """What the watcher does with the traffic.
 
-    Attributes:
-        record: Capture to write; None for none.
-        ring: Limits of a ring of files; None for a single file.
-        view: What is displayed.
-        color: Value of the option: `always`, `never` or `auto`.
-        open_subscriber: Opens a subscriber in the watcher's process; None for none. It can raise an OSError.
+    `open_subscriber` is called in the watcher's process, and can raise an OSError.
     """
 
     record: Path | None
@@ -129,14 +109,7 @@ class ProxyOptions:
 
 
 def run_watcher(memory: str, relay: Connection, options: ProxyOptions) -> None:
-    """Watch a relay until it ends; the entry point of the process. It exits with `INCOMPLETE` if that
-    applies.
-
-    Args:
-        memory: Name of the shared memory that holds the ring.
-        relay: Pipe to the relay, for its requests and the answers. The relay's end closes when it ends.
-        options: What to record and display.
-    """
+    """Watch a relay until it ends; the entry point of the process. Exit with `INCOMPLETE` if that applies."""
     from bcapscope.live.proxy_watcher import watch_relay
 
     try:

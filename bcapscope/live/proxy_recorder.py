@@ -23,9 +23,6 @@ class _ProxySide:
     """One side of a client's traffic: between client and proxy, or between proxy and controller.
 
     Attributes:
-        interface: The pcapng interface of this side.
-        is_client_side: True between client and proxy.
-        is_stream: True for TCP.
         begun: True once the connection is in the recording.
         endpoints: Source and target: toward the client at index 0, toward the controller at index 1.
     """
@@ -65,12 +62,7 @@ class ProxyRecorder:
     """Makes packets of the relay's records, in the order of time, and adds them to a recording."""
 
     def __init__(self, recorder: Recorder, *, keeps_packet_numbers: bool = False) -> None:
-        """Start without clients.
-
-        Args:
-            recorder: Where to record.
-            keeps_packet_numbers: Keep what `next_packet_numbers` returns. The caller must call it.
-        """
+        """Start without clients. A caller that keeps packet numbers must call `next_packet_numbers`."""
         self._recorder = recorder
         self._packet_numbers: dict[int, int] | None = {} if keeps_packet_numbers else None
         self._record_count = self._numbers_given = 0
@@ -110,11 +102,8 @@ class ProxyRecorder:
     def _write_plain_run(self, records: Sequence[RingRecord]) -> int:
         """Write leading records that are datagrams forwarded unchanged, one after another. Most records are.
 
-        Packets that wait are written first, provided that all of `records` is later.
-
-        Returns:
-            Number of records written, counted from the first. The last record is never written, as an earlier
-            packet may follow it.
+        Packets that wait are written first, provided that all of `records` is later. Returns the number of
+        records written, never all: an earlier packet may follow the last record.
         """
         first = [
             came if 0 < came <= left else left or came for _, _, _, came, left, _, _ in reversed(records)

@@ -72,11 +72,9 @@ _SILENT_FOR_NS = 30_000_000_000
 
 
 class ProxySupervisor:
-    """The relay and the process that watches it.
+    """The relay and the process that watches it. Callers can attach more to `relay` before it runs.
 
-    Attributes:
-        relay: The relay. Callers can attach more to it before it runs.
-        is_recording_incomplete: After `close`: True if a recording was requested and is incomplete.
+    `is_recording_incomplete` is valid after `close`.
     """
 
     def __init__(
@@ -87,13 +85,7 @@ class ProxySupervisor:
         *,
         low_latency: bool = False,
     ) -> None:
-        """Create a relay without listeners.
-
-        Args:
-            options: Options of the watcher.
-            end_signals: Socket that delivers the signals that end programs; see `end_signal_socket`.
-            policy: The rules. None without rules.
-            low_latency: Keep the machine's processors out of deep sleep while there is much traffic.
+        """Create a relay without listeners. `end_signals` is from `end_signal_socket`.
 
         Raises:
             FileWriteError: The memory shared with the watcher cannot be allocated, or the system provides no
@@ -124,11 +116,8 @@ class ProxySupervisor:
         self._closing_requests: list[ClosingRequests] = []
 
     def listen(self, listener: ListenerSpec, forget_after: int) -> Endpoint:
-        """Listen, and return the address. Clients are accepted once `run` is called.
-
-        Args:
-            listener: Address to listen on, and address of the controller.
-            forget_after: Silence after which a UDP client is forgotten, in ns.
+        """Listen, and return the address. Clients are accepted once `run` is called, and forgotten after ns
+        of silence.
 
         Raises:
             ProxyListenError: The address cannot be listened on.
@@ -141,9 +130,8 @@ class ProxySupervisor:
     def start_watcher(self, wait_for_scripts: Callable[[float], bool] | None = None) -> None:
         """Start the watcher process and wait until it is ready.
 
-        Args:
-            wait_for_scripts: Waits up to the given seconds for the scripts, and returns whether they have
-                started. Recording starts after that; the watcher process is loaded meanwhile.
+        `wait_for_scripts` waits up to the given seconds, and returns whether the scripts have started.
+        Recording starts after that; the watcher process is loaded meanwhile.
 
         Raises:
             FileWriteError: The recording cannot be written, or the process cannot be started.
@@ -193,8 +181,7 @@ class ProxySupervisor:
     def run(self, on_ready: Callable[[], None]) -> None:
         """Forward bytes until asked to end, then shut down in order. Call `start_watcher` first.
 
-        Args:
-            on_ready: Called once clients are accepted.
+        `on_ready` is called once clients are accepted.
 
         Raises:
             KeyboardInterrupt: A signal has asked the proxy to end before it started.

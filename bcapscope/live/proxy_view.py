@@ -58,11 +58,8 @@ class ProxyView:
         self._records.drop_conversation(conversation)
 
     def frame_lines(self, observation: Observation, note: str) -> Sequence[str | bytes]:
-        """Return the lines of a frame, () if it is not displayed.
-
-        Args:
-            observation: The frame.
-            note: What a rule did to it; "" for nothing.
+        """Return the lines of a frame, () if it is not displayed. `note` says what a rule did to it; "" for
+        nothing.
         """
         if not self._has_begun and (self._frame_renderer is not None or self._call_renderer is not None):
             self._has_begun = True

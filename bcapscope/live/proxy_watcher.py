@@ -90,15 +90,10 @@ _CATCHES_UP_WITHIN = 10.0
 
 
 def watch_relay(memory: str, relay: Connection, options: ProxyOptions) -> bool:
-    """Watch a relay until it ends.
+    """Watch a relay until it ends. Return False if a recording was requested and is incomplete.
 
-    Args:
-        memory: Name of the shared memory that holds the ring.
-        relay: Pipe to the relay, for its requests and the answers. The relay's end closes when it ends.
-        options: What to record and display.
-
-    Returns:
-        False if a recording was requested and is incomplete.
+    `memory` is the name of the ring's shared memory, `relay` a pipe whose other end closes when the relay
+    ends.
     """
     _give_relay_priority()
     screen = TerminalWriter()
@@ -146,10 +141,8 @@ def _give_relay_priority() -> None:
 
 
 class RecorderTask:
-    """Records the relay's traffic before the watcher decodes it.
-
-    Attributes:
-        reader: Reads ahead of the watcher's reader. Records stay in the ring until they are decoded as well.
+    """Records the relay's traffic before the watcher decodes it. Records stay in the ring until they are
+    decoded.
     """
 
     def __init__(self, reader: RingReader, recorder: ProxyRecorder) -> None:
@@ -169,13 +162,7 @@ class RecorderTask:
 
 
 class _TrafficDisplay(PipelineSubscriber):
-    """Renders the traffic as the options say, and counts the calls.
-
-    Attributes:
-        lines: Lines that wait to be displayed.
-        call_count: Number of completed calls.
-        retry_count: Number of their retries.
-    """
+    """Renders the traffic as the options say, and counts the completed calls and their retries."""
 
     needs_targets = True
 
@@ -265,11 +252,9 @@ class ProxyWatcher:
         self._finish()
 
     def poll(self) -> float:
-        """Record everything that the relay wrote, then decode, display and diagnose for at most
-        `_DECODE_FOR`.
+        """Record everything, then decode, display and diagnose for at most `_DECODE_FOR`.
 
-        Returns:
-            Seconds to rest before the next poll.
+        Returns the seconds to rest before the next poll.
         """
         began = time.monotonic()
         if self._recorder_task is not None:

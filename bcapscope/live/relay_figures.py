@@ -85,13 +85,7 @@ def _spread_text(spread: DistributionSummary) -> str:
 
 
 def rates_text(counts: Sequence[int], before: Sequence[int], seconds: float) -> str:
-    """Return the datagrams sent per second, as text.
-
-    Args:
-        counts: Counts, indexed by `RelayCounter`.
-        before: Earlier counts.
-        seconds: Seconds between both.
-    """
+    """Return the datagrams sent per second since `before`, as text."""
     up, down = (
         (counts[way] - before[way]) / seconds if before else 0.0
         for way in (RelayCounter.LEFT_UP, RelayCounter.LEFT_DOWN)

@@ -13,11 +13,7 @@ _SEQUENCE = re.compile(r"\x1b(\[[0-9;]*[A-Za-z~]|O[A-Za-z])")  # arrows, functio
 
 
 class TerminalKeys:
-    """Reads keys at once and without echo while it is on. Ctrl-C works as usual.
-
-    Attributes:
-        is_on: True while keys are read.
-    """
+    """Reads keys at once and without echo while it is on. Ctrl-C works as usual."""
 
     def __init__(self) -> None:
         """Start switched off."""

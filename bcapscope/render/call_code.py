@@ -62,17 +62,10 @@ def hex_text(raw: bytes) -> str:
 def shell_command(
     target: CallTarget, function_id: int, arguments: Sequence[Variant], subject: ObjectHandle | None
 ) -> str | None:
-    """Write a call as a command line of ours.
+    """Write a call as a bcapscope command line, which opens `subject` by its name.
 
-    Args:
-        target: the controller, and how it is reached.
-        function_id: what is called.
-        arguments: all of them, the handle first.
-        subject: what the handle stands for; the line opens it by its name. None to give the number.
-
-    Returns:
-        The line; None where an argument has no notation, where a terminal would obey something in it rather
-        than take it as pasted, or where there is no such function.
+    Returns None if an argument has no notation, if a terminal would obey something in it, or if the function
+    is unknown.
     """
     function = FUNCTIONS.get(function_id)
     if function is None or len(arguments) != len(function.params):
@@ -138,16 +131,10 @@ def _word(param: Param, argument: Variant) -> str | None:
 def python_program(
     target: CallTarget, function_id: int, arguments: Sequence[Variant], subject: ObjectHandle | None
 ) -> str:
-    """Write a call as a program that makes it: connections first, everything let go at the end.
+    """Write a call as a Python program, valid for any arguments: it connects, opens `subject` and releases
+    everything.
 
-    Args:
-        target: the controller, and how it is reached.
-        function_id: what is called; with an id that no function has, the program sends just that.
-        arguments: all of them, the handle first.
-        subject: what the handle stands for; the program opens it. None to give the number.
-
-    Returns:
-        The program, which is valid Python whatever the arguments are.
+    A function with an unknown id is called by its number.
     """
     over = "over_tcp" if target.tcp else "over_udp"
     option = f", {_literal(target.service)}" if target.service else ""

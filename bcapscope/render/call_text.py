@@ -37,14 +37,7 @@ class CallRenderer:
         write_endpoints: Callable[[Flow], str] | None = None,
         words: MessageFormatter = ENGLISH_WORDS,
     ) -> None:
-        """Choose the looks.
-
-        Args:
-            time_format: Format of the times, such as relative or absolute.
-            palette: colours.
-            write_endpoints: writes who spoke to whom, harmless; addresses and transport unless given.
-            words: language of the reader.
-        """
+        """Choose the looks. `write_endpoints` returns escaped text; by default addresses and transport."""
         self._write_endpoints = write_endpoints or _addresses
         self._write_time = timestamp_writer(time_format)
         self._palette = palette
@@ -61,12 +54,7 @@ class CallRenderer:
         self._write_time(time)
 
     def line(self, call: Call | StrayReply, subject: TrackedObject | None = None) -> str:
-        """Write one line: number, start, ends, function and command, how it ended and when, frames.
-
-        Args:
-            call: the call, or a reply that belongs to none.
-            subject: the object that it was asked of, where that is known.
-        """
+        """Write one line: number, start, ends, function and command, how it ended and when, frames."""
         if isinstance(call, StrayReply):
             return self._stray_line(call)
         color = self._palette
@@ -92,13 +80,7 @@ class CallRenderer:
             before = event.observation.time
 
     def event_line(self, event: CallFrame, previous_time: int, call: Call) -> str:
-        """Write a frame of a call: its role, and when it was seen.
-
-        Args:
-            event: the frame.
-            previous_time: when the frame before it was seen.
-            call: whose it is.
-        """
+        """Write a frame of a call: its role, and the time since the frame before it."""
         seen, color, labels = event.observation, self._palette, self._labels
         role = self._roles[event.role]
         since, elapsed = seen.time - previous_time, seen.time - call.request.time

@@ -20,12 +20,7 @@ _FRAMES_SHOWN = 8
 
 
 class CaptionWriter:
-    """Writes lines of one section after the other.
-
-    Attributes:
-        palette: Colours.
-        words: Language of the reader.
-    """
+    """Writes lines of one section after the other."""
 
     def __init__(self, palette: Palette, words: MessageFormatter) -> None:
         self.palette = palette

@@ -40,15 +40,7 @@ def comparison_lines(
     palette: Palette = PLAIN,
     words: MessageFormatter = ENGLISH_WORDS,
 ) -> Iterator[str]:
-    """Yield the differences between two captures as text, notable ones first.
-
-    Args:
-        comparison: of the two.
-        good: the first capture.
-        bad: the second.
-        palette: colours.
-        words: language of the reader.
-    """
+    """Yield the differences between two captures as text, notable ones first."""
     sides = (("compare.good", good), ("compare.bad", bad))
     heads = [(words(name), printable(side.name), _size(side, words)) for name, side in sides]
     yield from align_columns(heads, "<<<")

@@ -16,14 +16,7 @@ def diagnosis_summary(
     palette: Palette = PLAIN,
     words: MessageFormatter = ENGLISH_WORDS,
 ) -> str:
-    """Return the number of findings, and the amount of traffic that they are about.
-
-    Args:
-        severities: Severity of each finding.
-        totals: Amount of traffic.
-        palette: `good` is for traffic without problems.
-        words: Language of the line.
-    """
+    """Return the number of findings by severity, and the amount of traffic that they are about."""
     if not totals.frames:
         return words("diagnosis.nothing")
     counts = dict.fromkeys(map(str, Severity), 0)

@@ -37,14 +37,9 @@ class FrameLineRenderer:
         write_endpoints: Callable[[Flow], str] | None = None,
         words: MessageFormatter = ENGLISH_WORDS,
     ) -> None:
-        """Choose the looks.
+        """Choose the looks. A brief line leaves problems and comments to `remarks`.
 
-        Args:
-            time_format: Format of the times, such as relative or absolute.
-            palette: colours.
-            brief: leave problems and comments to `remarks`.
-            write_endpoints: writes who spoke to whom, harmless; addresses, transport and kind unless given.
-            words: language of the reader.
+        `write_endpoints` returns escaped text; by default addresses, transport and direction.
         """
         self._palette = palette
         self._write_endpoints = write_endpoints or _addresses
@@ -60,13 +55,7 @@ class FrameLineRenderer:
     def line(
         self, observation: Observation, call_kind: CallKind | None, comments: tuple[str, ...] = ()
     ) -> str:
-        """Write one line, without its end.
-
-        Args:
-            observation: the frame or malformed bytes.
-            call_kind: what a request asks, or a reply answers where that was seen.
-            comments: that the capture has on it.
-        """
+        """Write one line, without its end."""
         if comments and not self._is_brief:
             remarks = "".join(f"  # {printable(comment)}" for comment in comments)
             return f"{self.line(observation, call_kind)}{self._palette.dim}{remarks}{self._palette.reset}"

@@ -185,13 +185,7 @@ class FrameRecordRenderer:
     def record(
         self, observation: Observation, call_kind: CallKind | None, comments: tuple[str, ...] = ()
     ) -> bytes:
-        """Write one object, without a line end.
-
-        Args:
-            observation: the frame or malformed bytes.
-            call_kind: what a request asks, or a reply answers where that was seen.
-            comments: that the capture has on it.
-        """
+        """Write one object, without a line end."""
         if comments:
             return b'%b,"comments":[%b]}' % (
                 self.record(observation, call_kind)[:-1],

@@ -32,13 +32,8 @@ class FrameTreeRenderer:
         dump: bool = False,
         words: MessageFormatter = ENGLISH_WORDS,
     ) -> None:
-        """Choose what is shown.
-
-        Args:
-            palette: colours.
-            full: every byte, every character and every element, not only the first of many.
-            dump: a hexdump under each tree, with the bytes that have problems in the palette's style.
-            words: language of the reader.
+        """Choose what is shown: with `full`, every byte, character and element; with `dump`, a hex dump
+        below.
         """
         self._palette = palette
         self._full = full
@@ -46,12 +41,7 @@ class FrameTreeRenderer:
         self._words = words
 
     def lines(self, observation: Observation, call_kind: CallKind | None) -> Iterator[str]:
-        """Write the tree of one item, line by line.
-
-        Args:
-            observation: the frame or malformed bytes.
-            call_kind: for a reply, the request that it answers, where that was seen.
-        """
+        """Write the tree of one item, line by line."""
         for section in frame_sections(observation, call_kind):
             if section.caption is not None:
                 yield f"{self._palette.dim}{self._words.text(section.caption)}{self._palette.reset}"

@@ -40,12 +40,7 @@ _SHOWN_BEFORE = ("bstrCommand",)
 
 
 class LineTemplate:
-    """A text with places for numbers.
-
-    Attributes:
-        text: a %-format: of its head first, then ``%s`` for each of `places`.
-        places: which numbers stand there.
-    """
+    """A text with places for numbers: a %-format of its head first, then ``%s`` for each place."""
 
     __slots__ = ("places", "text")
 

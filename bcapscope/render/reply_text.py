@@ -30,15 +30,7 @@ class ReplyRenderer:
     def line(
         self, name: str, function_id: int, reply: Frame, took_ns: int, attempts: tuple[Attempt, ...]
     ) -> str:
-        """Write a line: call, result, values, ms, retries.
-
-        Args:
-            name: of the call, such as `Robot_Execute slvMove`.
-            function_id: of the call.
-            reply: as it came.
-            took_ns: nanoseconds from the first attempt.
-            attempts: all attempts.
-        """
+        """Write a line: call, result, values, ms, retries."""
         color = self._palette
         builder = LineTemplateBuilder(f"{color.name}{printable(name)}{color.reset} ".replace("%", "%%"))
         result = hresult_name(reply.code)

@@ -51,14 +51,9 @@ _GOOD_EXITS = (ExitReason.LEFT, ExitReason.CAPTURE_ENDED, ExitReason.CHANGED)
 
 
 class ReportTable(NamedTuple):
-    """A table.
+    """A table with one letter of `kinds` per column.
 
-    Attributes:
-        caption: What it holds.
-        header: Names of the columns.
-        kinds: A letter per column: ``t`` text, ``n`` number, ``c`` code, ``e`` the ends of a conversation,
-            of which None means all.
-        rows: One value per column.
+    They are ``t`` for text, ``n`` number, ``c`` code, ``e`` the ends of a conversation (None means all).
     """
 
     caption: str
@@ -68,13 +63,7 @@ class ReportTable(NamedTuple):
 
 
 class OverallVerdict(NamedTuple):
-    """The verdict at the top of the page.
-
-    Attributes:
-        kind: ``error``, ``warning`` or ``good``.
-        counts: How many findings there are.
-        sentence: Sentence of the first root cause; "" without problems.
-    """
+    """The verdict at the top of the page: ``error``, ``warning`` or ``good``, and the first root cause."""
 
     kind: str
     counts: str
@@ -82,17 +71,7 @@ class OverallVerdict(NamedTuple):
 
 
 class FindingView(NamedTuple):
-    """A finding as shown.
-
-    Attributes:
-        number: Number on the page, from 1.
-        depth: Number of causes above it, at most 4.
-        sign: Sign of its severity.
-        finding: The finding.
-        sentence: What happened.
-        advice: What to do; "" for nothing.
-        severity: Name of its severity.
-    """
+    """A finding as shown. `depth` is the number of causes above it, at most 4."""
 
     number: int
     depth: int
@@ -104,15 +83,7 @@ class FindingView(NamedTuple):
 
 
 class SlaveSessionView(NamedTuple):
-    """A slave-mode session with pictures.
-
-    Attributes:
-        number: Number of the session.
-        facts: Names and values; the value is text or a conversation.
-        pictures: Those that there is something to draw for.
-        slowest: Set points with the slowest replies; None if there are none.
-        lines: Output of `bcapscope slave`.
-    """
+    """A slave-mode session with pictures. `lines` is the output of `bcapscope slave`."""
 
     number: int
     facts: Sequence[tuple[str, str | Conversation]]

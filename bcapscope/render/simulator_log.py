@@ -17,13 +17,7 @@ LONGEST_VALUE = 60
 
 
 def call_log_line(peer: Peer, report: CallReport, words: MessageFormatter = ENGLISH_WORDS) -> str:
-    """Return a line: client, function, arguments, result and how long it took.
-
-    Args:
-        peer: transport and address of the client.
-        report: the call.
-        words: language of the reader.
-    """
+    """Return a line: client, function, arguments, result and how long it took."""
     parts = [_peer_text(peer), function_name(report.function_id)]
     parts += [_short_value_text(argument) for argument in report.arguments]
     parts += ["->", _result_text(report.result.hresult, words)]

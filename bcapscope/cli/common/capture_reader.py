@@ -40,10 +40,7 @@ _MAX_SERVERS_LISTED = 8
 class CaptureReader:
     """The traffic that a command reads. Several captures count as one, like the files of a ring.
 
-    Attributes:
-        exit_code: result of reading so far.
-        output: writes the data of the command.
-        on_first_time: called with the time of the first observation, before it is yielded.
+    `on_first_time` is called with the time of the first observation, before it is yielded.
     """
 
     def __init__(
@@ -54,14 +51,7 @@ class CaptureReader:
         text: str | None = None,
         words: MessageFormatter = ENGLISH_WORDS,
     ) -> None:
-        """Choose the input.
-
-        Args:
-            paths: captures; ``-`` is standard input.
-            ports: ports of controllers; 5007 if empty.
-            interface: capture live on this interface instead.
-            text: read this file with pasted hex instead; ``-`` is standard input.
-            words: language of the messages on stderr.
+        """Choose the input: captures, a live interface, or pasted hex text; ``-`` is standard input.
 
         Raises:
             click.UsageError: there is no input, or more than one kind, or standard input is closed.

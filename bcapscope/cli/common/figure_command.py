@@ -19,16 +19,7 @@ from bcapscope.traffic.filter.field_table import RecordKind
 
 @dataclass(frozen=True, slots=True)
 class FigureArguments:
-    """The arguments of such a command.
-
-    Attributes:
-        reader: reads the captures.
-        as_json: print JSON, not text.
-        window: length of a window in nanoseconds; None for the whole time.
-        call_filter: selects calls; None for all.
-        palette: colours of the text.
-        words: language of the text.
-    """
+    """The arguments of such a command. A window is in ns; None for the whole time."""
 
     reader: CaptureReader
     as_json: bool
@@ -39,11 +30,7 @@ class FigureArguments:
 
 
 def figure_command(json_help: str) -> Callable[[Callable[[FigureArguments], None]], Callable[..., None]]:
-    """Return a decorator that adds the arguments and options, and passes them as `FigureArguments`.
-
-    Args:
-        json_help: help text of ``--json``.
-    """
+    """Return a decorator that adds the arguments and options, and passes them as `FigureArguments`."""
 
     def decorate(run: Callable[[FigureArguments], None]) -> Callable[..., None]:
         @options.captures

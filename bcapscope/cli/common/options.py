@@ -155,11 +155,6 @@ def filter_option(kind: RecordKind) -> Callable[[F], F]:
 
 
 def output_option(help_: str, allow_dash: bool = False) -> Callable[[F], F]:
-    """Return the option ``--output`` for the path that a command writes to.
-
-    Args:
-        help_: help text of the option.
-        allow_dash: accept ``-`` for standard output.
-    """
+    """Return the option ``--output`` for the path that a command writes to; ``-`` can be standard output."""
     kind = click.Path(path_type=Path, allow_dash=allow_dash)
     return click.option("-o", "--output", required=True, metavar="FILE", type=kind, help=help_)

@@ -17,11 +17,7 @@ force_option = click.option("--force", is_flag=True, help="Overwrite existing fi
 
 
 def check_output_path(path: Path, overwrite: bool | None = None) -> None:
-    """Check that a file can be created at `path`.
-
-    Args:
-        path: path of the file.
-        overwrite: allow an existing file; None if the command has no `--force`.
+    """Check that a file can be created at `path`; `overwrite` is None if the command has no `--force`.
 
     Raises:
         FileWriteError: the file exists already, or the path is not a regular file.

@@ -26,13 +26,7 @@ _NAMELESS_OWNERS = (ObjectClass.SERVICE, ObjectClass.CONTROLLER, ObjectClass.MES
 
 @dataclass(frozen=True, slots=True)
 class PlannedCall:
-    """A call to make.
-
-    Attributes:
-        function: function to call.
-        values: its arguments, without the handle if `opens_object`.
-        opens_object: open the object if necessary, and put its handle before `values`.
-    """
+    """A call to make. If `opens_object`, the handle of the object goes before `values`."""
 
     function: Function
     values: tuple[Variant, ...]
@@ -115,10 +109,6 @@ class PlannedCallParser:
 
 def check_owners(requests: Iterable[PlannedCall], named: Collection[ObjectClass]) -> None:
     """Check, before anything is sent, that each call has an object to address.
-
-    Args:
-        requests: the calls, in the order in which they will be made.
-        named: classes of objects whose names are known.
 
     Raises:
         click.UsageError: the object of a call is not known.

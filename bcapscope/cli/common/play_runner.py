@@ -64,11 +64,7 @@ _TERMINAL_CLOSED = getattr(signal, "SIGHUP", None)
 
 
 class PlayOutput:
-    """Prints data to stdout, everything else to stderr.
-
-    Attributes:
-        words: Language of the text; JSON is English.
-    """
+    """Prints data to stdout, everything else to stderr."""
 
     def __init__(
         self, as_json: bool, palette: Palette, width: int, words: MessageFormatter = ENGLISH_WORDS

@@ -33,18 +33,10 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 @dataclass(frozen=True, slots=True)
 class RuleOptions:
-    """The values of the options.
+    """The values of the options; None where the default of the proxy applies.
 
     Attributes:
         faults: faults of the command line, then those of the files.
-        seed: random seed of the faults.
-        guard: None for none.
-        intercept: filter of the messages to hold; None for none.
-        hold_ns: longest hold in ns; None for `intercept.HOLD_TIME_NS`.
-        scripts: paths of the scripts.
-        script_limit_ns: time of the scripts per message in ns; None for `script_queue.TIME_LIMIT_NS`.
-        script_memory_mb: memory that the scripts may allocate in MB; None for
-            `script_process.DEFAULT_MEMORY_MB`.
         control: address of the control socket; "" for none.
         command_line: the options as typed, to start another process with them; without --control.
     """
@@ -63,9 +55,6 @@ class RuleOptions:
     def start_scripts(self, exit_stack: ExitStack) -> ScriptProcess | None:
         """Start the process that loads and runs the scripts; return None without scripts.
 
-        Args:
-            exit_stack: ends the process when it closes.
-
         Raises:
             ScriptError: the process cannot be started.
         """
@@ -80,8 +69,7 @@ class RuleOptions:
     def build_rules(self, scripts: ScriptProcess | None = None) -> RulePolicy | None:
         """Create the rules, which begin now; return None if no option needs rules.
 
-        Args:
-            scripts: process of the scripts; `RulePolicy.scripts` waits until it has loaded them.
+        `RulePolicy.scripts` waits until the process of the scripts has loaded them.
         """
         if not (self.faults or self.guard or self.intercept or self.scripts or self.control):
             return None
@@ -109,10 +97,7 @@ class RuleOptions:
     ) -> ControlServer | None:
         """Let the rules report through the relay; return the control socket, or None without --control.
 
-        Args:
-            rules: rules from `build_rules`.
-            relay: relay that applies them.
-            state: more figures for the control socket, read at each request.
+        `state` has more figures for the control socket, read at each request.
 
         Raises:
             ControlError: the control socket cannot be created.

@@ -28,13 +28,7 @@ _MAX_VIEWERS = 16
 
 @dataclass(frozen=True, slots=True)
 class ServeOptions:
-    """Whether and how to serve the screen.
-
-    Attributes:
-        is_wanted: show the screen in a browser, not in this terminal.
-        address: address to serve on, on loopback.
-        viewers: largest number of browser pages at a time.
-    """
+    """Whether and how to serve the screen: on loopback, to so many browser pages at a time."""
 
     is_wanted: bool
     address: Endpoint

@@ -26,22 +26,7 @@ from bcapscope.render.preflight_text import trajectory_line
 
 @dataclass(frozen=True, slots=True)
 class TrajectoryOptions:
-    """Which trajectory to play, and how fast.
-
-    Attributes:
-        file: path of the file.
-        index: number of the trajectory in the file, from 1; None if there is only one.
-        pose: pose type to read; None for the one in the file.
-        columns: columns for `parse_columns`; None to use the titles.
-        radians: angles are in radians if the file does not say so.
-        metres: positions are in metres if the file does not say so.
-        file_interval: ms between way-points of the file, if it does not say so.
-        interval: ms between slvMove calls.
-        again: resample to that interval.
-        speed: factor on the speed of the file.
-        rounds: number of rounds; 0 to repeat until stopped.
-        limits: limits of the arm for `with_limits`.
-    """
+    """Which trajectory to play, and how fast. Intervals are in ms; 0 rounds repeat until stopped."""
 
     file: Path
     index: int | None

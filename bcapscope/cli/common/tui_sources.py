@@ -32,15 +32,7 @@ _CLIENT_SIDE = "clients of "
 
 @dataclass(frozen=True, slots=True)
 class ProxyScreenOptions:
-    """The proxy to show.
-
-    Attributes:
-        address: control socket of a running proxy; "" to start one. The rest is for a proxy to start.
-        listen: addresses to listen on.
-        to: addresses of the controllers.
-        record: path of the recording; None for none.
-        rules: rules of the proxy.
-    """
+    """The proxy to show: that with the control socket `address`, or one to start if it is ""."""
 
     address: str
     listen: tuple[str, ...]
@@ -111,12 +103,7 @@ def _show_own_proxy(options: ProxyScreenOptions) -> None:
 
 
 def show_simulator(port: int, words: Sequence[str]) -> None:
-    """Start a simulator and show its traffic.
-
-    Args:
-        port: port on loopback to listen on.
-        words: further options of ``bcapscope sim``.
-    """
+    """Start a simulator on loopback, with further options of ``bcapscope sim``, and show its traffic."""
     from bcapscope.tui.app import BcapApp, ScreenEntry
     from bcapscope.tui.screens.simulator_screen import SimulatorScreen
     from bcapscope.tui.traffic_processes.temporary_folder import TemporaryFolder
