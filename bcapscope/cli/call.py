@@ -151,7 +151,6 @@ class _AnswerPrinter:
     def print_answer(
         self, request: PlannedCall, arguments: Sequence[Variant], settled: RequesterOutcome
     ) -> None:
-        """Print one reply; `packets` are those of its call."""
         function = request.function
         name = call_name(function.id, arguments)
         if isinstance(settled, CallTimedOut):

@@ -65,7 +65,6 @@ def command(
 
 
 def _diagnose(reader: CaptureReader, wanted: Filter | None) -> Diagnosis:
-    """Read to the end and apply all rules."""
     chosen = None if wanted is None else wanted.bind(CALL_GETTERS)
     diagnosis = Diagnosis(chosen)
     read_to_end(reader, Pipeline(diagnosis))

@@ -125,8 +125,6 @@ def _print_left_out(
 
 
 class _TrajectoryFile(NamedTuple):
-    """A file that is being written."""
-
     trajectory: CapturedTrajectory
     file: AtomicFile
     writer: TrajectoryWriter
@@ -134,8 +132,6 @@ class _TrajectoryFile(NamedTuple):
 
 
 class _Tally:
-    """Counts the set points of a file."""
-
     def __init__(self) -> None:
         self.points = self.unanswered = 0
         self.last = 0

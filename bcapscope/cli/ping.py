@@ -120,7 +120,6 @@ async def _ping(target: ControllerTarget, count: int, interval: float, found: _P
 
 
 async def _read_facts(opener: ObjectOpener, found: _PingResult) -> None:
-    """Read the variables that identify the controller, if it has them."""
     for name, owner, variable in _VARIABLES:
         try:
             value = await read_variable_once(await opener.open_remote(owner), variable)

@@ -214,8 +214,6 @@ def _check_filter(context: click.Context, view: ViewOptions) -> None:
 
 @dataclass(frozen=True, slots=True)
 class _ProxyRun:
-    """One run of the proxy."""
-
     listeners: Sequence[ListenerSpec]
     rules: RuleOptions
     forget_ns: int
@@ -223,7 +221,6 @@ class _ProxyRun:
     attended: bool
 
     def run(self, proxy_options: ProxyOptions) -> None:
-        """Forward traffic until the user ends it."""
         with ExitStack() as opened:
             try:
                 proxy, greet = self._open(opened, proxy_options)
@@ -266,7 +263,6 @@ class _ProxyRun:
 
 
 def _start_watcher(proxy: ProxySupervisor, policy: RulePolicy | None, scripts: ScriptProcess | None) -> None:
-    """Start the watching process, and load the scripts meanwhile."""
     if scripts is None or policy is None:
         proxy.start_watcher()
     else:

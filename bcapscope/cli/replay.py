@@ -224,8 +224,6 @@ def _served_text(calls: int, unknown: int, words: MessageFormatter) -> str:
 
 
 class _ReplayPrinter:
-    """Prints the result of each call."""
-
     def __init__(self, as_json: bool, quiet: bool, color: str, words: MessageFormatter) -> None:
         self._as_json = as_json
         self._quiet = quiet
@@ -346,7 +344,6 @@ async def _is_simulator(target: ControllerTarget) -> bool:
 
 
 def _confirm_robot(host: str) -> bool:
-    """Ask the user to confirm that a robot may be energised and moved."""
     if can_prompt():
         print_stderr("This is not bcapscope's simulator: the recording may energise or move a robot.")
         if confirm_robot_may_move(host):

@@ -223,7 +223,6 @@ class _TypedCommands:
         self.watched = [0] if _can_be_read() else []
 
     def read_commands(self, descriptor: int) -> None:
-        """Read the input and run the commands in it."""
         data = os.read(descriptor, 1024)
         if not data:
             self.watched.remove(descriptor)

@@ -61,7 +61,6 @@ def _read_slave_sessions(arguments: FigureArguments) -> Iterator[SlaveSession]:
 def _warn_if_none(
     slave_sessions: Iterable[SlaveSession], arguments: FigureArguments
 ) -> Iterator[SlaveSession]:
-    """Yield the sessions; print a message if there is none."""
     none = True
     for session in slave_sessions:
         none = False

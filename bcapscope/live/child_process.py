@@ -69,7 +69,6 @@ class ChildProcess:
         self.listen_addresses, self.control_address = tuple(report["listening"]), str(report["control"])
 
     def _wait_until_listening(self) -> dict[str, Any]:
-        """Wait for the line with the listening addresses, and return it decoded."""
         patience = threading.Timer(START_TIMEOUT, self._process.kill)
         patience.start()
         assert self._stdout is not None
@@ -83,7 +82,6 @@ class ChildProcess:
         raise ChildStartError(self.last_line or "it did not begin in time", max(self._process.returncode, 1))
 
     def _read_output(self) -> None:
-        """Read the output line by line, and report the end of the process."""
         assert self._process.stderr is not None
         for line in self._process.stderr:
             text = line.decode(errors="replace").rstrip()
@@ -108,7 +106,6 @@ class ChildProcess:
 
     @property
     def pid(self) -> int:
-        """Process id."""
         return self._process.pid
 
     @property

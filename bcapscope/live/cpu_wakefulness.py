@@ -76,7 +76,6 @@ class CpuWakefulness:
     """Keeps the processors awake while there is much traffic."""
 
     def __init__(self, sleep: CpuSleep) -> None:
-        """Start with sleep allowed."""
         self._sleep = sleep
         self._is_awake = False
         self._count_before, self._counted_at = 0, -math.inf
@@ -102,7 +101,6 @@ class CpuWakefulness:
             self.allow_sleep()
 
     def allow_sleep(self) -> None:
-        """Allow sleep."""
         if self._is_awake:
             self._is_awake = False
             self._sleep.allow_deep_sleep()
@@ -159,7 +157,6 @@ class CpuLatencyLimit:
         return True
 
     def allow_deep_sleep(self) -> None:
-        """Withdraw the limit."""
         descriptors = self._device, self._statistics
         self._device = self._statistics = None
         for descriptor in descriptors:
@@ -191,7 +188,6 @@ def low_latency_problem() -> str:
 
 
 def _uses_haltpoll() -> bool:
-    """Return whether this is a guest with the haltpoll driver, which can wait without sleep."""
     with suppress(OSError):
         return (_CPU_FOLDER / "cpuidle" / "current_driver").read_bytes().strip() == b"haltpoll"
     return False

@@ -18,7 +18,6 @@ class DeferredInterrupts:
     """
 
     def __init__(self) -> None:
-        """Install the handler for Ctrl-C."""
         self._is_waiting = self._is_interrupted = False
         self._previous_handler = signal.signal(signal.SIGINT, self._on_sigint)
 
@@ -37,7 +36,6 @@ class DeferredInterrupts:
         return found
 
     def close(self) -> None:
-        """Restore the previous handler for Ctrl-C."""
         signal.signal(signal.SIGINT, self._previous_handler)
 
     def __enter__(self) -> Self:

@@ -45,7 +45,6 @@ class _ProxySide:
         self.endpoints: tuple[_Endpoints, _Endpoints] = (controller, client), (client, controller)
 
     def hop(self, up: bool) -> Hop:
-        """Return source, target and interface of datagrams in one direction."""
         return (*self.endpoints[up], self.interface)
 
 
@@ -165,12 +164,10 @@ class ProxyRecorder:
         return made
 
     def _sends_datagrams(self, number: int) -> bool:
-        """Return whether a client is known and uses UDP."""
         sides = self._sides.get(number)
         return sides is not None and not sides[0].is_stream
 
     def flush(self) -> None:
-        """Write all waiting packets to the file."""
         self._write_steps(len(self._steps))
         self._recorder.flush()
 
@@ -197,7 +194,6 @@ class ProxyRecorder:
         )
 
     def _write_steps(self, count: int) -> None:
-        """Write the first `count` steps."""
         steps, self._steps = self._steps[:count], self._steps[count:]
         for time, side, record, number in steps:
             if record.kind is RingRecordKind.DATA:

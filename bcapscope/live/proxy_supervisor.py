@@ -249,7 +249,6 @@ class ProxySupervisor:
         self._release_memory()
 
     def _check_recording(self, code: int | None) -> None:
-        """Set `is_recording_incomplete` from the watcher's exit code."""
         self.is_recording_incomplete = self._options.record is not None and code != 0
         if self.is_recording_incomplete and code != INCOMPLETE:  # the watcher could not report it itself
             print_stderr(f"{printable(str(self._options.record))} is incomplete: the recorder ended early")
@@ -337,7 +336,6 @@ class ProxySupervisor:
                 self.relay.stop()
 
     def _send_to_watcher(self, message: bytes) -> bool:
-        """Send a message to the watcher. Return whether the watcher is running."""
         try:
             self._watcher_pipe.send_bytes(message)
         except OSError:

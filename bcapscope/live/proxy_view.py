@@ -27,7 +27,6 @@ class ProxyView:
     """Renders the frames or calls that the options choose."""
 
     def __init__(self, options: ViewOptions, palette: Palette) -> None:
-        """Prepare the renderers and the filter that the options call for."""
         wanted, words = options.compiled_filter(), MessageFormatter(options.language)
         self._questions = RecentRequests()
         self._records = CallRecordRenderer()
@@ -53,7 +52,6 @@ class ProxyView:
         self._chooses_calls = wanted is not None or options.form is TrafficFormat.JSON
 
     def drop_conversation(self, conversation: Conversation) -> None:
-        """Forget a client that is gone."""
         self._questions.close_conversation(conversation)
         self._records.drop_conversation(conversation)
 

@@ -146,7 +146,6 @@ class RecorderTask:
     """
 
     def __init__(self, reader: RingReader, recorder: ProxyRecorder) -> None:
-        """Use a reader that is ahead of the watcher's."""
         self.reader = reader
         self.next_packet_numbers = recorder.next_packet_numbers
         self._recorder = recorder
@@ -172,7 +171,6 @@ class _TrafficDisplay(PipelineSubscriber):
         self._view = view
 
     def add_frame(self, observation: Observation, note: str) -> None:
-        """Render a frame; `note` says what a rule did to it."""
         self.lines += self._view.frame_lines(observation, note)
 
     def on_call(self, call: Call, target: TrackedObject | None) -> None:
@@ -232,7 +230,6 @@ class ProxyWatcher:
         self._counts_before: tuple[int, ...] = ()
 
     def run(self, relay: Connection) -> None:
-        """Watch until the relay has ended and everything that it wrote is read."""
         must_close = False
         while True:
             rest = self.poll()
@@ -306,7 +303,6 @@ class ProxyWatcher:
             self._close_conversation(conversation, printable(why))
 
     def _packets_of(self, records: list[RingRecord]) -> list[int] | None:
-        """Return the packet numbers that a subscriber needs; None if there is no subscriber or recording."""
         if self._subscriber is None or self._recorder_task is None:
             return None
         return self._recorder_task.next_packet_numbers(len(records))
@@ -402,7 +398,6 @@ class ProxyWatcher:
             self._show_relay_messages(self._reader.read_records())
 
     def _finish(self) -> None:
-        """Complete the open calls and print the summary."""
         while self._recorder_task is not None and self._recorder_task.reader.bytes_waiting:
             self._recorder_task.record_available()
         self._skip_undecoded()

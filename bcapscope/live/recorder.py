@@ -58,7 +58,6 @@ class Recorder:
             return False
 
     def flush(self) -> None:
-        """Write all pending packets to the file."""
         if not self.is_complete:
             return
         try:
@@ -71,7 +70,6 @@ class Recorder:
             self.warn(f"the disk is full: the recording {self.name} removes its oldest files early")
 
     def close(self) -> None:
-        """Write all pending packets and close the file."""
         self.flush()
         self._files.close()
 

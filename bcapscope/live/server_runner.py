@@ -121,7 +121,6 @@ class ServerCallLog:
         self._flushed_at = 0
 
     def on_call(self, peer: Peer, report: CallReport) -> None:
-        """Log a call."""
         self.call_count += 1
         if report.result.reason:
             self._terminal.write_message(refusal_line(peer, report))
@@ -129,7 +128,6 @@ class ServerCallLog:
             self._pending.append((peer, report))
 
     def add_note(self, text: str) -> None:
-        """Log a note that is not a call."""
         if self._wanted:
             self._pending.append(f"# {text}")
 
@@ -140,7 +138,6 @@ class ServerCallLog:
             self.flush()
 
     def flush(self) -> None:
-        """Format and write all pending entries."""
         self._format_pending()
         self._flushed_at = time.monotonic_ns()
         if self._lines:

@@ -16,14 +16,12 @@ class TerminalKeys:
     """Reads keys at once and without echo while it is on. Ctrl-C works as usual."""
 
     def __init__(self) -> None:
-        """Start switched off."""
         self.is_on = False
         self._is_available = _has_terminal()
         self._saved_attributes: list[Any] = []
         self._escape_count = 0
 
     def start(self) -> None:
-        """Switch on, if there is a terminal."""
         if self._is_available and not self.is_on:
             import termios
             import tty
@@ -33,7 +31,6 @@ class TerminalKeys:
             self.is_on = True
 
     def stop(self) -> None:
-        """Switch off and restore the terminal's settings."""
         if self.is_on:
             import termios
 

@@ -99,7 +99,6 @@ class CaptureReader:
 
     @property
     def comments(self) -> Mapping[int, tuple[str, ...]]:
-        """Comments of the most recent packets, by packet number."""
         return self._observer.comments if self._pasted is None else self._pasted.comments
 
     def show_progress(self) -> None:
@@ -195,8 +194,6 @@ class _Interrupted(Exception):
 
 
 class _StandardInput:
-    """Standard input, read without waiting for a full buffer."""
-
     def __init__(self) -> None:
         self._stream = io.FileIO(sys.stdin.fileno(), closefd=False)
         self._interrupts = DeferredInterrupts()

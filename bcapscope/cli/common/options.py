@@ -34,7 +34,6 @@ class NumberRange(click.FloatRange):
         self.minimum, self.maximum = minimum, maximum
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
-        """Convert to a number; the error message names the bounds."""
         number = parse_number(str(value), self.minimum, self.maximum)
         if number is None:
             self.fail(
@@ -53,7 +52,6 @@ class IntegerRange(click.IntRange):
         self.minimum, self.maximum = minimum, maximum
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> int:
-        """Convert to an integer; the error message names the bounds."""
         number = parse_integer(str(value), self.minimum, self.maximum)
         if number is None:
             self.fail(

@@ -39,7 +39,6 @@ class AtomicFile:
     """
 
     def __init__(self, path: Path) -> None:
-        """Prepare a file at `path`; the first write creates it."""
         self._path = path
         self._temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
         self._mode = "xb"

@@ -33,7 +33,6 @@ class PlannedCall:
     opens_object: bool
 
     async def arguments(self, opener: ObjectOpener) -> tuple[Variant, ...]:
-        """Return all arguments; open the objects that the call needs."""
         if self.opens_object:
             return (Variant(VT.I4, await opener.handle_for(self.function.owner)), *self.values)
         if self.function.name == "Controller_Connect":
@@ -42,8 +41,6 @@ class PlannedCall:
 
 
 class PlannedCallParser:
-    """Parses the calls of one session, in their order."""
-
     def __init__(self, target: ControllerTarget, variable_name: str | None) -> None:
         """Parse calls to `target`. `variable_name` is the variable to open if a call needs one."""
         self._target = target
@@ -141,7 +138,6 @@ def _variable_types(variable_name: str, owners: Iterable[ObjectClass]) -> tuple[
 def _parse_argument(
     function: Function, index: int, param: Param, texts: Sequence[str], types: Sequence[str]
 ) -> Variant:
-    """Parse an argument; `types` applies if the function accepts any type."""
     if index >= len(texts):
         if param.type == "VT_BSTR":
             return Variant(VT.BSTR, "")
