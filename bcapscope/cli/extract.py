@@ -17,7 +17,7 @@ from bcapscope.analysis.slave.captured_trajectory import (
     TrajectoryStep,
 )
 from bcapscope.cli.common import options
-from bcapscope.cli.common.call_reading import read_items
+from bcapscope.cli.common.call_reading import call_test, read_items
 from bcapscope.cli.common.capture_reader import CaptureReader
 from bcapscope.cli.common.exit_codes import ExitCode
 from bcapscope.cli.common.output_files import AtomicFile, check_output_path, force_option
@@ -29,7 +29,6 @@ from bcapscope.render.escape import printable
 from bcapscope.render.trajectory_file import CsvTrajectoryWriter, JsonTrajectoryWriter
 from bcapscope.traffic.filter.compiler import Filter
 from bcapscope.traffic.filter.field_table import RecordKind
-from bcapscope.traffic.filter.getters import CALL_GETTERS
 from bcapscope.traffic.observation import Conversation
 from bcapscope.traffic.pipeline import Pipeline
 
@@ -84,8 +83,7 @@ def command(
     interrupt_on_end_signals()
     files = _TrajectoryFiles(output, force, words)
     reading = CaptureReader(paths, ports, words=words)
-    test = None if wanted is None else wanted.bind(CALL_GETTERS)
-    trajectories = TrajectoryExtractor(test, None if client is None else _is_by_client(client))
+    trajectories = TrajectoryExtractor(call_test(wanted), None if client is None else _is_by_client(client))
     with files:
         for trajectory, steps in _read_pieces(reading, trajectories):
             files.add(trajectory, steps)

@@ -80,12 +80,7 @@ def _warn_no_low_latency(context: click.Context, parameter: click.Parameter, wan
     multiple=True,
     help="Accept only clients at this address or in this network; may be repeated. Default: all.",
 )
-@click.option(
-    "--record",
-    metavar="FILE.pcapng",
-    type=click.Path(dir_okay=False, path_type=Path),
-    help="Record the traffic of both sides to a new capture.",
-)
+@options.record_option("Record the traffic of both sides to a new capture.")
 @click.option(
     "--ring",
     metavar="RING",

@@ -7,6 +7,7 @@ import sys
 import time
 from collections.abc import AsyncIterator
 from contextlib import ExitStack, asynccontextmanager
+from pathlib import Path
 
 import click
 
@@ -72,14 +73,7 @@ _MAX_LISTED = 8
 )
 @options.filter_option(RecordKind.CALL)
 @click.option("--arm", is_flag=True, help="As client: energise and move a robot without confirmation.")
-@click.option(
-    "--limit",
-    "limits",
-    metavar="LIMIT",
-    multiple=True,
-    help="As client: check against this limit of the arm; may be repeated. Examples: J1=-170..170, "
-    "J1..J3.speed=300, J1.acceleration=6000.",
-)
+@options.limit_option("As client: check against this limit of the arm")
 @click.option(
     "--anywhere",
     is_flag=True,
@@ -106,12 +100,7 @@ _MAX_LISTED = 8
     show_default=True,
     help="As server: listen on this address of this machine.",
 )
-@click.option(
-    "--record",
-    metavar="FILE.pcapng",
-    type=click.Path(dir_okay=False),
-    help="As server: record the traffic to a new capture.",
-)
+@options.record_option("As server: record the traffic to a new capture.")
 @click.option("--json", "as_json", is_flag=True, help="As client: print one JSON object per call.")
 @click.option("-q", "--quiet", is_flag=True, help="Do not print calls; as client, print only differences.")
 @options.color
@@ -130,7 +119,7 @@ def command(
     longest_pause: float,
     no_delay: bool,
     listen: str,
-    record: str | None,
+    record: Path | None,
     as_json: bool,
     quiet: bool,
     color: str,

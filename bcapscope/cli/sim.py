@@ -6,6 +6,7 @@ import os
 import sys
 import time
 from collections.abc import Callable
+from pathlib import Path
 
 import click
 import msgspec
@@ -93,12 +94,7 @@ _HELP = (
     show_default=True,
     help="Listen on this port, UDP and TCP; 0 chooses a free one.",
 )
-@click.option(
-    "--record",
-    metavar="FILE.pcapng",
-    type=click.Path(dir_okay=False),
-    help="Record the traffic to a new capture.",
-)
+@options.record_option("Record the traffic to a new capture.")
 @click.option("-q", "--quiet", is_flag=True, help="Do not print the calls.")
 @attended_option
 @options.language
@@ -111,7 +107,7 @@ def command(
     no_argument: str | None,
     listen: str,
     port: int,
-    record: str | None,
+    record: Path | None,
     quiet: bool,
     attended: bool,
     words: MessageFormatter,

@@ -54,12 +54,7 @@ class TesterTarget(NamedTuple):
     help="Let the proxy listen on this address; see `bcapscope proxy`.",
 )
 @click.option("--to", metavar="HOST:PORT", multiple=True, help="Let the proxy forward to this controller.")
-@click.option(
-    "--record",
-    metavar="FILE.pcapng",
-    type=click.Path(dir_okay=False, path_type=Path),
-    help="Let the proxy record the traffic to a new capture.",
-)
+@options.record_option("Let the proxy record the traffic to a new capture.")
 @click.option(
     "--sim", is_flag=True, help="Start a simulator on 127.0.0.1, port 5007 or -p, and show its traffic."
 )

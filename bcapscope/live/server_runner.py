@@ -41,7 +41,7 @@ def _do_nothing(descriptor: int) -> None:
 class ServerRunner:
     """Runs the server of a command with its log and capture, from start to end."""
 
-    def __init__(self, *, quiet: bool, record: str | None, words: MessageFormatter = ENGLISH_WORDS) -> None:
+    def __init__(self, *, quiet: bool, record: Path | None, words: MessageFormatter = ENGLISH_WORDS) -> None:
         """Set up the output. `quiet` omits the line per call; `record` is the file of the capture."""
         self._terminal = TerminalWriter()
         self.print_message = self._terminal.write_message
@@ -61,7 +61,7 @@ class ServerRunner:
         with closing(SimulatorServer(answerer, host, port)) as server:
             if self._recording_path is not None:
                 server.tap = self._recorder = BackgroundRecorder(
-                    Recorder(Path(self._recording_path), self.print_message)
+                    Recorder(self._recording_path, self.print_message)
                 )
             with suppress(KeyboardInterrupt):
                 yield server

@@ -5,11 +5,11 @@ from __future__ import annotations
 import io
 import select
 import sys
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
 from functools import partial
 from pathlib import Path
-from typing import BinaryIO, cast
+from typing import BinaryIO, NoReturn, cast
 
 import click
 
@@ -105,6 +105,15 @@ class CaptureReader:
         """Show the progress of reading, if it takes long."""
         if self._file is not None:
             self._progress.show(self._file.position, self._file.size)
+
+    def print_lines(self, lines: Iterable[str] | Iterable[bytes]) -> None:
+        """Print lines of data, and show the progress meanwhile."""
+        self.output.write_lines(lines, self.show_progress)
+
+    def finish(self) -> NoReturn:
+        """Print the summary and exit."""
+        self.print_summary()
+        sys.exit(self.exit_code)
 
     def print_summary(self) -> None:
         """Print to stderr what was read, what could not be, and controllers recognised by content."""

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import functools
-import inspect
 import random
 import time
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar, cast
+from typing import TYPE_CHECKING, Any
 
 import click
 from click.core import ParameterSource
@@ -27,8 +25,6 @@ if TYPE_CHECKING:  # imported where needed: `tui` has these options too, and mus
     from bcapscope.proxy.request_guard import GuardTarget, RequestGuard
     from bcapscope.proxy.rule_policy import RulePolicy
     from bcapscope.proxy.script_process import ScriptProcess
-
-F = TypeVar("F", bound=Callable[..., Any])
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,23 +142,6 @@ class RuleOptions:
         return HOLD_TIME_NS if self.hold_ns is None else self.hold_ns
 
 
-def rule_options(function: F) -> F:
-    """Add the options to a command; it gets one argument `rules`, a `RuleOptions`."""
-
-    names = [name for name in inspect.getfullargspec(_build_options).kwonlyargs if name != "typed"]
-
-    @functools.wraps(function)
-    def command(**arguments: Any) -> Any:
-        own = {name: arguments.pop(name) for name in names}
-        typed = click.get_current_context().meta.get(_TYPED, ())
-        return function(rules=_build_options(typed=tuple(typed), **own), **arguments)
-
-    decorated: Any = command
-    for option in reversed(_OPTIONS):
-        decorated = option(decorated)
-    return cast(F, decorated)
-
-
 def _build_options(
     *,
     faults: tuple[AnyFault, ...],
@@ -177,7 +156,6 @@ def _build_options(
     script_limit: int | None,
     script_memory: int | None,
     control: str | None,
-    typed: tuple[str, ...],
 ) -> RuleOptions:
     every = (*faults, *(fault for each in rule_files for fault in each))
     names = [fault.name for fault in every if fault.name]
@@ -189,6 +167,7 @@ def _build_options(
         from bcapscope.proxy.request_guard import RequestGuard
 
         guard = RequestGuard(read_only or bool(allow_command), block, allow_command)
+    typed = tuple(click.get_current_context().meta.get(_TYPED, ()))
     typed += ("--read-only",) if read_only else ()
     typed += ("--seed", f"{seed}") if seed is not None else ()
     typed += tuple(word for path in scripts for word in ("--script", path))
@@ -396,3 +375,6 @@ _OPTIONS = (
         help="Explain the notation of faults, and exit.",
     ),
 )
+
+rule_options = options.bundled("rules", _build_options, _OPTIONS)
+"""Adds the options; the command gets one argument `rules`, a `RuleOptions`."""

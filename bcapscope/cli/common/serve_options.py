@@ -2,25 +2,20 @@
 
 from __future__ import annotations
 
-import functools
 import ipaddress
 import os
 import socket
 import sys
-from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import Any, TypeVar, cast
 
 import click
 from click.core import ParameterSource
 
 from bcapscope.cli.common.exit_codes import ExitCode
-from bcapscope.cli.common.options import IntegerRange
+from bcapscope.cli.common.options import IntegerRange, bundled
 from bcapscope.live.standard_streams import print_stderr
 from bcapscope.traffic.observation import Endpoint
-
-F = TypeVar("F", bound=Callable[..., Any])
 
 DEFAULT_ADDRESS = "127.0.0.1:8000"
 _MAX_VIEWERS = 16
@@ -115,19 +110,12 @@ _OPTIONS = (
 )
 
 
-def serve_options(function: F) -> F:
-    """Give a command the options; it gets one argument `serve`, a `ServeOptions`."""
+def _make_serve_options(serve: bool, serve_at: Endpoint, viewers: int) -> ServeOptions:
+    source_of = click.get_current_context().get_parameter_source
+    if not serve and ParameterSource.COMMANDLINE in map(source_of, ("serve_at", "viewers")):
+        raise click.UsageError("--serve-at and --viewers have no effect without --serve: add --serve")
+    return ServeOptions(serve, serve_at, viewers)
 
-    @functools.wraps(function)
-    def command(*, serve: bool, serve_at: Endpoint, viewers: int, **arguments: Any) -> Any:
-        context = click.get_current_context()
-        for name in ("serve_at", "viewers"):
-            typed = context.get_parameter_source(name) is ParameterSource.COMMANDLINE
-            if typed and not serve:
-                raise click.UsageError("--serve-at and --viewers have no effect without --serve: add --serve")
-        return function(serve=ServeOptions(serve, serve_at, viewers), **arguments)
 
-    decorated: Any = command
-    for option in reversed(_OPTIONS):
-        decorated = option(decorated)
-    return cast(F, decorated)
+serve_options = bundled("serve", _make_serve_options, _OPTIONS)
+"""Adds the options; the command gets one argument `serve`, a `ServeOptions`."""

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, fields, replace
-from functools import wraps
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import NoReturn
 
 import click
 
@@ -86,6 +84,7 @@ def _exit_with(text: str, code: ExitCode) -> NoReturn:
 
 
 _OPTIONS = (
+    click.argument("file", type=click.Path(path_type=Path)),
     click.option(
         "--index",
         metavar="N",
@@ -133,26 +132,8 @@ _OPTIONS = (
         show_default=True,
         help="Play the trajectory N times; 0: until you stop it.",
     ),
-    click.option(
-        "--limit",
-        "limits",
-        metavar="LIMIT",
-        multiple=True,
-        help="Check against this limit of the arm; may be repeated. Examples: J1=-170..170, "
-        "J1..J3.speed=300, J1.acceleration=6000.",
-    ),
+    options.limit_option("Check against this limit of the arm"),
 )
 
-
-def trajectory_options(function: Callable[..., None]) -> Callable[..., None]:
-    """Add the argument FILE and the options; the command gets one argument `way`, a `TrajectoryOptions`."""
-
-    @wraps(function)
-    def with_way(**given: Any) -> None:
-        own = {field.name: given.pop(field.name) for field in fields(TrajectoryOptions)}
-        function(way=TrajectoryOptions(**own), **given)
-
-    decorated: Callable[..., None] = with_way
-    for option in reversed(_OPTIONS):
-        decorated = option(decorated)
-    return click.argument("file", type=click.Path(path_type=Path))(decorated)
+trajectory_options = options.bundled("way", TrajectoryOptions, _OPTIONS)
+"""Adds the argument FILE and the options; the command gets one argument `way`, a `TrajectoryOptions`."""
