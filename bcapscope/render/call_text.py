@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from functools import lru_cache
 
 from bcapscope.messages import ENGLISH_WORDS, Message, MessageFormatter
 from bcapscope.protocol.tables.function_table import FUNCTIONS, ObjectClass, function_name
-from bcapscope.protocol.tables.hresult import S_EXECUTING, describe_hresult, hresult_name, is_failure
 from bcapscope.protocol.text_format import display_width
 from bcapscope.render.color_palette import PLAIN, Palette
 from bcapscope.render.escape import printable, quoted
 from bcapscope.render.line_template import LONGEST_STRING
+from bcapscope.render.result_advice import result_text
 from bcapscope.render.timestamp import TimeFormat, timestamp_writer
 from bcapscope.traffic.call import Call, CallFrame, FrameRole, StrayReply
 from bcapscope.traffic.call_kind import CallKind
@@ -21,6 +22,7 @@ from bcapscope.traffic.observation import Direction, Flow
 _MILLISECOND = 1_000_000
 _PLAIN_VERDICTS = frozenset(CallVerdict[outcome.name] for outcome in Outcome)
 _MAX_NAMED = 6
+_MAX_RESULTS = 1024  # result codes whose texts are kept
 _BRACKETS = {True: "└─", False: "├─"}
 
 
@@ -47,7 +49,7 @@ class CallRenderer:
         self._labels = {name: words(f"call.label.{name}") for name in ("frame", "serial", "reserved", "at")}
         self._frame_text = words("call.frame", requests="{0}")
         self._frames_text = words("call.frames", requests="{0}", replies="{1}")
-        self._meanings: dict[int, str] = {}
+        self._result_text = lru_cache(_MAX_RESULTS)(lambda code: result_text(code, palette, words))
 
     def set_time_origin(self, time: int) -> None:
         """Count relative times from `time`, not from the first line."""
@@ -111,19 +113,6 @@ class CallRenderer:
         outcome = call.outcome
         shade = color.bad if outcome is Outcome.UNANSWERED else color.dim
         return f"{shade}{self._verdict(CallVerdict[outcome.name])}{color.reset}"
-
-    def _result_text(self, code: int) -> str:
-        color = self._palette
-        name = hresult_name(code)
-        if is_failure(code):
-            return f"{color.bad}{name} ({self._meaning(code)}){color.reset}"
-        return f"{color.dim if code == S_EXECUTING else color.good}{name}{color.reset}"
-
-    def _meaning(self, code: int) -> str:
-        text = self._meanings.get(code)
-        if text is None:
-            text = self._meanings[code] = self._words.text(describe_hresult(code).meaning)
-        return text
 
     def _verdict(self, verdict: CallVerdict) -> str:
         return self._words(f"call.verdict.{verdict.replace(' ', '-')}")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 
 import orjson
@@ -19,6 +20,7 @@ from bcapscope.messages import ENGLISH_WORDS, MessageFormatter
 from bcapscope.messages.places import Count
 from bcapscope.render.color_palette import PLAIN, Palette
 from bcapscope.render.columns import align_columns, wrap_text
+from bcapscope.render.diagnosis_summary import severity_counts_text
 from bcapscope.render.escape import printable
 from bcapscope.render.finding_text import finding_sentence, words_for
 from bcapscope.render.json_values import text_fragment
@@ -60,13 +62,10 @@ def _size(side: ComparedCapture, words: MessageFormatter) -> str:
         return words("compare.no-calls")
     seconds = f"{(statistics.end - statistics.start) / 1e9:.3f}"
     calls = Count(statistics.total.figures.calls, "call")
-    counts = {severity: 0 for severity in Severity}
-    for finding in side.findings:
-        counts[finding.severity] += 1
-    found = [words.plural(f"count.{severity.value}", count) for severity, count in counts.items() if count]
+    found = severity_counts_text(Counter(finding.severity for finding in side.findings), words)
     if not found:
         return words("compare.size.no-findings", calls=calls, seconds=seconds)
-    return words("compare.size", calls=calls, seconds=seconds, findings=words("list.comma").join(found))
+    return words("compare.size", calls=calls, seconds=seconds, findings=found)
 
 
 def _captioned_lines(caption: str, lines: Iterable[str], palette: Palette) -> Iterator[str]:

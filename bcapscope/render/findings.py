@@ -15,14 +15,13 @@ from bcapscope.render.color_palette import PLAIN, Palette
 from bcapscope.render.columns import wrap_text
 from bcapscope.render.diagnosis_summary import diagnosis_summary
 from bcapscope.render.escape import printable
-from bcapscope.render.finding_text import finding_sentence, words_for
+from bcapscope.render.finding_text import finding_depths, finding_sentence, words_for
 
 NARROWEST, WIDEST = 40, 120
 """Columns that text is wrapped to: at least, where the terminal has fewer, and at most, as longer lines are
 hard to read."""
 
 _STEP = 4
-_DEEPEST = 4
 
 
 class FindingsRenderer:
@@ -37,12 +36,9 @@ class FindingsRenderer:
 
     def lines(self, findings: Sequence[Finding], totals: TrafficTotals) -> Iterator[str]:
         """Yield the lines of all findings, in the order given, and one that sums them up."""
-        depths: list[int] = []
         words = words_for(self._words, totals)
-        for number, finding in enumerate(findings, 1):
-            cause = finding.consequence_of
-            depths.append(0 if cause is None else depths[cause - 1] + 1)
-            yield from self._finding_lines(number, finding, " " * _STEP * min(depths[-1], _DEEPEST), words)
+        for number, (finding, depth) in enumerate(zip(findings, finding_depths(findings), strict=True), 1):
+            yield from self._finding_lines(number, finding, " " * _STEP * depth, words)
             yield ""
         yield diagnosis_summary([finding.severity for finding in findings], totals, self._palette, words)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
@@ -14,7 +15,8 @@ from bcapscope.messages import ENGLISH_WORDS, MessageFormatter
 from bcapscope.messages.places import Count, Duration, Times
 from bcapscope.protocol.tables.hresult import describe_hresult, hresult_name
 from bcapscope.render import report_slave_sessions
-from bcapscope.render.finding_text import finding_sentence, words_for
+from bcapscope.render.diagnosis_summary import severity_counts_text
+from bcapscope.render.finding_text import finding_depths, finding_sentence, words_for
 from bcapscope.render.report_figure import Picture
 from bcapscope.render.slave_session_text import slave_session_lines
 from bcapscope.render.statistics_text import call_kind_text
@@ -30,7 +32,6 @@ MAX_ROWS = 40
 MAX_SLOW = 10
 """Set points in the table of the slowest."""
 
-_DEEPEST = 4
 _FIGURE_COLUMNS = (
     *("calls", "per-s", "line-time", "median", "p99", "longest"),
     *("retried", "refused", "unanswered"),
@@ -116,12 +117,8 @@ def period_text(report_data: ReportData, words: MessageFormatter) -> str:
 
 def overall_verdict(report_data: ReportData, words: MessageFormatter) -> OverallVerdict:
     """Return the number of findings of each severity, and the first of them."""
-    counts = {severity: 0 for severity in Severity}
-    for finding in report_data.findings:
-        counts[finding.severity] += 1
-    listed = words("list.comma").join(
-        words.plural(f"count.{severity.value}", count) for severity, count in counts.items() if count
-    )
+    counts = Counter(finding.severity for finding in report_data.findings)
+    listed = severity_counts_text(counts, words)
     if counts[Severity.ERROR] or counts[Severity.WARNING]:
         kind = "error" if counts[Severity.ERROR] else "warning"
         sentence = finding_sentence(report_data.findings[0], words_for(words, report_data.totals))
@@ -133,15 +130,12 @@ def overall_verdict(report_data: ReportData, words: MessageFormatter) -> Overall
 
 def finding_views(report_data: ReportData, words: MessageFormatter) -> list[FindingView]:
     """Return all findings, each consequence after its cause."""
-    depths: list[int] = []
-    for finding in report_data.findings:
-        cause = finding.consequence_of
-        depths.append(0 if cause is None else depths[cause - 1] + 1)
+    depths = finding_depths(report_data.findings)
     words = words_for(words, report_data.totals)
     return [
         FindingView(
             number,
-            min(depth, _DEEPEST),
+            depth,
             _SIGNS[finding.severity],
             finding,
             finding_sentence(finding, words),
