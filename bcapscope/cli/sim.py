@@ -13,9 +13,13 @@ import msgspec
 
 from bcapscope.cli.common import options
 from bcapscope.cli.common.attended import announce_ready, attended_option
-from bcapscope.cli.common.behaviour_list import list_behaviours
 from bcapscope.cli.common.exit_codes import ExitCode
-from bcapscope.cli.common.scenario_options import choose_scenario, list_scenarios, scenario_introduction
+from bcapscope.cli.common.scenario_options import (
+    choose_scenario,
+    list_behaviours,
+    list_scenarios,
+    scenario_introduction,
+)
 from bcapscope.cli.common.serving import exit_if_not_listening
 from bcapscope.live.server_runner import ServerRunner, reachability_text
 from bcapscope.live.standard_streams import print_stderr

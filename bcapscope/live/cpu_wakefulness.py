@@ -18,7 +18,6 @@ import sys
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Protocol
 
 from bcapscope.messages.os_errors import os_reason
 from bcapscope.proxy.ring_buffer import RelayCounter
@@ -59,23 +58,10 @@ _STEAL_COLUMN = 8
 """Column of the time that the host took, in the first line (proc_stat(5))."""
 
 
-class CpuSleep(Protocol):
-    """Controls how deeply the processors sleep."""
-
-    def forbid_deep_sleep(self) -> bool:
-        """Ask the system to keep the processors awake, or in light sleep. Return whether it agreed."""
-
-    def allow_deep_sleep(self) -> None:
-        """Withdraw the request."""
-
-    def stolen_seconds(self) -> float | None:
-        """Return the total time in s that the host took from processors kept awake; None if unknown."""
-
-
 class CpuWakefulness:
     """Keeps the processors awake while there is much traffic."""
 
-    def __init__(self, sleep: CpuSleep) -> None:
+    def __init__(self, sleep: CpuLatencyLimit) -> None:
         self._sleep = sleep
         self._is_awake = False
         self._count_before, self._counted_at = 0, -math.inf

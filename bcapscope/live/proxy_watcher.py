@@ -44,11 +44,10 @@ from bcapscope.proxy.silence_monitor import SilenceMonitor
 from bcapscope.render.escape import printable
 from bcapscope.render.finding_text import finding_sentence, words_for
 from bcapscope.render.findings import FindingsRenderer
-from bcapscope.traffic.call import Call, StrayReply
 from bcapscope.traffic.conversation_pairing import RETRY_WITHIN_NS
-from bcapscope.traffic.handle_tracker import HandleTracker, TrackedObject
-from bcapscope.traffic.observation import Conversation, Observation, Transport
-from bcapscope.traffic.pipeline import Pipeline, PipelineSubscriber
+from bcapscope.traffic.handle_tracker import HandleTracker
+from bcapscope.traffic.observation import Conversation, Transport
+from bcapscope.traffic.pipeline import Pipeline
 from bcapscope.traffic.slave_mode_tracker import SlaveModeTracker
 
 POLL_INTERVAL = 0.025
@@ -160,31 +159,6 @@ class RecorderTask:
         self._recorder.flush()
 
 
-class _TrafficDisplay(PipelineSubscriber):
-    """Renders the traffic as the options say, and counts the completed calls and their retries."""
-
-    needs_targets = True
-
-    def __init__(self, view: ProxyView) -> None:
-        self.lines: list[str | bytes] = []
-        self.call_count = self.retry_count = 0
-        self._view = view
-
-    def add_frame(self, observation: Observation, note: str) -> None:
-        self.lines += self._view.frame_lines(observation, note)
-
-    def on_call(self, call: Call, target: TrackedObject | None) -> None:
-        self.call_count += 1
-        self.retry_count += call.retries
-        self.lines += self._view.call_lines(call, target)
-
-    def on_stray_reply(self, stray: StrayReply) -> None:
-        self.lines += self._view.call_lines(stray, None)
-
-    def on_conversation_closed(self, conversation: Conversation) -> None:
-        self._view.drop_conversation(conversation)
-
-
 class ProxyWatcher:
     """Reads what the relay wrote, and decodes, displays and diagnoses it as the options say.
 
@@ -210,7 +184,7 @@ class ProxyWatcher:
         self._written_before = self._decoded_until = 0
         self._colors = choose_palette(options.color)
         self._record_decoder = RecordDecoder()
-        self._display = _TrafficDisplay(ProxyView(options.view, self._colors))
+        self._view = ProxyView(options.view, self._colors)
         self._diagnosis = Diagnosis() if subscriber is None else subscriber.diagnosis
         self._slave_mode = SlaveModeTracker()
         handles = HandleTracker(max_ended=0)
@@ -218,7 +192,7 @@ class ProxyWatcher:
         self._pipeline = Pipeline(
             self._session_closer,
             *((self._diagnosis,) if subscriber is None else subscriber.subscribers),
-            self._display,
+            self._view,
             handles=handles,
             slave_mode=self._slave_mode,
         )
@@ -289,7 +263,7 @@ class ProxyWatcher:
 
     def _decode_records(self, records: list[RingRecord]) -> None:
         for count, (seen, note) in enumerate(self._record_decoder.decode(records, self._packets_of(records))):
-            self._display.add_frame(seen, note)
+            self._view.add_frame(seen, note)
             if self._subscriber is not None:
                 self._subscriber.on_frame(seen, note)
             self._pipeline.add(seen)
@@ -322,8 +296,8 @@ class ProxyWatcher:
             self._terminal.write_message(f"{conversation.client} is gone ({why}) while {left}")
 
     def _write_lines(self) -> None:
-        self._terminal.write_lines(self._display.lines)
-        self._display.lines = []
+        self._terminal.write_lines(self._view.lines)
+        self._view.lines = []
 
     def _do_periodic_work(self) -> None:
         """Do the work that is due even without traffic: expire calls, print findings, update the status."""
@@ -364,7 +338,7 @@ class ProxyWatcher:
     def _show_status(self, now: int) -> None:
         counts = tuple(self._reader.counts)
         seconds = (now - self._status_shown_at) / 1e9
-        parts = [counted(self._display.call_count, "call"), f"{self._display.retry_count} retries"]
+        parts = [counted(self._view.call_count, "call"), f"{self._view.retry_count} retries"]
         parts += [
             rates_text(counts, self._counts_before, seconds),
             self._delays.status_text(),
@@ -407,8 +381,8 @@ class ProxyWatcher:
             self._subscriber.close(self._decoded_until)
         findings = self._diagnosis.findings()
         write, counts = self._terminal.write_message, tuple(self._reader.counts)
-        retries = counted(self._display.retry_count, "retry", "retries")
-        calls = f"{counted(self._display.call_count, 'call')}, {retries}"
+        retries = counted(self._view.retry_count, "retry", "retries")
+        calls = f"{counted(self._view.call_count, 'call')}, {retries}"
         write(f"{calls}; {totals_text(counts)}")
         for line in (*loss_lines(counts), *self._delays.summary_lines()):
             write(line)

@@ -6,7 +6,7 @@ import math
 import re
 import shlex
 from collections.abc import Iterator, Sequence
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 from bcapscope.client.handle_table import ObjectHandle
 from bcapscope.protocol.codec.variant import ARRAY, EMPTY, VT, Variant
@@ -20,6 +20,9 @@ from bcapscope.protocol.tables.function_table import (
 )
 from bcapscope.render.escape import printable
 from bcapscope.render.notation_text import typed_text
+
+if TYPE_CHECKING:  # it reaches sockets
+    from bcapscope.client.controller_target import ControllerTarget
 
 _PORT = 5007
 _PROVIDER = "CaoProv.DENSO.VRC"
@@ -39,28 +42,13 @@ _TYPES = {"VT_I4": VT.I4, "VT_R4": VT.R4, "VT_BSTR": VT.BSTR}
 _WORD_BREAK = re.compile(r"(?<=[a-z])(?=[A-Z])")
 
 
-class CallTarget(Protocol):
-    """A controller, and how it is reached, such as `client.controller_target.ControllerTarget`."""
-
-    @property
-    def host(self) -> str: ...
-    @property
-    def port(self) -> int: ...
-    @property
-    def tcp(self) -> bool: ...
-    @property
-    def provider(self) -> str: ...
-    @property
-    def service(self) -> str: ...
-
-
 def hex_text(raw: bytes) -> str:
     """Write bytes in pairs of digits, blanks between, as every tool for hex reads them."""
     return raw.hex(" ").upper()
 
 
 def shell_command(
-    target: CallTarget, function_id: int, arguments: Sequence[Variant], subject: ObjectHandle | None
+    target: ControllerTarget, function_id: int, arguments: Sequence[Variant], subject: ObjectHandle | None
 ) -> str | None:
     """Write a call as a bcapscope command line, which opens `subject` by its name.
 
@@ -86,7 +74,7 @@ def _after_double_dash(texts: list[str]) -> list[str]:
     return ["--", *texts] if any(text.startswith("-") for text in texts) else texts
 
 
-def _target_options(target: CallTarget) -> Iterator[str]:
+def _target_options(target: ControllerTarget) -> Iterator[str]:
     if target.port != _PORT:
         yield from ("--port", str(target.port))
     if target.tcp:
@@ -129,7 +117,7 @@ def _word(param: Param, argument: Variant) -> str | None:
 
 
 def python_program(
-    target: CallTarget, function_id: int, arguments: Sequence[Variant], subject: ObjectHandle | None
+    target: ControllerTarget, function_id: int, arguments: Sequence[Variant], subject: ObjectHandle | None
 ) -> str:
     """Write a call as a Python program, valid for any arguments: it connects, opens `subject` and releases
     everything.

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
+from typing import Any
 
 from bcapscope.analysis.finding import Severity, TrafficTotals
 from bcapscope.messages import ENGLISH_WORDS, Message, MessageFormatter
@@ -30,7 +31,7 @@ def diagnosis_summary(
     return words("diagnosis.healthy", none=none, size=size)
 
 
-def severity_counts_text(counts: Mapping[str, int], words: MessageFormatter) -> str:
+def severity_counts_text(counts: Counter[Any], words: MessageFormatter) -> str:
     """Return the number of findings of each severity that occurs, the gravest first."""
     found = (words.plural(f"count.{each}", counts[each]) for each in Severity if counts[each])
     return words("list.comma").join(found)

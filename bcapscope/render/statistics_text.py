@@ -23,6 +23,7 @@ from bcapscope.render.escape import printable
 from bcapscope.render.json_values import percentiles_object, text_fragment, time_fragment
 from bcapscope.render.timestamp import utc_text
 from bcapscope.traffic.call_kind import CallKind
+from bcapscope.traffic.observation import Conversation
 
 MAX_ROWS = 40
 """Rows of a table for people, those that took most time; JSON has all."""
@@ -75,6 +76,11 @@ def _client_text(row: StatisticsRow, words: MessageFormatter) -> str:
         return words("stats.all-clients")
     if conversation is OTHER_CLIENTS:
         return words("stats.other-clients")
+    return conversation_text(conversation)
+
+
+def conversation_text(conversation: Conversation) -> str:
+    """Write a client, its controller and their transport."""
     return printable(f"{conversation.client} > {conversation.server} {conversation.transport}")
 
 
