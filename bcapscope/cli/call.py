@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
 from typing import IO, Any, TextIO
 
@@ -178,29 +179,27 @@ class _AnswerPrinter:
             yield from (f"  {line}" for line in hexdump(seen.item.raw, palette=self._palette))
 
 
+@dataclass(slots=True)
 class _CallRunner:
     """Makes the calls in one session."""
 
-    def __init__(
-        self, target: ControllerTarget, names: Mapping[ObjectClass, str], arm: bool, printer: _AnswerPrinter
-    ) -> None:
-        self._target = target
-        self._names = names
-        self._armed = arm
-        self._printer = printer
-        self._log: ArmedCallLogger | None = None
+    target: ControllerTarget
+    names: Mapping[ObjectClass, str]
+    armed: bool
+    printer: _AnswerPrinter
+    log: ArmedCallLogger | None = None
 
     async def run(self, requests: Sequence[PlannedCall]) -> ExitCode:
         """Make the calls up to the first failure. With --arm, log those that need it."""
-        if not self._armed:
+        if not self.armed:
             return await self._run_calls(requests)
-        with log_armed_calls("call", LoggedConnection.of_target(self._target)) as self._log:
+        with log_armed_calls("call", LoggedConnection.of_target(self.target)) as self.log:
             return await self._run_calls(requests)
 
     async def _run_calls(self, requests: Sequence[PlannedCall]) -> ExitCode:
-        printer = self._printer
-        async with open_target_session(self._target, observer=self._on_packet) as session:
-            opener = ObjectOpener(session, self._target, self._names)
+        printer = self.printer
+        async with open_target_session(self.target, observer=self._on_packet) as session:
+            opener = ObjectOpener(session, self.target, self.names)
             for request in requests:
                 arguments = await request.arguments(opener)
                 if not await self._is_allowed(request, arguments, opener):
@@ -213,18 +212,18 @@ class _CallRunner:
         return ExitCode.OK
 
     def _on_packet(self, observation: Observation) -> None:
-        self._printer.packets.append(observation)
-        if self._log is not None:
-            self._log.on_observation(observation)
+        self.printer.packets.append(observation)
+        if self.log is not None:
+            self.log.on_observation(observation)
 
     async def _is_allowed(
         self, request: PlannedCall, arguments: Sequence[Variant], opener: ObjectOpener
     ) -> bool:
         function_id = request.function.id
-        if self._armed or not opener.session.needs_arming(function_id, arguments):
+        if self.armed or not opener.session.needs_arming(function_id, arguments):
             return True
-        self._armed = await opener.is_simulator()
-        if not self._armed:
-            name, host = call_name(function_id, arguments), self._target.host
+        self.armed = await opener.is_simulator()
+        if not self.armed:
+            name, host = call_name(function_id, arguments), self.target.host
             print_stderr(printable(f"bcapscope: {name} was not sent. {unarmed_reason(host)}"))
-        return self._armed
+        return self.armed

@@ -7,6 +7,7 @@ import sys
 import time
 from collections.abc import AsyncIterator
 from contextlib import ExitStack, asynccontextmanager
+from dataclasses import dataclass
 from pathlib import Path
 
 import click
@@ -39,6 +40,7 @@ from bcapscope.player.blocking_caller import BlockingCaller, FrameCallback, igno
 from bcapscope.player.channel import Channel, open_channel
 from bcapscope.player.realtime import realtime_priority
 from bcapscope.protocol.guard import needs_arming
+from bcapscope.render.color_palette import Palette
 from bcapscope.render.escape import printable
 from bcapscope.render.preflight_text import PreflightRenderer
 from bcapscope.render.replay_text import ReplayRenderer
@@ -153,13 +155,15 @@ def command(
         serving = ServerRunner(quiet=quiet, record=record, words=words)
         _serve(script, serving, (listen, target.port), not no_delay, words)
         return
-    flight = _PreflightCheck(script, limits, color, quiet)
-    flight.check(UNKNOWN_ARM)
-    stage = _ReplayRunner(script, flight, keep_going, anywhere, _ReplayPrinter(as_json, quiet, color, words))
+    palette = choose_palette(color)
+    preflight = _PreflightCheck(script, limits, palette, quiet)
+    preflight.check(UNKNOWN_ARM)
+    renderer = ReplayRenderer(palette, words)
+    runner = _ReplayRunner(script, preflight, keep_going, anywhere, as_json, quiet, renderer, words)
     with exit_on_failure(target, words):
         interrupt_on_end_signals()
         with realtime_priority():
-            code = run_blocking(stage.play(target, arm, round(longest_pause * 1e9)))
+            code = run_blocking(runner.play(target, arm, round(longest_pause * 1e9)))
         sys.exit(code)
 
 
@@ -212,26 +216,12 @@ def _served_text(calls: int, unknown: int, words: MessageFormatter) -> str:
     return words.plural("count.call", calls)
 
 
-class _ReplayPrinter:
-    def __init__(self, as_json: bool, quiet: bool, color: str, words: MessageFormatter) -> None:
-        self._as_json = as_json
-        self._quiet = quiet
-        self.words = words
-        self._renderer = ReplayRenderer(choose_palette(color), words)
-
-    def __call__(self, played: PlayedCall) -> None:
-        if self._as_json:
-            echo(self._renderer.record(played))
-        elif played.differs or not self._quiet:
-            echo(self._renderer.line(played))
-
-
 class _PreflightCheck:
     """The pre-flight check of a script's set points."""
 
-    def __init__(self, script: ReplayScript, limits: tuple[str, ...], color: str, quiet: bool) -> None:
+    def __init__(self, script: ReplayScript, limits: tuple[str, ...], palette: Palette, quiet: bool) -> None:
         self._limits = limits
-        self._renderer = PreflightRenderer(choose_palette(color), shutil.get_terminal_size().columns)
+        self._renderer = PreflightRenderer(palette, shutil.get_terminal_size().columns)
         self._quiet = quiet
         self.stretches: tuple[SetPointRun, ...] = ()
         try:
@@ -255,31 +245,30 @@ class _PreflightCheck:
             sys.exit(ExitCode.UNFIT)
 
 
+@dataclass(slots=True)
 class _ReplayRunner:
     """Plays a script to a controller and prints the results."""
 
-    def __init__(
-        self,
-        script: ReplayScript,
-        preflight_check: _PreflightCheck,
-        keep_going: bool,
-        anywhere: bool,
-        print_played: _ReplayPrinter,
-    ) -> None:
-        self._script = script
-        self._preflight = preflight_check
-        self._keep_going = keep_going
-        self._anywhere = anywhere
-        self._print_played = print_played
-        self._calls = self._different = self._unanswered = 0
-        self._most_late_ns = 0
+    script: ReplayScript
+    preflight: _PreflightCheck
+    keep_going: bool
+    anywhere: bool
+    as_json: bool
+    quiet: bool
+    renderer: ReplayRenderer
+    words: MessageFormatter
+    _calls: int = 0
+    _different: int = 0
+    _unanswered: int = 0
+    _most_late_ns: int = 0
 
     async def play(self, target: ControllerTarget, armed: bool, longest_pause: int) -> ExitCode:
         """Play the script without an event loop, whose timers are too coarse; return the exit code."""
-        needs_arm, simulated = self._needs_arming(), False
-        if self._preflight.stretches or (needs_arm and not armed):
+        simulated = False
+        needs_arm = any(needs_arming(each.kind.function_id, each.arguments) for each in self.script.calls)
+        if self.preflight.stretches or (needs_arm and not armed):
             simulated = await _is_simulator(target)
-            self._preflight.check(SIMULATED_ARM if simulated else UNKNOWN_ARM, shown=True)
+            self.preflight.check(SIMULATED_ARM if simulated else UNKNOWN_ARM, shown=True)
             if needs_arm and not (armed or simulated or _confirm_robot(target.host)):
                 return ExitCode.UNARMED
         try:
@@ -301,22 +290,22 @@ class _ReplayRunner:
     ) -> None:
         async with _session(target, log) as (session, channel):
             opener = ObjectOpener(session, target)
-            play = ScriptPlayer(self._script, opener, channel, longest_pause, self._anywhere)
+            play = ScriptPlayer(self.script, opener, channel, longest_pause, self.anywhere)
             await play.play(self._on_played)
-
-    def _needs_arming(self) -> bool:
-        return any(needs_arming(line.kind.function_id, line.arguments) for line in self._script.calls)
 
     def _on_played(self, played: PlayedCall) -> bool:
         self._calls += 1
         self._different += played.differs
         self._unanswered += played.unanswered
         self._most_late_ns = max(self._most_late_ns, played.delay)
-        self._print_played(played)
-        return self._keep_going or not played.failed
+        if self.as_json:
+            echo(self.renderer.record(played))
+        elif played.differs or not self.quiet:
+            echo(self.renderer.line(played))
+        return self.keep_going or not played.failed
 
     def _print_summary(self) -> None:
-        words, total = self._print_played.words, Count(len(self._script.calls), "call")
+        words, total = self.words, Count(len(self.script.calls), "call")
         calls = Message("replay.calls.all", calls=total)
         if self._calls != total.number:
             calls = Message("replay.calls.some", made=self._calls, calls=total)
