@@ -14,7 +14,7 @@ import click
 from bcapscope.capture.rotating_recording import RotationLimits, parse_rotation
 from bcapscope.cli.common import options
 from bcapscope.cli.common.attended import announce_ready, attended_option, publish_option
-from bcapscope.cli.common.exit_codes import ExitCode
+from bcapscope.cli.common.exit_codes import ExitCode, exit_with
 from bcapscope.cli.common.output_files import check_output_path
 from bcapscope.cli.common.proxy_rule_options import RuleOptions, rule_options
 from bcapscope.cli.proxy_ctl import command as ctl
@@ -220,11 +220,9 @@ class _ProxyRun:
             try:
                 proxy, greet = self._open(opened, proxy_options)
             except (ProxyListenError, ControlError, ScriptError) as error:
-                print_stderr(printable(str(error)))
-                sys.exit(ExitCode.UNREADABLE)
+                exit_with(printable(str(error)), ExitCode.UNREADABLE)
             except UnreachableError as error:
-                print_stderr(str(error))
-                sys.exit(ExitCode.UNANSWERED)
+                exit_with(str(error), ExitCode.UNANSWERED)
             proxy.run(greet)
         if proxy.is_recording_incomplete:
             sys.exit(ExitCode.UNWRITABLE)

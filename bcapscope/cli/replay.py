@@ -22,7 +22,7 @@ from bcapscope.cli.common.arming_prompt import (
 from bcapscope.cli.common.call_reading import read_filtered_calls
 from bcapscope.cli.common.capture_reader import CaptureReader
 from bcapscope.cli.common.data_output import echo
-from bcapscope.cli.common.exit_codes import ExitCode
+from bcapscope.cli.common.exit_codes import ExitCode, exit_with
 from bcapscope.cli.common.serving import exit_if_not_listening
 from bcapscope.cli.common.target_options import ControllerTarget, exit_on_failure, optional_target_options
 from bcapscope.client.action_log import LoggedConnection
@@ -194,8 +194,7 @@ def _choose_script(
     if client is not None:
         scripts = tuple(script for script in scripts if client in _client_names(script))
     if not scripts:
-        print_stderr(words("replay.no-calls"))
-        sys.exit(reader.exit_code or ExitCode.NO_DATA)
+        exit_with(words("replay.no-calls"), reader.exit_code or ExitCode.NO_DATA)
     if len(scripts) > 1:
         listed = ", ".join(
             f"{_client_names(script)[0]} ({len(script.calls)})" for script in scripts[:_MAX_LISTED]
@@ -228,8 +227,7 @@ class _PreflightCheck:
             with_limits(UNKNOWN_ARM, limits)
             self.stretches = tuple(set_point_runs(script))
         except UnreadableSetPointError as error:
-            print_stderr(f"bcapscope: {error}. Nothing was sent")
-            sys.exit(ExitCode.UNFIT)
+            exit_with(f"bcapscope: {error}. Nothing was sent", ExitCode.UNFIT)
         except ValueError as error:
             raise click.UsageError(str(error)) from None
 

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 
 import orjson
 
 from bcapscope.analysis.finding import Finding, Severity, TrafficTotals
-from bcapscope.analysis.rules import RULES
-from bcapscope.analysis.rules.rule_checker import DiagnosisRule
 from bcapscope.messages import ENGLISH_WORDS, MessageFormatter
 from bcapscope.messages.message import message_params
 from bcapscope.render.color_palette import PLAIN, Palette
@@ -92,11 +90,3 @@ def finding_record(number: int, finding: Finding, totals: TrafficTotals) -> byte
             "count": 1 if finding.repetition is None else finding.repetition.count,
         }
     )
-
-
-def rule_table(rules: Iterable[DiagnosisRule] = RULES) -> str:
-    """Write the list of rules as a Markdown table, the gravest first."""
-    rank = list(Severity)
-    ordered = sorted(rules, key=lambda rule: rank.index(rule.severity))
-    rows = [f"| `{rule.id}` | {rule.severity} | {rule.title} | {rule.source} |" for rule in ordered]
-    return "\n".join(("| Rule | Severity | Finds | Source |", "|---|---|---|---|", *rows)) + "\n"

@@ -166,7 +166,7 @@ class CaptureReader:
                 print_stderr(self._words("reading.live", interface=printable(name)))
                 packets = iter(capture)
                 try:
-                    while (packet := interrupts.read_or_stop(partial(next, packets), None)) is not None:
+                    while (packet := interrupts.read_or_stop(partial(next, packets, None))) is not None:
                         yield packet
                     print_stderr("")
                 finally:
@@ -208,7 +208,7 @@ class _StandardInput:
         self._interrupts = DeferredInterrupts()
 
     def read(self, size: int) -> bytes:
-        found = self._interrupts.read_or_stop(partial(self._next, size), None)
+        found = self._interrupts.read_or_stop(partial(self._next, size))
         if found is None:
             raise _Interrupted
         return found

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import click
 from click.core import ParameterSource
 
-from bcapscope.cli.common.exit_codes import ExitCode
+from bcapscope.cli.common.exit_codes import ExitCode, exit_with
 from bcapscope.cli.common.options import IntegerRange, bundled
 from bcapscope.live.standard_streams import print_stderr
 from bcapscope.traffic.observation import Endpoint
@@ -41,8 +41,10 @@ def serve_screen(options: ServeOptions) -> None:
     try:
         from bcapscope.tui.web.web_server import WebServer
     except ImportError:
-        print_stderr("textual-serve is not installed. Install it with: pip install 'bcapscope[serve]'")
-        sys.exit(ExitCode.NOT_INSTALLED)
+        exit_with(
+            "textual-serve is not installed. Install it with: pip install 'bcapscope[serve]'",
+            ExitCode.NOT_INSTALLED,
+        )
     import asyncio
 
     try:
@@ -50,8 +52,10 @@ def serve_screen(options: ServeOptions) -> None:
         listening = socket.create_server(options.address, family=family)
     except OSError as error:
         reason = (os.strerror(error.errno) if error.errno else str(error)).lower()
-        print_stderr(f"cannot listen on {options.address}: {reason}. Choose another port with --serve-at.")
-        sys.exit(ExitCode.UNREADABLE)
+        exit_with(
+            f"cannot listen on {options.address}: {reason}. Choose another port with --serve-at.",
+            ExitCode.UNREADABLE,
+        )
     server = WebServer([sys.executable, "-m", "bcapscope", *sys.argv[1:]], listening, options.viewers)
 
     def greet() -> None:

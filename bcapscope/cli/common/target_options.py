@@ -11,11 +11,10 @@ import click
 from click.core import ParameterSource
 
 from bcapscope.cli.common import options
-from bcapscope.cli.common.exit_codes import ExitCode
+from bcapscope.cli.common.exit_codes import ExitCode, exit_with
 from bcapscope.client.controller_target import ControllerTarget, split_host_port
 from bcapscope.client.retry_policies import DEFAULT_PORT, DEFAULT_RETRY_POLICIES
 from bcapscope.errors import BcapError, CallTimeout, ControllerError, FileWriteError
-from bcapscope.live.standard_streams import print_stderr
 from bcapscope.messages import MessageFormatter
 from bcapscope.messages.os_errors import os_reason
 from bcapscope.protocol.number_parsing import parse_integer
@@ -161,15 +160,10 @@ def exit_on_failure(target: ControllerTarget, words: MessageFormatter) -> Iterat
     except (BrokenPipeError, FileWriteError):
         raise
     except ControllerError as error:
-        _exit_with(words.text(error.message), ExitCode.REFUSED)
+        exit_with(f"bcapscope: {words.text(error.message)}", ExitCode.REFUSED)
     except CallTimeout as error:
-        _exit_with(f"{name}: {words.text(error.message)}", ExitCode.UNANSWERED)
+        exit_with(f"bcapscope: {name}: {words.text(error.message)}", ExitCode.UNANSWERED)
     except OSError as error:
-        _exit_with(f"{name}: {words.text(os_reason(error))}", ExitCode.UNANSWERED)
+        exit_with(f"bcapscope: {name}: {words.text(os_reason(error))}", ExitCode.UNANSWERED)
     except BcapError as error:
-        _exit_with(words.text(error.message), ExitCode.USAGE)
-
-
-def _exit_with(text: str, code: ExitCode) -> None:
-    print_stderr(f"bcapscope: {text}")
-    raise SystemExit(code)
+        exit_with(f"bcapscope: {words.text(error.message)}", ExitCode.USAGE)

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import NoReturn
 
 import click
 
 from bcapscope.cli.common import options
-from bcapscope.cli.common.exit_codes import ExitCode
-from bcapscope.live.standard_streams import print_stderr
+from bcapscope.cli.common.exit_codes import ExitCode, exit_with
 from bcapscope.player.arm_limits import UNKNOWN_ARM, with_limits
 from bcapscope.player.column_layout import ReadOptions, parse_columns
 from bcapscope.player.resampling import resample
@@ -56,7 +54,7 @@ class TrajectoryOptions:
         try:
             found = read_trajectories(self.file, wishes)
         except TrajectoryError as error:
-            _exit_with(f"{self.file}: {error}", ExitCode.UNREADABLE)
+            exit_with(printable(f"bcapscope: {self.file}: {error}"), ExitCode.UNREADABLE)
         chosen = self._choose(found)
         if self.file_interval is not None and chosen.period is None and chosen.times is None:
             chosen = replace(chosen, period=self.file_interval / 1000)
@@ -65,7 +63,7 @@ class TrajectoryOptions:
         try:
             return resample(chosen, self.interval / 1000, speed=self.speed)
         except TrajectoryError as error:
-            _exit_with(str(error), ExitCode.UNFIT)
+            exit_with(printable(f"bcapscope: {error}"), ExitCode.UNFIT)
 
     def _choose(self, found: tuple[Trajectory, ...]) -> Trajectory:
         if self.index is None and len(found) > 1:
@@ -76,11 +74,6 @@ class TrajectoryOptions:
             count = counted(len(found), "trajectory", "trajectories")
             raise click.BadParameter(f"{self.file} contains {count}", param_hint="--index")
         return found[(self.index or 1) - 1]
-
-
-def _exit_with(text: str, code: ExitCode) -> NoReturn:
-    print_stderr(f"bcapscope: {printable(text)}")
-    raise SystemExit(code)
 
 
 _OPTIONS = (

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import sys
 import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -14,7 +13,7 @@ from typing import TYPE_CHECKING
 import click
 
 from bcapscope.cli.common.data_output import require_terminal
-from bcapscope.cli.common.exit_codes import ExitCode
+from bcapscope.cli.common.exit_codes import ExitCode, exit_with
 from bcapscope.cli.common.output_files import check_output_path
 from bcapscope.cli.common.proxy_rule_options import RuleOptions
 from bcapscope.live.standard_streams import print_stderr
@@ -158,10 +157,9 @@ def _read_figures(address: str) -> ProxyStats:
     try:
         return client.request(GetStats(), ProxyStats)
     except BcapError as error:
-        print_stderr(printable(str(error)))
+        exit_with(printable(str(error)), ExitCode.UNREADABLE)
     finally:
         client.close()
-    sys.exit(ExitCode.UNREADABLE)
 
 
 @contextmanager
@@ -172,8 +170,7 @@ def _running_command(*words: str) -> Iterator[ChildProcess]:
     try:
         child = ChildProcess(*words)
     except ChildStartError as error:
-        print_stderr(printable(str(error)))
-        sys.exit(error.code)
+        exit_with(printable(str(error)), error.code)
     try:
         yield child
     finally:
