@@ -28,20 +28,12 @@ from bcapscope.protocol.codec.variant import Variant
 from bcapscope.protocol.retry.requester import CallRefused, CallTimedOut, RequesterOutcome
 from bcapscope.protocol.tables.command_catalogue import call_name
 from bcapscope.protocol.tables.function_table import ObjectClass
+from bcapscope.render.call_code import NAMED_OWNERS
 from bcapscope.render.escape import printable
 from bcapscope.render.hexdump import hexdump
 from bcapscope.render.reply_text import ReplyRenderer
 from bcapscope.traffic.call_kind import CallKind
 from bcapscope.traffic.observation import Direction, Observation
-
-_NAMED = (
-    ObjectClass.ROBOT,
-    ObjectClass.TASK,
-    ObjectClass.VARIABLE,
-    ObjectClass.FILE,
-    ObjectClass.EXTENSION,
-    ObjectClass.COMMAND,
-)
 
 
 class _ScriptFile(click.File):
@@ -122,7 +114,7 @@ def command(
         requests += reader.parse_script(iter(partial(script.readline, LONGEST_LINE + 1), ""))
     if not requests:
         raise click.UsageError("no function given. Give FUNCTION, --exec or --script")
-    names = {owner: given for owner in _NAMED if (given := _given_name(named, owner)) is not None}
+    names = {owner: given for owner in NAMED_OWNERS if (given := _given_name(named, owner)) is not None}
     check_owners(requests, {*DEFAULT_OBJECT_NAMES, *names})
     calls = _CallRunner(target, names, arm, _AnswerPrinter(dump, as_json, color, words))
     with exit_on_failure(target, words):

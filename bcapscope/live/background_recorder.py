@@ -37,7 +37,7 @@ _Direction: TypeAlias = tuple[Address, Address]
 
 
 class BackgroundRecorder:
-    """Records without delaying the caller. It counts and reports packets that it cannot write in time.
+    """Records without delaying the caller, and reports packets that it could not write in time.
 
     All methods except `on_observation` run in one thread.
     """
@@ -118,10 +118,7 @@ class BackgroundRecorder:
             self._queue_step(0, drop)
 
     def on_idle(self) -> bool:
-        """Encode waiting packets and wake the writing thread. Call this once all requests are answered.
-
-        Returns whether packets remain, so that it should be called again soon.
-        """
+        """Encode waiting packets once all requests are answered. Return whether packets remain."""
         return self._make_packets(_MAKE_FOR_NS)
 
     def _make_packets(self, most: int) -> bool:

@@ -1,5 +1,4 @@
-"""A bcapscope command that the screen starts: the simulator, or a proxy whose relay must not wait for a
-screen.
+"""A bcapscope command that the screen starts: the simulator, or a proxy.
 
 A signal asks it to end. If the screen is killed, the command notices the end of its standard input.
 """

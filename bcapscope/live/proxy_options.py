@@ -1,7 +1,4 @@
-"""The options of the process that watches a proxy, and its entry point.
-
-The module imports little, because the relay loads it.
-"""
+"""Options and entry point of the process that watches a proxy. The relay loads this, so it imports little."""
 
 from __future__ import annotations
 
@@ -38,8 +35,8 @@ INCOMPLETE = 6
 
 
 class ClosingRequests(msgspec.Struct, frozen=True, array_like=True):
-    """How to close the session of a UDP client in its place: frames, each sent after the reply to the
-    previous one.
+    """How to close the session of a UDP client in its place: frames, each sent after the reply to the last
+    one.
 
     `open_state` says what is open besides handles; "" for nothing.
     """
@@ -96,9 +93,8 @@ class WatcherSubscriber(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class ProxyOptions:
-    """What the watcher does with the traffic.
-
-    `open_subscriber` is called in the watcher's process, and can raise an OSError.
+    """What the watcher does with the traffic. Its process calls `open_subscriber`, which can raise an
+    OSError.
     """
 
     record: Path | None

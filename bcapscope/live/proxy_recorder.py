@@ -133,10 +133,9 @@ class ProxyRecorder:
         return written
 
     def next_packet_numbers(self, count: int) -> list[int]:
-        """Return the numbers in the recording of the packets of the next `count` records.
+        """Return the number of the last packet on the clients' side of each of the next records; 0 for none.
 
-        The number is that of the last packet on the clients' side; 0 if there is none.
-        It is valid for a recording in one file.
+        The numbers are valid for a recording in one file.
         """
         first, numbers = self._numbers_given, self._packet_numbers or {}
         self._numbers_given += count

@@ -72,10 +72,7 @@ _SILENT_FOR_NS = 30_000_000_000
 
 
 class ProxySupervisor:
-    """The relay and the process that watches it. Callers can attach more to `relay` before it runs.
-
-    `is_recording_incomplete` is valid after `close`.
-    """
+    """The relay and the process that watches it. Callers can attach more to `relay` before it runs."""
 
     def __init__(
         self,
@@ -116,8 +113,7 @@ class ProxySupervisor:
         self._closing_requests: list[ClosingRequests] = []
 
     def listen(self, listener: ListenerSpec, forget_after: int) -> Endpoint:
-        """Listen, and return the address. Clients are accepted once `run` is called, and forgotten after ns
-        of silence.
+        """Listen, and return the address. UDP clients are forgotten after `forget_after` ns of silence.
 
         Raises:
             ProxyListenError: The address cannot be listened on.
@@ -179,9 +175,7 @@ class ProxySupervisor:
             self.relay.watch(_STDIN, self._on_parent_input)
 
     def run(self, on_ready: Callable[[], None]) -> None:
-        """Forward bytes until asked to end, then shut down in order. Call `start_watcher` first.
-
-        `on_ready` is called once clients are accepted.
+        """Accept clients, call `on_ready`, forward bytes until asked to end, then shut down in order.
 
         Raises:
             KeyboardInterrupt: A signal has asked the proxy to end before it started.
@@ -259,9 +253,8 @@ class ProxySupervisor:
         self._unlink_memory()
 
     def _unlink_memory(self) -> None:
-        """Remove the name of the shared memory. The system then frees it when its last user ends, in any way.
-
-        A hang-up also ends the Python process that would otherwise remove it.
+        """Remove the name of the shared memory, so that the system frees it when its last user ends, in any
+        way.
         """
         if self._is_memory_linked:
             self._is_memory_linked = False
@@ -318,8 +311,8 @@ class ProxySupervisor:
     def _receive_from_watcher(self) -> None:
         """Read the watcher's message, if there is one: the requests that close the open sessions, or its end.
 
-        The periodic work may already have read the message that the poller reported. Waiting here for another
-        one would block for ever, because the watcher waits for the relay.
+        The periodic work may already have read it. Waiting for another one would block for ever, because the
+        watcher waits for the relay.
         """
         try:
             if not self._watcher_pipe.poll():

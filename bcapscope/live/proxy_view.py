@@ -22,13 +22,7 @@ from bcapscope.traffic.pipeline import PipelineSubscriber
 
 
 class ProxyView(PipelineSubscriber):
-    """Renders the frames or calls that the options choose, and counts the completed calls.
-
-    Attributes:
-        lines: Lines that wait to be displayed.
-        call_count: Number of completed calls.
-        retry_count: Number of their retries.
-    """
+    """Renders the frames or calls that the options choose to `lines`, and counts the completed calls."""
 
     needs_targets = True
 

@@ -89,11 +89,7 @@ _CATCHES_UP_WITHIN = 10.0
 
 
 def watch_relay(memory: str, relay: Connection, options: ProxyOptions) -> bool:
-    """Watch a relay until it ends. Return False if a recording was requested and is incomplete.
-
-    `memory` is the name of the ring's shared memory, `relay` a pipe whose other end closes when the relay
-    ends.
-    """
+    """Watch a relay until its end of the pipe closes. Return False if a wanted recording is incomplete."""
     _give_relay_priority()
     screen = TerminalWriter()
     recorder = subscriber = None
@@ -223,9 +219,8 @@ class ProxyWatcher:
         self._finish()
 
     def poll(self) -> float:
-        """Record everything, then decode, display and diagnose for at most `_DECODE_FOR`.
-
-        Returns the seconds to rest before the next poll.
+        """Record everything, then decode for at most `_DECODE_FOR`. Return the seconds to rest before the
+        next poll.
         """
         began = time.monotonic()
         if self._recorder_task is not None:

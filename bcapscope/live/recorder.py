@@ -47,9 +47,8 @@ class Recorder:
         return self._files.packets_pending
 
     def begin_packet(self) -> bool:
-        """Begin the next file of a ring if the current one is full, and return whether it did.
-
-        Call this before each packet of a ring.
+        """Call this before each packet of a ring. Return whether the next file began, because the last one is
+        full.
         """
         try:
             return self.is_complete and self._files.rotate_if_full()

@@ -24,10 +24,9 @@ class ChartCurve(NamedTuple):
 def braille_chart(
     curves: Sequence[ChartCurve], width: int, height: int, palette: Palette = PLAIN, unit: str = ""
 ) -> list[str]:
-    """Return `height` lines of at most `width` columns: curves in one frame, later ones over earlier ones.
+    """Return curves in one frame as `height` lines of `width` columns, at least two and eleven.
 
-    The least and the most of y, with its unit, stand at the left; those of x below. There are at least two
-    lines and eleven columns.
+    The least and the most of y, with its unit, stand at the left; those of x below.
     """
     columns, rows = max(1, width - _LABEL - 1), max(1, height - 1)
     finite = [

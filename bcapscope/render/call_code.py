@@ -28,16 +28,16 @@ _PORT = 5007
 _PROVIDER = "CaoProv.DENSO.VRC"
 """What `bcapscope call` takes where nothing else is said."""
 
-_OWNERS_WITH_NAMES = frozenset(
-    (
-        ObjectClass.ROBOT,
-        ObjectClass.TASK,
-        ObjectClass.VARIABLE,
-        ObjectClass.FILE,
-        ObjectClass.EXTENSION,
-        ObjectClass.COMMAND,
-    )
+NAMED_OWNERS = (
+    ObjectClass.ROBOT,
+    ObjectClass.TASK,
+    ObjectClass.VARIABLE,
+    ObjectClass.FILE,
+    ObjectClass.EXTENSION,
+    ObjectClass.COMMAND,
 )
+"""Objects that `bcapscope call` opens by a name, which an option gives."""
+
 _TYPES = {"VT_I4": VT.I4, "VT_R4": VT.R4, "VT_BSTR": VT.BSTR}
 _WORD_BREAK = re.compile(r"(?<=[a-z])(?=[A-Z])")
 
@@ -52,8 +52,8 @@ def shell_command(
 ) -> str | None:
     """Write a call as a bcapscope command line, which opens `subject` by its name.
 
-    Returns None if an argument has no notation, if a terminal would obey something in it, or if the function
-    is unknown.
+    Returns None if the function is unknown, an argument has no notation, or a terminal would obey something
+    in it.
     """
     function = FUNCTIONS.get(function_id)
     if function is None or len(arguments) != len(function.params):
@@ -91,7 +91,7 @@ def _is_opened_by_call(subject: ObjectHandle) -> bool:
         return True
     parent = subject.parent
     if (
-        subject.kind not in _OWNERS_WITH_NAMES
+        subject.kind not in NAMED_OWNERS
         or not subject.opened_with
         or parent is None
         or any(subject.opened_with[1:])
@@ -104,7 +104,7 @@ def _is_opened_by_call(subject: ObjectHandle) -> bool:
 
 def _name_options(subject: ObjectHandle | None) -> list[str]:
     words: list[str] = []
-    while subject is not None and subject.kind in _OWNERS_WITH_NAMES:
+    while subject is not None and subject.kind in NAMED_OWNERS:
         words += [f"--{subject.kind.lower()}", subject.opened_with[0]]
         subject = subject.parent
     return words
@@ -119,11 +119,7 @@ def _word(param: Param, argument: Variant) -> str | None:
 def python_program(
     target: ControllerTarget, function_id: int, arguments: Sequence[Variant], subject: ObjectHandle | None
 ) -> str:
-    """Write a call as a Python program, valid for any arguments: it connects, opens `subject` and releases
-    everything.
-
-    A function with an unknown id is called by its number.
-    """
+    """Write a call as a valid Python program: it connects, opens `subject` and releases everything."""
     over = "over_tcp" if target.tcp else "over_udp"
     option = f", {_literal(target.service)}" if target.service else ""
     chain = _parents_and_self(subject)

@@ -32,9 +32,8 @@ def align_columns(rows: Sequence[Sequence[str]], alignments: str) -> Iterator[st
 
 
 def wrap_text(text: str, width: int) -> Iterator[str]:
-    """Break text into lines of at most `width` columns: at spaces, and beside wide characters.
-
-    Other words that are longer stay whole.
+    """Break text into lines of at most `width` columns: at spaces, and beside wide characters. Long words
+    stay whole.
     """
     line = ""
     for piece in _WORDS.findall(text):

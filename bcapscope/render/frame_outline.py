@@ -1,7 +1,4 @@
-"""A frame as rows: every field with its place, its depth, its name and its meaning.
-
-What trees on paper and on screen share; how a row looks is theirs.
-"""
+"""A frame as rows, for trees on paper and on screen: every field with its place, depth, name and meaning."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
-"""One JSON object a frame, for programs.
+"""One JSON object per frame, for programs.
 
-What frames of one layout have in common is written once as bytes with places for numbers; nothing that
-comes from the wire gets into the output but through a JSON encoder.
+What frames of one layout have in common is written once, as bytes with places for numbers. Text from the wire
+always passes a JSON encoder.
 """
 
 from __future__ import annotations

@@ -1,8 +1,4 @@
-"""Arguments as one line of text, made once for all frames of a layout.
-
-A phrase is a text with places left open for numbers: the words are chosen when the first frame of a form
-is met, and each frame after it only fills its own numbers in.
-"""
+"""Arguments as one line of text, made once for all frames of a layout, with places for their numbers."""
 
 from __future__ import annotations
 

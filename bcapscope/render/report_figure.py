@@ -100,10 +100,7 @@ def rounded_numbers(values: Iterable[float], digits: int = 6) -> list[float | No
 
 
 class HistogramBars(NamedTuple):
-    """A histogram that a person can look at: where each bar begins and ends, and how many values it has.
-
-    Bars may be equally wide on a logarithmic axis.
-    """
+    """Where the bars of a histogram begin and end, and how many values each has."""
 
     lows: list[float]
     highs: list[float]
@@ -112,9 +109,9 @@ class HistogramBars(NamedTuple):
 
 
 def histogram_bars(bins: Sequence[Bin], least: float, most: float) -> HistogramBars:
-    """Put fine bins together to bars of equal width; bars without values are left out.
+    """Combine fine bins, by their middles, into bars of equal width, if need be on a logarithmic axis.
 
-    A bin goes where its middle lies.
+    Bars without values are left out.
     """
     low, high = max(least, bins[0].low), min(most, bins[-1].high)
     spread = low > 0 and high / low > _WIDE_SPREAD

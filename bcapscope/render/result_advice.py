@@ -26,10 +26,7 @@ def result_text(code: int, palette: Palette = PLAIN, words: MessageFormatter = E
 def result_advice(
     code: int, palette: Palette = PLAIN, words: MessageFormatter = ENGLISH_WORDS
 ) -> Iterator[str]:
-    """Write a result as a few lines: what it is, what it means, how bad it is, what to do.
-
-    A success is one line.
-    """
+    """Yield a success as one line; a failure with its meaning, its level, and what to do."""
     found, name = describe_hresult(code), hresult_name(code)
     digits = f"0x{code & 0xFFFFFFFF:08X}"
     head = name if name == digits else f"{name} {digits}"

@@ -30,10 +30,8 @@ def read_filtered_calls(reader: CaptureReader, call_filter: Filter | None) -> It
 
 
 def read_items(reader: CaptureReader, pipeline: Pipeline, items: list[T]) -> Iterator[T]:
-    """Read to the end of the captures.
-
-    Yields:
-        What the subscribers of the pipeline append to `items`, which is emptied.
+    """Read to the end of the captures. Yield what the subscribers of the pipeline append to `items`, and
+    empty it.
     """
     add = pipeline.add
     for observation in reader.observations():

@@ -91,9 +91,8 @@ class CaptureReader:
 
     @property
     def ended_at(self) -> int:
-        """Time of the latest packet, with or without b-CAP, in ns since 1970; 0 for pasted text.
-
-        Valid after the last observation.
+        """Time of the latest packet, with or without b-CAP, in ns since 1970; valid after the last
+        observation.
         """
         return self._observer.end_time
 

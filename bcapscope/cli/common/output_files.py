@@ -33,9 +33,8 @@ def check_output_path(path: Path, overwrite: bool | None = None) -> None:
 class AtomicFile:
     """A file that gets its name when it is complete; until then it has a temporary name in the same folder.
 
-    A file that is not committed is removed, so a command that fails leaves no partial file. This also holds
-    for a command that a signal ends, after `interrupt_on_end_signals`. The file is open only during a write,
-    so any number of them can exist.
+    It is removed unless committed, also if a signal ends the command after `interrupt_on_end_signals`. The
+    file is open only during a write, so any number of them can exist.
     """
 
     def __init__(self, path: Path) -> None:
@@ -44,11 +43,6 @@ class AtomicFile:
         self._mode = "xb"
 
     def write(self, data: bytes) -> None:
-        """Append data.
-
-        Raises:
-            FileWriteError: the file cannot be written, or the disk is full.
-        """
         try:
             with self._temporary.open(self._mode) as file:
                 self._mode = "ab"

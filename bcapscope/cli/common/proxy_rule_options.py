@@ -63,10 +63,7 @@ class RuleOptions:
         )
 
     def build_rules(self, scripts: ScriptProcess | None = None) -> RulePolicy | None:
-        """Create the rules, which begin now; return None if no option needs rules.
-
-        `RulePolicy.scripts` waits until the process of the scripts has loaded them.
-        """
+        """Create the rules, which begin now; return None if no option needs rules."""
         if not (self.faults or self.guard or self.intercept or self.scripts or self.control):
             return None
         from bcapscope.faults.fault_injector import FaultInjector

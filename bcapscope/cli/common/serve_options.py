@@ -33,8 +33,7 @@ class ServeOptions:
 def serve_screen(options: ServeOptions) -> None:
     """Serve the running command in a browser until Ctrl-C, then exit.
 
-    For each viewer, the server starts the same command in a separate process. In that process, this function
-    returns at once.
+    Each viewer gets a process with the same command, in which this function returns at once.
     """
     if "TEXTUAL_DRIVER" in os.environ:
         return
