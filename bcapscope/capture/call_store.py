@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import struct
-from array import array
+from itertools import groupby
 from pathlib import Path
 from typing import NamedTuple, cast
 
 import msgspec
 
-from bcapscope.capture.append_log import AppendLogReader, AppendLogWriter, CachedFileReader
+from bcapscope.capture.append_log import AppendLogReader, AppendLogWriter, CachedFileReader, write_all
 from bcapscope.capture.observation_store import ObservationStore, decode_text, encode_text
 from bcapscope.protocol.tables.function_table import ObjectClass
 from bcapscope.traffic.call import (
@@ -80,8 +80,7 @@ class CallStoreWriter:
         """Create the files in the folder of an observation store."""
         self._calls = AppendLogWriter(folder / _CALLS)
         self._file = (folder / _ROW_BY_FRAME).open("xb", buffering=0)
-        self._row_by_frame = array("I")
-        self._first_unwritten = 0
+        self._new_rows: dict[int, int] = {}  # by frame, since the last flush
 
     @property
     def count(self) -> int:
@@ -99,16 +98,7 @@ class CallStoreWriter:
             frames = [record.request, record.reply, *(number for _, number in record.other_frames)]
         data = _encode(record)
         self._calls.add(_SIZE.pack(len(data)) + data)
-        for number in frames:
-            if number:
-                self._assign_row(number, self._calls.count)
-
-    def _assign_row(self, number: int, row: int) -> None:
-        links = self._row_by_frame
-        if number > len(links):
-            links.extend([0] * (number + 1024 - len(links)))
-        links[number - 1] = row
-        self._first_unwritten = min(self._first_unwritten, number - 1)
+        self._new_rows.update((number, self._calls.count) for number in frames if number)
 
     def flush(self) -> None:
         """Make all added rows visible to readers.
@@ -117,10 +107,12 @@ class CallStoreWriter:
             OSError: The files cannot be written, such as on a full disk.
         """
         self._calls.flush()
-        if self._first_unwritten < len(self._row_by_frame):
-            self._file.seek(self._first_unwritten * _ROW_NUMBER.size)
-            self._file.write(self._row_by_frame[self._first_unwritten :].tobytes())
-        self._first_unwritten = len(self._row_by_frame)
+        frames = sorted(self._new_rows)
+        for _, run in groupby(enumerate(frames), lambda each: each[1] - each[0]):  # frames without a gap
+            numbers = [number for _, number in run]
+            self._file.seek((numbers[0] - 1) * _ROW_NUMBER.size)
+            write_all(self._file, b"".join(_ROW_NUMBER.pack(self._new_rows[number]) for number in numbers))
+        self._new_rows.clear()
 
     def close(self) -> None:
         self._calls.close()

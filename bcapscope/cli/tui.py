@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -14,7 +13,7 @@ from click.core import ParameterSource
 
 from bcapscope.cli.common import options
 from bcapscope.cli.common.data_output import require_terminal
-from bcapscope.cli.common.exit_codes import ExitCode
+from bcapscope.cli.common.exit_codes import ExitCode, exit_with
 from bcapscope.cli.common.proxy_rule_options import RuleOptions, rule_options
 from bcapscope.cli.common.serve_options import ServeOptions, serve_options, serve_screen
 from bcapscope.cli.common.tui_sources import ProxyScreenOptions, show_proxy, show_simulator
@@ -54,12 +53,7 @@ class TesterTarget(NamedTuple):
     help="Let the proxy listen on this address; see `bcapscope proxy`.",
 )
 @click.option("--to", metavar="HOST:PORT", multiple=True, help="Let the proxy forward to this controller.")
-@click.option(
-    "--record",
-    metavar="FILE.pcapng",
-    type=click.Path(dir_okay=False, path_type=Path),
-    help="Let the proxy record the traffic to a new capture.",
-)
+@options.record_option("Let the proxy record the traffic to a new capture.")
 @click.option(
     "--sim", is_flag=True, help="Start a simulator on 127.0.0.1, port 5007 or -p, and show its traffic."
 )
@@ -143,8 +137,7 @@ def command(
         return
     is_file = bool(path) and Path(path or "").exists()
     if path and not is_file and (os.sep in path or Path(path).suffix in _SUFFIXES):
-        print_stderr(f"{printable(path)}: no such file. Check the path")
-        sys.exit(ExitCode.UNREADABLE)
+        exit_with(f"{printable(path)}: no such file. Check the path", ExitCode.UNREADABLE)
     with _exit_without_folder():
         if is_file or interface:
             _show_traffic(path or "", interface or "", ports)
@@ -177,8 +170,7 @@ def _exit_without_folder() -> Iterator[None]:
     try:
         yield
     except TemporaryFolderError as error:
-        print_stderr(printable(str(error)))
-        sys.exit(ExitCode.UNWRITABLE)
+        exit_with(printable(str(error)), ExitCode.UNWRITABLE)
 
 
 def _show_tester(wanted: TesterTarget, requests: Path | None) -> None:

@@ -1,5 +1,4 @@
-"""A bcapscope command that the screen starts: the simulator, or a proxy whose relay must not wait for a
-screen.
+"""A bcapscope command that the screen starts: the simulator, or a proxy.
 
 A signal asks it to end. If the screen is killed, the command notices the end of its standard input.
 """
@@ -29,11 +28,7 @@ _MAX_LINES = 500
 
 
 class ChildStartError(BcapError):
-    """The command did not start; the text is the last line that it printed.
-
-    Attributes:
-        code: Its exit code.
-    """
+    """The command did not start; the text is the last line that it printed, `code` its exit code."""
 
     def __init__(self, message: str, code: int) -> None:
         super().__init__(message)
@@ -41,11 +36,8 @@ class ChildStartError(BcapError):
 
 
 class ChildProcess:
-    """A running command.
-
-    Attributes:
-        listen_addresses: Addresses that it listens on, as it reported them.
-        control_address: Address of its control socket; "" for none.
+    """A running command, with the addresses that it reported. `control_address` is "" without control
+    socket.
     """
 
     def __init__(self, *words: str) -> None:
@@ -76,7 +68,6 @@ class ChildProcess:
         self.listen_addresses, self.control_address = tuple(report["listening"]), str(report["control"])
 
     def _wait_until_listening(self) -> dict[str, Any]:
-        """Wait for the line with the listening addresses, and return it decoded."""
         patience = threading.Timer(START_TIMEOUT, self._process.kill)
         patience.start()
         assert self._stdout is not None
@@ -90,7 +81,6 @@ class ChildProcess:
         raise ChildStartError(self.last_line or "it did not begin in time", max(self._process.returncode, 1))
 
     def _read_output(self) -> None:
-        """Read the output line by line, and report the end of the process."""
         assert self._process.stderr is not None
         for line in self._process.stderr:
             text = line.decode(errors="replace").rstrip()
@@ -115,7 +105,6 @@ class ChildProcess:
 
     @property
     def pid(self) -> int:
-        """Process id."""
         return self._process.pid
 
     @property

@@ -44,11 +44,10 @@ from bcapscope.proxy.silence_monitor import SilenceMonitor
 from bcapscope.render.escape import printable
 from bcapscope.render.finding_text import finding_sentence, words_for
 from bcapscope.render.findings import FindingsRenderer
-from bcapscope.traffic.call import Call, StrayReply
 from bcapscope.traffic.conversation_pairing import RETRY_WITHIN_NS
-from bcapscope.traffic.handle_tracker import HandleTracker, TrackedObject
-from bcapscope.traffic.observation import Conversation, Observation, Transport
-from bcapscope.traffic.pipeline import Pipeline, PipelineSubscriber
+from bcapscope.traffic.handle_tracker import HandleTracker
+from bcapscope.traffic.observation import Conversation, Transport
+from bcapscope.traffic.pipeline import Pipeline
 from bcapscope.traffic.slave_mode_tracker import SlaveModeTracker
 
 POLL_INTERVAL = 0.025
@@ -90,16 +89,7 @@ _CATCHES_UP_WITHIN = 10.0
 
 
 def watch_relay(memory: str, relay: Connection, options: ProxyOptions) -> bool:
-    """Watch a relay until it ends.
-
-    Args:
-        memory: Name of the shared memory that holds the ring.
-        relay: Pipe to the relay, for its requests and the answers. The relay's end closes when it ends.
-        options: What to record and display.
-
-    Returns:
-        False if a recording was requested and is incomplete.
-    """
+    """Watch a relay until its end of the pipe closes. Return False if a wanted recording is incomplete."""
     _give_relay_priority()
     screen = TerminalWriter()
     recorder = subscriber = None
@@ -146,14 +136,11 @@ def _give_relay_priority() -> None:
 
 
 class RecorderTask:
-    """Records the relay's traffic before the watcher decodes it.
-
-    Attributes:
-        reader: Reads ahead of the watcher's reader. Records stay in the ring until they are decoded as well.
+    """Records the relay's traffic before the watcher decodes it. Records stay in the ring until they are
+    decoded.
     """
 
     def __init__(self, reader: RingReader, recorder: ProxyRecorder) -> None:
-        """Use a reader that is ahead of the watcher's."""
         self.reader = reader
         self.next_packet_numbers = recorder.next_packet_numbers
         self._recorder = recorder
@@ -166,38 +153,6 @@ class RecorderTask:
             self._recorder.add_records(self.reader.read_records(_RECORDS_PER_YIELD))
             self._yield_cpu()
         self._recorder.flush()
-
-
-class _TrafficDisplay(PipelineSubscriber):
-    """Renders the traffic as the options say, and counts the calls.
-
-    Attributes:
-        lines: Lines that wait to be displayed.
-        call_count: Number of completed calls.
-        retry_count: Number of their retries.
-    """
-
-    needs_targets = True
-
-    def __init__(self, view: ProxyView) -> None:
-        self.lines: list[str | bytes] = []
-        self.call_count = self.retry_count = 0
-        self._view = view
-
-    def add_frame(self, observation: Observation, note: str) -> None:
-        """Render a frame; `note` says what a rule did to it."""
-        self.lines += self._view.frame_lines(observation, note)
-
-    def on_call(self, call: Call, target: TrackedObject | None) -> None:
-        self.call_count += 1
-        self.retry_count += call.retries
-        self.lines += self._view.call_lines(call, target)
-
-    def on_stray_reply(self, stray: StrayReply) -> None:
-        self.lines += self._view.call_lines(stray, None)
-
-    def on_conversation_closed(self, conversation: Conversation) -> None:
-        self._view.drop_conversation(conversation)
 
 
 class ProxyWatcher:
@@ -225,7 +180,7 @@ class ProxyWatcher:
         self._written_before = self._decoded_until = 0
         self._colors = choose_palette(options.color)
         self._record_decoder = RecordDecoder()
-        self._display = _TrafficDisplay(ProxyView(options.view, self._colors))
+        self._view = ProxyView(options.view, self._colors)
         self._diagnosis = Diagnosis() if subscriber is None else subscriber.diagnosis
         self._slave_mode = SlaveModeTracker()
         handles = HandleTracker(max_ended=0)
@@ -233,7 +188,7 @@ class ProxyWatcher:
         self._pipeline = Pipeline(
             self._session_closer,
             *((self._diagnosis,) if subscriber is None else subscriber.subscribers),
-            self._display,
+            self._view,
             handles=handles,
             slave_mode=self._slave_mode,
         )
@@ -245,7 +200,6 @@ class ProxyWatcher:
         self._counts_before: tuple[int, ...] = ()
 
     def run(self, relay: Connection) -> None:
-        """Watch until the relay has ended and everything that it wrote is read."""
         must_close = False
         while True:
             rest = self.poll()
@@ -265,11 +219,8 @@ class ProxyWatcher:
         self._finish()
 
     def poll(self) -> float:
-        """Record everything that the relay wrote, then decode, display and diagnose for at most
-        `_DECODE_FOR`.
-
-        Returns:
-            Seconds to rest before the next poll.
+        """Record everything, then decode for at most `_DECODE_FOR`. Return the seconds to rest before the
+        next poll.
         """
         began = time.monotonic()
         if self._recorder_task is not None:
@@ -307,7 +258,7 @@ class ProxyWatcher:
 
     def _decode_records(self, records: list[RingRecord]) -> None:
         for count, (seen, note) in enumerate(self._record_decoder.decode(records, self._packets_of(records))):
-            self._display.add_frame(seen, note)
+            self._view.add_frame(seen, note)
             if self._subscriber is not None:
                 self._subscriber.on_frame(seen, note)
             self._pipeline.add(seen)
@@ -321,7 +272,6 @@ class ProxyWatcher:
             self._close_conversation(conversation, printable(why))
 
     def _packets_of(self, records: list[RingRecord]) -> list[int] | None:
-        """Return the packet numbers that a subscriber needs; None if there is no subscriber or recording."""
         if self._subscriber is None or self._recorder_task is None:
             return None
         return self._recorder_task.next_packet_numbers(len(records))
@@ -341,8 +291,8 @@ class ProxyWatcher:
             self._terminal.write_message(f"{conversation.client} is gone ({why}) while {left}")
 
     def _write_lines(self) -> None:
-        self._terminal.write_lines(self._display.lines)
-        self._display.lines = []
+        self._terminal.write_lines(self._view.lines)
+        self._view.lines = []
 
     def _do_periodic_work(self) -> None:
         """Do the work that is due even without traffic: expire calls, print findings, update the status."""
@@ -383,7 +333,7 @@ class ProxyWatcher:
     def _show_status(self, now: int) -> None:
         counts = tuple(self._reader.counts)
         seconds = (now - self._status_shown_at) / 1e9
-        parts = [counted(self._display.call_count, "call"), f"{self._display.retry_count} retries"]
+        parts = [counted(self._view.call_count, "call"), f"{self._view.retry_count} retries"]
         parts += [
             rates_text(counts, self._counts_before, seconds),
             self._delays.status_text(),
@@ -417,7 +367,6 @@ class ProxyWatcher:
             self._show_relay_messages(self._reader.read_records())
 
     def _finish(self) -> None:
-        """Complete the open calls and print the summary."""
         while self._recorder_task is not None and self._recorder_task.reader.bytes_waiting:
             self._recorder_task.record_available()
         self._skip_undecoded()
@@ -427,8 +376,8 @@ class ProxyWatcher:
             self._subscriber.close(self._decoded_until)
         findings = self._diagnosis.findings()
         write, counts = self._terminal.write_message, tuple(self._reader.counts)
-        retries = counted(self._display.retry_count, "retry", "retries")
-        calls = f"{counted(self._display.call_count, 'call')}, {retries}"
+        retries = counted(self._view.retry_count, "retry", "retries")
+        calls = f"{counted(self._view.call_count, 'call')}, {retries}"
         write(f"{calls}; {totals_text(counts)}")
         for line in (*loss_lines(counts), *self._delays.summary_lines()):
             write(line)

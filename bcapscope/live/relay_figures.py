@@ -64,7 +64,6 @@ class DelayStatistics:
         return [*found, self._slow_count]
 
     def summary_lines(self) -> Iterator[str]:
-        """Yield the lines of the summary."""
         for up, name in _DIRECTIONS:
             spread = self._histograms[up].distribution()
             if spread is not None:
@@ -85,13 +84,7 @@ def _spread_text(spread: DistributionSummary) -> str:
 
 
 def rates_text(counts: Sequence[int], before: Sequence[int], seconds: float) -> str:
-    """Return the datagrams sent per second, as text.
-
-    Args:
-        counts: Counts, indexed by `RelayCounter`.
-        before: Earlier counts.
-        seconds: Seconds between both.
-    """
+    """Return the datagrams sent per second since `before`, as text."""
     up, down = (
         (counts[way] - before[way]) / seconds if before else 0.0
         for way in (RelayCounter.LEFT_UP, RelayCounter.LEFT_DOWN)
@@ -114,7 +107,6 @@ def loss_lines(counts: Sequence[int]) -> Iterator[str]:
 
 
 def totals_text(counts: Sequence[int]) -> str:
-    """Return the totals as text."""
     text = (
         f"{counted(counts[RelayCounter.CLIENTS], 'client')}; datagrams up {counts[RelayCounter.CAME_UP]} in, "
         f"{counts[RelayCounter.LEFT_UP]} out, down {counts[RelayCounter.CAME_DOWN]} in, "

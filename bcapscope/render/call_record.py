@@ -9,7 +9,7 @@ import orjson
 
 from bcapscope.protocol.tables.function_table import function_name
 from bcapscope.protocol.tables.hresult import describe_hresult, hresult_name
-from bcapscope.render.frame_record import json_text
+from bcapscope.render.json_values import json_text
 from bcapscope.render.timestamp import epoch_text
 from bcapscope.traffic.call import Call, FrameObservation
 from bcapscope.traffic.call_kind import CallKind
