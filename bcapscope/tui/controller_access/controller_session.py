@@ -315,11 +315,11 @@ class ControllerSession:
         try:
             return await steps
         except asyncio.CancelledError:
-            self._recorder.abandon_call(time.time_ns())
+            self._recorder.abandon_own_call(time.time_ns())
             raise
         except OSError as error:
             if not isinstance(error, BcapError):
-                self._recorder.abandon_call(time.time_ns())
+                self._recorder.abandon_own_call(time.time_ns())
                 await self.disconnect()
                 self.report(ConnectionLost(error_text(error)))
             raise

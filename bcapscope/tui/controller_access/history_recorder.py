@@ -5,6 +5,7 @@ Calls of the user and of bcapscope itself share the link, so both are recorded.
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Callable, Sequence
 from contextvars import ContextVar
 
@@ -59,7 +60,7 @@ class HistoryRecorder:
         """Add a packet that was sent or received."""
         call = self._call
         if observation.flow.direction is Direction.REQUEST and call is None:
-            call = self._call = _CallInProgress(observation, INITIATOR.get())
+            call = self._call = _CallInProgress(observation, INITIATOR.get(), asyncio.current_task())
         if call is not None:
             call.add_packet(observation)
 
@@ -85,6 +86,11 @@ class HistoryRecorder:
             self._complete_call(
                 call, RecordOutcome.UNANSWERED, None, event.attempts, max(0, now - call.began)
             )
+
+    def abandon_own_call(self, now: int) -> None:
+        """Abandon the call under way if the running task made it, not a task that still waits for its turn."""
+        if self._call is not None and self._call.task is asyncio.current_task():
+            self.abandon_call(now)
 
     def abandon_call(self, now: int) -> None:
         """End the call under way, if any, without a reply; `now` is ns since 1970-01-01 UTC."""
@@ -143,9 +149,10 @@ class HistoryRecorder:
 
 
 class _CallInProgress:
-    def __init__(self, first: Observation, initiator: Initiator) -> None:
+    def __init__(self, first: Observation, initiator: Initiator, task: asyncio.Task[object] | None) -> None:
         self.began = first.time
         self.initiator = initiator
+        self.task = task
         self.packets: list[Observation] = []
         self.elapsed = 0
         self.notices = 0

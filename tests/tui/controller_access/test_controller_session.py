@@ -344,6 +344,37 @@ def test_a_call_can_be_cancelled(tmp_path: Path) -> None:
         assert (record.initiator, len(record.sent_packets)) == (Initiator.USER, 1)
 
 
+def test_a_waiting_call_can_be_cancelled_without_touching_the_call_under_way(tmp_path: Path) -> None:
+    with answering(Robot_Execute=None) as server, open_tester(tmp_path) as (session, received):
+        assert join(session, server.port, timeout=1000 * LIMIT)
+        gone = threading.Event()
+
+        async def wait_in_line() -> None:
+            try:
+                await session.invoke("Controller_GetAttribute", session.controller.handle)
+            finally:
+                gone.set()
+
+        async def cancel() -> None:
+            assert session.status.robot is not None
+            values = (session.status.robot.handle, Variant(VT.BSTR, "slvGetMode"), EMPTY)
+            first = asyncio.ensure_future(session.run_in_loop(session.invoke("Robot_Execute", *values)))
+            await received.wait_for_request("Robot_Execute")
+            before = received.all(HistoryRecord)
+            waiting = asyncio.ensure_future(session.run_in_loop(wait_in_line()))
+            await session.run_in_loop(asyncio.sleep(0))
+            waiting.cancel()
+            assert await asyncio.to_thread(gone.wait, LIMIT)
+            assert received.all(HistoryRecord) == before
+            first.cancel()
+            await asyncio.to_thread(received.wait_for, lambda: len(received.all(HistoryRecord)) > len(before))
+            last = received.all(HistoryRecord)[-1]
+            assert (last.function_id, last.outcome) == (ID["Robot_Execute"], RecordOutcome.ABANDONED)
+            assert "Controller_GetAttribute" not in received.sent
+
+        asyncio.run(cancel())
+
+
 def test_connecting_can_be_cancelled(tmp_path: Path) -> None:
     with answering(Service_Start=None) as server, open_tester(tmp_path) as (session, received):
 
