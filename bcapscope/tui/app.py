@@ -146,7 +146,6 @@ class BcapApp(KeyOrderApp):
         self._update_text_styles()
 
     def watch_theme(self) -> None:
-        """Use the text styles of the new theme."""
         self._update_text_styles()
 
     def _update_text_styles(self) -> None:
@@ -255,7 +254,6 @@ class BcapApp(KeyOrderApp):
         self.show_message(label("shell.halted" if was_there else "shell.halt.nothing"), "warning")
 
     async def action_quit(self) -> None:
-        """Run the closers, then close the screen."""
         if self._is_ending:
             return
         self._is_ending = True
@@ -290,7 +288,6 @@ class BcapApp(KeyOrderApp):
             await self._run_closers()
 
     def save_settings(self) -> None:
-        """Write the settings, or report why that failed."""
         try:
             write_settings(self.settings, self._settings_path)
         except OSError as error:
@@ -315,7 +312,6 @@ class BcapApp(KeyOrderApp):
         self.action_theme(names[(names.index(self.theme) + 1) % len(names)])
 
     def action_theme(self, name: str) -> None:
-        """Switch to a theme and remember it."""
         self._select_theme(name)
         self.settings.theme = self.theme
         self.save_settings()

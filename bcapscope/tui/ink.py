@@ -61,12 +61,10 @@ def styled_pieces(text: str) -> Iterator[tuple[str, str]]:
 
 
 def styled_segments(text: str, styles: Styles) -> list[Segment]:
-    """Return the Rich segments of a rendered line."""
     return [Segment(piece, styles.get(name)) for name, piece in styled_pieces(text)]
 
 
 def styled_text(text: str, styles: Styles) -> Text:
-    """Return the Rich text of one or more rendered lines."""
     made = Text()
     for name, piece in styled_pieces(text):
         made.append(piece, styles.get(name))
@@ -74,5 +72,4 @@ def styled_text(text: str, styles: Styles) -> Text:
 
 
 def strip_styles(text: str) -> str:
-    """Return the text without ink marks."""
     return _STYLE_MARKS.sub("", text)

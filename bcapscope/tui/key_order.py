@@ -44,7 +44,6 @@ class KeyOrderApp(App[None]):
     _watched_key: KeyHandled | None = None
 
     def __init__(self) -> None:
-        """Start without a pending key."""
         super().__init__()
         self._queued_events: deque[Event] = deque()
         self._urgent_keys = {each.key for each in Binding.make_bindings(self.BINDINGS) if each.priority}

@@ -35,7 +35,6 @@ class Settings(msgspec.Struct, omit_defaults=True):
 
 
 def default_settings_path() -> Path:
-    """Return the platform's path of the settings file."""
     return platformdirs.user_config_path("bcapscope", appauthor=False) / "screen.yaml"
 
 

@@ -14,7 +14,6 @@ class ArmingState:
     """
 
     def __init__(self) -> None:
-        """Start disarmed."""
         self.is_required = True
         self._armed_until: int | None = None
 
@@ -23,7 +22,6 @@ class ArmingState:
         self._armed_until = now + DISARM_AFTER
 
     def disarm(self) -> None:
-        """Disarm at once."""
         self._armed_until = None
 
     def extend(self, now: int) -> None:

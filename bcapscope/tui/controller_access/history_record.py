@@ -71,22 +71,18 @@ class HistoryRecord:
 
     @property
     def size(self) -> int:
-        """Bytes in all packets."""
         return sum(len(each.item.raw) for each in self.packets)
 
     @property
     def sent_packets(self) -> tuple[Observation, ...]:
-        """Packets that the client sent."""
         return tuple(each for each in self.packets if each.flow.direction is Direction.REQUEST)
 
     @property
     def received_packets(self) -> tuple[Observation, ...]:
-        """Packets that the client received."""
         return tuple(each for each in self.packets if each.flow.direction is Direction.RESPONSE)
 
     @property
     def retries(self) -> int:
-        """Number of attempts after the first."""
         return max(0, len(self.sent_packets) - 1)
 
 

@@ -86,7 +86,6 @@ class SessionStatus:
 
     @property
     def is_connected(self) -> bool:
-        """Whether there is a connection."""
         return self.target is not None
 
     def after_call(self, record: HistoryRecord, open_objects: tuple[ObjectHandle, ...]) -> SessionStatus:

@@ -26,14 +26,12 @@ class VariableWatcher:
     """
 
     def __init__(self, session: ControllerSession, interval: float = READ_INTERVAL) -> None:
-        """Start without variables."""
         self._session = session
         self._interval = interval
         self._task: asyncio.Task[None] | None = None
         self.variables: list[WatchedVariable] = []
 
     async def add(self, variable: ObjectHandle) -> None:
-        """Add a variable."""
         if all(each.handle != variable.handle for each in self.variables):
             parent = variable.parent
             label = f"{parent.label}.{variable.label}" if parent and parent.parent else variable.label
@@ -42,12 +40,10 @@ class VariableWatcher:
             self._task = asyncio.get_running_loop().create_task(self._run(), name="watch")
 
     async def remove(self, handle: int) -> None:
-        """Stop watching a variable."""
         self.variables[:] = [each for each in self.variables if each.handle != handle]
         self._session.report(WatchUpdate())
 
     async def reset(self) -> None:
-        """Clear extremes and recent readings."""
         for each in self.variables:
             each.reset_extremes()
         self._session.report(WatchUpdate())

@@ -36,7 +36,6 @@ class WatchSeries:
 
     @property
     def last(self) -> float | None:
-        """The newest reading."""
         return self.readings[-1][1] if self.readings else None
 
     @property
@@ -85,11 +84,9 @@ class WatchedVariable:
             series.add(time, number)
 
     def set_problem(self, reason: str) -> None:
-        """Record why a read failed."""
         self.problem = reason
 
     def reset_extremes(self) -> None:
-        """Clear extremes and recent readings."""
         self.series = [WatchSeries() for _ in self.series]
 
 

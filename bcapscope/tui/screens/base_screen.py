@@ -62,12 +62,10 @@ class BaseScreen(Screen[None], PlainContainer):
         yield from ()
 
     async def action_palette(self) -> None:
-        """Open the command palette."""
         palette = CommandPalette(providers=[ScreenCommandProvider], placeholder=label("shell.palette.hint"))
         await self.app.push_screen(palette)
 
     async def action_help(self) -> None:
-        """Show the description of this screen and all of its keys."""
         keys = [
             (command.key, command.name, command.tip)
             for command in all_commands(self, app_of(self))

@@ -50,7 +50,6 @@ def node_commands(node: DOMNode, app: BcapApp) -> Iterator[ScreenCommand]:
 
 
 def all_commands(screen: DOMNode, app: BcapApp) -> Iterator[ScreenCommand]:
-    """Yield all commands of a screen, each once."""
     known: set[tuple[str, str]] = set()
     widgets = [widget for widget in screen.query(Widget) if widget.display]
     for node in (screen, *widgets, app):
@@ -78,8 +77,6 @@ def _app_commands(app: BcapApp) -> Iterator[ScreenCommand]:
 
 
 class ScreenCommandProvider(Provider):
-    """Provides all commands of the present screen to the palette."""
-
     def _available_commands(self) -> Iterator[ScreenCommand]:
         return filter(_is_available, all_commands(self.screen, cast(BcapApp, self.app)))
 
@@ -90,7 +87,6 @@ class ScreenCommandProvider(Provider):
             )
 
     async def search(self, query: str) -> Hits:
-        """Yield the commands whose name matches the query."""
         matcher = self.matcher(query)
         for command in self._available_commands():
             score = matcher.match(command.name)

@@ -109,7 +109,6 @@ class SlaveScreen(BaseScreen):
         self._question_dialog: ChoiceDialog | None = None
 
     def content(self) -> ComposeResult:
-        """Put the settings above the report and the running view."""
         with Vertical(id="slave"):
             with Horizontal(classes="row"):
                 yield Caption("tester.file")
@@ -143,7 +142,6 @@ class SlaveScreen(BaseScreen):
                 yield PlaybackView(id="live")
 
     def on_mount(self) -> None:
-        """Load the initial file."""
         self._schedule_check()
         self.query_one("#file", Input).focus()
 
@@ -227,8 +225,6 @@ class SlaveScreen(BaseScreen):
 
     @on(Button.Pressed, "#browse")
     def action_browse(self) -> None:
-        """Choose a file."""
-
         def take(path: str | None) -> None:
             if path:
                 self.query_one("#file", Input).value = path

@@ -96,8 +96,6 @@ class TesterOptions(NamedTuple):
 
 
 class SessionUpdated(Message):
-    """The session sent an update."""
-
     def __init__(self, update: SessionUpdate) -> None:
         super().__init__()
         self.update = update
@@ -125,7 +123,6 @@ class TesterScreen(TesterNavigation):
     ]
 
     def __init__(self, tester_options: TesterOptions) -> None:
-        """Store the initial state."""
         super().__init__()
         self._options = tester_options
         self.session = ControllerSession(self._post_update, tester_options.log_folder, tester_options.tap)
@@ -145,7 +142,6 @@ class TesterScreen(TesterNavigation):
         return self._halt_update.state
 
     def content(self) -> ComposeResult:
-        """Arrange the widgets like b-CAP Tester."""
         start = self._options
         with Horizontal(id="desk"):
             with VerticalScroll(id="left", can_focus=False):
@@ -391,23 +387,19 @@ class TesterScreen(TesterNavigation):
         self.query_one(ConnectionPanel).request_connect()
 
     def action_disconnect(self) -> None:
-        """Disconnect, or cancel an attempt to connect."""
         self._disconnect_wanted()
 
     def action_robslave(self) -> None:
-        """Start RobSlave."""
         self._run_in_group(self.call_runner.run_robslave(CallNotice(app_of(self))))
 
     @on(Button.Pressed, "#slave-mode")
     def action_slave(self) -> None:
-        """Open Slave Mode."""
         path = next(iter(app_of(self).settings.trajectories), "")
         self.app.push_screen(
             SlaveScreen(self.session, self.player_slot, self._ask_to_arm, self._options.log_folder, path)
         )
 
     def action_recover(self) -> None:
-        """Open the recovery dialog."""
         stay = self._last_slave_session
         self.app.push_screen(RecoveryDialog(self.session, self._ask_to_arm, stay.move_position, stay.mode))
 
@@ -419,12 +411,10 @@ class TesterScreen(TesterNavigation):
             view.show_digits(full)
 
     def action_cancel(self) -> None:
-        """Cancel the calls under way."""
         for group in ("call", "connect"):
             self.workers.cancel_group(self, group)
 
     def action_arm(self) -> None:
-        """Arm or disarm."""
         if self.session.arming.is_armed(self.session.now()):
             self.session.arming.disarm()
             self._show_status()

@@ -108,7 +108,6 @@ class TrafficScreen(TrafficViews):
         super().action_back()
 
     def action_clock(self) -> None:
-        """Show times in the next format."""
         self.clock = _CLOCKS[(_CLOCKS.index(self.clock) + 1) % len(_CLOCKS)]
         self.update_line_format()
 
@@ -200,7 +199,6 @@ class TrafficScreen(TrafficViews):
                 self.go_to_frame(number)
 
     def action_proof(self, by: int) -> None:
-        """Go to another frame that proves the selected finding."""
         number = self.frame_number
         if by > 0:
             later = [each for each in self._evidence_frames if number is None or each > number]
@@ -210,7 +208,6 @@ class TrafficScreen(TrafficViews):
             self.go_to_frame((earlier or self._evidence_frames)[-1])
 
     def action_follow(self, what: str) -> None:
-        """Show only frames related to the frame under the cursor."""
         number, calls = self.frame_number, self.feed.calls
         if number is None or calls is None:
             return
@@ -228,7 +225,6 @@ class TrafficScreen(TrafficViews):
 
     @work
     async def action_goto(self) -> None:
-        """Ask for a frame number or a time, and go there."""
         journal = self.feed.journal
         answer = await self.app.push_screen_wait(
             Prompt(label("traffic.goto.title"), label("traffic.goto.hint"))
@@ -244,7 +240,6 @@ class TrafficScreen(TrafficViews):
     # marks, notes, saving
 
     def action_mark(self) -> None:
-        """Mark or unmark the frame."""
         number = self.frame_number
         if number is None:
             return
@@ -255,7 +250,6 @@ class TrafficScreen(TrafficViews):
 
     @work
     async def action_note(self) -> None:
-        """Edit the note on the frame."""
         number = self.frame_number
         if number is None:
             return
@@ -273,7 +267,6 @@ class TrafficScreen(TrafficViews):
 
     @work
     async def action_save(self) -> None:
-        """Save the packets, with marks and notes, in a new file."""
         packets = self.feed.progress.packets
         if not packets or self.feed.journal is None:
             app_of(self).show_message(label("traffic.nothing_to_save"), "warning")
@@ -293,7 +286,6 @@ class TrafficScreen(TrafficViews):
         self.post_message(NotesSaved(job.target, self.feed.save(job)))
 
     def on_notes_saved(self, message: NotesSaved) -> None:
-        """Report the result."""
         message.stop()
         path = printable(message.target)
         if message.reason:
@@ -303,19 +295,16 @@ class TrafficScreen(TrafficViews):
             app_of(self).show_message(label("traffic.saved", path=path))
 
     def commands(self) -> Iterator[tuple[str, str, str]]:
-        """Yield commands for recently opened captures."""
         if self.check_action("open", ()):
             for number, path in enumerate(app_of(self).settings.captures):
                 name = label("traffic.open.recent", path=printable(path))
                 yield name, label("traffic.open.tip"), f"open_recent({number})"
 
     def action_open_recent(self, number: int) -> None:
-        """Replace the shown capture with a recent one."""
         self._open_capture(app_of(self).settings.captures[number])
 
     @work
     async def action_open(self) -> None:
-        """Ask for another capture and show it instead."""
         known = app_of(self).settings.captures
         folder = f"{Path(known[0]).parent}/" if known else ""
         path = await self.app.push_screen_wait(

@@ -50,8 +50,6 @@ _NARROW_WIDTH = 100
 
 
 class FeedUpdated(Message):
-    """A process of the feed sent an update."""
-
     def __init__(self, feed: TrafficFeed, update: FeedUpdate) -> None:
         super().__init__()
         self.feed = feed
@@ -78,7 +76,6 @@ class TrafficViews(ViewsScreen):
     }
 
     def __init__(self, feed: TrafficFeed, title: str) -> None:
-        """Show a feed under a title."""
         super().__init__()
         self.clock = TimeFormat.RELATIVE
         self._generation = 0
@@ -86,7 +83,6 @@ class TrafficViews(ViewsScreen):
         self._set_feed(feed, title)
 
     def _set_feed(self, feed: TrafficFeed, title: str) -> None:
-        """Reset the state for a new feed."""
         self.feed = feed
         self._title = title
         self._source_problem = ""
@@ -98,7 +94,6 @@ class TrafficViews(ViewsScreen):
         self._shown_frame: int | None = None
 
     def content(self) -> ComposeResult:
-        """Yield the views, and below them the frame under the cursor."""
         yield self.make_view_bar()
         yield CheckedInput(
             "filter", self._check_filter, label("traffic.filter.hint"), label("traffic.filter")
@@ -115,7 +110,6 @@ class TrafficViews(ViewsScreen):
             yield PacketView(id="packet")
 
     def on_mount(self) -> None:
-        """Subscribe to the feed."""
         app_of(self).add_closer(self._close)
         for target in (self.frames, self.calls):
             self.watch(target, "cursor", self._cursor_moved, init=False)
@@ -131,7 +125,6 @@ class TrafficViews(ViewsScreen):
         self.show_state()
 
     def _post_update(self, feed: TrafficFeed, update: FeedUpdate) -> None:
-        """Forward an update from another thread."""
         self.post_message(FeedUpdated(feed, update))
 
     async def _close(self) -> None:
@@ -144,7 +137,6 @@ class TrafficViews(ViewsScreen):
         self.feed.close()
 
     def replace_feed(self, feed: TrafficFeed, title: str) -> None:
-        """Show another feed instead."""
         self._close_feed()
         self._show_analysis(NO_ANALYSIS)
         self._set_feed(feed, title)
@@ -154,7 +146,6 @@ class TrafficViews(ViewsScreen):
     # updates
 
     def on_feed_updated(self, message: FeedUpdated) -> None:
-        """Apply an update from a process of the feed."""
         message.stop()
         update = message.update
         if message.feed is not self.feed or message.feed.is_closed:
@@ -300,7 +291,6 @@ class TrafficViews(ViewsScreen):
         self.query_one("#about", Static).update(Text(about, no_wrap=True, overflow="ellipsis"), layout=False)
 
     def on_resize(self, event: Resize) -> None:
-        """Adapt the height of the frame to the screen."""
         height = event.size.height
         self.query_one("#detail").styles.height = max(8, min(26, height * 2 // 5))
 
@@ -334,7 +324,6 @@ class TrafficViews(ViewsScreen):
 
     @on(CheckedInput.Entered)
     def _filter_entered(self) -> None:
-        """Focus the list of matches."""
         self.set_focus(self.shown_list)
 
     def _apply_filter(self, expression: str) -> None:

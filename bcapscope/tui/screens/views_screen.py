@@ -51,7 +51,6 @@ class ViewsScreen(BaseScreen):
         self.action_view(message.view)
 
     def action_view(self, view: str) -> None:
-        """Show another view."""
         self.view = view
         self.query_one(Switcher).current = view
         self.show_view()
@@ -68,5 +67,4 @@ class ViewsScreen(BaseScreen):
         raise NotImplementedError
 
     def action_back(self) -> None:
-        """Focus the list."""
         self.set_focus(self.shown_list)

@@ -13,8 +13,6 @@ _MAX_TEXT = 300
 
 
 class CallNotice:
-    """Shows the outcome of a call as a message."""
-
     def __init__(self, app: BcapApp) -> None:
         self._app = app
 
@@ -22,7 +20,6 @@ class CallNotice:
         """Show nothing: the message appears when the call ends."""
 
     def show_record(self, record: HistoryRecord) -> None:
-        """Show how the call ended."""
         name = printable(call_name(record.function_id, record.arguments))
         if record.outcome is RecordOutcome.ANSWERED and record.reply is not None:
             text = f"{name}: {hresult_name(record.reply.code)} {reply_values_text(record.reply)}"
@@ -31,5 +28,4 @@ class CallNotice:
             self._app.show_message(f"{name}: {failure_text(record)}", "error")
 
     def show_error(self, reason: str) -> None:
-        """Show why nothing was sent, or which error occurred."""
         self._app.show_message(reason[:_MAX_TEXT], "error")

@@ -35,12 +35,10 @@ class CallRunner:
     """Connects the screen to the session. Its coroutines run in the screen's event loop."""
 
     def __init__(self, session: ControllerSession, ask_to_arm: Callable[[], Awaitable[bool]]) -> None:
-        """Store the session and the coroutine function that asks the user to arm."""
         self._session = session
         self._ask_to_arm = ask_to_arm
 
     async def make_wanted_call(self, wanted: CallWanted) -> None:
-        """Make the call that a widget requested."""
         await self.make_call(wanted.result_display, wanted.function, wanted.values, wanted.subject)
 
     async def make_call(
@@ -74,7 +72,6 @@ class CallRunner:
         await self.make_call(result_display, saved.function, saved.values)
 
     async def send_raw(self, result_display: ResultDisplay, raw: bytes) -> None:
-        """Send bytes unchanged."""
         await self._run_reported(result_display, lambda: self._session.send_raw(raw))
 
     async def open_object(self, wanted: OpenWanted) -> bool:
@@ -91,7 +88,6 @@ class CallRunner:
         return await self._run_reported(wanted.result_display, step)
 
     async def release_object(self, wanted: OpenWanted) -> None:
-        """Release the open object with the requested name."""
         name = wanted.name.casefold()
         found = [one for one in self._session.status.open_objects if one.kind is wanted.kind]
         subject = next((one for one in reversed(found) if one.label.casefold() == name), None)
@@ -101,7 +97,6 @@ class CallRunner:
         await self.make_call(wanted.result_display, _RELEASES[wanted.kind], (), subject)
 
     async def run_robslave(self, result_display: ResultDisplay) -> None:
-        """Open the task RobSlave and start it."""
         await self._run_reported(result_display, lambda: start_robslave(self._session))
 
     def _object_of(self, kind: ObjectClass) -> ObjectHandle:

@@ -31,15 +31,12 @@ class ChoiceRow(Widget, can_focus=True):
     chosen: reactive[str] = reactive("", init=False)
 
     class Chosen(Message):
-        """The user chose another value."""
-
         def __init__(self, choice: ChoiceRow, value: str) -> None:
             super().__init__()
             self.choice, self.value = choice, value
 
         @property
         def control(self) -> ChoiceRow:
-            """The row that sent the message."""
             return self.choice
 
     def __init__(self, options: Sequence[tuple[str, str]], *, id: str | None = None) -> None:
@@ -49,7 +46,6 @@ class ChoiceRow(Widget, can_focus=True):
         self.set_reactive(ChoiceRow.chosen, self._options[0][0])
 
     def watch_chosen(self, value: str) -> None:
-        """Post `Chosen`."""
         self.post_message(self.Chosen(self, value))
 
     def render(self) -> RenderResult:
@@ -60,12 +56,10 @@ class ChoiceRow(Widget, can_focus=True):
         return text
 
     def action_step(self, by: int) -> None:
-        """Choose a neighbour."""
         values = [value for value, _ in self._options]
         self.chosen = values[(values.index(self.chosen) + by) % len(values)]
 
     def on_click(self, event: Click) -> None:
-        """Choose the clicked name."""
         at = 0
         for value, name in self._options:
             width = Text(f" {label(name)} ").cell_len

@@ -32,14 +32,12 @@ class CommandForm(Vertical):
     ]
 
     def __init__(self, function_id: int, *, id: str | None = None) -> None:
-        """Store the function: Controller_Execute, Robot_Execute and similar."""
         super().__init__(id=id)
         self.function = FUNCTIONS[function_id]
         self._sent_parameters: dict[str, tuple[int, str]] = {}
         self._last_parameter: tuple[int, str] | None = None
 
     def compose(self) -> ComposeResult:
-        """Put command, type and parameter into two rows, and the result below."""
         names = [each.name for each in commands_of(self.function.id)]
         with Horizontal(classes="row"):
             yield Caption("tester.command")
@@ -125,8 +123,6 @@ class CommandForm(Vertical):
             self.post_message(CallWanted(result, self.function, (Variant(VT.BSTR, name), checked.value)))
 
     def action_pick(self) -> None:
-        """Choose from all known commands."""
-
         def take(name: str | None) -> None:
             if name:
                 self.query_one(".command", Input).value = name

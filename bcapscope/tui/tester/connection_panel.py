@@ -37,7 +37,6 @@ class ConnectionPanel(Vertical):
         self._is_connect_pending = False
 
     def compose(self) -> ComposeResult:
-        """Put the fields above the buttons and steps, and the result below."""
         host, port, tcp, option = self._initial_fields
         with Horizontal(classes="row"):
             yield Caption("tester.ip")
@@ -54,7 +53,6 @@ class ConnectionPanel(Vertical):
         yield InkedText(id="found")
 
     def on_mount(self) -> None:
-        """Show the first instruction."""
         self._update_texts()
 
     def wait_for_address(self) -> None:
@@ -94,7 +92,6 @@ class ConnectionPanel(Vertical):
         return host, port or self.query_one("#port", Input).value.strip()
 
     def clear_steps(self) -> None:
-        """Clear the steps of the previous connection."""
         self._steps = {}
         self._problem = ""
         self._update_texts()
@@ -109,7 +106,6 @@ class ConnectionPanel(Vertical):
         self._update_texts()
 
     def show_status(self, status: SessionStatus) -> None:
-        """Show whether there is a connection."""
         self.query_one("#disconnect", Button).disabled = not status.is_connected
         for name in ("#host", "#port", "#option", "#udp", "#connect"):
             self.query_one(name).disabled = status.is_connected

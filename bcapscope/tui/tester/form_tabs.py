@@ -30,12 +30,10 @@ class FormTabs(Vertical):
     """Shows one tab at a time; fills forms with earlier calls."""
 
     def __init__(self, initial_function: Function, *, id: str | None = None) -> None:
-        """Store the function whose form is shown first."""
         super().__init__(id=id)
         self._initial_function = initial_function
 
     def compose(self) -> ComposeResult:
-        """Put the tab names above the selected tab."""
         yield ChoiceRow([(tab, f"tester.tab.{tab}") for tab in TABS], id="tabs")
         with ContentSwitcher(initial=TABS[0], id="panels"):
             yield RobotPanel(id="robot")

@@ -36,7 +36,6 @@ class FunctionForm(Vertical):
         self.params = function.params[1:] if function.takes_handle else function.params
 
     def compose(self) -> ComposeResult:
-        """Create the rows."""
         for index, param in enumerate(self.params):
             last = index == len(self.params) - 1
             with Horizontal(classes="row"):
@@ -70,7 +69,6 @@ class FunctionForm(Vertical):
             found[0].focus()
 
     def fill_values(self, values: tuple[Variant, ...], texts: tuple[str, ...]) -> None:
-        """Show arguments."""
         for index, (value, text) in enumerate(zip(values, texts, strict=True)):
             field = self.query_one(f"#field{index}")
             if isinstance(field, TypedValue):
@@ -122,7 +120,6 @@ class FunctionPanel(Vertical):
         self._initial_function = initial_function
 
     def compose(self) -> ComposeResult:
-        """Put the choice above the form."""
         with Horizontal(classes="row"):
             yield Caption("tester.function")
             yield Button(self._button_label(self._initial_function), compact=True, id="choose-function")

@@ -66,17 +66,14 @@ class HistoryLines(Lines):
 
     @property
     def count(self) -> int:
-        """Number of calls shown."""
         return len(self._records)
 
     @property
     def follows_end(self) -> bool:
-        """Whether a cursor on the last line follows new calls: yes."""
         return True
 
     @property
     def current_record(self) -> HistoryRecord | None:
-        """The call under the cursor; None if there is none."""
         return self._records[self.cursor] if self._records else None
 
     def line(self, index: int) -> str:
@@ -94,7 +91,6 @@ class HistoryLines(Lines):
         self.post_message(self.FilterWanted())
 
     def action_want(self, what: str) -> None:
-        """Request an action on the call under the cursor."""
         if self.current_record is not None:
             self.post_message(self.ActionWanted(self.current_record, what))
 
@@ -114,7 +110,6 @@ class HistoryPanel(Vertical):
         self._matches_filter = history_filter("")
 
     def compose(self) -> ComposeResult:
-        """Put the filter above the calls."""
         yield CheckedInput("history-filter", history_filter, label("tester.filter"))
         yield HistoryLines()
 
@@ -124,7 +119,6 @@ class HistoryPanel(Vertical):
         return count > MAX_CALLS or (self._bytes > MAX_BYTES and count > 1)
 
     def add_record(self, record: HistoryRecord) -> None:
-        """Add a call that has ended."""
         self._records.append(record)
         self._bytes += record.size
         if self._is_full:

@@ -48,7 +48,6 @@ class OpenObjectRow(Horizontal):
         self._result_display = result_display
 
     def compose(self) -> ComposeResult:
-        """Put everything into one row."""
         yield Caption("tester.name")
         yield Input(
             self._initial_name, suggester=SuggestFromList(self._known, case_sensitive=False), classes="name"

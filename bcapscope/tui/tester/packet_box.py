@@ -32,24 +32,20 @@ class PacketBox(Vertical):
     ]
 
     def __init__(self, name: str, *, id: str | None = None) -> None:
-        """Store the key of the title in the catalogue of words."""
         super().__init__(id=id)
         self._title = name
         self._packets: list[tuple[Observation, CallKind | None]] = []
         self._index = 0
 
     def compose(self) -> ComposeResult:
-        """Put the title above the packet."""
         yield InkedText(classes="title")
         yield PacketView()
 
     def on_mount(self) -> None:
-        """Show that there is no packet yet."""
         self._show_packet()
 
     @property
     def shown_packet(self) -> Observation | None:
-        """The visible packet; None if there is none."""
         return self._packets[self._index][0] if self._packets else None
 
     def clear_packets(self) -> None:
@@ -78,7 +74,6 @@ class PacketBox(Vertical):
         self._show_packet()
 
     def action_step(self, by: int) -> None:
-        """Show the previous or next packet."""
         if 0 <= self._index + by < len(self._packets):
             self._index += by
             self._show_packet()

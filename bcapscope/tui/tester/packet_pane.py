@@ -39,12 +39,10 @@ class PacketPane(Vertical):
     """
 
     def __init__(self, requests: Path, *, id: str | None = None) -> None:
-        """Store the folder of saved requests."""
         super().__init__(id=id)
         self._requests = requests
 
     def compose(self) -> ComposeResult:
-        """Put the packets above the lists."""
         with Horizontal(classes="row", id="views"):
             yield ChoiceRow([(view, f"tester.view.{view}") for view in VIEWS], id="view")
             yield TickBox(label("tester.overwrite"), True, id="overwrite")
@@ -57,7 +55,6 @@ class PacketPane(Vertical):
         yield SavedList(self._requests, id="saved")
 
     def on_mount(self) -> None:
-        """Show the sent packet first."""
         self._switch_view("sent")
 
     def add_record(self, record: HistoryRecord) -> None:
@@ -67,7 +64,6 @@ class PacketPane(Vertical):
             self.show_record(record, self.query_one("#overwrite", TickBox).value)
 
     def show_record(self, record: HistoryRecord, overwrite: bool = True) -> None:
-        """Show the packets of a call, and its attempts below them."""
         text = next((each.value for each in record.arguments if isinstance(each.value, str)), None)
         question = CallKind(record.function_id, text)
         self.query_one("#sent", PacketBox).add_packets(record.sent_packets, None, overwrite, show_first=True)

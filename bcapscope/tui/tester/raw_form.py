@@ -36,7 +36,6 @@ class RawForm(Vertical):
     """A field for bytes in hex; shows what they are while the user types."""
 
     def compose(self) -> ComposeResult:
-        """Put the field above its button."""
         with Horizontal(classes="row"):
             yield Caption("tester.bytes")
             yield BytesField(placeholder=_EXAMPLE, classes="value")

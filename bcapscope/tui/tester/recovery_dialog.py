@@ -51,7 +51,6 @@ class RecoveryDialog(ModalScreen[None]):
         first_position: str,
         mode: int,
     ) -> None:
-        """Store the session, the arming question, the known first position and the mode."""
         super().__init__()
         self._session, self._ask_to_arm, self._initial_position, self._initial_mode = (
             session,
@@ -62,7 +61,6 @@ class RecoveryDialog(ModalScreen[None]):
         self._results: dict[RecoveryStep, tuple[bool, str]] = {}
 
     def compose(self) -> ComposeResult:
-        """Put the steps below the errors."""
         with Vertical(classes="dialog") as box:
             box.border_title = label("tester.recovery")
             yield InkedText(id="errors")

@@ -39,42 +39,34 @@ class ResultView(InkedText, can_focus=True):
 
     @property
     def text(self) -> str:
-        """The shown text, with ink marks."""
         return self._line
 
     def show_pending(self) -> None:
-        """Show that the call is under way."""
         self.record = None
         self._show_line(f"{INK.dim}{label('tester.waiting')}{INK.reset}")
 
     def show_record(self, record: HistoryRecord) -> None:
-        """Show how a call ended."""
         self.record = record
         self._show_line(_record_text(record, self.shows_all_digits))
         self._scroll_into_view()
 
     def show_error(self, reason: str) -> None:
-        """Show why nothing was sent, or which error occurred."""
         self.record = None
         self._show_line(f"{INK.bad}{printable(reason)}{INK.reset}")
         self._scroll_into_view()
 
     def show_hint(self, text: str) -> None:
-        """Show what input is expected."""
         self.record = None
         self._show_line(f"{INK.dim}{printable(text)}{INK.reset}" if text else "")
 
     def show_problem(self, text: str) -> None:
-        """Show what is wrong with the input."""
         self.record = None
         self._show_line(f"{INK.problem}{printable(text)}{INK.reset}")
 
     def action_digits(self) -> None:
-        """Switch between all digits and five decimals."""
         self.show_digits(not self.shows_all_digits)
 
     def show_digits(self, full: bool) -> None:
-        """Show all digits or five decimals."""
         self.shows_all_digits = full
         if self.record is not None:
             self.show_record(self.record)

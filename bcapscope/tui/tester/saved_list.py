@@ -19,8 +19,6 @@ _NAME_WIDTH = 28
 
 
 class SavedList(Lines):
-    """The requests in a folder."""
-
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("e", "edit", "tester.edit", id="saved.edit", tooltip="tester.edit.tip"),
         Binding("u", "reload", "tester.reload", id="saved.reload"),
@@ -39,23 +37,19 @@ class SavedList(Lines):
             self.saved, self.edit = saved, edit
 
     def __init__(self, folder: Path, *, id: str | None = None) -> None:
-        """Store the folder."""
         super().__init__(id=id)
         self.folder = folder
         self._requests: list[tuple[str, SavedRequest | str]] = []
 
     def on_mount(self) -> None:
-        """Read the folder."""
         self.reload()
 
     def reload(self) -> None:
-        """Read the folder again."""
         self._requests = list_requests(self.folder)
         self.reset_lines(self.cursor)
 
     @property
     def count(self) -> int:
-        """Number of lines: the files, and one line with the folder."""
         return len(self._requests) + 1
 
     def line(self, index: int) -> str:
@@ -70,16 +64,13 @@ class SavedList(Lines):
         return f"{head} {found.function.name} {INK.number}{values}{INK.reset}{note}"
 
     def on_lines_chosen(self, message: Lines.Chosen) -> None:
-        """Send the request."""
         message.stop()
         self._post_request(False)
 
     def action_edit(self) -> None:
-        """Put the request into a form."""
         self._post_request(True)
 
     def action_reload(self) -> None:
-        """Read the folder again."""
         self.reload()
 
     def _post_request(self, edit: bool) -> None:

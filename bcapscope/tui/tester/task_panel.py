@@ -32,7 +32,6 @@ class TaskPanel(VerticalScroll, can_focus=False):
         self._open_tasks: tuple[ObjectHandle, ...] = ()
 
     def compose(self) -> ComposeResult:
-        """Put the name above the actions."""
         result = ResultView(id="task-result")
         with Vertical(classes="box", id="task-box"):
             yield OpenObjectRow(ObjectClass.CONTROLLER, ObjectClass.TASK, "RobSlave", ["RobSlave"], result)

@@ -35,7 +35,6 @@ class TypedValue(Horizontal):
 
         @property
         def control(self) -> TypedValue:
-            """The widget that sent the message."""
             return self.value
 
     class Submitted(Message):
@@ -50,7 +49,6 @@ class TypedValue(Horizontal):
         self._initial_type = int(vt)
 
     def compose(self) -> ComposeResult:
-        """Put the field behind the list."""
         options = [(type_label(vt), vt) for vt in self._types]
         select = Select(options, value=self._initial_type, allow_blank=False, compact=True, classes="type")
         select.can_focus = len(options) > 1  # otherwise there is no choice

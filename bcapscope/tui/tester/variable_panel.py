@@ -28,14 +28,12 @@ class VariablePanel(Vertical):
     """The variables of controller, robot or task; actions apply to the name in the field."""
 
     def __init__(self, owner: ObjectClass, name: str, *, id: str | None = None) -> None:
-        """Store the class of the variables' owner, and an initial name."""
         super().__init__(id=id, classes="box")
         self._owner = owner
         self._initial_name = name
         self._open_variables: tuple[ObjectHandle, ...] = ()
 
     def compose(self) -> ComposeResult:
-        """Put the name above the value."""
         result = ResultView()
         known = [
             f"{each.name}1" if each.is_numbered else each.name

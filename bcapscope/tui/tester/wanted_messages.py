@@ -26,8 +26,6 @@ class ResultDisplay(Protocol):
 
 
 class ConnectWanted(Message):
-    """The user wants to connect to a controller."""
-
     def __init__(self, host: str, port: int, tcp: bool, option: str) -> None:
         super().__init__()
         self.host, self.port, self.tcp, self.option = host, port, tcp, option
@@ -88,16 +86,12 @@ class OpenWanted(Message):
 
 
 class RawWanted(Message):
-    """The user wants to send bytes unchanged."""
-
     def __init__(self, result_display: ResultDisplay, raw: bytes) -> None:
         super().__init__()
         self.result_display, self.raw = result_display, raw
 
 
 class RobSlaveWanted(Message):
-    """The user wants to open and start the task RobSlave."""
-
     def __init__(self, result_display: ResultDisplay) -> None:
         super().__init__()
         self.result_display = result_display

@@ -179,7 +179,6 @@ def receive_messages(stream: BinaryIO | io.RawIOBase, kind: type[T]) -> Iterator
 
 
 def lower_priority() -> None:
-    """Lower this process's priority below the screen's."""
     if sys.platform != "win32":
         os.nice(_NICE)
 

@@ -50,8 +50,6 @@ LIVE_FILE = "live.pcapng"
 
 
 class TrafficReader:
-    """Runs one job."""
-
     def __init__(
         self, job: ReadJob, reports: BinaryIO, ended: threading.Event, cancelled: threading.Event
     ) -> None:
@@ -203,7 +201,6 @@ class _LiveCapture:
 
 
 def main() -> None:
-    """Run the job from standard input."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is a key of the screen
     lower_priority()
     asked = io.FileIO(0, closefd=False)  # sys.stdin has a lock that a thread would still hold at the end

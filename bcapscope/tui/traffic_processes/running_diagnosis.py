@@ -40,7 +40,6 @@ class RunningDiagnosis:
 
     @property
     def subscribers(self) -> tuple[PipelineSubscriber, ...]:
-        """What subscribes to the pipeline."""
         return self._diagnosis, self._statistics
 
     def snapshot(self, ended: int, present: bool = False) -> TrafficAnalysis:

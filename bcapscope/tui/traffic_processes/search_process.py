@@ -58,7 +58,6 @@ class TrafficSearch:
         os._exit(0)
 
     def run(self) -> None:
-        """Run searches forever."""
         while True:
             ask = self._latest_request
             if ask is not None and ask.expression:
@@ -102,7 +101,6 @@ class TrafficSearch:
 
 
 def main() -> None:
-    """Run searches from standard input."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is a key of the screen
     lower_priority()
     searching = TrafficSearch(Path(sys.argv[1]), cast(BinaryIO, sys.stdout.buffer))

@@ -82,7 +82,6 @@ class TemporaryFolder:
 
 
 def cache_root() -> Path:
-    """Return the platform's cache folder."""
     return platformdirs.user_cache_path("bcapscope", appauthor=False)
 
 

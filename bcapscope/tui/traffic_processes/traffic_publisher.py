@@ -129,6 +129,5 @@ class TrafficPublisher:
         self._send(self._make_progress())
 
     def close(self) -> None:
-        """Close the files."""
         self.journal.close()
         self._calls.close()

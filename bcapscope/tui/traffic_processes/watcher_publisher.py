@@ -35,7 +35,6 @@ class ReportSender:
     """
 
     def __init__(self, stream: io.RawIOBase) -> None:
-        """Start the thread; `stream` is unbuffered."""
         self._stream = stream
         self._waiting: dict[type, ReadProgress | TrafficAnalysis] = {}
         self._changed = threading.Condition()
@@ -44,7 +43,6 @@ class ReportSender:
         self._thread.start()
 
     def send(self, report: ReadProgress | TrafficAnalysis) -> None:
-        """Queue a report."""
         with self._changed:
             self._waiting.pop(type(report), None)  # the new report is the last in the order of sending
             self._waiting[type(report)] = report

@@ -73,7 +73,6 @@ class WebGate:
 
     @property
     def authority(self) -> str:
-        """The host and port in the form of Host headers."""
         return self._authority
 
     def refusal_reason(self, request: WebRequest) -> str:

@@ -169,7 +169,6 @@ class WebServer:
         return response
 
     async def _busy_page(self, request: web.Request) -> web.Response:
-        """Return the page for a viewer without a seat."""
         most = "Another viewer is" if self._viewers == 1 else f"{self._viewers} viewers are"
         return _page(
             f"<h1>{most} connected</h1>"
@@ -180,7 +179,6 @@ class WebServer:
         )
 
     async def _serve_viewer(self, request: web.Request) -> web.WebSocketResponse:
-        """Run a screen while the viewer is connected."""
         websocket = web.WebSocketResponse(heartbeat=HEARTBEAT, max_msg_size=_LARGEST_MESSAGE)
         await websocket.prepare(request)
         self._websockets.add(websocket)

@@ -60,7 +60,6 @@ class CallList(Lines):
         self._live = live
 
     def clear_source(self) -> None:
-        """Show nothing until another source is opened."""
         self.rows, self._calls = FilteredRows(), None
         self.show_rows()
 
@@ -77,12 +76,10 @@ class CallList(Lines):
 
     @property
     def follows_end(self) -> bool:
-        """Whether a cursor on the last line follows new calls: only for live traffic."""
         return self._live
 
     @property
     def count(self) -> int:
-        """Number of lines, including the frames of unfolded calls."""
         return self._call_count() + sum(extra for _, extra in self._unfolded)
 
     def _call_count(self) -> int:
@@ -158,7 +155,6 @@ class CallList(Lines):
         return any(each == position for each, _ in self._unfolded)
 
     def action_unfold(self, wanted: bool) -> None:
-        """Show or hide the frames of the call."""
         if self.cursor >= self.count:
             return
         position, _ = self._locate_line(self.cursor)
@@ -174,12 +170,10 @@ class CallList(Lines):
         self.reset_lines(self._line_of(position))
 
     def action_turn(self) -> None:
-        """Show the call's frames if they are hidden, else hide them."""
         if self.cursor < self.count:
             self.action_unfold(not self._is_unfolded(self._locate_line(self.cursor)[0]))
 
     def action_choose(self) -> None:
-        """Unfold the call, or choose the frame."""
         if self.cursor < self.count and self._locate_line(self.cursor)[1]:
             super().action_choose()
         else:

@@ -32,7 +32,6 @@ class CheckedInput(Vertical):
 
         @property
         def control(self) -> CheckedInput:
-            """The line that sent the message."""
             return self.line
 
     class Entered(Typed):
@@ -52,7 +51,6 @@ class CheckedInput(Vertical):
         self._field, self._parse, self._hint, self._caption = name, parse, hint, caption
 
     def compose(self) -> ComposeResult:
-        """Put the field above the error text."""
         with Horizontal(classes="checked-row"):
             if self._caption:
                 yield Static(Text(f" {self._caption} "), classes="checked-caption")
@@ -72,7 +70,6 @@ class CheckedInput(Vertical):
         self._show_problem("")
 
     def on_input_changed(self, event: Input.Changed) -> None:
-        """Check the text after each change."""
         event.stop()
         self._check_text(event.value.strip(), self.Typed)
 

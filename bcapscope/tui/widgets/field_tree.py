@@ -98,7 +98,6 @@ class FieldTree(Lines):
 
     @property
     def count(self) -> int:
-        """Number of visible rows."""
         return len(self._visible)
 
     def line(self, index: int) -> str:
@@ -120,7 +119,6 @@ class FieldTree(Lines):
         return f"{INK.dim}{place} {fold}{INK.reset} {indent}{row.name:<{width}} {colored_value(row, INK)}"
 
     def on_lines_moved(self, message: Lines.Moved) -> None:
-        """Post the bytes of the field under the cursor."""
         if not self._visible:
             return
         section, row, _ = self._entries[self._visible[self.cursor]]
@@ -147,7 +145,6 @@ class FieldTree(Lines):
         return all(each is not None and each.kind is not FieldRowKind.PROBLEM for each in under)
 
     def _update_visible(self) -> None:
-        """Update the list of visible rows."""
         self._visible = []
         at = 0
         while at < len(self._entries):
@@ -176,7 +173,6 @@ class FieldTree(Lines):
             self._set_folded(self._visible[self.cursor], False)
 
     def action_turn(self) -> None:
-        """Fold or unfold the branch."""
         if self._visible:
             at = self._visible[self.cursor]
             if self._entries[at].stop > at + 1:

@@ -36,7 +36,6 @@ class FindingPage(Lines):
         self._lines: list[tuple[str, int]] = []
 
     def show_analysis(self, analysis: TrafficAnalysis) -> None:
-        """Show the findings below a summary line."""
         if analysis != self._analysis:
             self._analysis = analysis
             self._update_lines()
@@ -56,14 +55,12 @@ class FindingPage(Lines):
 
     @property
     def count(self) -> int:
-        """Number of lines."""
         return len(self._lines)
 
     def line(self, index: int) -> str:
         return self._lines[index][0]
 
     def on_resize(self, event: Resize) -> None:
-        """Wrap to the new width."""
         self._update_lines()
 
     @property

@@ -89,7 +89,6 @@ class FrameList(Lines):
         self._live = live
 
     def clear_source(self) -> None:
-        """Show nothing until another journal is opened."""
         self.rows, self.marks, self.related, self.evidence = FilteredRows(), {}, (), ()
         self._journal, self._has_start_time = None, False
         self.reset_lines()
@@ -111,12 +110,10 @@ class FrameList(Lines):
 
     @property
     def follows_end(self) -> bool:
-        """Whether a cursor on the last line follows new frames: only for live traffic."""
         return self._live
 
     @property
     def count(self) -> int:
-        """Number of frames shown."""
         return self.rows.shown_count(len(self._journal)) if self._journal is not None else 0
 
     @property

@@ -12,7 +12,6 @@ class InkedText(Static):
     """Shows text rendered with `ink.INK`, and redraws it when the theme changes."""
 
     def __init__(self, *, id: str | None = None, classes: str | None = None) -> None:
-        """Start empty."""
         super().__init__(id=id, classes=classes, markup=False)
         self._source_text = ""
 
@@ -27,7 +26,6 @@ class InkedText(Static):
         self.update(styled_text(text, app_of(self).text_styles), layout=layout)
 
     def notify_style_update(self) -> None:
-        """Redraw in the colours of a new theme."""
         super().notify_style_update()
         if self.is_mounted:
             self.show_text(self._source_text, layout=False)

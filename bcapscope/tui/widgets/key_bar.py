@@ -27,7 +27,6 @@ class KeyBar(Widget):
     COMPONENT_CLASSES = {"keybar--key", "keybar--text"}  # noqa: RUF012 - as Textual has it
 
     def on_mount(self) -> None:
-        """Redraw when the focus changes."""
         assert isinstance(self.screen, Screen)
         self.screen.bindings_updated_signal.subscribe(self, lambda _: self.refresh())
 

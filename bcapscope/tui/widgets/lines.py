@@ -70,7 +70,6 @@ class Lines(ScrollView, can_focus=True):
 
         @property
         def control(self) -> Lines:
-            """The list that sent the message."""
             return self.lines
 
     class Chosen(Moved):
@@ -144,7 +143,6 @@ class Lines(ScrollView, can_focus=True):
             bar.window_virtual_size, bar.window_size, bar.position = there, height, self.scroll_y
 
     def watch_scroll_y(self, old_value: float, new_value: float) -> None:
-        """Draw the lines that came into sight."""
         if round(old_value) != round(new_value):
             self.refresh(self.size.region)
             self._update_scrollbar_thumb()
@@ -169,13 +167,11 @@ class Lines(ScrollView, can_focus=True):
     # drawing
 
     def notify_style_update(self) -> None:
-        """Redraw everything in other colours."""
         self._strips.clear()
         self._styles.clear()
         super().notify_style_update()
 
     def on_resize(self, event: Resize) -> None:
-        """Keep the cursor visible."""
         self._update_extent()
         self._scroll_to_cursor()
 
@@ -256,17 +252,14 @@ class Lines(ScrollView, can_focus=True):
         self.cursor = max(0, min(index, self.count - 1))
 
     def watch_cursor(self, old: int, new: int) -> None:
-        """Redraw both lines and post `Moved`."""
         self.redraw_lines(old, new)
         self._scroll_to_cursor()
         self._post_moved()
 
     def on_focus(self) -> None:
-        """Show the cursor as focused."""
         self.refresh()
 
     def on_blur(self) -> None:
-        """Show the cursor as not focused."""
         self.refresh()
 
     def _post_moved(self) -> None:
@@ -282,27 +275,21 @@ class Lines(ScrollView, can_focus=True):
             self.scroll_to(y=max(0, aim), animate=False, force=True)
 
     def action_move(self, by: int) -> None:
-        """Move up or down."""
         self.move_cursor_to(self.cursor + by)
 
     def action_page(self, by: int) -> None:
-        """Move up or down by a page."""
         self.move_cursor_to(self.cursor + by * max(1, self.size.height - 1))
 
     def action_to_start(self) -> None:
-        """Move to the first line."""
         self.move_cursor_to(0)
 
     def action_to_end(self) -> None:
-        """Move to the last line."""
         self.move_cursor_to(self.count - 1)
 
     def action_sideways(self, by: int) -> None:
-        """Scroll left or right."""
         self.scroll_to(x=max(0, self.scroll_offset.x + by * _SIDEWAYS_COLUMNS), animate=False, force=True)
 
     def action_choose(self) -> None:
-        """Choose the line under the cursor."""
         if self.count:
             self.post_message(self.Chosen(self, self.cursor))
 

@@ -48,7 +48,6 @@ class PacketView(Horizontal, PlainContainer):
         self.query_one(HexView).styles.width = wide if fits else width_for(8) + scrollbar
 
     def on_field_tree_field_selected(self, message: FieldTree.FieldSelected) -> None:
-        """Highlight the bytes of the field."""
         message.stop()
         self.query_one(HexView).highlight_bytes(message.section, message.begin, message.end)
 

@@ -21,7 +21,6 @@ class TopBar(Widget):
     COMPONENT_CLASSES = {"topbar--title", "topbar--here", "topbar--there"}  # noqa: RUF012 - as Textual has it
 
     def on_mount(self) -> None:
-        """Redraw for each new status."""
         self.watch(self.app, "status", self._show_status)
 
     def _show_status(self) -> None:
@@ -49,7 +48,6 @@ class TopBar(Widget):
         ]
 
     async def on_click(self, event: Click) -> None:
-        """Open the clicked screen."""
         at = len(" bcapscope ")
         for mode, text in self._screen_labels():
             width = Text(text).cell_len

@@ -21,14 +21,11 @@ class ViewBar(Widget):
     COMPONENT_CLASSES = {"viewbar--here", "viewbar--there", "viewbar--key", "viewbar--state"}  # noqa: RUF012 - as Textual has it
 
     class ViewWanted(Message):
-        """The user clicked a view."""
-
         def __init__(self, view: str) -> None:
             super().__init__()
             self.view = view
 
     def __init__(self, views: Sequence[tuple[str, str]], *, id: str | None = None) -> None:
-        """Store the views, each with the key of its label."""
         super().__init__(id=id)
         self._views = tuple(views)
         self._current_view = self._views[0][0]
@@ -43,7 +40,6 @@ class ViewBar(Widget):
             self.refresh()
 
     def _view_labels(self) -> list[tuple[str, str, str]]:
-        """Return name, key and label of each view."""
         found = []
         for number, (view, name) in enumerate(self._views, 1):
             count = self._counts.get(view, "")
@@ -51,7 +47,6 @@ class ViewBar(Widget):
         return found
 
     def notify_style_update(self) -> None:
-        """Redraw in the colours of a new theme."""
         self._styles.clear()
         super().notify_style_update()
 
