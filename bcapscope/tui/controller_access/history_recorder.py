@@ -88,7 +88,7 @@ class HistoryRecorder:
             )
 
     def abandon_own_call(self, now: int) -> None:
-        """Abandon the call under way if the running task made it; the task may only be waiting for its turn."""
+        """Abandon the call under way if the running task made it; a task may also wait for its turn."""
         if self._call is not None and self._call.task is asyncio.current_task():
             self.abandon_call(now)
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable, Coroutine
 from contextlib import AsyncExitStack, ExitStack
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar, NamedTuple
 
@@ -95,10 +96,9 @@ class TesterOptions(NamedTuple):
     tap: Callable[[Observation], None] = lambda seen: None
 
 
+@dataclass
 class SessionUpdated(Message):
-    def __init__(self, update: SessionUpdate) -> None:
-        super().__init__()
-        self.update = update
+    update: SessionUpdate
 
 
 class TesterScreen(TesterNavigation):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
 
@@ -29,12 +30,12 @@ _FRAME_ACTIONS = frozenset({"filter", "partner", "call", "mark", "note", "clock"
 _CLOCKS = (TimeFormat.RELATIVE, TimeFormat.DELTA, TimeFormat.UTC)
 
 
+@dataclass
 class NotesSaved(Message):
     """A file was saved. If that failed or is incomplete, `reason` says why."""
 
-    def __init__(self, target: str, reason: str) -> None:
-        super().__init__()
-        self.target, self.reason = target, reason
+    target: str
+    reason: str
 
 
 class TrafficScreen(TrafficViews):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from array import array
 from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import ClassVar
@@ -49,11 +50,10 @@ _NARROW_WIDTH = 100
 """Terminal width in columns below which large counts are rounded."""
 
 
+@dataclass
 class FeedUpdated(Message):
-    def __init__(self, feed: TrafficFeed, update: FeedUpdate) -> None:
-        super().__init__()
-        self.feed = feed
-        self.update = update
+    feed: TrafficFeed
+    update: FeedUpdate
 
 
 class TrafficViews(ViewsScreen):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import ClassVar
 
 from rich.text import Text
@@ -30,10 +31,10 @@ class ChoiceRow(Widget, can_focus=True):
     COMPONENT_CLASSES: ClassVar[set[str]] = {"choice--chosen", "choice--other"}
     chosen: reactive[str] = reactive("", init=False)
 
+    @dataclass
     class Chosen(Message):
-        def __init__(self, choice: ChoiceRow, value: str) -> None:
-            super().__init__()
-            self.choice, self.value = choice, value
+        choice: ChoiceRow
+        value: str
 
         @property
         def control(self) -> ChoiceRow:

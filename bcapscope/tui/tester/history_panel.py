@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import ClassVar
 
 from textual import on
@@ -48,6 +49,7 @@ class HistoryLines(Lines):
     class FilterWanted(Message):
         """The user wants to type a filter."""
 
+    @dataclass
     class ActionWanted(Message):
         """The user requested an action on a call.
 
@@ -56,9 +58,8 @@ class HistoryLines(Lines):
             what: ``again``, ``edit``, ``hex``, ``python``, ``line`` or ``save``.
         """
 
-        def __init__(self, record: HistoryRecord, what: str) -> None:
-            super().__init__()
-            self.record, self.what = record, what
+        record: HistoryRecord
+        what: str
 
     def __init__(self, *, id: str | None = None) -> None:
         super().__init__(id=id)
@@ -96,12 +97,11 @@ class HistoryLines(Lines):
 
 
 class HistoryPanel(Vertical):
+    @dataclass
     class RecordSelected(Message):
         """The cursor is on a call; the screen shows its packets."""
 
-        def __init__(self, record: HistoryRecord) -> None:
-            super().__init__()
-            self.record = record
+        record: HistoryRecord
 
     def __init__(self, *, id: str | None = None) -> None:
         super().__init__(id=id)

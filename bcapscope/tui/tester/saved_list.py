@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
 
@@ -24,6 +25,7 @@ class SavedList(Lines):
         Binding("u", "reload", "tester.reload", id="saved.reload"),
     ]
 
+    @dataclass
     class RequestWanted(Message):
         """The user wants to send or edit a saved request.
 
@@ -32,9 +34,8 @@ class SavedList(Lines):
             edit: Whether to put it into a form instead of sending it.
         """
 
-        def __init__(self, saved: SavedRequest, edit: bool) -> None:
-            super().__init__()
-            self.saved, self.edit = saved, edit
+        saved: SavedRequest
+        edit: bool
 
     def __init__(self, folder: Path, *, id: str | None = None) -> None:
         super().__init__(id=id)

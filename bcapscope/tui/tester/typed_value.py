@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 from textual import on
 from textual.app import ComposeResult
@@ -22,6 +23,7 @@ from bcapscope.tui.controller_access.parameter_input import (
 class TypedValue(Horizontal):
     """A list of types and a field; reports text that does not fit the type."""
 
+    @dataclass
     class Changed(Message):
         """The user changed type or text.
 
@@ -29,13 +31,8 @@ class TypedValue(Horizontal):
             problem: What is wrong with the text and what is expected; empty if the text is empty.
         """
 
-        def __init__(self, value: TypedValue, problem: str) -> None:
-            super().__init__()
-            self.value, self.problem = value, problem
-
-        @property
-        def control(self) -> TypedValue:
-            return self.value
+        value: TypedValue
+        problem: str
 
     class Submitted(Message):
         """The user pressed Enter in the field."""

@@ -95,7 +95,7 @@ class VariablePanel(Vertical):
         message.stop()
         found = self._require_variable()
         if found is not None:
-            self.post_message(WatchWanted(found, True))
+            self.post_message(WatchWanted(found))
 
     def variable_opened(self, owner: ObjectClass, name: str) -> None:
         """Select the type of a newly opened variable, if it belongs here and its type is known."""

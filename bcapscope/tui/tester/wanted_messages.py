@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Protocol
 
 from textual.message import Message
@@ -25,16 +26,19 @@ class ResultDisplay(Protocol):
         """Show why nothing was sent, or which error occurred."""
 
 
+@dataclass
 class ConnectWanted(Message):
-    def __init__(self, host: str, port: int, tcp: bool, option: str) -> None:
-        super().__init__()
-        self.host, self.port, self.tcp, self.option = host, port, tcp, option
+    host: str
+    port: int
+    tcp: bool
+    option: str
 
 
 class DisconnectWanted(Message):
     """The user wants to disconnect."""
 
 
+@dataclass
 class CallWanted(Message):
     """The user wants to make a call.
 
@@ -45,22 +49,13 @@ class CallWanted(Message):
         subject: Object of the call; None for the selected object of its class.
     """
 
-    def __init__(
-        self,
-        result_display: ResultDisplay,
-        function: Function,
-        values: tuple[Variant, ...],
-        subject: ObjectHandle | None = None,
-    ) -> None:
-        super().__init__()
-        self.result_display, self.function, self.values, self.subject = (
-            result_display,
-            function,
-            values,
-            subject,
-        )
+    result_display: ResultDisplay
+    function: Function
+    values: tuple[Variant, ...]
+    subject: ObjectHandle | None = None
 
 
+@dataclass
 class OpenWanted(Message):
     """The user wants to open an object of the controller or of the selected robot.
 
@@ -72,39 +67,26 @@ class OpenWanted(Message):
         option: Option for opening it.
     """
 
-    def __init__(
-        self, result_display: ResultDisplay, parent: ObjectClass, kind: ObjectClass, name: str, option: str
-    ) -> None:
-        super().__init__()
-        self.result_display, self.parent, self.kind, self.name, self.option = (
-            result_display,
-            parent,
-            kind,
-            name,
-            option,
-        )
+    result_display: ResultDisplay
+    parent: ObjectClass
+    kind: ObjectClass
+    name: str
+    option: str
 
 
+@dataclass
 class RawWanted(Message):
-    def __init__(self, result_display: ResultDisplay, raw: bytes) -> None:
-        super().__init__()
-        self.result_display, self.raw = result_display, raw
+    result_display: ResultDisplay
+    raw: bytes
 
 
+@dataclass
 class RobSlaveWanted(Message):
-    def __init__(self, result_display: ResultDisplay) -> None:
-        super().__init__()
-        self.result_display = result_display
+    result_display: ResultDisplay
 
 
+@dataclass
 class WatchWanted(Message):
-    """The user wants to start or stop watching a variable.
+    """The user wants to watch an open variable."""
 
-    Attributes:
-        variable: An open variable.
-        on: Whether to start.
-    """
-
-    def __init__(self, variable: ObjectHandle, on: bool) -> None:
-        super().__init__()
-        self.variable, self.on = variable, on
+    variable: ObjectHandle

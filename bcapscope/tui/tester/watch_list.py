@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import ClassVar, NamedTuple
 
 from rich.cells import cell_len, set_cell_size
@@ -34,10 +35,9 @@ class WatchList(Lines):
         Binding("0", "reset", "tester.watch.reset", id="watch.reset", tooltip="tester.watch.reset.tip"),
     ]
 
+    @dataclass
     class RemoveWanted(Message):
-        def __init__(self, handle: int) -> None:
-            super().__init__()
-            self.handle = handle
+        handle: int
 
     class ResetWanted(Message):
         """The user wants to clear the extremes."""

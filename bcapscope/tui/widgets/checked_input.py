@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 from rich.text import Text
 from textual.app import ComposeResult
@@ -17,6 +18,7 @@ from bcapscope.tui.reader_language import localized
 class CheckedInput(Vertical):
     """Checks its text while the user types, and posts messages only for valid text."""
 
+    @dataclass
     class Typed(Message):
         """The user typed valid text, or emptied the line.
 
@@ -26,9 +28,9 @@ class CheckedInput(Vertical):
             parsed: Result of parsing; None for an empty line.
         """
 
-        def __init__(self, line: CheckedInput, text: str, parsed: object) -> None:
-            super().__init__()
-            self.line, self.text, self.parsed = line, text, parsed
+        line: CheckedInput
+        text: str
+        parsed: object
 
         @property
         def control(self) -> CheckedInput:

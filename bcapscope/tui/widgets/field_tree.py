@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from itertools import islice
 from typing import ClassVar, NamedTuple
 
@@ -48,12 +49,13 @@ class FieldTree(Lines):
         Binding("a", "full", "tree.full", id="tree.full", tooltip="tree.full.tip"),
     ]
 
+    @dataclass
     class FieldSelected(Message):
         """The cursor moved to other bytes: `begin` to `end` (exclusive) of a section."""
 
-        def __init__(self, section: int, begin: int, end: int) -> None:
-            super().__init__()
-            self.section, self.begin, self.end = section, begin, end
+        section: int
+        begin: int
+        end: int
 
     def __init__(self, *, id: str | None = None) -> None:
         super().__init__(id=id)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import ClassVar
 
 from textual.binding import Binding, BindingType
@@ -37,12 +38,12 @@ class HexView(Lines):
         Binding("end,G", "last", "", show=False),
     ]
 
+    @dataclass
     class ByteSelected(Message):
         """The cursor moved to the byte at `offset` of a section."""
 
-        def __init__(self, section: int, offset: int) -> None:
-            super().__init__()
-            self.section, self.offset = section, offset
+        section: int
+        offset: int
 
     def __init__(self, *, id: str | None = None) -> None:
         super().__init__(id=id)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
+from dataclasses import dataclass
 from math import ceil
 from typing import ClassVar
 
@@ -61,16 +62,12 @@ class Lines(ScrollView, can_focus=True):
     ALLOW_SELECT = False
     cursor: reactive[int] = reactive(0, repaint=False)
 
+    @dataclass
     class Moved(Message):
         """The cursor moved to another line, or its line was replaced."""
 
-        def __init__(self, lines: Lines, index: int) -> None:
-            super().__init__()
-            self.lines, self.index = lines, index
-
-        @property
-        def control(self) -> Lines:
-            return self.lines
+        lines: Lines
+        index: int
 
     class Chosen(Moved):
         """The user pressed Enter on a line, or clicked the line under the cursor."""
