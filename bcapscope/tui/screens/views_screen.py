@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import ClassVar
 
-from textual import on
 from textual.binding import Binding
 
 from bcapscope.tui.screens.base_screen import BaseScreen
@@ -45,10 +44,6 @@ class ViewsScreen(BaseScreen):
         found = self.query_one(f"#{self.view}")
         assert isinstance(found, Lines)
         return found
-
-    @on(ViewBar.ViewWanted)
-    def _view_wanted(self, message: ViewBar.ViewWanted) -> None:
-        self.action_view(message.view)
 
     def action_view(self, view: str) -> None:
         self.view = view

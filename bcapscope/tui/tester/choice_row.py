@@ -9,15 +9,14 @@ from typing import ClassVar
 from rich.text import Text
 from textual.app import RenderResult
 from textual.binding import Binding, BindingType
-from textual.events import Click
 from textual.message import Message
 from textual.reactive import reactive
-from textual.widget import Widget
 
 from bcapscope.tui.reader_language import label
+from bcapscope.tui.widgets.click_bar import ClickBar
 
 
-class ChoiceRow(Widget, can_focus=True):
+class ChoiceRow(ClickBar, can_focus=True):
     """Shows names, one of which is chosen.
 
     Attributes:
@@ -53,18 +52,12 @@ class ChoiceRow(Widget, can_focus=True):
         text = Text(no_wrap=True, end="")
         for value, name in self._options:
             kind = "choice--chosen" if value == self.chosen else "choice--other"
-            text.append(f" {label(name)} ", style=self.get_component_rich_style(kind))
+            text.append(f" {label(name)} ", style=self.style_for(kind, f"choose({value!r})"))
         return text
 
     def action_step(self, by: int) -> None:
         values = [value for value, _ in self._options]
         self.chosen = values[(values.index(self.chosen) + by) % len(values)]
 
-    def on_click(self, event: Click) -> None:
-        at = 0
-        for value, name in self._options:
-            width = Text(f" {label(name)} ").cell_len
-            if at <= event.x < at + width:
-                self.chosen = value
-                return
-            at += width
+    def action_choose(self, value: str) -> None:
+        self.chosen = value
