@@ -85,12 +85,10 @@ class BcapApp(KeyOrderApp):
     ENABLE_COMMAND_PALETTE = False
     """Off: `BaseScreen` opens a palette that lists the actions of bcapscope instead of Textual's."""
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("ctrl+q", "quit", "shell.quit", id="quit", priority=True, tooltip="shell.quit.tip"),
-        Binding(HALT_KEYS[0], "halt", "shell.halt", id="halt", priority=True, tooltip="shell.halt.tip"),
+        Binding("ctrl+q", "quit", "shell.quit", priority=True),
+        Binding(HALT_KEYS[0], "halt", "shell.halt", priority=True),
         *(Binding(key, "halt", "", show=False, priority=True) for key in HALT_KEYS[1:]),
-        Binding(
-            "ctrl+t", "next_theme", "shell.next_theme", id="theme", show=False, tooltip="shell.theme.tip"
-        ),
+        Binding("ctrl+t", "next_theme", "shell.next_theme", show=False, tooltip="shell.theme.tip"),
     ]
     status: reactive[tuple[tuple[str, str], ...]] = reactive((), init=False)
 

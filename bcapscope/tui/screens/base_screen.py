@@ -32,10 +32,10 @@ class BaseScreen(Screen[None], PlainContainer):
     NAME: ClassVar[str]
     ABOUT: ClassVar[str]
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("f1", "help", "shell.help", id="help", tooltip="shell.help.tip"),
-        Binding("ctrl+p", "palette", "shell.palette", id="palette", tooltip="shell.palette.tip"),
-        Binding("tab", "app.focus_next", "shell.next", id="next", show=False),
-        Binding("shift+tab", "app.focus_previous", "shell.previous", id="previous", show=False),
+        Binding("f1", "help", "shell.help"),
+        Binding("ctrl+p", "palette", "shell.palette"),
+        Binding("tab", "app.focus_next", "shell.next", show=False),
+        Binding("shift+tab", "app.focus_previous", "shell.previous", show=False),
     ]
 
     def compose(self) -> ComposeResult:

@@ -23,7 +23,7 @@ HelpKeys = list[tuple[str, str, str]]
 
 class HelpScreen(ModalScreen[None]):
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("escape,q,f1", "dismiss", "shell.close", key_display="esc", tooltip="shell.close.tip"),
+        Binding("escape,q,f1", "dismiss", "shell.close", key_display="esc"),
     ]
 
     def __init__(self, name: str, text: str, keys: HelpKeys) -> None:

@@ -42,11 +42,17 @@ def node_commands(node: DOMNode, app: BcapApp) -> Iterator[ScreenCommand]:
     for kind in type(node).__mro__:
         for binding in vars(kind).get("BINDINGS", ()):
             if isinstance(binding, Binding) and has_message(binding.description):
-                tip = label(binding.tooltip) if has_message(binding.tooltip) else ""
+                tip = binding.tooltip or f"{binding.description}.tip"
                 key = app.get_key_display(
                     Binding(binding.key.partition(",")[0], "", "", key_display=binding.key_display)
                 )
-                yield ScreenCommand(label(binding.description), tip, binding.action, node, key)
+                yield ScreenCommand(
+                    label(binding.description),
+                    label(tip) if has_message(tip) else "",
+                    binding.action,
+                    node,
+                    key,
+                )
 
 
 def all_commands(screen: DOMNode, app: BcapApp) -> Iterator[ScreenCommand]:

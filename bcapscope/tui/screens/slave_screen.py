@@ -74,9 +74,9 @@ class SlaveScreen(BaseScreen):
     ABOUT = "tester.slave.about"
     HORIZONTAL_BREAKPOINTS = [(0, "-narrow"), (120, "-wide")]  # noqa: RUF012 - as Textual has it
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("f9", "start", "tester.start", id="slave.start", tooltip="tester.slave.start.tip"),
-        Binding("escape", "leave", "tester.slave.leave", id="slave.leave", key_display="esc"),
-        Binding("ctrl+o", "browse", "tester.browse", id="slave.browse"),
+        Binding("f9", "start", "tester.start", tooltip="tester.slave.start.tip"),
+        Binding("escape", "leave", "tester.slave.leave", key_display="esc"),
+        Binding("ctrl+o", "browse", "tester.browse"),
     ]
 
     def __init__(

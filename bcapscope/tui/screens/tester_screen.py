@@ -108,18 +108,18 @@ class TesterScreen(TesterNavigation):
     ABOUT = "tester.about"
     HORIZONTAL_BREAKPOINTS = [(0, "-narrow"), (150, "-wide")]  # noqa: RUF012 - as Textual has it
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("f5", "connect", "tester.connect", id="connect", tooltip="tester.connect.tip"),
-        Binding("f5", "disconnect", "tester.disconnect", id="disconnect", tooltip="tester.disconnect.tip"),
-        Binding("f6", "next_part", "tester.part", id="part", tooltip="tester.part.tip"),
+        Binding("f5", "connect", "tester.connect"),
+        Binding("f5", "disconnect", "tester.disconnect"),
+        Binding("f6", "next_part", "tester.part"),
         Binding("shift+f6", "part_before", "", show=False),
-        Binding("f7", "recover", "tester.recovery", id="recover", tooltip="tester.recovery.tip"),
-        Binding("f8", "arm", "tester.arm", id="arm", tooltip="tester.arm.tip"),
-        Binding("f9", "slave", "tester.slave", id="slave", tooltip="tester.slave.tip"),
-        Binding("f10", "digits", "tester.digits", id="digits", show=False, tooltip="tester.digits.tip"),
-        Binding("ctrl+n", "next_tab", "tester.tab.next", id="tab", show=False, tooltip="tester.tab.next.tip"),
-        Binding("ctrl+y", "next_view", "tester.view.next", id="view", show=False, tooltip="tester.view.tip"),
-        Binding("escape", "cancel", "tester.cancel", id="cancel", show=False, tooltip="tester.cancel.tip"),
-        Binding("ctrl+b", "robslave", "tester.robslave", id="robslave", tooltip="tester.robslave.tip"),
+        Binding("f7", "recover", "tester.recovery"),
+        Binding("f8", "arm", "tester.arm"),
+        Binding("f9", "slave", "tester.slave"),
+        Binding("f10", "digits", "tester.digits", show=False),
+        Binding("ctrl+n", "next_tab", "tester.tab.next", show=False),
+        Binding("ctrl+y", "next_view", "tester.view.next", show=False, tooltip="tester.view.tip"),
+        Binding("escape", "cancel", "tester.cancel", show=False),
+        Binding("ctrl+b", "robslave", "tester.robslave"),
     ]
 
     def __init__(self, tester_options: TesterOptions) -> None:

@@ -43,43 +43,25 @@ class TrafficScreen(TrafficViews):
 
     BINDINGS: ClassVar[list[BindingType]] = [
         *view_keys(TrafficViews.VIEWS, "traffic.view.tip"),
-        Binding(
-            "slash",
-            "filter",
-            "traffic.filter",
-            id="traffic.filter",
-            key_display="/",
-            tooltip="traffic.filter.tip",
-        ),
-        Binding("escape", "back", "traffic.back", id="traffic.back", show=False, tooltip="traffic.back.tip"),
-        Binding("r", "partner", "traffic.partner", id="traffic.partner", tooltip="traffic.partner.tip"),
-        Binding("c", "call", "traffic.call", id="traffic.call", tooltip="traffic.call.tip"),
-        Binding("w", "why", "traffic.why", id="traffic.why", tooltip="traffic.why.tip"),
-        Binding("n", "proof(1)", "traffic.next", id="traffic.next", tooltip="traffic.next.tip"),
-        Binding(
-            "N",
-            "proof(-1)",
-            "traffic.previous",
-            id="traffic.previous",
-            show=False,
-            tooltip="traffic.previous.tip",
-        ),
-        Binding("m", "mark", "traffic.mark", id="traffic.mark", tooltip="traffic.mark.tip"),
-        Binding("e", "note", "traffic.note", id="traffic.note", tooltip="traffic.note.tip"),
-        Binding("s", "save", "traffic.save", id="traffic.save", tooltip="traffic.save.tip"),
-        Binding("o", "open", "traffic.open", id="traffic.open", show=False, tooltip="traffic.open.tip"),
+        Binding("slash", "filter", "traffic.filter", key_display="/"),
+        Binding("escape", "back", "traffic.back", show=False),
+        Binding("r", "partner", "traffic.partner"),
+        Binding("c", "call", "traffic.call"),
+        Binding("w", "why", "traffic.why"),
+        Binding("n", "proof(1)", "traffic.next"),
+        Binding("N", "proof(-1)", "traffic.previous", show=False),
+        Binding("m", "mark", "traffic.mark"),
+        Binding("e", "note", "traffic.note"),
+        Binding("s", "save", "traffic.save"),
+        Binding("o", "open", "traffic.open", show=False),
         Binding("ctrl+o", "open", "", show=False),
-        Binding("t", "clock", "traffic.clock", id="traffic.clock", show=False, tooltip="traffic.clock.tip"),
-        Binding("ctrl+g", "goto", "traffic.goto", id="traffic.goto", show=False, tooltip="traffic.goto.tip"),
-        Binding(
-            "C", "follow('client')", "traffic.follow.client", show=False, tooltip="traffic.follow.client.tip"
-        ),
-        Binding(
-            "H", "follow('handle')", "traffic.follow.handle", show=False, tooltip="traffic.follow.handle.tip"
-        ),
-        Binding("X", "follow('chain')", "traffic.follow.call", show=False, tooltip="traffic.follow.call.tip"),
-        Binding("K", "follow('kind')", "traffic.follow.kind", show=False, tooltip="traffic.follow.kind.tip"),
-        Binding("S", "stop", "traffic.stop", id="traffic.stop", show=False, tooltip="traffic.stop.tip"),
+        Binding("t", "clock", "traffic.clock", show=False),
+        Binding("ctrl+g", "goto", "traffic.goto", show=False),
+        Binding("C", "follow('client')", "traffic.follow.client", show=False),
+        Binding("H", "follow('handle')", "traffic.follow.handle", show=False),
+        Binding("X", "follow('chain')", "traffic.follow.call", show=False),
+        Binding("K", "follow('kind')", "traffic.follow.kind", show=False),
+        Binding("S", "stop", "traffic.stop", show=False),
     ]
 
     def _set_feed(self, feed: TrafficFeed, title: str) -> None:

@@ -28,7 +28,7 @@ class CommandForm(Vertical):
     """Makes calls of one ..._Execute function, with completion of command names."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("f4", "pick", "tester.pick", id="command.pick", tooltip="tester.pick.tip"),
+        Binding("f4", "pick", "tester.pick"),
     ]
 
     def __init__(self, function_id: int, *, id: str | None = None) -> None:

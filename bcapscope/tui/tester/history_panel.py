@@ -30,20 +30,13 @@ class HistoryLines(Lines):
     """The calls that match the filter, the latest last."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("r", "want('again')", "tester.again", id="history.again", tooltip="tester.again.tip"),
-        Binding("e", "want('edit')", "tester.edit", id="history.edit", tooltip="tester.edit.tip"),
-        Binding("x", "want('hex')", "tester.copy.hex", id="history.hex"),
-        Binding("p", "want('python')", "tester.copy.python", id="history.python"),
-        Binding("c", "want('line')", "tester.copy.line", id="history.line"),
-        Binding("s", "want('save')", "tester.save", id="history.save", tooltip="tester.save.tip"),
-        Binding(
-            "slash",
-            "filter",
-            "traffic.filter",
-            id="history.filter",
-            key_display="/",
-            tooltip="traffic.filter.tip",
-        ),
+        Binding("r", "want('again')", "tester.again"),
+        Binding("e", "want('edit')", "tester.edit"),
+        Binding("x", "want('hex')", "tester.copy.hex"),
+        Binding("p", "want('python')", "tester.copy.python"),
+        Binding("c", "want('line')", "tester.copy.line"),
+        Binding("s", "want('save')", "tester.save"),
+        Binding("slash", "filter", "traffic.filter", key_display="/"),
     ]
 
     class FilterWanted(Message):

@@ -25,10 +25,8 @@ class PacketBox(Vertical):
     """Shows one of its packets; ``[`` and ``]`` show the previous and the next."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding(
-            "left_square_bracket", "step(-1)", "tester.packet.before", id="packet.before", key_display="["
-        ),
-        Binding("right_square_bracket", "step(1)", "tester.packet.after", id="packet.after", key_display="]"),
+        Binding("left_square_bracket", "step(-1)", "tester.packet.before", key_display="["),
+        Binding("right_square_bracket", "step(1)", "tester.packet.after", key_display="]"),
     ]
 
     def __init__(self, name: str, *, id: str | None = None) -> None:

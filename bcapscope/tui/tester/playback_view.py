@@ -30,7 +30,7 @@ _MIN_CHART_ROWS = 6
 
 class PlaybackView(Container, can_focus=True):
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("right", "axes(1)", "tester.axes", id="slave.axes", tooltip="tester.axes.tip"),
+        Binding("right", "axes(1)", "tester.axes"),
         Binding("left", "axes(-1)", "", show=False),
     ]
 

@@ -28,7 +28,7 @@ class ResultView(InkedText, can_focus=True):
     """
 
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("d", "digits", "tester.digits", id="result.digits", tooltip="tester.digits.tip"),
+        Binding("d", "digits", "tester.digits"),
     ]
 
     def __init__(self, *, id: str | None = None) -> None:

@@ -21,8 +21,8 @@ _NAME_WIDTH = 28
 
 class SavedList(Lines):
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("e", "edit", "tester.edit", id="saved.edit", tooltip="tester.edit.tip"),
-        Binding("u", "reload", "tester.reload", id="saved.reload"),
+        Binding("e", "edit", "tester.edit"),
+        Binding("u", "reload", "tester.reload"),
     ]
 
     @dataclass

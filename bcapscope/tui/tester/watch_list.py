@@ -31,8 +31,8 @@ WIDE, NARROW = ColumnWidths(28, 12, 30), ColumnWidths(14, 11, 15)
 
 class WatchList(Lines):
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("delete", "remove", "tester.unwatch", id="watch.remove"),
-        Binding("0", "reset", "tester.watch.reset", id="watch.reset", tooltip="tester.watch.reset.tip"),
+        Binding("delete", "remove", "tester.unwatch"),
+        Binding("0", "reset", "tester.watch.reset"),
     ]
 
     @dataclass

@@ -31,14 +31,7 @@ class CallList(Lines):
     """
 
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding(
-            "right",
-            "unfold(True)",
-            "traffic.unfold",
-            id="calls.unfold",
-            show=False,
-            tooltip="traffic.unfold.tip",
-        ),
+        Binding("right", "unfold(True)", "traffic.unfold", show=False),
         Binding("left", "unfold(False)", "", show=False),
         Binding("space", "turn", "", show=False),
     ]

@@ -43,10 +43,10 @@ class FieldTree(Lines):
     """Shows the fields; the left and right keys fold and unfold."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("left", "fold", "tree.fold", id="tree.fold", show=False, tooltip="tree.fold.tip"),
-        Binding("right", "unfold", "tree.unfold", id="tree.unfold", show=False),
+        Binding("left", "fold", "tree.fold", show=False),
+        Binding("right", "unfold", "tree.unfold", show=False),
         Binding("space", "turn", "", show=False),
-        Binding("a", "full", "tree.full", id="tree.full", tooltip="tree.full.tip"),
+        Binding("a", "full", "tree.full"),
     ]
 
     @dataclass

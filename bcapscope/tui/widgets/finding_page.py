@@ -27,7 +27,7 @@ class FindingPage(Lines):
     """Shows findings as paragraphs; up and down move by lines, Enter chooses the finding."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("enter", "choose", "findings.choose", id="findings.choose", tooltip="findings.choose.tip"),
+        Binding("enter", "choose", "findings.choose"),
     ]
 
     def __init__(self, *, id: str | None = None) -> None:
