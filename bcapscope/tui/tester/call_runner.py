@@ -9,6 +9,7 @@ from typing import Any
 from bcapscope.client.handle_table import ObjectHandle
 from bcapscope.errors import BcapError
 from bcapscope.messages import Message
+from bcapscope.protocol.closing_calls import RELEASES
 from bcapscope.protocol.codec.variant import VT, Variant
 from bcapscope.protocol.tables.function_table import FUNCTIONS, Function, ObjectClass
 from bcapscope.render.escape import printable
@@ -23,8 +24,6 @@ from bcapscope.tui.reader_language import label
 from bcapscope.tui.tester.wanted_messages import CallWanted, OpenWanted, ResultDisplay
 
 CallStep = Callable[[], Coroutine[Any, Any, HistoryRecord]]
-
-_RELEASES = {function.releases: function for function in FUNCTIONS.values() if function.releases}
 
 
 class ObjectMissingError(BcapError):
@@ -94,7 +93,7 @@ class CallRunner:
         if subject is None:
             wanted.result_display.show_error(label("tester.release.missing", name=printable(wanted.name)))
             return
-        await self.make_call(wanted.result_display, _RELEASES[wanted.kind], (), subject)
+        await self.make_call(wanted.result_display, RELEASES[wanted.kind], (), subject)
 
     async def run_robslave(self, result_display: ResultDisplay) -> None:
         await self._run_reported(result_display, lambda: start_robslave(self._session))
