@@ -59,10 +59,7 @@ class ScreenEntry(NamedTuple):
     """A screen that the user can open.
 
     Attributes:
-        mode: Name of the Textual mode.
-        key: Key that opens the screen.
         name: Key of its label in the catalogue of words.
-        create: Factory, called when the screen is first opened.
     """
 
     mode: str
@@ -75,9 +72,7 @@ class BcapApp(KeyOrderApp):
     """The application.
 
     Attributes:
-        settings: What the user chose; `save_settings` writes it.
         status: Texts at the right of the top bar, each with the name of its ink or "".
-        text_styles: Styles of rendered lines under the current theme.
     """
 
     CSS_PATH = ["bcapscope.tcss", "tester.tcss"]  # noqa: RUF012 - as Textual has it
@@ -101,7 +96,6 @@ class BcapApp(KeyOrderApp):
         """Register the screens; the first one is shown first.
 
         Args:
-            screen_entries: All screens that the user can open.
             settings_path: Settings file; None selects the platform's default.
             language: Language of the labels; None uses the settings, then the environment.
         """

@@ -22,7 +22,6 @@ def make_halt_driver(driver: type[Driver], halt: Callable[[], object]) -> type[D
     """Return a driver that calls `halt` as soon as it reads a HALT key.
 
     Args:
-        driver: The platform's driver.
         halt: Called in the thread that reads the keys; returns at once and must not raise.
     """
 

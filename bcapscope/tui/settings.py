@@ -20,11 +20,8 @@ class Settings(msgspec.Struct, omit_defaults=True):
     """What the user chose, and recent files and hosts.
 
     Attributes:
-        theme: Name of a theme.
         language: ``en`` or ``ja``; empty to use LANG.
         captures: Recently opened captures, latest first.
-        hosts: Recently connected controllers, latest first.
-        trajectories: Recently played files, latest first.
     """
 
     theme: str = "dark"

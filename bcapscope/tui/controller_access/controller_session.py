@@ -70,11 +70,7 @@ class ControllerSession:
     """A connection to a controller, and everything the Tester does with it.
 
     Attributes:
-        arming: Arming state.
-        action_log: Log of the user's actions.
         status: What the screen shows. It is replaced as a whole, so any thread may read it.
-        reply_monitor: When the controller last sent something.
-        client_session: The session in use; None without a connection.
         polling_paused: Suspends automatic reads, which might end the slave mode of another client.
     """
 
@@ -88,7 +84,6 @@ class ControllerSession:
 
         Args:
             report: Called for every update, in this session's threads.
-            log_folder: Folder of the action log.
             tap: Called for every packet, in the same threads; returns at once and never raises.
         """
         self.report = report

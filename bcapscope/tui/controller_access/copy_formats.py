@@ -8,13 +8,7 @@ from bcapscope.tui.controller_access.history_record import HistoryRecord
 
 
 def copy_text(record: HistoryRecord, copy_format: str, target: ControllerTarget) -> str | None:
-    """Return a call as ``hex``, ``python`` or ``line``; None if that format cannot express it.
-
-    Args:
-        record: The call.
-        copy_format: Name of the format.
-        target: Address and transport of the controller.
-    """
+    """Return a call as ``hex``, ``python`` or ``line``; None if that format cannot express it."""
     if copy_format == "hex":
         return "\n".join(hex_text(seen.item.raw) for seen in record.packets) or None
     write = python_program if copy_format == "python" else shell_command

@@ -81,10 +81,7 @@ async def run_recovery_step(
     """Run one step; return the record of its call.
 
     Args:
-        session: Connected session.
-        recovery_step: Step to run.
         first_position: Target position in the notation of Robot_Move.
-        mode: Mode number for slvChangeMode.
 
     Raises:
         BcapError, OSError: As for `ControllerSession.call`.

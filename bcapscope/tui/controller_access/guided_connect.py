@@ -31,11 +31,8 @@ async def connect(
     """Run the steps until one fails.
 
     Args:
-        session: Session to connect.
-        target: The controller.
         providers: Provider names to try, in order.
         robot: Name of the robot to open; empty to open none.
-        option: Option for opening the robot.
 
     Returns:
         Whether all steps succeeded. If the controller was not connected, the link is closed.

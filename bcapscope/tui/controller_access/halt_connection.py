@@ -60,7 +60,6 @@ class HaltUpdate:
     """The state of the HALT connection has changed.
 
     Attributes:
-        state: New state.
         reason: Why it failed; empty otherwise.
         round_trip: Round trip of the call that showed it, ns; 0 if none did.
     """
@@ -87,8 +86,6 @@ class HaltConnection:
             target: The controller. The same name of Controller_Connect is not used twice.
             report: Called for every change, in this connection's thread.
             observer: Called for every packet, in the same thread.
-            robot: Name of the robot to halt.
-            heartbeat: Seconds between two heartbeat calls.
         """
         self._target = replace(target, name=f"{target.name}-halt" if target.name else "")
         self._report = report

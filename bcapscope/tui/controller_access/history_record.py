@@ -41,14 +41,8 @@ class HistoryRecord:
 
     Attributes:
         number: Number from 1, in the order of their starts.
-        initiator: Who started it.
         began: Time of the first attempt, ns since 1970-01-01 UTC.
-        function_id: Id of the called function.
-        arguments: Arguments of the request.
-        outcome: How it ended.
-        reply: The accepted reply; None without one.
         took: Time from the first attempt to the reply or the end, ns.
-        attempts: All attempts.
         packets: All packets sent and received for it, in order.
         notices: Number of S_EXECUTING notices.
         late_replies: Replies that were not accepted.

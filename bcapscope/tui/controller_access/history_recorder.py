@@ -33,11 +33,7 @@ MAX_PACKETS = 256
 
 
 class HistoryRecorder:
-    """Records one session, in which calls follow one another.
-
-    Attributes:
-        last_record: Record of the call that ended last.
-    """
+    """Records one session, in which calls follow one another."""
 
     def __init__(
         self,
@@ -47,7 +43,6 @@ class HistoryRecorder:
         """Pass each record to `on_record` as soon as its call has ended.
 
         Args:
-            on_record: Called with each record.
             subject_of: Returns the object of a call from its function id and arguments.
         """
         self._on_record = on_record
@@ -68,7 +63,6 @@ class HistoryRecorder:
         """Handle an event of the session.
 
         Args:
-            event: Event from the requester.
             now: ns since 1970-01-01 UTC.
         """
         call = self._call

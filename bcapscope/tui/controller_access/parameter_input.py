@@ -66,7 +66,6 @@ class CommandHint(NamedTuple):
 
     Attributes:
         types: Types of its parameter, the most usual first.
-        text: What it does and what its parameter contains.
     """
 
     types: tuple[int, ...]

@@ -52,9 +52,7 @@ class SavedRequest(NamedTuple):
 
     Attributes:
         name: File name without its extension.
-        function: Function to call.
         values: Arguments without the handle.
-        note: Purpose of the request.
     """
 
     name: str
@@ -134,11 +132,8 @@ def save_request(
     """Write a request atomically; return its file.
 
     Args:
-        folder: Target folder; created if missing.
         name: Name of the request, from which the file name is made.
-        function_id: Id of the function.
         arguments: All arguments, with the handle first if there is one.
-        note: Purpose of the request.
 
     Raises:
         SavedRequestError: The request has no notation, the name is empty, or the file cannot be written.

@@ -35,7 +35,6 @@ class ConnectStepUpdate:
     """A step of the guided connect has started or ended.
 
     Attributes:
-        step: The step.
         done: Whether it succeeded; None while it runs.
         text: What it found, or why it failed.
     """
@@ -50,7 +49,6 @@ class ControllerIdentity:
     """What the controller reports about itself.
 
     Attributes:
-        is_simulator: Whether it is the built-in simulator.
         version: Version of its software; empty if not reported.
         type_name: Type of the robot; empty if not reported or no robot is open.
         type_number: Value of @TYPE; empty likewise.
@@ -67,8 +65,6 @@ class SessionStatus:
     """The state that the screen always shows.
 
     Attributes:
-        target: The controller; None without a connection.
-        identity: What the controller reports about itself.
         open_objects: Open objects in the order of opening.
         robot: The robot that receives commands.
         slave_mode: Slave mode of the robot, derived from this client's own calls.

@@ -21,7 +21,6 @@ class WatchSeries:
 
     Attributes:
         minimum: Minimum since the start or the last `reset_extremes`.
-        maximum: Maximum over the same time.
     """
 
     readings: deque[tuple[int, float]] = field(default_factory=lambda: deque(maxlen=MAX_READINGS))
@@ -57,8 +56,6 @@ class WatchedVariable:
 
     Attributes:
         label: Name for the user, such as `Gundam.@CURRENT_ANGLE`.
-        handle: Handle of the variable.
-        value: Last value; None before the first read.
         problem: Why the last read failed; else empty.
         series: A `WatchSeries` for each number in it; empty for text.
     """

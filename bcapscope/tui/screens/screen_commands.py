@@ -23,10 +23,6 @@ class ScreenCommand(NamedTuple):
     """An action of the palette.
 
     Attributes:
-        name: Name of the action.
-        tip: What it does.
-        action: Action string, as in a binding.
-        node: Node that runs the action.
         key: Key for the same action as the documentation writes it; "" for none.
     """
 

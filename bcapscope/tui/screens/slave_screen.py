@@ -64,11 +64,7 @@ _MAX_ROUNDS = 1_000_000_000
 
 
 class SlaveScreen(BaseScreen):
-    """Plays a trajectory. The player is a separate process, so drawing delays no set point.
-
-    Attributes:
-        playback: The present or last run; None before the first.
-    """
+    """Plays a trajectory. The player is a separate process, so drawing delays no set point."""
 
     NAME = "tester.slave"
     ABOUT = "tester.slave.about"
@@ -87,15 +83,7 @@ class SlaveScreen(BaseScreen):
         recordings: Path,
         path: str = "",
     ) -> None:
-        """Prepare the screen.
-
-        Args:
-            session: Connected session.
-            player_slot: Holds the running player.
-            ask_to_arm: Asks the user to arm.
-            recordings: Folder for captures of the whole conversation.
-            path: File to show first.
-        """
+        """Prepare the screen."""
         super().__init__()
         self._session, self._player_slot, self._ask_to_arm, self._recordings = (
             session,

@@ -77,12 +77,6 @@ class TesterOptions(NamedTuple):
 
     Attributes:
         host: Host of the controller; empty for the built-in simulator.
-        port: Port of the controller.
-        tcp: TCP instead of UDP.
-        option: Text of the Option field.
-        profile: Profile of the built-in simulator.
-        requests_folder: Folder of saved requests.
-        log_folder: Folder of the action log.
         tap: Called for every packet, in another thread.
     """
 

@@ -57,12 +57,7 @@ class FeedUpdated(Message):
 
 
 class TrafficViews(ViewsScreen):
-    """Shows the traffic of a feed.
-
-    Attributes:
-        feed: The feed.
-        clock: Format of times.
-    """
+    """Shows the traffic of a feed."""
 
     NAME = "traffic"
     ABOUT = "traffic.about"

@@ -27,7 +27,6 @@ class ViewsScreen(BaseScreen):
 
     Attributes:
         VIEWS: Catalogue key of the label, by name of the view. The first view is shown initially.
-        view: Name of the visible view.
     """
 
     VIEWS: ClassVar[Mapping[str, str]]

@@ -17,11 +17,7 @@ from bcapscope.tui.widgets.click_bar import ClickBar
 
 
 class ChoiceRow(ClickBar, can_focus=True):
-    """Shows names, one of which is chosen.
-
-    Attributes:
-        chosen: The chosen value.
-    """
+    """Shows names, one of which is chosen."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("left", "step(-1)", "", show=False),

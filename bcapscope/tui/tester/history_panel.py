@@ -47,7 +47,6 @@ class HistoryLines(Lines):
         """The user requested an action on a call.
 
         Attributes:
-            record: The call.
             what: ``again``, ``edit``, ``hex``, ``python``, ``line`` or ``save``.
         """
 

@@ -34,11 +34,6 @@ class OpenObjectRow(Horizontal):
 
         Args:
             parent: Class of the object that the new one belongs to.
-            kind: Class of the new object.
-            name: Initial name.
-            known: Names for completion.
-            result_display: Shows the result.
-            id: Id of the widget.
         """
         super().__init__(id=id, classes="row")
         self._parent_kind = parent

@@ -57,9 +57,6 @@ class PacketBox(Vertical):
         """Add packets and show one of them.
 
         Args:
-            packets: Packets in the order of their times.
-            question: Kind of the call that they belong to.
-            overwrite: Remove earlier packets first.
             show_first: Show the first new packet instead of the last.
         """
         if overwrite:

@@ -23,7 +23,6 @@ class ResultView(InkedText, can_focus=True):
     """Shows one result with five decimals, as b-CAP Tester does; ``d`` shows all digits.
 
     Attributes:
-        shows_all_digits: Whether all digits are shown.
         record: The shown call; None if there is none, or something else is shown.
     """
 

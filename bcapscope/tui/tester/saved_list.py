@@ -30,7 +30,6 @@ class SavedList(Lines):
         """The user wants to send or edit a saved request.
 
         Attributes:
-            saved: The request.
             edit: Whether to put it into a form instead of sending it.
         """
 

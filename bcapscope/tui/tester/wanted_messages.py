@@ -43,8 +43,6 @@ class CallWanted(Message):
     """The user wants to make a call.
 
     Attributes:
-        result_display: Shows the outcome.
-        function: Function to call.
         values: Arguments without the handle.
         subject: Object of the call; None for the selected object of its class.
     """
@@ -60,11 +58,7 @@ class OpenWanted(Message):
     """The user wants to open an object of the controller or of the selected robot.
 
     Attributes:
-        result_display: Shows the outcome.
         parent: Class of the object that the new one belongs to.
-        kind: Class of the new object.
-        name: Name of the new object.
-        option: Option for opening it.
     """
 
     result_display: ResultDisplay

@@ -54,7 +54,6 @@ class ReadProgress(msgspec.Struct, tag=True, frozen=True):
     Attributes:
         position: Bytes of the file read so far.
         size: Size of the file in bytes; 0 if it has none, as in a live capture.
-        ended: Whether reading has ended.
         problem: Why reading ended early; "" otherwise.
         clients: Number of conversations so far.
         packets: Capture file with the packets; "" for none.
@@ -93,9 +92,6 @@ class TrafficAnalysis(msgspec.Struct, tag=True, frozen=True):
 
     Attributes:
         findings: Findings, root cause first.
-        examined: Totals of the traffic examined.
-        slave_sessions: Rendered lines about slave-mode sessions.
-        statistics: Rendered lines of the statistics.
     """
 
     findings: tuple[ShownFinding, ...]
@@ -126,7 +122,6 @@ class SearchMatches(msgspec.Struct, frozen=True):
     """The matches found since the last report.
 
     Attributes:
-        generation: Number of the search.
         rows: Frame numbers, or call indexes plus 1, as 32-bit numbers in native byte order.
         searched: Number of rows examined so far.
     """
@@ -140,11 +135,9 @@ class SaveJob(msgspec.Struct, frozen=True):
     """What to save: packets of a capture and notes, in a new file.
 
     Attributes:
-        source: Capture file.
         target: New file, which must not exist.
         notes: Notes by packet number.
         max_packets: Maximum number of packets, since a capture may still grow; 0 for all.
-        language: Language of the reason for a failure, ``en`` or ``ja``.
     """
 
     source: str

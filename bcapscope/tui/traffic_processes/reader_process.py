@@ -56,8 +56,6 @@ class TrafficReader:
         """Prepare a job.
 
         Args:
-            job: What to read.
-            reports: Output for reports.
             ended: Set when the source has ended: read the data that exists, then finish.
             cancelled: Set when reading must end, even if data remains.
         """
@@ -170,7 +168,6 @@ class _LiveCapture:
     """Captures on an interface in its own thread and writes all packets to a file.
 
     Attributes:
-        path: Capture file.
         problem: Why capturing ended; None while it continues.
         lost: Packets dropped for lack of buffer space.
     """

@@ -33,9 +33,6 @@ class TemporaryFolder:
     Its files need names, since several processes open them, such as the proxy's relay. Windows cannot remove
     a file that is open. A separate process therefore waits for the end of the screen and then removes the
     folder.
-
-    Attributes:
-        path: Path of the folder.
     """
 
     def __init__(self) -> None:

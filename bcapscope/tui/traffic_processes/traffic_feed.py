@@ -60,7 +60,6 @@ def watcher_job(folder: Path, recording: Path) -> ReadJob:
 
     Args:
         folder: Existing folder without files of another job.
-        recording: The proxy's recording.
     """
     return ReadJob(str(folder), str(recording), follow=True, language=current_language())
 
@@ -73,10 +72,8 @@ class TrafficFeed:
     """One source of traffic. It passes reports to listeners in its own thread.
 
     Attributes:
-        job: What is read.
         journal: All observations; None before the first.
         calls: All settled calls; None before the first.
-        progress: Latest progress.
         is_closed: Whether the data can no longer be read.
     """
 

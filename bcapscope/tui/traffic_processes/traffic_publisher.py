@@ -26,11 +26,7 @@ ANALYSIS_INTERVAL = 1.5
 
 
 class CallRecorder(PipelineSubscriber):
-    """Writes calls and stray replies to a call store.
-
-    Attributes:
-        is_active: Whether it still writes.
-    """
+    """Writes calls and stray replies to a call store."""
 
     needs_targets = True
 
@@ -48,12 +44,7 @@ class CallRecorder(PipelineSubscriber):
 
 
 class TrafficPublisher:
-    """Publishes the traffic of one source.
-
-    Attributes:
-        journal: Receives all frames.
-        call_recorder: Receives all completed calls and stray replies.
-    """
+    """Publishes the traffic of one source."""
 
     def __init__(
         self,
@@ -62,11 +53,6 @@ class TrafficPublisher:
         make_progress: Callable[[], ReadProgress],
     ) -> None:
         """Create the files.
-
-        Args:
-            job: What is read, and the folder for the files.
-            send: Sends a report to the screen.
-            make_progress: Returns the progress of reading.
 
         Raises:
             OSError: The files cannot be created.

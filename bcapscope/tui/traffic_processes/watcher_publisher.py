@@ -71,7 +71,6 @@ class WatcherPublisher:
     """Publishes what the watcher decodes. If a file cannot be written, it reports that and stops.
 
     Attributes:
-        diagnosis: The watcher's diagnosis.
         subscribers: What subscribes to the watcher's pipeline, `diagnosis` included.
     """
 

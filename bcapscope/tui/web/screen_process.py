@@ -82,11 +82,9 @@ class ScreenProcess(AppService):
         """Prepare the process.
 
         Args:
-            argv: Command line, program first.
             write_bytes: Sends drawing data. It must not raise, since the process blocks if its output is not
                 read.
             write_str: Sends messages to the page; must not raise either.
-            close: Ends the viewer's connection.
         """
 
         async def closed() -> None:

@@ -31,12 +31,9 @@ class WebRequest:
 
     Attributes:
         path: Decoded path without the query.
-        hosts: All Host headers.
-        origins: All Origin headers.
         fetch_site: The Sec-Fetch-Site header, "" if missing.
         token: The token in the query, "" if missing.
         cookie: The value of `COOKIE`, "" if missing.
-        is_websocket: Whether it asks for a websocket.
     """
 
     path: str
@@ -59,11 +56,7 @@ class WebGate:
     """
 
     def __init__(self, address: Endpoint) -> None:
-        """Generate new secrets.
-
-        Args:
-            address: Address of the served screen.
-        """
+        """Generate new secrets."""
         self._authority = str(address).removesuffix(f":{_HTTP_PORT}")
         self._token = secrets.token_urlsafe()
         self.origin = f"http://{self._authority}"

@@ -44,17 +44,12 @@ RequestHandler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
 
 class WebServer:
-    """Serves one command's screen to viewers who know the address.
-
-    Attributes:
-        gate: Checks each request.
-    """
+    """Serves one command's screen to viewers who know the address."""
 
     def __init__(self, argv: Sequence[str], listening: socket.socket, viewers: int) -> None:
         """Prepare the server.
 
         Args:
-            argv: Command that draws the screen, program first.
             listening: Socket that listens on loopback; `run` closes it.
             viewers: Maximum number of viewers; each gets a separate process.
         """
@@ -70,11 +65,7 @@ class WebServer:
         self._pages = Server("", address.host, address.port, "bcapscope", self.gate.origin)
 
     async def run(self, on_listening: Callable[[], None]) -> None:
-        """Serve until SIGINT or SIGTERM, then end every screen in order.
-
-        Args:
-            on_listening: Called once the server accepts connections.
-        """
+        """Serve until SIGINT or SIGTERM, then end every screen in order."""
         runner = web.AppRunner(
             self._application(),
             access_log=None,  # the access log would contain the token

@@ -24,11 +24,7 @@ from bcapscope.tui.widgets.lines import Lines
 
 
 class CallList(Lines):
-    """Shows calls; `open_calls` sets their source.
-
-    Attributes:
-        rows: Rows of the calls that the filter selects.
-    """
+    """Shows calls; `open_calls` sets their source."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("right", "unfold(True)", "traffic.unfold", show=False),

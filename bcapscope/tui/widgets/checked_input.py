@@ -23,8 +23,6 @@ class CheckedInput(Vertical):
         """The user typed valid text, or emptied the line.
 
         Attributes:
-            line: The line.
-            text: Its text without spaces at the ends.
             parsed: Result of parsing; None for an empty line.
         """
 
@@ -46,8 +44,6 @@ class CheckedInput(Vertical):
             name: Id of the field; the id of the line is the name followed by ``-line``.
             parse: Parses text that is not empty. For invalid text it raises `ValueError`, whose text is
                 shown.
-            hint: Placeholder of the empty field.
-            caption: Text before the field; "" for none.
         """
         super().__init__(id=f"{name}-line")
         self._field, self._parse, self._hint, self._caption = name, parse, hint, caption

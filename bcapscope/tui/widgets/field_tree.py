@@ -29,7 +29,6 @@ class _Entry(NamedTuple):
     """A row of a section, or the caption above a section.
 
     Attributes:
-        section: Index of the section.
         row: The row; None for the caption.
         stop: Index after the last entry below this one.
     """

@@ -64,7 +64,6 @@ class FrameList(Lines):
     """Shows frames; `open_journal` sets their source.
 
     Attributes:
-        rows: Selects the frames to show.
         marks: Notes by frame number; "" for a frame that is only marked.
         related: Numbers of the frames of the call under the cursor.
         evidence: Numbers of the frames that prove the selected finding.

@@ -19,7 +19,6 @@ class InkedText(Static):
         """Show a text.
 
         Args:
-            text: Text with ink marks.
             layout: Whether its size may have changed.
         """
         self._source_text = text

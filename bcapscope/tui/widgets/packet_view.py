@@ -32,7 +32,6 @@ class PacketView(Horizontal, PlainContainer):
         """Show an observation, or nothing.
 
         Args:
-            observation: The observation.
             question: For a reply, the kind of the call that it answers, if known.
         """
         found = () if observation is None else frame_sections(observation, question)
