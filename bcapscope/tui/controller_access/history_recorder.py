@@ -8,6 +8,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable, Sequence
 from contextvars import ContextVar
+from dataclasses import dataclass, field
 
 from bcapscope.client.handle_table import ObjectHandle
 from bcapscope.errors import Attempt
@@ -55,7 +56,7 @@ class HistoryRecorder:
         """Add a packet that was sent or received."""
         call = self._call
         if observation.flow.direction is Direction.REQUEST and call is None:
-            call = self._call = _CallInProgress(observation, INITIATOR.get(), asyncio.current_task())
+            call = self._call = _CallInProgress(observation.time, INITIATOR.get(), asyncio.current_task())
         if call is not None:
             call.add_packet(observation)
 
@@ -72,10 +73,10 @@ class HistoryRecorder:
             call.notices += 1
         elif isinstance(event, LateReply):
             call.late_replies += 1
-        elif isinstance(event, CallAnswered):
-            self._complete_call(call, RecordOutcome.ANSWERED, event.reply, event.attempts, event.elapsed)
-        elif isinstance(event, CallRefused):
-            self._complete_call(call, RecordOutcome.REFUSED, event.reply, event.attempts, event.elapsed)
+        elif isinstance(event, CallAnswered | CallRefused):
+            answered = isinstance(event, CallAnswered)
+            outcome = RecordOutcome.ANSWERED if answered else RecordOutcome.REFUSED
+            self._complete_call(call, outcome, event.reply, event.attempts, event.elapsed)
         elif isinstance(event, CallTimedOut):
             self._complete_call(
                 call, RecordOutcome.UNANSWERED, None, event.attempts, max(0, now - call.began)
@@ -142,15 +143,15 @@ class HistoryRecorder:
         self._on_record(self.last_record)
 
 
+@dataclass(slots=True)
 class _CallInProgress:
-    def __init__(self, first: Observation, initiator: Initiator, task: asyncio.Task[object] | None) -> None:
-        self.began = first.time
-        self.initiator = initiator
-        self.task = task
-        self.packets: list[Observation] = []
-        self.elapsed = 0
-        self.notices = 0
-        self.late_replies = 0
+    began: int
+    initiator: Initiator
+    task: asyncio.Task[object] | None
+    packets: list[Observation] = field(default_factory=list)
+    elapsed: int = 0
+    notices: int = 0
+    late_replies: int = 0
 
     def add_packet(self, observation: Observation) -> None:
         self.elapsed = max(self.elapsed, observation.time - self.began)

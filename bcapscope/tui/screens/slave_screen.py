@@ -83,14 +83,11 @@ class SlaveScreen(BaseScreen):
         recordings: Path,
         path: str = "",
     ) -> None:
-        """Prepare the screen."""
         super().__init__()
-        self._session, self._player_slot, self._ask_to_arm, self._recordings = (
-            session,
-            player_slot,
-            ask_to_arm,
-            recordings,
-        )
+        self._session = session
+        self._player_slot = player_slot
+        self._ask_to_arm = ask_to_arm
+        self._recordings = recordings
         self._initial_path = path
         self._prepared: PreparedTrajectory | None = None
         self.playback: PlaybackRun | None = None
@@ -98,25 +95,28 @@ class SlaveScreen(BaseScreen):
 
     def content(self) -> ComposeResult:
         with Vertical(id="slave"):
-            with Horizontal(classes="row"):
-                yield Caption("tester.file")
-                yield Input(self._initial_path, id="file")
-                yield Button(label("tester.browse"), compact=True, id="browse")
-            with Horizontal(classes="row"):
-                yield Caption("tester.mode")
-                yield Select(_MODES, value=SlaveModePacing.SYNC, allow_blank=False, compact=True, id="mode")
-                yield Caption("tester.interval")
-                yield Input("8", id="interval", classes="number")
-                yield Caption("tester.speed")
-                yield Input("1", id="speed", classes="number")
-                yield Caption("tester.rounds")
-                yield Input("1", id="rounds", classes="number")
-                yield Caption("tester.index")
-                yield Input("1", id="index", classes="number")
-            with Horizontal(classes="row"):
-                yield Caption("tester.limits")
-                yield Input(placeholder="J1=-170..170 J1..J3.speed=300 J1.acceleration=6000", id="limits")
-                yield TickBox(label("tester.resample"), id="again")
+            with Vertical(id="slave-settings"):
+                with Horizontal(classes="row"):
+                    yield Caption("tester.file")
+                    yield Input(self._initial_path, id="file")
+                    yield Button(label("tester.browse"), compact=True, id="browse")
+                with Horizontal(classes="row"):
+                    yield Caption("tester.mode")
+                    yield Select(
+                        _MODES, value=SlaveModePacing.SYNC, allow_blank=False, compact=True, id="mode"
+                    )
+                    yield Caption("tester.interval")
+                    yield Input("8", id="interval", classes="number")
+                    yield Caption("tester.speed")
+                    yield Input("1", id="speed", classes="number")
+                    yield Caption("tester.rounds")
+                    yield Input("1", id="rounds", classes="number")
+                    yield Caption("tester.index")
+                    yield Input("1", id="index", classes="number")
+                with Horizontal(classes="row"):
+                    yield Caption("tester.limits")
+                    yield Input(placeholder="J1=-170..170 J1..J3.speed=300 J1.acceleration=6000", id="limits")
+                    yield TickBox(label("tester.resample"), id="again")
             with Horizontal(classes="row"):
                 yield Button(
                     label("tester.start"), compact=True, variant="success", id="start", disabled=True
@@ -336,18 +336,7 @@ class SlaveScreen(BaseScreen):
     def _set_playing(self, playing: bool) -> None:
         self.query_one("#start", Button).disabled = playing or self._prepared is None
         self.query_one("#stop", Button).disabled = not playing
-        for name in (
-            "#file",
-            "#mode",
-            "#interval",
-            "#speed",
-            "#rounds",
-            "#index",
-            "#limits",
-            "#again",
-            "#browse",
-        ):
-            self.query_one(name).disabled = playing
+        self.query_one("#slave-settings").disabled = playing
 
     def _show_state(self, line: str) -> None:
         self.query_one("#slave-state", InkedText).show_text(line)

@@ -45,8 +45,7 @@ from bcapscope.tui.reader_language import label
 from bcapscope.tui.screens.slave_screen import SlaveScreen
 from bcapscope.tui.screens.tester_navigation import TesterNavigation
 from bcapscope.tui.settings import with_recent
-from bcapscope.tui.tester.call_notice import CallNotice
-from bcapscope.tui.tester.call_runner import CallRunner
+from bcapscope.tui.tester.call_runner import CallNotice, CallRunner
 from bcapscope.tui.tester.command_form import CommandForm
 from bcapscope.tui.tester.connection_panel import ConnectionPanel
 from bcapscope.tui.tester.dialogs import ArmDialog
@@ -306,11 +305,11 @@ class TesterScreen(TesterNavigation):
 
     @on(CallWanted)
     def _make_call(self, message: CallWanted) -> None:
-        self._run_in_group(self.call_runner.make_wanted_call(message))
+        self._run_in_group(self.call_runner.make_call(message))
 
     @on(RawWanted)
     def _send_raw(self, message: RawWanted) -> None:
-        self._run_in_group(self.call_runner.send_raw(message.result_display, message.raw))
+        self._run_in_group(self.call_runner.send_raw(message))
 
     @on(RobSlaveWanted)
     def _start_robslave(self, message: RobSlaveWanted) -> None:
@@ -345,7 +344,8 @@ class TesterScreen(TesterNavigation):
         saved = message.saved
         form = await self.query_one(FormTabs).fill_function(saved.function, saved.values)
         if not message.edit:
-            self._run_in_group(self.call_runner.make_saved_call(form.query_one(ResultView), saved))
+            wanted = CallWanted(form.query_one(ResultView), saved.function, saved.values)
+            self._run_in_group(self.call_runner.make_call(wanted))
 
     @on(HistoryLines.ActionWanted)
     async def _use_record(self, message: HistoryLines.ActionWanted) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os.path
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -109,13 +110,10 @@ class TrafficScreen(TrafficViews):
 
     def action_partner(self) -> None:
         """Go from a reply to its request, or back."""
-        number, calls = self.frame_number, self.feed.calls
-        if number is None or calls is None:
+        number = self.frame_number
+        if number is None:
             return
-        row = calls.index_of_frame(number)
-        other, why = frame_relations.find_partner(
-            None if row is None else calls.read_call(row).settled, number
-        )
+        other, why = frame_relations.find_partner(self.settled_at(number), number)
         if other is None:
             app_of(self).show_message(label(why))
         else:
@@ -149,13 +147,10 @@ class TrafficScreen(TrafficViews):
             else:
                 app_of(self).show_message(label("traffic.no_cause"))
             return
-        frame, calls = self.frame_number, self.feed.calls
-        if frame is None or calls is None:
+        frame = self.frame_number
+        if frame is None:
             return
-        row = calls.index_of_frame(frame)
-        frames = (
-            {frame} if row is None else {frame, *frame_relations.call_frames(calls.read_call(row).settled)}
-        )
+        frames = {frame, *frame_relations.call_frames(self.settled_at(frame))}
         for number, cause_found in enumerate(findings, 1):
             if frames.intersection(cause_found.frames):
                 self.action_view("findings")
@@ -168,8 +163,9 @@ class TrafficScreen(TrafficViews):
         """Go to the first frame that proves a finding, or from a frame to its fields."""
         if isinstance(message.lines, FindingPage):
             number = message.lines.current_finding()
-            if number is not None and self.analysis.findings[number - 1].frames:
-                self._evidence_frames = list(self.analysis.findings[number - 1].frames)
+            frames = () if number is None else self.analysis.findings[number - 1].frames
+            if frames:
+                self._evidence_frames = list(frames)
                 self.refresh_bindings()
                 self.frames.evidence = frozenset(self._evidence_frames)
                 self.frames.repaint()
@@ -182,22 +178,16 @@ class TrafficScreen(TrafficViews):
                 self.go_to_frame(number)
 
     def action_proof(self, by: int) -> None:
-        number = self.frame_number
-        if by > 0:
-            later = [each for each in self._evidence_frames if number is None or each > number]
-            self.go_to_frame((later or self._evidence_frames)[0])
-        else:
-            earlier = [each for each in self._evidence_frames if number is None or each < number]
-            self.go_to_frame((earlier or self._evidence_frames)[-1])
+        number, frames = self.frame_number, self._evidence_frames[::by]
+        beyond = (each for each in frames if number is None or (each - number) * by > 0)
+        self.go_to_frame(next(beyond, frames[0]))
 
     def action_follow(self, what: str) -> None:
-        number, calls = self.frame_number, self.feed.calls
-        if number is None or calls is None:
+        number = self.frame_number
+        if number is None:
             return
-        row = calls.index_of_frame(number)
-        found = frame_relations.related_filter(
-            what, self.frames.read_frame(number), None if row is None else calls.read_call(row).settled
-        )
+        frame, settled = self.frames.read_frame(number), self.settled_at(number)
+        found = frame_relations.related_filter(what, frame, settled)
         if found is None:
             app_of(self).show_message(label("traffic.no_handle" if what == "handle" else "traffic.no_call"))
             return
@@ -224,10 +214,14 @@ class TrafficScreen(TrafficViews):
 
     def action_mark(self) -> None:
         number = self.frame_number
-        if number is None:
-            return
-        if self.frames.marks.pop(number, None) is None:
-            self.frames.marks[number] = ""
+        if number is not None:
+            self._set_note(number, None if number in self.frames.marks else "")
+
+    def _set_note(self, number: int, note: str | None) -> None:
+        """Mark a frame, with a note or ""; None removes the mark."""
+        self.frames.marks.pop(number, None)
+        if note is not None:
+            self.frames.marks[number] = note
         self.frames.repaint()
         self.show_frame()
 
@@ -239,14 +233,8 @@ class TrafficScreen(TrafficViews):
         title = label("traffic.note.title", number=number)
         prompt = Prompt(title, label("traffic.note.hint"), self.frames.marks.get(number, ""))
         note = await self.app.push_screen_wait(prompt)
-        if note is None:
-            return
-        if note.strip():
-            self.frames.marks[number] = printable(note.strip())
-        else:
-            self.frames.marks.pop(number, None)
-        self.frames.repaint()
-        self.show_frame()
+        if note is not None:
+            self._set_note(number, printable(note.strip()) or None)
 
     @work
     async def action_save(self) -> None:
@@ -297,11 +285,7 @@ class TrafficScreen(TrafficViews):
             self._open_capture(str(Path(path).expanduser()))
 
     def _open_capture(self, path: str) -> None:
-        try:
-            is_there = Path(path).is_file()
-        except OSError:  # no file can have this name
-            is_there = False
-        if not is_there:
+        if not os.path.isfile(path):  # false also for a name that no file can have
             app_of(self).show_message(label("traffic.open.none", path=printable(path)), "warning")
             return
         try:

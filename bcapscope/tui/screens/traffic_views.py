@@ -17,6 +17,7 @@ from textual.message import Message
 from textual.widgets import Static
 
 from bcapscope.render.timestamp import TimeFormat
+from bcapscope.traffic.call import PairingResult
 from bcapscope.traffic.filter.compiler import compile_filter
 from bcapscope.traffic.filter.field_table import RecordKind
 from bcapscope.traffic.filter.getters import AnnotatedFrame
@@ -260,12 +261,17 @@ class TrafficViews(ViewsScreen):
             return None if current is None else current[1]
         return self.frames.frame_number if self.view == "frames" else None
 
+    def settled_at(self, number: int) -> PairingResult | None:
+        """Return the call, or stray reply, that a frame belongs to; None if it has not settled yet."""
+        calls = self.feed.calls
+        row = None if calls is None else calls.index_of_frame(number)
+        return None if calls is None or row is None else calls.read_call(row).settled
+
     def show_frame(self) -> None:
         """Show the frame under the cursor below the list."""
-        number, calls = self.frame_number, self.feed.calls
-        self._shown_frame = number
+        number = self._shown_frame = self.frame_number
         packet = self.query_one(PacketView)
-        if number is None or calls is None:
+        if number is None:
             packet.show_packet(None)
             self.query_one("#about", Static).update("", layout=False)
             return
@@ -275,12 +281,9 @@ class TrafficViews(ViewsScreen):
 
     def _show_about(self, frame: AnnotatedFrame) -> None:
         """Show which call a frame belongs to, once that call has settled."""
-        calls, number = self.feed.calls, frame.observation.number
-        if calls is None:
-            return
-        row = calls.index_of_frame(number)
-        self._unsettled_frame = frame if row is None else None
-        settled = None if row is None else calls.read_call(row).settled
+        number = frame.observation.number
+        settled = self.settled_at(number)
+        self._unsettled_frame = frame if settled is None else None
         self.frames.show_related(frame_relations.call_frames(settled))
         about = frame_relations.frame_description(frame, settled, self.frames.marks.get(number))
         self.query_one("#about", Static).update(Text(about, no_wrap=True, overflow="ellipsis"), layout=False)

@@ -11,19 +11,30 @@ from bcapscope.errors import BcapError
 from bcapscope.messages import Message
 from bcapscope.protocol.closing_calls import RELEASES
 from bcapscope.protocol.codec.variant import VT, Variant
-from bcapscope.protocol.tables.function_table import FUNCTIONS, Function, ObjectClass
+from bcapscope.protocol.tables.command_catalogue import call_name
+from bcapscope.protocol.tables.function_table import FUNCTIONS, ObjectClass
+from bcapscope.protocol.tables.hresult import hresult_name
 from bcapscope.render.escape import printable
+from bcapscope.render.result_values import reply_values_text
+from bcapscope.tui.app import BcapApp
 from bcapscope.tui.controller_access.controller_session import (
     ControllerSession,
     NotArmedError,
 )
 from bcapscope.tui.controller_access.guided_connect import add_robot, start_robslave
-from bcapscope.tui.controller_access.history_record import HistoryRecord, error_text
-from bcapscope.tui.controller_access.saved_requests import SavedRequest
+from bcapscope.tui.controller_access.history_record import (
+    HistoryRecord,
+    RecordOutcome,
+    error_text,
+    failure_text,
+)
 from bcapscope.tui.reader_language import label
-from bcapscope.tui.tester.wanted_messages import CallWanted, OpenWanted, ResultDisplay
+from bcapscope.tui.tester.wanted_messages import CallWanted, OpenWanted, RawWanted, ResultDisplay
 
 CallStep = Callable[[], Coroutine[Any, Any, HistoryRecord]]
+
+
+_MAX_NOTICE = 300
 
 
 class ObjectMissingError(BcapError):
@@ -37,41 +48,27 @@ class CallRunner:
         self._session = session
         self._ask_to_arm = ask_to_arm
 
-    async def make_wanted_call(self, wanted: CallWanted) -> None:
-        await self.make_call(wanted.result_display, wanted.function, wanted.values, wanted.subject)
-
-    async def make_call(
-        self,
-        result_display: ResultDisplay,
-        function: Function,
-        values: tuple[Variant, ...],
-        subject: ObjectHandle | None = None,
-    ) -> None:
-        """Make a call with arguments that do not include the handle."""
+    async def make_call(self, wanted: CallWanted) -> None:
+        function, values = wanted.function, wanted.values
 
         async def step() -> HistoryRecord:
             if not function.takes_handle:
                 return await self._session.call(function, values)
-            handle = Variant(VT.I4, (subject or self._object_of(function.owner)).handle)
+            handle = Variant(VT.I4, (wanted.subject or self._object_of(function.owner)).handle)
             return await self._session.call(function, (handle, *values))
 
-        await self._run_reported(result_display, step)
+        await self._run_reported(wanted.result_display, step)
 
     async def repeat_call(self, result_display: ResultDisplay, record: HistoryRecord) -> None:
         """Repeat a call unchanged, with the same handle."""
         function = FUNCTIONS.get(record.function_id)
         if function is None:
-            await self.send_raw(
-                result_display, record.sent_packets[0].item.raw if record.sent_packets else b""
-            )
+            await self.send_raw(RawWanted(result_display, record.sent_packets[0].item.raw))
             return
         await self._run_reported(result_display, lambda: self._session.call(function, record.arguments))
 
-    async def make_saved_call(self, result_display: ResultDisplay, saved: SavedRequest) -> None:
-        await self.make_call(result_display, saved.function, saved.values)
-
-    async def send_raw(self, result_display: ResultDisplay, raw: bytes) -> None:
-        await self._run_reported(result_display, lambda: self._session.send_raw(raw))
+    async def send_raw(self, wanted: RawWanted) -> None:
+        await self._run_reported(wanted.result_display, lambda: self._session.send_raw(wanted.raw))
 
     async def open_object(self, wanted: OpenWanted) -> bool:
         """Open an object; return whether the call was made, with any outcome. A robot is also selected."""
@@ -93,7 +90,7 @@ class CallRunner:
         if subject is None:
             wanted.result_display.show_error(label("tester.release.missing", name=printable(wanted.name)))
             return
-        await self.make_call(wanted.result_display, RELEASES[wanted.kind], (), subject)
+        await self.make_call(CallWanted(wanted.result_display, RELEASES[wanted.kind], (), subject))
 
     async def run_robslave(self, result_display: ResultDisplay) -> None:
         await self._run_reported(result_display, lambda: start_robslave(self._session))
@@ -143,3 +140,24 @@ async def run_armed(
         if not await ask_to_arm():
             raise
     return await session.run_in_loop(step())
+
+
+class CallNotice:
+    """Shows the results of calls that have no result field as temporary messages."""
+
+    def __init__(self, app: BcapApp) -> None:
+        self._app = app
+
+    def show_pending(self) -> None:
+        """Show nothing: the message appears when the call ends."""
+
+    def show_record(self, record: HistoryRecord) -> None:
+        name = printable(call_name(record.function_id, record.arguments))
+        if record.outcome is RecordOutcome.ANSWERED and record.reply is not None:
+            text = f"{name}: {hresult_name(record.reply.code)} {reply_values_text(record.reply)}"
+            self._app.show_message(text[:_MAX_NOTICE])
+        else:
+            self._app.show_message(f"{name}: {failure_text(record)}", "error")
+
+    def show_error(self, reason: str) -> None:
+        self._app.show_message(reason[:_MAX_NOTICE], "error")

@@ -48,11 +48,6 @@ class CommandForm(Vertical):
             yield Button(label("tester.execute"), compact=True, variant="primary", classes="execute")
         yield ResultView()
 
-    def fill_command(self, name: str, parameter: Variant, text: str) -> None:
-        with self.prevent(Input.Changed):
-            self.query_one(".command", Input).value = name
-        self.query_one(TypedValue).fill_value(parameter.vt, text)
-
     @on(Input.Changed, ".command")
     def _show_suggestion(self, message: Input.Changed) -> None:
         """Select the type of the command's parameter and show what the command does.

@@ -38,6 +38,7 @@ class HistoryLines(Lines):
         Binding("s", "want('save')", "tester.save"),
         Binding("slash", "filter", "traffic.filter", key_display="/"),
     ]
+    follows_end = True
 
     class FilterWanted(Message):
         """The user wants to type a filter."""
@@ -60,10 +61,6 @@ class HistoryLines(Lines):
     @property
     def count(self) -> int:
         return len(self._records)
-
-    @property
-    def follows_end(self) -> bool:
-        return True
 
     @property
     def current_record(self) -> HistoryRecord | None:

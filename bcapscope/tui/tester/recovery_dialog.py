@@ -52,12 +52,9 @@ class RecoveryDialog(ModalScreen[None]):
         mode: int,
     ) -> None:
         super().__init__()
-        self._session, self._ask_to_arm, self._initial_position, self._initial_mode = (
-            session,
-            ask_to_arm,
-            first_position,
-            mode,
-        )
+        self._session = session
+        self._ask_to_arm = ask_to_arm
+        self._initial_position, self._initial_mode = first_position, mode
         self._results: dict[RecoveryStep, tuple[bool, str]] = {}
 
     def compose(self) -> ComposeResult:

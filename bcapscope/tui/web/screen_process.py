@@ -87,14 +87,14 @@ class ScreenProcess(AppService):
             write_str: Sends messages to the page; must not raise either.
         """
 
-        async def closed() -> None:
+        async def close_viewer() -> None:
             await close()
 
         super().__init__(
             subprocess.list2cmdline(argv),
             write_bytes=write_bytes,
             write_str=write_str,
-            close=closed,
+            close=close_viewer,
             download_manager=DownloadManager(),
         )
         self._argv = tuple(argv)

@@ -38,7 +38,6 @@ class CallList(Lines):
         self._calls: CallStore | None = None
         self._clock = TimeFormat.RELATIVE
         self._with_client = False
-        self._live = False
         self._start_time = 0
         self._unfolded: list[tuple[int, int]] = []
         self._renderer = CallRenderer(palette=INK, write_endpoints=lambda flow: "", words=reader_words())
@@ -46,7 +45,7 @@ class CallList(Lines):
     def open_calls(self, calls: CallStore, live: bool) -> None:
         """Show the calls of a store, from the end if it is `live`."""
         self._calls = calls
-        self._live = live
+        self.follows_end = live
 
     def clear_source(self) -> None:
         self.rows, self._calls = FilteredRows(), None
@@ -62,10 +61,6 @@ class CallList(Lines):
         )
         self._renderer.set_time_origin(first)
         self.repaint()
-
-    @property
-    def follows_end(self) -> bool:
-        return self._live
 
     @property
     def count(self) -> int:

@@ -78,14 +78,13 @@ class FrameList(Lines):
         self._journal: ObservationStore | None = None
         self._clock = TimeFormat.RELATIVE
         self._with_client = False
-        self._live = False
         self._has_start_time = False
         self._renderer = FrameLineRenderer(palette=INK, write_endpoints=direction_arrow, words=reader_words())
 
     def open_journal(self, journal: ObservationStore, live: bool) -> None:
         """Show a journal, from the end if it is `live`."""
         self._journal = journal
-        self._live = live
+        self.follows_end = live
 
     def clear_source(self) -> None:
         self.rows, self.marks, self.related, self.evidence = FilteredRows(), {}, (), ()
@@ -106,10 +105,6 @@ class FrameList(Lines):
         if self._clock is TimeFormat.RELATIVE and self._journal is not None and len(self._journal):
             renderer.set_time_origin(self._journal.time_of(1))
         return renderer
-
-    @property
-    def follows_end(self) -> bool:
-        return self._live
 
     @property
     def count(self) -> int:

@@ -37,6 +37,7 @@ class HexView(Lines):
         Binding("home,g", "first", "", show=False),
         Binding("end,G", "last", "", show=False),
     ]
+    highlights_cursor_line = False  # the cursor is a byte
 
     @dataclass
     class ByteSelected(Message):
@@ -66,10 +67,6 @@ class HexView(Lines):
             self._cursor_byte = (section, start)
             self._show_cursor()
         self.repaint()
-
-    @property
-    def highlights_cursor_line(self) -> bool:
-        return False
 
     @property
     def count(self) -> int:

@@ -45,6 +45,8 @@ class Lines(ScrollView, can_focus=True):
 
     Attributes:
         cursor: Index of the line under the cursor; 0 if the list is empty.
+        follows_end: Whether a cursor on the last line follows new lines.
+        highlights_cursor_line: Whether the line under the cursor has its own colour.
     """
 
     BINDINGS: ClassVar[list[BindingType]] = [
@@ -61,6 +63,8 @@ class Lines(ScrollView, can_focus=True):
     COMPONENT_CLASSES: ClassVar[set[str]] = {"lines--cursor", "lines--blurred"}
     ALLOW_SELECT = False
     cursor: reactive[int] = reactive(0, repaint=False)
+    follows_end = False
+    highlights_cursor_line = True
 
     @dataclass
     class Moved(Message):
@@ -144,11 +148,6 @@ class Lines(ScrollView, can_focus=True):
             self.refresh(self.size.region)
             self._update_scrollbar_thumb()
 
-    @property
-    def follows_end(self) -> bool:
-        """Whether a cursor on the last line follows new lines."""
-        return False
-
     def repaint(self) -> None:
         """Redraw the same lines, for example in another format."""
         self._strips.clear()
@@ -203,11 +202,6 @@ class Lines(ScrollView, can_focus=True):
     def line_state(self, index: int) -> str:
         """Return further state that a line depends on, if it changes without `reset_lines` or `repaint`."""
         return ""
-
-    @property
-    def highlights_cursor_line(self) -> bool:
-        """Whether the line under the cursor has its own colour."""
-        return True
 
     def _draw_line(self, line: str, x: int, width: int, is_cursor: bool) -> Strip:
         styles = self._line_styles(("cursor" if self.has_focus else "blurred") if is_cursor else "")
