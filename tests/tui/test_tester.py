@@ -11,11 +11,11 @@ from textual.events import Paste
 from textual.pilot import Pilot
 from textual.widgets import Button, Input, Select
 
+from bcapscope.live.controller.error_recovery import RecoveryStep
+from bcapscope.live.controller.history_record import RecordOutcome
 from bcapscope.player.player_messages import PlayOutcome
 from bcapscope.protocol.codec.variant import VT, Variant
 from bcapscope.tui.controller_access.builtin_simulator import START_JOINTS
-from bcapscope.tui.controller_access.error_recovery import RecoveryStep
-from bcapscope.tui.controller_access.history_record import RecordOutcome
 from bcapscope.tui.ink import strip_styles
 from bcapscope.tui.screens.slave_screen import SlaveScreen
 from bcapscope.tui.tester.choice_row import ChoiceRow

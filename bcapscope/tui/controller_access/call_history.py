@@ -6,6 +6,7 @@ import re
 from collections.abc import Callable
 from typing import TypeAlias
 
+from bcapscope.live.controller.history_record import HistoryRecord, Initiator
 from bcapscope.protocol.tables.command_catalogue import call_name
 from bcapscope.protocol.tables.function_table import FUNCTIONS, ObjectClass
 from bcapscope.render.color_palette import Palette
@@ -19,7 +20,7 @@ from bcapscope.traffic.filter.compiler import compile_filter
 from bcapscope.traffic.filter.field_table import RecordKind
 from bcapscope.traffic.filter.getters import CALL_GETTERS
 from bcapscope.traffic.pipeline import CallCollector, Pipeline
-from bcapscope.tui.controller_access.history_record import HistoryRecord, Initiator, failure_text
+from bcapscope.tui.controller_access.reason_text import failure_text
 from bcapscope.tui.reader_language import reader_words
 
 _PLAIN_WORDS = re.compile(r"[\w\s.@:-]*")

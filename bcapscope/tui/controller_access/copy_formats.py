@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from bcapscope.client.controller_target import ControllerTarget
+from bcapscope.live.controller.history_record import HistoryRecord
 from bcapscope.render.call_code import hex_text, python_program, shell_command
-from bcapscope.tui.controller_access.history_record import HistoryRecord
 
 
 def copy_text(record: HistoryRecord, copy_format: str, target: ControllerTarget) -> str | None:

@@ -7,10 +7,11 @@ import time
 
 from bcapscope.client.handle_table import ObjectHandle
 from bcapscope.errors import BcapError
+from bcapscope.live.controller.controller_session import ControllerSession
+from bcapscope.live.controller.history_record import Initiator, RecordOutcome
+from bcapscope.live.controller.session_updates import WatchUpdate
 from bcapscope.protocol.codec.variant import EMPTY
-from bcapscope.tui.controller_access.controller_session import ControllerSession
-from bcapscope.tui.controller_access.history_record import Initiator, RecordOutcome, error_text, failure_text
-from bcapscope.tui.controller_access.session_updates import WatchUpdate
+from bcapscope.tui.controller_access.reason_text import error_text, failure_text
 from bcapscope.tui.controller_access.watched_variable import WatchedVariable
 from bcapscope.tui.reader_language import label
 

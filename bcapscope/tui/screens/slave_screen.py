@@ -21,6 +21,10 @@ from bcapscope.client.action_log import LoggedConnection
 from bcapscope.client.armed_call_logger import ArmedCallLogger
 from bcapscope.client.controller_target import DEFAULT_ROBOT
 from bcapscope.errors import BcapError
+from bcapscope.live.controller.controller_session import ControllerSession
+from bcapscope.live.controller.error_recovery import RecoveryStep, run_recovery_step
+from bcapscope.live.controller.history_record import Initiator
+from bcapscope.live.controller.session_updates import SessionStatus
 from bcapscope.player.armed_message_logger import ArmedMessageLogger
 from bcapscope.player.player_messages import PlayProgress, QuestionTopic, SlaveModePacing
 from bcapscope.protocol.number_parsing import parse_integer, parse_number
@@ -29,9 +33,6 @@ from bcapscope.render.escape import printable
 from bcapscope.render.play_text import controller_line, play_summary_lines, trouble_lines
 from bcapscope.render.preflight_text import PreflightRenderer
 from bcapscope.tui.app import app_of
-from bcapscope.tui.controller_access.controller_session import ControllerSession
-from bcapscope.tui.controller_access.error_recovery import RecoveryStep, run_recovery_step
-from bcapscope.tui.controller_access.history_record import Initiator, error_text
 from bcapscope.tui.controller_access.playback_run import PlaybackRun
 from bcapscope.tui.controller_access.player_slot import PlayerSlot
 from bcapscope.tui.controller_access.prepared_trajectory import (
@@ -39,7 +40,7 @@ from bcapscope.tui.controller_access.prepared_trajectory import (
     PreparedTrajectory,
     prepare_trajectory,
 )
-from bcapscope.tui.controller_access.session_updates import SessionStatus
+from bcapscope.tui.controller_access.reason_text import error_text
 from bcapscope.tui.ink import INK
 from bcapscope.tui.reader_language import label, localized, reader_words
 from bcapscope.tui.screens.base_screen import BaseScreen

@@ -19,20 +19,12 @@ from textual.containers import Horizontal, Vertical, VerticalScroll
 from textual.message import Message
 from textual.widgets import Button
 
-from bcapscope.protocol.tables.function_table import FUNCTIONS, ObjectClass
-from bcapscope.render.escape import printable
-from bcapscope.traffic.observation import Observation
-from bcapscope.tui.app import app_of
-from bcapscope.tui.controller_access.builtin_simulator import BuiltInSimulator, run_builtin_simulator
-from bcapscope.tui.controller_access.controller_session import ControllerSession
-from bcapscope.tui.controller_access.copy_formats import copy_text
-from bcapscope.tui.controller_access.error_recovery import LastSlaveSession
-from bcapscope.tui.controller_access.guided_connect import connect
-from bcapscope.tui.controller_access.halt_connection import HaltState, HaltUpdate
-from bcapscope.tui.controller_access.history_record import HistoryRecord, error_text
-from bcapscope.tui.controller_access.option_field import read_option_field
-from bcapscope.tui.controller_access.player_slot import PlayerSlot
-from bcapscope.tui.controller_access.session_updates import (
+from bcapscope.live.controller.controller_session import ControllerSession
+from bcapscope.live.controller.error_recovery import LastSlaveSession
+from bcapscope.live.controller.guided_connect import connect
+from bcapscope.live.controller.halt_connection import HaltState, HaltUpdate
+from bcapscope.live.controller.history_record import HistoryRecord
+from bcapscope.live.controller.session_updates import (
     ConnectionLost,
     ConnectStepUpdate,
     SessionProblem,
@@ -40,6 +32,15 @@ from bcapscope.tui.controller_access.session_updates import (
     SessionUpdate,
     WatchUpdate,
 )
+from bcapscope.protocol.tables.function_table import FUNCTIONS, ObjectClass
+from bcapscope.render.escape import printable
+from bcapscope.traffic.observation import Observation
+from bcapscope.tui.app import app_of
+from bcapscope.tui.controller_access.builtin_simulator import BuiltInSimulator, run_builtin_simulator
+from bcapscope.tui.controller_access.copy_formats import copy_text
+from bcapscope.tui.controller_access.option_field import read_option_field
+from bcapscope.tui.controller_access.player_slot import PlayerSlot
+from bcapscope.tui.controller_access.reason_text import error_text, reason_text
 from bcapscope.tui.controller_access.variable_watcher import VariableWatcher
 from bcapscope.tui.reader_language import label
 from bcapscope.tui.screens.slave_screen import SlaveScreen
@@ -212,10 +213,12 @@ class TesterScreen(TesterNavigation):
         elif isinstance(news, WatchUpdate):
             self.query_one(WatchList).show_variables(tuple(self.variable_watcher.variables))
         elif isinstance(news, ConnectionLost):
-            self.query_one(ConnectionPanel).show_problem(label("tester.lost", reason=printable(news.reason)))
-            app_of(self).show_message(label("tester.lost", reason=printable(news.reason)), "error")
+            lost = label("tester.lost", reason=printable(reason_text(news.reason)))
+            self.query_one(ConnectionPanel).show_problem(lost)
+            app_of(self).show_message(lost, "error")
         elif isinstance(news, SessionProblem):
-            app_of(self).show_message(label("tester.log.broken", reason=printable(news.text)), "warning")
+            problem = printable(f"{news.path}: {reason_text(news.reason)}")
+            app_of(self).show_message(label("tester.log.broken", reason=problem), "warning")
 
     def _apply_status(self, status: SessionStatus) -> None:
         if status.is_connected != self._is_connected:
@@ -227,12 +230,13 @@ class TesterScreen(TesterNavigation):
 
     def _apply_halt_update(self, news: HaltUpdate) -> None:
         before, self._halt_update = self._halt_update, news
+        reason = printable(reason_text(news.reason))
         if news.state in (HaltState.HALTED, HaltState.FAILED):
             key = "tester.halted" if news.state is HaltState.HALTED else "tester.unhalted"
-            text = label(key, ms=f"{news.round_trip / 1e6:.1f}", reason=printable(news.reason))
+            text = label(key, ms=f"{news.round_trip / 1e6:.1f}", reason=reason)
             app_of(self).show_message(text, "warning" if news.state is HaltState.HALTED else "error")
         elif news.state is HaltState.LOST and before.state is HaltState.READY:
-            app_of(self).show_message(label("tester.halt.gone", reason=printable(news.reason)), "error")
+            app_of(self).show_message(label("tester.halt.gone", reason=reason), "error")
         self._show_status()
 
     def _show_status(self) -> None:

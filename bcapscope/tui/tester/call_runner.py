@@ -8,6 +8,12 @@ from typing import Any
 
 from bcapscope.client.handle_table import ObjectHandle
 from bcapscope.errors import BcapError
+from bcapscope.live.controller.controller_session import (
+    ControllerSession,
+    NotArmedError,
+)
+from bcapscope.live.controller.guided_connect import add_robot, start_robslave
+from bcapscope.live.controller.history_record import HistoryRecord, RecordOutcome
 from bcapscope.messages import Message
 from bcapscope.protocol.closing_calls import RELEASES
 from bcapscope.protocol.codec.variant import VT, Variant
@@ -17,17 +23,7 @@ from bcapscope.protocol.tables.hresult import hresult_name
 from bcapscope.render.escape import printable
 from bcapscope.render.result_values import reply_values_text
 from bcapscope.tui.app import BcapApp
-from bcapscope.tui.controller_access.controller_session import (
-    ControllerSession,
-    NotArmedError,
-)
-from bcapscope.tui.controller_access.guided_connect import add_robot, start_robslave
-from bcapscope.tui.controller_access.history_record import (
-    HistoryRecord,
-    RecordOutcome,
-    error_text,
-    failure_text,
-)
+from bcapscope.tui.controller_access.reason_text import error_text, failure_text
 from bcapscope.tui.reader_language import label
 from bcapscope.tui.tester.wanted_messages import CallWanted, OpenWanted, RawWanted, ResultDisplay
 

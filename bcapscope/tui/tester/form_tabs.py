@@ -10,10 +10,10 @@ from textual.containers import Vertical
 from textual.widgets import Button, ContentSwitcher
 
 from bcapscope.client.handle_table import ObjectHandle
+from bcapscope.live.controller.history_record import HistoryRecord
 from bcapscope.protocol.codec.variant import Variant
 from bcapscope.protocol.tables.function_table import FUNCTIONS, Function, ObjectClass, function_by_name
 from bcapscope.render.notation_text import untyped_text
-from bcapscope.tui.controller_access.history_record import HistoryRecord
 from bcapscope.tui.tester.choice_row import ChoiceRow
 from bcapscope.tui.tester.function_form import FunctionForm, FunctionPanel
 from bcapscope.tui.tester.list_pickers import FunctionPicker

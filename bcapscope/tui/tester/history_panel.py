@@ -11,8 +11,8 @@ from textual.binding import Binding, BindingType
 from textual.containers import Vertical
 from textual.message import Message
 
+from bcapscope.live.controller.history_record import HistoryRecord
 from bcapscope.tui.controller_access.call_history import history_filter, history_line
-from bcapscope.tui.controller_access.history_record import HistoryRecord
 from bcapscope.tui.ink import INK
 from bcapscope.tui.reader_language import label
 from bcapscope.tui.widgets.checked_input import CheckedInput

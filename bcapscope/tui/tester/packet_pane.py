@@ -9,11 +9,11 @@ from textual.app import ComposeResult
 from textual.containers import Horizontal, Vertical
 from textual.widgets import Button
 
+from bcapscope.live.controller.history_record import HistoryRecord, Initiator
 from bcapscope.protocol.tables.command_catalogue import call_name
 from bcapscope.render.escape import printable
 from bcapscope.traffic.call_kind import CallKind
 from bcapscope.tui.app import app_of
-from bcapscope.tui.controller_access.history_record import HistoryRecord, Initiator
 from bcapscope.tui.controller_access.saved_requests import SavedRequestError, save_request
 from bcapscope.tui.ink import INK
 from bcapscope.tui.reader_language import label, localized, reader_words

@@ -6,6 +6,7 @@ from typing import ClassVar
 
 from textual.binding import Binding, BindingType
 
+from bcapscope.live.controller.history_record import HistoryRecord, RecordOutcome
 from bcapscope.protocol.tables.command_catalogue import command_name
 from bcapscope.protocol.tables.enumerations import result_meanings
 from bcapscope.protocol.tables.function_table import FUNCTIONS
@@ -13,7 +14,7 @@ from bcapscope.protocol.tables.hresult import E_FAIL, S_OK, describe_hresult, hr
 from bcapscope.render.escape import printable
 from bcapscope.render.result_advice import result_advice
 from bcapscope.render.result_values import reply_values_text
-from bcapscope.tui.controller_access.history_record import HistoryRecord, RecordOutcome, failure_text
+from bcapscope.tui.controller_access.reason_text import failure_text
 from bcapscope.tui.ink import INK
 from bcapscope.tui.reader_language import label, reader_words, table_text
 from bcapscope.tui.widgets.inked_text import InkedText

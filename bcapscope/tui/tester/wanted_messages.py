@@ -8,9 +8,9 @@ from typing import Protocol
 from textual.message import Message
 
 from bcapscope.client.handle_table import ObjectHandle
+from bcapscope.live.controller.history_record import HistoryRecord
 from bcapscope.protocol.codec.variant import Variant
 from bcapscope.protocol.tables.function_table import Function, ObjectClass
-from bcapscope.tui.controller_access.history_record import HistoryRecord
 
 
 class ResultDisplay(Protocol):

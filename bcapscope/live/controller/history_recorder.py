@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 
 from bcapscope.client.handle_table import ObjectHandle
 from bcapscope.errors import Attempt
+from bcapscope.live.controller.history_record import HistoryRecord, Initiator, RecordOutcome
 from bcapscope.protocol.codec.frame import Frame
 from bcapscope.protocol.codec.variant import Variant
 from bcapscope.protocol.retry.requester import (
@@ -24,7 +25,6 @@ from bcapscope.protocol.retry.requester import (
 )
 from bcapscope.protocol.tables.hresult import is_failure
 from bcapscope.traffic.observation import Direction, Observation
-from bcapscope.tui.controller_access.history_record import HistoryRecord, Initiator, RecordOutcome
 
 INITIATOR: ContextVar[Initiator] = ContextVar("who", default=Initiator.SCREEN)
 """Initiator of the calls in the running task."""

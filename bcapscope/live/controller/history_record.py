@@ -4,16 +4,20 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from enum import StrEnum
+from typing import TypeAlias
 
 from bcapscope.client.handle_table import ObjectHandle
 from bcapscope.errors import Attempt, BcapError
+from bcapscope.messages import Message
 from bcapscope.messages.os_errors import os_reason
 from bcapscope.messages.places import Count
 from bcapscope.protocol.codec.frame import Frame
 from bcapscope.protocol.codec.variant import Variant
 from bcapscope.protocol.tables.hresult import describe_hresult, hresult_name
 from bcapscope.traffic.observation import Direction, Observation
-from bcapscope.tui.reader_language import label, reader_words
+
+Reason: TypeAlias = tuple[Message | str, ...]
+"""What was found, or why something failed: parts of one clause, which commas separate; () for nothing."""
 
 
 class RecordOutcome(StrEnum):
@@ -80,17 +84,15 @@ class HistoryRecord:
         return max(0, len(self.sent_packets) - 1)
 
 
-def error_text(error: BcapError | OSError) -> str:
-    """Return an error in one line; the record of a call shows the attempts of a time-out."""
-    reason = error.message if isinstance(error, BcapError) else os_reason(error)
-    return reader_words().text(reason).partition("\n")[0]
+def error_reason(error: BcapError | OSError) -> Reason:
+    return (error.message if isinstance(error, BcapError) else os_reason(error),)
 
 
-def failure_text(record: HistoryRecord) -> str:
-    """Return in one clause why a call failed."""
+def failure_reason(record: HistoryRecord) -> Reason:
+    """Return why a call failed."""
     if record.outcome is RecordOutcome.REFUSED and record.reply is not None:
         code = record.reply.code
-        return f"{hresult_name(code)}, {reader_words().text(describe_hresult(code).meaning)}"
+        return hresult_name(code), describe_hresult(code).meaning
     if record.outcome is RecordOutcome.UNANSWERED:
-        return label("controller.no-reply", attempts=Count(len(record.attempts), "attempt"))
-    return label("controller.cancelled")
+        return (Message("controller.no-reply", attempts=Count(len(record.attempts), "attempt")),)
+    return (Message("controller.cancelled"),)

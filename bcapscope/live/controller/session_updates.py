@@ -7,14 +7,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from pathlib import Path
 from typing import TypeAlias
 
 from bcapscope.client.controller_target import ControllerTarget
 from bcapscope.client.handle_table import ObjectHandle
 from bcapscope.client.session import command_of, requested_slave_mode
+from bcapscope.live.controller.halt_connection import HaltUpdate
+from bcapscope.live.controller.history_record import HistoryRecord, Reason, RecordOutcome
 from bcapscope.protocol.tables.hresult import E_NOT_IN_SLAVE_MODE, describe_hresult
-from bcapscope.tui.controller_access.halt_connection import HaltUpdate
-from bcapscope.tui.controller_access.history_record import HistoryRecord, RecordOutcome
 
 _ARM_COMMANDS = ("takearm", "givearm")
 _LEVEL_THAT_ENDS_SLAVE_MODE = 3
@@ -36,12 +37,12 @@ class ConnectStepUpdate:
 
     Attributes:
         done: Whether it succeeded; None while it runs.
-        text: What it found, or why it failed.
+        result: What it found, or why it failed.
     """
 
     step: ConnectStep
     done: bool | None
-    text: str = ""
+    result: Reason = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,9 +114,9 @@ def _slave_mode_after(record: HistoryRecord) -> int | None:
 
 @dataclass(frozen=True, slots=True)
 class ConnectionLost:
-    """The connection was lost; carries the reason as text."""
+    """The connection was lost."""
 
-    reason: str
+    reason: Reason
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,9 +126,10 @@ class WatchUpdate:
 
 @dataclass(frozen=True, slots=True)
 class SessionProblem:
-    """A function of the session failed, such as the action log; carries the reason as text."""
+    """A function of the session failed, such as writing the action log at `path`."""
 
-    text: str
+    path: Path
+    reason: Reason
 
 
 SessionUpdate: TypeAlias = (

@@ -24,6 +24,22 @@ from bcapscope.client.remote_objects import Robot
 from bcapscope.client.session import Session, open_target_session
 from bcapscope.client.variant_values import arguments_of
 from bcapscope.errors import BcapError, CallTimeout, ControllerError
+from bcapscope.live.controller.arming_state import ArmingState
+from bcapscope.live.controller.halt_connection import HaltConnection, HaltState, HaltUpdate
+from bcapscope.live.controller.history_record import (
+    HistoryRecord,
+    Initiator,
+    RecordOutcome,
+    error_reason,
+)
+from bcapscope.live.controller.history_recorder import INITIATOR, HistoryRecorder
+from bcapscope.live.controller.reply_monitor import ReplyMonitor
+from bcapscope.live.controller.session_updates import (
+    ConnectionLost,
+    SessionProblem,
+    SessionStatus,
+    SessionUpdate,
+)
 from bcapscope.messages import Message
 from bcapscope.protocol.codec.frame import Frame, Malformed, parse_datagram
 from bcapscope.protocol.codec.variant import Variant
@@ -32,22 +48,6 @@ from bcapscope.protocol.retry.requester import RequesterEvent, RetryPolicy
 from bcapscope.protocol.tables.call_effect import CallEffect
 from bcapscope.protocol.tables.function_table import FUNCTIONS, ID, Function, ObjectClass, function_by_name
 from bcapscope.traffic.observation import Direction, Observation
-from bcapscope.tui.controller_access.arming_state import ArmingState
-from bcapscope.tui.controller_access.halt_connection import HaltConnection, HaltState, HaltUpdate
-from bcapscope.tui.controller_access.history_record import (
-    HistoryRecord,
-    Initiator,
-    RecordOutcome,
-    error_text,
-)
-from bcapscope.tui.controller_access.history_recorder import INITIATOR, HistoryRecorder
-from bcapscope.tui.controller_access.reply_monitor import ReplyMonitor
-from bcapscope.tui.controller_access.session_updates import (
-    ConnectionLost,
-    SessionProblem,
-    SessionStatus,
-    SessionUpdate,
-)
 
 R = TypeVar("R")
 
@@ -316,7 +316,7 @@ class ControllerSession:
             if not isinstance(error, BcapError):
                 self._recorder.abandon_own_call(time.time_ns())
                 await self.disconnect()
-                self.report(ConnectionLost(error_text(error)))
+                self.report(ConnectionLost(error_reason(error)))
             raise
 
     # HALT.
@@ -342,7 +342,7 @@ class ControllerSession:
             if self._halt_connection is None:
                 done = record.outcome is RecordOutcome.ANSWERED
                 state = HaltState.HALTED if done else HaltState.FAILED
-                self.report(HaltUpdate(state, record.outcome.value, record.took))
+                self.report(HaltUpdate(state, (record.outcome.value,), record.took))
             if self.status.slave_mode:
                 values = (robot.handle, "slvChangeMode", 0)
                 await self.invoke("Robot_Execute", *values, initiator=Initiator.SCREEN)
@@ -382,7 +382,7 @@ class ControllerSession:
         )
 
     def _on_log_error(self, path: Path, error: OSError) -> None:
-        self.report(SessionProblem(f"{path}: {error_text(error)}"))
+        self.report(SessionProblem(path, error_reason(error)))
 
     def _on_record(self, record: HistoryRecord) -> None:
         """Update the status from a call that has ended, and report its record."""
