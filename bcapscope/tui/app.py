@@ -112,7 +112,7 @@ class BcapApp(KeyOrderApp):
             language = Language(self.settings.language)
         if language is not None:
             set_language(language)
-        self._closers: list[Closer] = []
+        self._closers = AsyncExitStack()
         self._is_ending = False
         self._gc_thresholds = gc.get_threshold()
         for theme in THEMES:
@@ -198,7 +198,7 @@ class BcapApp(KeyOrderApp):
 
     def add_closer(self, closer: Closer) -> None:
         """Register a coroutine function that always runs before the screen closes; the last runs first."""
-        self._closers.append(closer)
+        self._closers.push_async_callback(closer)
 
     def get_line_filters(self) -> Sequence[LineFilter]:
         """Return the filters that every line passes before it reaches the terminal."""
@@ -257,10 +257,8 @@ class BcapApp(KeyOrderApp):
     async def _run_closers(self) -> None:
         """Run all closers within `CLOSE_TIMEOUT`; an error in one does not skip the others."""
         with suppress(TimeoutError):
-            async with asyncio.timeout(CLOSE_TIMEOUT), AsyncExitStack() as stack:
-                for closer in self._closers:
-                    stack.push_async_callback(closer)
-                self._closers.clear()
+            async with asyncio.timeout(CLOSE_TIMEOUT):
+                await self._closers.aclose()
 
     def run_until_closed(self) -> None:
         """Run the screen until it is closed.

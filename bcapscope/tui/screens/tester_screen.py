@@ -37,7 +37,7 @@ from bcapscope.render.escape import printable
 from bcapscope.traffic.observation import Observation
 from bcapscope.tui.app import app_of
 from bcapscope.tui.controller_access.builtin_simulator import BuiltInSimulator, run_builtin_simulator
-from bcapscope.tui.controller_access.copy_formats import copy_text
+from bcapscope.tui.controller_access.call_history import copy_text
 from bcapscope.tui.controller_access.option_field import read_option_field
 from bcapscope.tui.controller_access.player_slot import PlayerSlot
 from bcapscope.tui.controller_access.reason_text import error_text, reason_text
@@ -320,11 +320,8 @@ class TesterScreen(TesterNavigation):
         self._run_in_group(self.call_runner.run_robslave(message.result_display))
 
     @on(OpenWanted)
-    def _open_or_release(self, message: OpenWanted) -> None:
-        if isinstance(message, OpenObjectRow.ReleaseWanted):
-            self._run_in_group(self.call_runner.release_object(message))
-        else:
-            self._run_in_group(self._open_object(message))
+    def _open_wanted(self, message: OpenWanted) -> None:
+        self._run_in_group(self._open_object(message))
 
     async def _open_object(self, wanted: OpenWanted) -> None:
         if await self.call_runner.open_object(wanted) and wanted.kind is ObjectClass.VARIABLE:

@@ -15,7 +15,6 @@ from bcapscope.live.controller.controller_session import (
 from bcapscope.live.controller.guided_connect import add_robot, start_robslave
 from bcapscope.live.controller.history_record import HistoryRecord, RecordOutcome
 from bcapscope.messages import Message
-from bcapscope.protocol.closing_calls import RELEASES
 from bcapscope.protocol.codec.variant import VT, Variant
 from bcapscope.protocol.tables.command_catalogue import call_name
 from bcapscope.protocol.tables.function_table import FUNCTIONS, ObjectClass
@@ -78,15 +77,6 @@ class CallRunner:
             return await session.invoke(name, parent.handle, wanted.name, wanted.option)
 
         return await self._run_reported(wanted.result_display, step)
-
-    async def release_object(self, wanted: OpenWanted) -> None:
-        name = wanted.name.casefold()
-        found = [one for one in self._session.status.open_objects if one.kind is wanted.kind]
-        subject = next((one for one in reversed(found) if one.label.casefold() == name), None)
-        if subject is None:
-            wanted.result_display.show_error(label("tester.release.missing", name=printable(wanted.name)))
-            return
-        await self.make_call(CallWanted(wanted.result_display, RELEASES[wanted.kind], (), subject))
 
     async def run_robslave(self, result_display: ResultDisplay) -> None:
         await self._run_reported(result_display, lambda: start_robslave(self._session))

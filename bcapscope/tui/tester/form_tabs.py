@@ -17,6 +17,7 @@ from bcapscope.render.notation_text import untyped_text
 from bcapscope.tui.tester.choice_row import ChoiceRow
 from bcapscope.tui.tester.function_form import FunctionForm, FunctionPanel
 from bcapscope.tui.tester.list_pickers import FunctionPicker
+from bcapscope.tui.tester.open_object_row import OpenObjectRow
 from bcapscope.tui.tester.raw_form import RawForm
 from bcapscope.tui.tester.robot_panel import RobotPanel
 from bcapscope.tui.tester.task_panel import TaskPanel
@@ -43,9 +44,8 @@ class FormTabs(Vertical):
             yield RawForm(id="raw")
 
     def set_open_objects(self, open_objects: Sequence[ObjectHandle]) -> None:
-        for panel in self.query(VariablePanel):
-            panel.set_open_objects(open_objects)
-        self.query_one(TaskPanel).set_open_objects(open_objects)
+        for row in self.query(OpenObjectRow):
+            row.set_open_objects(open_objects)
 
     def variable_opened(self, owner: ObjectClass, name: str) -> None:
         """Prepare the form for a variable that the user has opened."""

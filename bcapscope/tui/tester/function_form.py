@@ -54,8 +54,7 @@ class FunctionForm(Vertical):
     def _make_field(self, index: int, param: Param) -> Iterator[Select[int] | TypedValue]:
         known = _NAMED_VALUES.get((self.function.name, param.name))
         if known is not None:
-            options = [(f"{value} {table_text(text)}", value) for value, text in known.items()]
-            yield Select(options, allow_blank=False, compact=True, id=f"field{index}", classes="named")
+            yield select_named_value(known, f"field{index}")
         elif param.type == "VARIANT":
             yield TypedValue(VT.BSTR, PARAMETER_TYPES, id=f"field{index}")
         else:
@@ -110,6 +109,12 @@ class FunctionForm(Vertical):
             result.show_problem(values)
         else:
             self.post_message(CallWanted(result, self.function, values))
+
+
+def select_named_value(texts: Mapping[int, str], name: str) -> Select[int]:
+    """Return a widget that chooses one of some numbers, each with its meaning."""
+    options = [(f"{value} {table_text(text)}", value) for value, text in texts.items()]
+    return Select(options, allow_blank=False, compact=True, id=name, classes="named")
 
 
 class FunctionPanel(Vertical):

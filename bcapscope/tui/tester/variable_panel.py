@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 from textual import on
 from textual.app import ComposeResult
 from textual.containers import Horizontal, Vertical
@@ -31,7 +29,6 @@ class VariablePanel(Vertical):
         super().__init__(id=id, classes="box")
         self._owner = owner
         self._initial_name = name
-        self._open_variables: tuple[ObjectHandle, ...] = ()
 
     def compose(self) -> ComposeResult:
         result = ResultView()
@@ -48,19 +45,6 @@ class VariablePanel(Vertical):
             yield Button(label("tester.put"), compact=True, classes="put")
             yield Button(label("tester.watch"), compact=True, classes="watch")
         yield result
-
-    def set_open_objects(self, open_objects: Sequence[ObjectHandle]) -> None:
-        self._open_variables = tuple(
-            one
-            for one in open_objects
-            if one.kind is ObjectClass.VARIABLE and one.parent is not None and one.parent.kind is self._owner
-        )
-
-    @property
-    def selected_variable(self) -> ObjectHandle | None:
-        """The open variable with the name in the field; the latest if there are several."""
-        name = self.query_one(OpenObjectRow).object_name.casefold()
-        return next((one for one in reversed(self._open_variables) if one.label.casefold() == name), None)
 
     @on(TypedValue.Changed)
     def _show_check(self, message: TypedValue.Changed) -> None:
@@ -108,7 +92,7 @@ class VariablePanel(Vertical):
                 self.query_one(TypedValue).select_type(types[0])
 
     def _require_variable(self) -> ObjectHandle | None:
-        found = self.selected_variable
+        found = self.query_one(OpenObjectRow).find_open(self._owner)
         if found is None:
             self.query_one(ResultView).show_error(label("tester.variable.missing"))
         return found
