@@ -314,5 +314,4 @@ class BcapApp(KeyOrderApp):
 
 
 def app_of(node: DOMNode) -> BcapApp:
-    """Return the application that shows a widget."""
     return cast(BcapApp, node.app)

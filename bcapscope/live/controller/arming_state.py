@@ -34,7 +34,6 @@ class ArmingState:
         return self._armed_until is not None and now < self._armed_until
 
     def allows_armed_calls(self, now: int) -> bool:
-        """Return whether calls that need arming may be sent."""
         return not self.is_required or self.is_armed(now)
 
     def remaining(self, now: int) -> int:

@@ -185,7 +185,6 @@ class ControllerSession:
                 self.report(self.status)
 
     def update_status(self, **changes: Any) -> None:
-        """Change the status and report it."""
         self.status = replace(self.status, **changes)
         self.report(self.status)
 

@@ -20,8 +20,6 @@ from bcapscope.protocol.slave_mode.poses import pose_numbers
 
 
 class RecoveryStep(StrEnum):
-    """A step of the recovery, in order."""
-
     READ = "read"
     CLEAR = "clear"
     ROBSLAVE = "robslave"

@@ -21,8 +21,6 @@ Reason: TypeAlias = tuple[Message | str, ...]
 
 
 class RecordOutcome(StrEnum):
-    """How a call ended."""
-
     ANSWERED = "answered"
     REFUSED = "refused"
     UNANSWERED = "unanswered"
@@ -31,8 +29,6 @@ class RecordOutcome(StrEnum):
 
 
 class Initiator(StrEnum):
-    """Who started a call."""
-
     USER = "user"
     SCREEN = "screen"
     """bcapscope itself: to identify the controller, to recover, to release objects."""

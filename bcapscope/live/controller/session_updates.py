@@ -22,8 +22,6 @@ _LEVEL_THAT_ENDS_SLAVE_MODE = 3
 
 
 class ConnectStep(StrEnum):
-    """A step of the guided connect."""
-
     LINK = "link"
     SERVICE = "service"
     CONTROLLER = "controller"

@@ -44,7 +44,6 @@ class CheckedText(NamedTuple):
 
 
 def check_text(vt: int, text: str) -> CheckedText:
-    """Parse text as a value of a type."""
     typed = text if vt == VT.BSTR else text.strip()
     try:
         return CheckedText(parse_variant(f"{type_word(vt)}:{typed}"), "")

@@ -46,7 +46,6 @@ class WatchSeries:
         return (value - was) * _SECOND / (now - before) if now > before else None
 
     def sparkline_text(self, width: int) -> str:
-        """Return the last readings as one character each."""
         return sparkline([value for _, value in self.readings][-width:])
 
 

@@ -79,35 +79,20 @@ def _app_commands(app: BcapApp) -> Iterator[ScreenCommand]:
 
 
 class ScreenCommandProvider(Provider):
-    def _available_commands(self) -> Iterator[ScreenCommand]:
-        return filter(_is_available, all_commands(self.screen, cast(BcapApp, self.app)))
+    def _available_commands(self) -> Iterator[tuple[ScreenCommand, partial[Coroutine[Any, Any, bool]]]]:
+        """Yield the commands that are possible now, each with a function that runs it."""
+        for command in all_commands(self.screen, cast(BcapApp, self.app)):
+            if command.node.check_action(command.action.partition("(")[0], ()) is not False:
+                yield command, partial(self.app.run_action, command.action, command.node)
 
     async def discover(self) -> Hits:
-        for command in self._available_commands():
-            yield DiscoveryHit(
-                _command_label(command), self._command_runner(command), command.name, command.tip or None
-            )
+        for command, run in self._available_commands():
+            text = f"{command.name}  ({command.key})" if command.key else command.name
+            yield DiscoveryHit(Content(text), run, command.name, command.tip or None)
 
     async def search(self, query: str) -> Hits:
         matcher = self.matcher(query)
-        for command in self._available_commands():
+        for command, run in self._available_commands():
             score = matcher.match(command.name)
             if score > 0:
-                yield Hit(
-                    score,
-                    matcher.highlight(command.name),
-                    self._command_runner(command),
-                    command.name,
-                    command.tip or None,
-                )
-
-    def _command_runner(self, command: ScreenCommand) -> partial[Coroutine[Any, Any, bool]]:
-        return partial(self.app.run_action, command.action, command.node)
-
-
-def _is_available(command: ScreenCommand) -> bool:
-    return command.node.check_action(command.action.partition("(")[0], ()) is not False
-
-
-def _command_label(command: ScreenCommand) -> Content:
-    return Content(f"{command.name}  ({command.key})" if command.key else command.name)
+                yield Hit(score, matcher.highlight(command.name), run, command.name, command.tip or None)

@@ -156,7 +156,6 @@ class SlaveScreen(BaseScreen):
             await self._check_trajectory()
 
     async def _check_trajectory(self) -> None:
-        """Read and check the chosen trajectory, and show the result."""
         wish = self._read_fields()
         if isinstance(wish, str):
             self._show_report([f"{INK.dim}{wish}{INK.reset}"])
@@ -228,7 +227,6 @@ class SlaveScreen(BaseScreen):
 
     @on(Button.Pressed, "#start")
     def action_start(self) -> None:
-        """Start playing, or report that no trajectory is ready."""
         if self._prepared is None and not self._player_slot.is_playing:
             self._show_state(f"{INK.bad}{label('tester.start.none')}")
         elif (

@@ -253,7 +253,6 @@ class TrafficScreen(TrafficViews):
 
     @work(thread=True)
     def _save_packets(self, job: SaveJob) -> None:
-        """Wait for the process that saves."""
         self.post_message(NotesSaved(job.target, self.feed.save(job)))
 
     def on_notes_saved(self, message: NotesSaved) -> None:

@@ -58,8 +58,6 @@ class FeedUpdated(Message):
 
 
 class TrafficViews(ViewsScreen):
-    """Shows the traffic of a feed."""
-
     NAME = "traffic"
     ABOUT = "traffic.about"
     AUTO_FOCUS = "#frames"
@@ -224,7 +222,6 @@ class TrafficViews(ViewsScreen):
             self.query_one("#head", Static).update(Text(text), layout=False)
 
     def show_state(self) -> None:
-        """Show the counts of the views, and the progress of reading and searching."""
         journal, calls, brief = self.feed.journal, self.feed.calls, self.size.width < _NARROW_WIDTH
         counts = {"findings": str(len(self.analysis.findings) or "")}
         if journal is not None and calls is not None:
@@ -268,7 +265,6 @@ class TrafficViews(ViewsScreen):
         return None if calls is None or row is None else calls.read_call(row).settled
 
     def show_frame(self) -> None:
-        """Show the frame under the cursor below the list."""
         number = self._shown_frame = self.frame_number
         packet = self.query_one(PacketView)
         if number is None:
@@ -295,7 +291,6 @@ class TrafficViews(ViewsScreen):
     # views and filter
 
     def show_view(self) -> None:
-        """Show the filter, and the frame in views that list frames."""
         of_frames = self.view in RECORD_KINDS
         for name in ("#filter-line", "#head", "#detail"):
             self.query_one(name).display = of_frames
@@ -317,7 +312,6 @@ class TrafficViews(ViewsScreen):
 
     @on(CheckedInput.Typed)
     def _filter_typed(self, message: CheckedInput.Typed) -> None:
-        """Start a search as soon as a valid expression is typed."""
         self._apply_filter(message.text)
 
     @on(CheckedInput.Entered)

@@ -15,7 +15,7 @@ from bcapscope.protocol.codec.variant import VT, Variant
 from bcapscope.protocol.tables.command_catalogue import commands_of
 from bcapscope.protocol.tables.function_table import FUNCTIONS
 from bcapscope.tui.app import app_of
-from bcapscope.tui.controller_access.parameter_input import command_hint, expected_input
+from bcapscope.tui.controller_access.parameter_input import command_hint
 from bcapscope.tui.reader_language import label
 from bcapscope.tui.tester.caption import Caption
 from bcapscope.tui.tester.list_pickers import CommandPicker
@@ -72,13 +72,9 @@ class CommandForm(Vertical):
     @on(TypedValue.Changed)
     def _show_check(self, message: TypedValue.Changed) -> None:
         message.stop()
-        if message.problem:
-            self.query_one(ResultView).show_problem(message.problem)
-            return
         found = command_hint(self.function.id, self.query_one(".command", Input).value)
-        vt = message.value.vt
-        wanted = "" if vt in (VT.EMPTY, VT.NULL) else expected_input(vt)
-        self.query_one(ResultView).show_hint(found.text if found else wanted)
+        hint = found.text if found else message.value.hint
+        self.query_one(ResultView).show_check(message.problem, hint)
 
     @on(Input.Submitted, ".command")
     def _submit_command(self, message: Input.Submitted) -> None:

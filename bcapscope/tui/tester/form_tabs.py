@@ -48,7 +48,6 @@ class FormTabs(Vertical):
             row.set_open_objects(open_objects)
 
     def variable_opened(self, owner: ObjectClass, name: str) -> None:
-        """Prepare the form for a variable that the user has opened."""
         for panel in self.query(VariablePanel):
             panel.variable_opened(owner, name)
 

@@ -12,7 +12,7 @@ from textual.widgets import Button, Label, Select
 from bcapscope.protocol.codec.variant import VT, Variant
 from bcapscope.protocol.tables.enumerations import INTERPOLATIONS, TASK_START_MODES, TASK_STOP_MODES
 from bcapscope.protocol.tables.function_table import Function, Param
-from bcapscope.tui.controller_access.parameter_input import PARAMETER_TYPES, expected_input
+from bcapscope.tui.controller_access.parameter_input import PARAMETER_TYPES
 from bcapscope.tui.reader_language import label, table_text
 from bcapscope.tui.tester.caption import Caption
 from bcapscope.tui.tester.result_view import ResultView
@@ -62,7 +62,6 @@ class FunctionForm(Vertical):
             yield TypedValue(vt, (vt,), id=f"field{index}")
 
     def focus_first(self) -> None:
-        """Focus the first field, or the button if there is none."""
         found = [each for each in self.query("Input, Select, Button") if each.focusable]
         if found:
             found[0].focus()
@@ -92,12 +91,7 @@ class FunctionForm(Vertical):
     @on(TypedValue.Changed)
     def _show_check(self, message: TypedValue.Changed) -> None:
         message.stop()
-        result = self.query_one(ResultView)
-        if message.problem:
-            result.show_problem(message.problem)
-        else:
-            vt = message.value.vt
-            result.show_hint("" if vt in (VT.EMPTY, VT.NULL) else expected_input(vt))
+        self.query_one(ResultView).show_check(message.problem, message.value.hint)
 
     @on(Button.Pressed, ".execute")
     @on(TypedValue.Submitted)

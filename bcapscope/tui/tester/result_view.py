@@ -63,6 +63,13 @@ class ResultView(InkedText, can_focus=True):
         self.record = None
         self._show_line(f"{INK.problem}{printable(text)}{INK.reset}")
 
+    def show_check(self, problem: str, hint: str) -> None:
+        """Show what is wrong with the input, or else what is expected."""
+        if problem:
+            self.show_problem(problem)
+        else:
+            self.show_hint(hint)
+
     def action_digits(self) -> None:
         self.show_digits(not self.shows_all_digits)
 

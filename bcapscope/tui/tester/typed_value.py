@@ -11,11 +11,12 @@ from textual.containers import Horizontal
 from textual.message import Message
 from textual.widgets import Input, Select
 
-from bcapscope.protocol.codec.variant import VT, Variant
+from bcapscope.protocol.codec.variant import VT
 from bcapscope.tui.controller_access.parameter_input import (
     PARAMETER_TYPES,
     CheckedText,
     check_text,
+    expected_input,
     type_label,
 )
 
@@ -40,7 +41,6 @@ class TypedValue(Horizontal):
     def __init__(
         self, vt: int = VT.EMPTY, types: Sequence[int] = PARAMETER_TYPES, *, id: str | None = None
     ) -> None:
-        """Start with a type; offer only the types in `types`."""
         super().__init__(id=id)
         self._types = types
         self._initial_type = int(vt)
@@ -80,9 +80,9 @@ class TypedValue(Horizontal):
         self.query_one(Input).value = text
 
     @property
-    def variant(self) -> Variant | None:
-        """The value; None if the text does not fit the type."""
-        return self.checked_text.value
+    def hint(self) -> str:
+        """What to type; "" for a type without a value."""
+        return "" if self.vt in (VT.EMPTY, VT.NULL) else expected_input(self.vt)
 
     @on(Input.Changed)
     @on(Select.Changed)

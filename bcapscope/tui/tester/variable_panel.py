@@ -49,11 +49,7 @@ class VariablePanel(Vertical):
     @on(TypedValue.Changed)
     def _show_check(self, message: TypedValue.Changed) -> None:
         message.stop()
-        result = self.query_one(ResultView)
-        if message.problem:
-            result.show_problem(message.problem)
-        else:
-            result.show_hint(expected_input(message.value.vt))
+        self.query_one(ResultView).show_check(message.problem, expected_input(message.value.vt))
 
     @on(Button.Pressed, ".get")
     def _get_value(self, message: Button.Pressed) -> None:

@@ -23,7 +23,6 @@ class RunningDiagnosis:
     """Diagnosis and statistics of the traffic so far; `snapshot` returns them at any time."""
 
     def __init__(self, words: MessageFormatter = ENGLISH_WORDS) -> None:
-        """Start without calls."""
         self._words = words
         self._diagnosis = Diagnosis(on_slave_session=self._on_slave_session)
         self._statistics = StatisticsBuilder()

@@ -246,7 +246,6 @@ class TrafficFeed:
         self._publish(SourceProblem(reason))
 
     def close(self) -> None:
-        """End all processes and remove the journal."""
         self.is_closed = True
         self._listener = lambda message: None
         for process in (self._reader, self._searcher):
@@ -264,19 +263,14 @@ class TrafficFeed:
 
 
 def _end_process(process: subprocess.Popen[bytes]) -> None:
-    _close_stdin(process)
+    with suppress(OSError):  # it ended before it had read everything
+        _pipe(process.stdin).close()
     process.terminate()
     try:
         process.wait(_END_TIMEOUT)
     except subprocess.TimeoutExpired:
         process.kill()
         process.wait()
-
-
-def _close_stdin(process: subprocess.Popen[bytes]) -> None:
-    """Close a process's standard input, which asks it to end."""
-    with suppress(OSError):  # it ended before it had read everything
-        _pipe(process.stdin).close()
 
 
 def _pipe(stream: IO[bytes] | None) -> Any:

@@ -44,8 +44,6 @@ class CallRecorder(PipelineSubscriber):
 
 
 class TrafficPublisher:
-    """Publishes the traffic of one source."""
-
     def __init__(
         self,
         job: ReadJob,

@@ -57,7 +57,6 @@ class WebGate:
     """
 
     def __init__(self, address: Endpoint) -> None:
-        """Generate new secrets."""
         self.authority = str(address).removesuffix(f":{_HTTP_PORT}")
         self._token = secrets.token_urlsafe()
         self.origin = f"http://{self.authority}"

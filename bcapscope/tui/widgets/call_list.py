@@ -43,7 +43,6 @@ class CallList(Lines):
         self._renderer = CallRenderer(palette=INK, write_endpoints=lambda flow: "", words=reader_words())
 
     def open_calls(self, calls: CallStore, live: bool) -> None:
-        """Show the calls of a store, from the end if it is `live`."""
         self._calls = calls
         self.follows_end = live
 

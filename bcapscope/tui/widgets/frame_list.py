@@ -41,7 +41,6 @@ class FilteredRows:
         self.matches: array[int] | None = None
 
     def shown_count(self, total: int) -> int:
-        """Return the number of rows shown, out of `total`."""
         return total if self.matches is None else len(self.matches)
 
     def number(self, index: int) -> int:
@@ -82,7 +81,6 @@ class FrameList(Lines):
         self._renderer = FrameLineRenderer(palette=INK, write_endpoints=direction_arrow, words=reader_words())
 
     def open_journal(self, journal: ObservationStore, live: bool) -> None:
-        """Show a journal, from the end if it is `live`."""
         self._journal = journal
         self.follows_end = live
 
@@ -92,7 +90,6 @@ class FrameList(Lines):
         self.reset_lines()
 
     def set_line_format(self, clock: TimeFormat, with_client: bool) -> None:
-        """Set the time format, and whether lines show the client."""
         if (clock, with_client) == (self._clock, self._with_client):
             return
         self._clock, self._with_client = clock, with_client
