@@ -101,7 +101,7 @@ class TrafficScreen(TrafficViews):
         """Select a frame in the list of frames; clear a filter that hides it."""
         if self.view != "frames":
             self.action_view("frames")
-        index = self.frames.rows.index(number)
+        index = self.frames.row_of(number)
         if index is None:
             self.set_filter("")
             app_of(self).show_message(label("traffic.hidden", number=number))

@@ -41,6 +41,7 @@ from bcapscope.tui.widgets.frame_list import FrameList
 from bcapscope.tui.widgets.lines import Lines
 from bcapscope.tui.widgets.packet_view import PacketView
 from bcapscope.tui.widgets.plain_containers import PlainVertical, Switcher
+from bcapscope.tui.widgets.record_list import RecordList
 from bcapscope.tui.widgets.text_page import TextPage
 from bcapscope.tui.widgets.view_bar import ViewBar
 
@@ -176,7 +177,7 @@ class TrafficViews(ViewsScreen):
     def _show_growth(self) -> None:
         """Show new rows in the visible list; the other list updates when it is shown."""
         target = self.shown_list
-        if isinstance(target, FrameList | CallList):
+        if isinstance(target, RecordList):
             target.lines_added()
 
     def _show_analysis(self, analysis: TrafficAnalysis) -> None:
@@ -194,8 +195,8 @@ class TrafficViews(ViewsScreen):
         rows = array("I")
         rows.frombytes(matches.rows)
         target = self.shown_list
-        if isinstance(target, FrameList | CallList) and rows and target.rows.matches is not None:
-            target.rows.matches.extend(rows)
+        if isinstance(target, RecordList) and rows and target.matches is not None:
+            target.matches.extend(rows)
             target.lines_added()
 
     # display
@@ -213,7 +214,7 @@ class TrafficViews(ViewsScreen):
         journal = self.feed.journal
         first = journal.time_of(1) if journal is not None and len(journal) else 0
         several = self.feed.progress.clients > 1
-        self.frames.set_line_format(self.clock, several)
+        self.frames.set_line_format(self.clock, several, first)
         self.calls.set_line_format(self.clock, several, first)
         head = {"frames": self.frames.header, "calls": self.calls.header}.get(self.view)
         text = "" if head is None else head()
@@ -227,8 +228,8 @@ class TrafficViews(ViewsScreen):
         if journal is not None and calls is not None:
             counts |= {"frames": count_text(len(journal), brief), "calls": count_text(len(calls), brief)}
             target = self.shown_list
-            if isinstance(target, FrameList | CallList) and target.rows.matches is not None:
-                counts[self.view] = f"{count_text(len(target.rows.matches), brief)}/{counts[self.view]}"
+            if isinstance(target, RecordList) and target.matches is not None:
+                counts[self.view] = f"{count_text(len(target.matches), brief)}/{counts[self.view]}"
         states = progress_texts(self.feed.progress, self._source_problem, self._search_percent(), self._title)
         self.query_one(ViewBar).show_counts(self.view, counts, states)
 
@@ -326,17 +327,17 @@ class TrafficViews(ViewsScreen):
     def _search(self) -> None:
         """Search for the view's expression from the start, or show all rows."""
         target, expression = self.shown_list, self.expressions[self.view]
-        if not isinstance(target, FrameList | CallList):
+        if not isinstance(target, RecordList):
             return
         here = self.frame_number if target is self.frames else None
-        was_filtered = target.rows.matches is not None
+        was_filtered = target.matches is not None
         self._searched = 0
         self._generation = self.feed.search(RECORD_KINDS[self.view], expression)
         if not expression and not was_filtered:
             return
-        target.rows.matches = array("I") if expression else None
+        target.matches = array("I") if expression else None
         if isinstance(target, CallList):
             target.show_rows()
         else:
-            target.reset_lines(target.rows.nearest(here) if here is not None and not expression else 0)
+            target.reset_lines(target.nearest_row(here) if here is not None and not expression else 0)
         self.show_state()
