@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable, Callable, Sequence
+from collections.abc import Awaitable, Sequence
 from dataclasses import replace
 
 from bcapscope.client.controller_target import DEFAULT_ROBOT, ROBSLAVE, ControllerTarget
@@ -49,11 +49,9 @@ async def connect(
     """
     INITIATOR.set(Initiator.SCREEN)
     try:
-        await _run_step(session, ConnectStep.LINK, lambda: _open_link(session, target))
-        await _run_step(session, ConnectStep.SERVICE, lambda: _start_service(session))
-        await _run_step(
-            session, ConnectStep.CONTROLLER, lambda: _connect_controller(session, target, providers)
-        )
+        await _run_step(session, ConnectStep.LINK, _open_link(session, target))
+        await _run_step(session, ConnectStep.SERVICE, _start_service(session))
+        await _run_step(session, ConnectStep.CONTROLLER, _connect_controller(session, target, providers))
     except ConnectStepError:
         await session.disconnect()
         return False
@@ -62,9 +60,9 @@ async def connect(
         raise
     session.open_halt_connection(robot or DEFAULT_ROBOT)
     try:
-        await _run_step(session, ConnectStep.IDENTITY, lambda: _identify_controller(session))
+        await _run_step(session, ConnectStep.IDENTITY, _identify_controller(session))
         if robot:
-            await _run_step(session, ConnectStep.ROBOT, lambda: _open_first_robot(session, robot, option))
+            await _run_step(session, ConnectStep.ROBOT, _open_first_robot(session, robot, option))
     except ConnectStepError:
         return False
     return True
@@ -98,12 +96,10 @@ async def start_robslave(session: ControllerSession) -> HistoryRecord:
     return await session.record_calls(steps())
 
 
-async def _run_step(
-    session: ControllerSession, step: ConnectStep, action: Callable[[], Awaitable[Reason]]
-) -> None:
+async def _run_step(session: ControllerSession, step: ConnectStep, action: Awaitable[Reason]) -> None:
     session.report(ConnectStepUpdate(step, None))
     try:
-        found = await action()
+        found = await action
     except (BcapError, OSError) as error:
         reason = error_reason(error)
         if isinstance(error, ConnectStepError):

@@ -26,9 +26,8 @@ class VariableWatcher:
         variables: Watched variables in the order of adding; only the session's thread changes it.
     """
 
-    def __init__(self, session: ControllerSession, interval: float = READ_INTERVAL) -> None:
+    def __init__(self, session: ControllerSession) -> None:
         self._session = session
-        self._interval = interval
         self._task: asyncio.Task[None] | None = None
         self.variables: list[WatchedVariable] = []
 
@@ -54,24 +53,24 @@ class VariableWatcher:
             for each in tuple(self.variables):
                 await self._read_variable(each)
             self._session.report(WatchUpdate())
-            await asyncio.sleep(self._interval)
+            await asyncio.sleep(READ_INTERVAL)
         self.variables.clear()
         self._session.report(WatchUpdate())
 
     async def _read_variable(self, variable: WatchedVariable) -> None:
         """Read one variable; skip it in slave mode, which any call but a set point may end."""
         if self._session.polling_paused:
-            variable.set_problem(label("controller.not-read"))
+            variable.problem = label("controller.not-read")
             return
         try:
             record = await self._session.invoke(
                 "Variable_GetValue", variable.handle, initiator=Initiator.WATCH
             )
         except (BcapError, OSError) as error:
-            variable.set_problem(error_text(error))
+            variable.problem = error_text(error)
             return
         if record.outcome is RecordOutcome.ANSWERED and record.reply is not None:
             arguments = record.reply.arguments
             variable.add_reading(arguments[0].variant if arguments else EMPTY, time.monotonic_ns())
         else:
-            variable.set_problem(failure_text(record))
+            variable.problem = failure_text(record)

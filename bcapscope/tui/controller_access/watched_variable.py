@@ -79,19 +79,12 @@ class WatchedVariable:
         for series, number in zip(self.series, numbers, strict=True):
             series.add(time, number)
 
-    def set_problem(self, reason: str) -> None:
-        self.problem = reason
-
     def reset_extremes(self) -> None:
         self.series = [WatchSeries() for _ in self.series]
 
 
 def _numbers(variant: Variant) -> list[float]:
-    value = variant.value
-    if isinstance(value, bool | int | float):
-        return [float(value)]
-    if isinstance(value, bytes):
-        return []
-    if isinstance(value, tuple) and all(isinstance(each, bool | int | float) for each in value):
-        return [float(each) for each in value if isinstance(each, bool | int | float)]
-    return []
+    """Return the number, or those of an array; none if anything in it is not a number."""
+    values = variant.value if isinstance(variant.value, tuple) else (variant.value,)
+    numbers = [float(each) for each in values if isinstance(each, bool | int | float)]
+    return numbers if len(numbers) == len(values) else []

@@ -68,9 +68,8 @@ class TrafficSearch:
 
     def _answer_request(self, request: SearchRequest) -> None:
         """Search the existing rows, then new rows, until another request arrives."""
-        fits, size = (
-            self._frame_search(request) if request.kind == RecordKind.FRAME else self._call_search(request)
-        )
+        is_frame = request.kind == RecordKind.FRAME
+        fits, size = self._frame_search(request) if is_frame else self._call_search(request)
         searched, rows, reported = 0, array("I"), 0.0
         reported_at = -1
         while self._latest_request is request:  # checked here, since `_request_arrived` may be set only later
