@@ -30,7 +30,7 @@ class Prompt(ModalScreen[str | None]):
             yield Static(Text(self._question), id="prompt-title")
             yield Input(self._value, id="prompt-input")
             yield Static(
-                Text(f"{self._hint}   ⏎ {label('prompt.accept')}   esc {label('prompt.cancel')}"),
+                Text(f"{self._hint}   ⏎ {label('prompt.accept')}   esc {label('prompt.cancel')}".strip()),
                 id="prompt-hint",
             )
 

@@ -73,8 +73,8 @@ class CallRunner:
             if wanted.kind is ObjectClass.ROBOT:
                 return await add_robot(session, wanted.name, wanted.option)
             parent = self._object_of(wanted.parent)
-            name = f"{wanted.parent}_Get{wanted.kind}"
-            return await session.invoke(name, parent.handle, wanted.name, wanted.option)
+            await session.open_object(parent, wanted.kind, wanted.name, wanted.option)
+            return session.last_record
 
         return await self._run_reported(wanted.result_display, step)
 

@@ -17,8 +17,8 @@ from bcapscope.tui.app import app_of
 from bcapscope.tui.controller_access.saved_requests import SavedRequestError, save_request
 from bcapscope.tui.ink import INK
 from bcapscope.tui.reader_language import label, localized, reader_words
+from bcapscope.tui.screens.prompt import Prompt
 from bcapscope.tui.tester.choice_row import ChoiceRow
-from bcapscope.tui.tester.dialogs import NameDialog
 from bcapscope.tui.tester.history_panel import HistoryLines, HistoryPanel
 from bcapscope.tui.tester.packet_box import PacketBox
 from bcapscope.tui.tester.saved_list import SavedList
@@ -121,7 +121,7 @@ class PacketPane(Vertical):
         record = message.record
 
         def take(name: str | None) -> None:
-            if not name:
+            if not name or not name.strip():
                 return
             try:
                 path = save_request(self._requests, name, record.function_id, record.arguments)
@@ -132,7 +132,7 @@ class PacketPane(Vertical):
             self.query_one(SavedList).reload()
 
         first = call_name(record.function_id, record.arguments)
-        self.app.push_screen(NameDialog(label("tester.save"), printable(first)), take)
+        self.app.push_screen(Prompt(label("tester.save"), "", printable(first)), take)
 
     @on(HistoryPanel.RecordSelected)
     def _record_selected(self, message: HistoryPanel.RecordSelected) -> None:
