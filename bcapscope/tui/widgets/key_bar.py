@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 from rich.text import Text
 from textual.app import RenderResult
 from textual.screen import Screen
@@ -21,7 +23,7 @@ class KeyBar(ClickBar):
     room.
     """
 
-    COMPONENT_CLASSES = {"keybar--key", "keybar--text"}  # noqa: RUF012 - as Textual has it
+    COMPONENT_CLASSES: ClassVar[set[str]] = {"keybar--key", "keybar--text"}
 
     def on_mount(self) -> None:
         assert isinstance(self.screen, Screen)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 from rich.text import Text
 from textual.app import RenderResult
 
@@ -16,7 +18,7 @@ class TopBar(ClickBar):
     A click on a name opens that screen.
     """
 
-    COMPONENT_CLASSES = {"topbar--title", "topbar--here", "topbar--there"}  # noqa: RUF012 - as Textual has it
+    COMPONENT_CLASSES: ClassVar[set[str]] = {"topbar--title", "topbar--here", "topbar--there"}
 
     def on_mount(self) -> None:
         self.watch(self.app, "status", self._show_status)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import ClassVar
 
 from rich.cells import cell_len
 from rich.segment import Segment
@@ -15,7 +16,12 @@ from bcapscope.tui.widgets.click_bar import ClickBar
 class ViewBar(ClickBar):
     """Shows the names of views with keys and counts, and progress at the right. A click shows the view."""
 
-    COMPONENT_CLASSES = {"viewbar--here", "viewbar--there", "viewbar--key", "viewbar--state"}  # noqa: RUF012 - as Textual has it
+    COMPONENT_CLASSES: ClassVar[set[str]] = {
+        "viewbar--here",
+        "viewbar--there",
+        "viewbar--key",
+        "viewbar--state",
+    }
 
     def __init__(self, views: Sequence[tuple[str, str]], *, id: str | None = None) -> None:
         super().__init__(id=id)
