@@ -56,11 +56,7 @@ Closer = Callable[[], Awaitable[None]]
 
 
 class ScreenEntry(NamedTuple):
-    """A screen that the user can open.
-
-    Attributes:
-        name: Key of its label in the catalogue of words.
-    """
+    """A screen that the user can open; `name` is the id of its label."""
 
     mode: str
     key: str
@@ -261,11 +257,7 @@ class BcapApp(KeyOrderApp):
                 await self._closers.aclose()
 
     def run_until_closed(self) -> None:
-        """Run the screen until it is closed.
-
-        Raises:
-            SystemExit: A bug ended the screen; the traceback is on the terminal.
-        """
+        """Run the screen until it is closed; after a bug, print the traceback and raise `SystemExit`."""
         self.run()
         if self.return_code:
             raise SystemExit(self.return_code)

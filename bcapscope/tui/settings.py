@@ -36,11 +36,7 @@ def default_settings_path() -> Path:
 
 
 def read_settings(path: Path) -> tuple[Settings, Message | str]:
-    """Read the settings.
-
-    Returns:
-        The settings, or the defaults if there are none, and why they could not be read ("" if they could).
-    """
+    """Return the settings, or the defaults if there are none, and why they could not be read (else "")."""
     try:
         return read_document(path.read_text(encoding="utf-8"), Settings), ""
     except FileNotFoundError:
@@ -52,11 +48,7 @@ def read_settings(path: Path) -> tuple[Settings, Message | str]:
 
 
 def write_settings(settings: Settings, path: Path) -> None:
-    """Write the settings atomically.
-
-    Raises:
-        OSError: The file cannot be written.
-    """
+    """Write the settings atomically; raises `OSError` if that fails."""
     write_atomically(path, msgspec.yaml.encode(settings))
 
 

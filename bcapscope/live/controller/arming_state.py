@@ -7,11 +7,7 @@ DISARM_AFTER = 180_000_000_000
 
 
 class ArmingState:
-    """Armed by the user; disarmed by the user or by timeout. The built-in simulator needs no arming.
-
-    Attributes:
-        is_required: Whether the controller is anything but the built-in simulator.
-    """
+    """Armed by the user; disarmed by the user or by timeout. The built-in simulator clears `is_required`."""
 
     def __init__(self) -> None:
         self.is_required = True

@@ -192,11 +192,7 @@ class ControllerSession:
 
     @property
     def opener(self) -> ObjectOpener:
-        """The opener of objects, with the session in use.
-
-        Raises:
-            NotConnectedError: There is no connection.
-        """
+        """The opener of objects of the present connection; raises `NotConnectedError` without one."""
         if self._opener is None:
             raise NotConnectedError(Message("tester.not_connected"))
         return self._opener
@@ -242,22 +238,14 @@ class ControllerSession:
 
     @property
     def controller(self) -> ObjectHandle:
-        """The controller object.
-
-        Raises:
-            NotConnectedError: No controller object is open.
-        """
+        """The controller object; raises `NotConnectedError` if none is open."""
         found = self.opener.session.handles.latest(ObjectClass.CONTROLLER)
         if found is None:
             raise NotConnectedError(Message("tester.not_connected"))
         return found
 
     def selected_robot(self) -> Robot:
-        """Return the robot that receives robot commands.
-
-        Raises:
-            NotConnectedError: None is open.
-        """
+        """Return the robot that receives robot commands; raises `NotConnectedError` if none is open."""
         if self.status.robot is None:
             raise NotConnectedError(Message("controller.robot.missing"))
         return Robot(self.opener.session, self.status.robot.handle)

@@ -69,11 +69,7 @@ async def connect(
 
 
 async def add_robot(session: ControllerSession, robot: str, option: str) -> HistoryRecord:
-    """Open and select a robot, read its type, and prepare HALT for it; return the record of the opening call.
-
-    Raises:
-        BcapError, OSError: As for `ControllerSession.call`.
-    """
+    """Open and select a robot, read its type, prepare HALT for it; return the record of the opening call."""
     record, text = await _open_robot(session, robot, option)
     if text is not None:
         session.report(ConnectStepUpdate(ConnectStep.ROBOT, True, text))
@@ -82,11 +78,7 @@ async def add_robot(session: ControllerSession, robot: str, option: str) -> Hist
 
 
 async def start_robslave(session: ControllerSession) -> HistoryRecord:
-    """Start the task RobSlave for one cycle, opened first if needed; return the record of the last call.
-
-    Raises:
-        BcapError, OSError: As for `ControllerSession.call`.
-    """
+    """Start the task RobSlave for one cycle, opened first if needed; return the record of the last call."""
     opener, controller = session.opener, session.controller
 
     async def steps() -> None:

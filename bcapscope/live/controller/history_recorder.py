@@ -41,11 +41,7 @@ class HistoryRecorder:
         on_record: Callable[[HistoryRecord], None],
         subject_of: Callable[[int, Sequence[Variant]], ObjectHandle | None],
     ) -> None:
-        """Pass each record to `on_record` as soon as its call has ended.
-
-        Args:
-            subject_of: Returns the object of a call from its function id and arguments.
-        """
+        """Pass records to `on_record`; `subject_of` finds a call's object by function id and arguments."""
         self._on_record = on_record
         self._subject_of = subject_of
         self._next_number = 1
@@ -61,11 +57,7 @@ class HistoryRecorder:
             call.add_packet(observation)
 
     def on_event(self, event: RequesterEvent, now: int) -> None:
-        """Handle an event of the session.
-
-        Args:
-            now: ns since 1970-01-01 UTC.
-        """
+        """Handle an event of the session at `now` (ns since 1970-01-01 UTC)."""
         call = self._call
         if call is None:
             return
@@ -94,11 +86,7 @@ class HistoryRecorder:
             self._complete_call(self._call, RecordOutcome.ABANDONED, None, (), took)
 
     def complete_raw_call(self, now: int) -> None:
-        """End a call that was sent as raw bytes. The last frame received, if any, is its reply.
-
-        Args:
-            now: ns since 1970-01-01 UTC.
-        """
+        """End a call of raw bytes at `now` (ns since 1970 UTC). The last frame received is its reply."""
         call = self._call
         if call is None:
             return

@@ -61,11 +61,7 @@ def expected_input(vt: int) -> str:
 
 
 class CommandHint(NamedTuple):
-    """What the command table contains for a command.
-
-    Attributes:
-        types: Types of its parameter, the most usual first.
-    """
+    """What the command table contains for a command; the most usual type of its parameter comes first."""
 
     types: tuple[int, ...]
     text: str

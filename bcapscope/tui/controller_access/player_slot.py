@@ -24,11 +24,7 @@ class PlayerSlot:
         return self._player is not None
 
     async def start_player(self, plan: PlayPlan) -> None:
-        """Start a player.
-
-        Raises:
-            OSError: The process cannot be started.
-        """
+        """Start a player; raises `OSError` if its process cannot be started."""
         assert self._player is None
         self._ended = None
         self._player = await asyncio.to_thread(PlayerProcess, plan)

@@ -45,11 +45,7 @@ class PlaybackSettings:
 
 @dataclass(frozen=True, slots=True)
 class PreparedTrajectory:
-    """A trajectory that is ready to play.
-
-    Attributes:
-        preflight: Problems found without knowledge of the robot's position.
-    """
+    """A trajectory that is ready to play. Its pre-flight check does not know the robot's position."""
 
     settings: PlaybackSettings
     all_trajectories: tuple[Trajectory, ...]

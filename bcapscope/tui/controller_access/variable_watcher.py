@@ -20,11 +20,7 @@ READ_INTERVAL = 0.5
 
 
 class VariableWatcher:
-    """Watches variables through one session.
-
-    Attributes:
-        variables: Watched variables in the order of adding; only the session's thread changes it.
-    """
+    """Watches variables through one session, whose thread alone changes `variables`."""
 
     def __init__(self, session: ControllerSession) -> None:
         self._session = session

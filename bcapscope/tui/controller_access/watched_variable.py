@@ -17,11 +17,7 @@ _FRACTIONAL_TYPES = frozenset({VT.R4, VT.R8, VT.DATE})
 
 @dataclass(slots=True)
 class WatchSeries:
-    """One number over time: a variable, or one element of an array.
-
-    Attributes:
-        minimum: Minimum since the start or the last `reset_extremes`.
-    """
+    """One number over time: a variable, or one element of an array."""
 
     readings: deque[tuple[int, float]] = field(default_factory=lambda: deque(maxlen=MAX_READINGS))
     minimum: float | None = None

@@ -22,12 +22,7 @@ from bcapscope.tui.widgets.top_bar import TopBar
 
 
 class BaseScreen(Screen[None], PlainContainer):
-    """A screen that the user can open; `content` yields its widgets.
-
-    Attributes:
-        NAME: Catalogue key of the screen's name.
-        ABOUT: Catalogue key of the description that F1 shows.
-    """
+    """A screen that the user can open; `content` yields its widgets. Its name and description are ids."""
 
     NAME: ClassVar[str]
     ABOUT: ClassVar[str]

@@ -20,11 +20,7 @@ from bcapscope.tui.themes import THEMES
 
 
 class ScreenCommand(NamedTuple):
-    """An action of the palette.
-
-    Attributes:
-        key: Key for the same action as the documentation writes it; "" for none.
-    """
+    """An action of the palette; `key` is empty, or as the documentation writes it."""
 
     name: str
     tip: str

@@ -73,12 +73,7 @@ _EXECUTE_CONTROLLER = 17
 
 
 class TesterOptions(NamedTuple):
-    """Initial state of the Tester.
-
-    Attributes:
-        host: Host of the controller; empty for the built-in simulator.
-        tap: Called for every packet, in another thread.
-    """
+    """Initial state of the Tester. Without `host`, the built-in simulator starts; any thread calls `tap`."""
 
     requests_folder: Path
     log_folder: Path

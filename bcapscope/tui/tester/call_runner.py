@@ -92,11 +92,7 @@ class CallRunner:
         return found
 
     async def _run_reported(self, result_display: ResultDisplay, step: CallStep) -> bool:
-        """Run a step and report its outcome to the widget; ask the user to arm first if needed.
-
-        Returns:
-            Whether the step ran, with any outcome.
-        """
+        """Run a step, after arming if needed, and report its outcome to the widget; return whether it ran."""
         result_display.show_pending()
         try:
             result_display.show_record(await run_armed(self._session, self._ask_to_arm, step))

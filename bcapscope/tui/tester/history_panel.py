@@ -45,11 +45,7 @@ class HistoryLines(Lines):
 
     @dataclass
     class ActionWanted(Message):
-        """The user requested an action on a call.
-
-        Attributes:
-            what: ``again``, ``edit``, ``hex``, ``python``, ``line`` or ``save``.
-        """
+        """The user wants ``again``, ``edit``, ``hex``, ``python``, ``line`` or ``save`` for a call."""
 
         record: HistoryRecord
         what: str

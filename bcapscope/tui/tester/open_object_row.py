@@ -30,11 +30,7 @@ class OpenObjectRow(Horizontal):
         *,
         id: str | None = None,
     ) -> None:
-        """Describe the objects to open.
-
-        Args:
-            parent: Class of the object that the new one belongs to.
-        """
+        """Describe the objects to open; `parent` is the class of their owners."""
         super().__init__(id=id, classes="row")
         self._parent_kind = parent
         self._kind = kind

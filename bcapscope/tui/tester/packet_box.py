@@ -54,11 +54,7 @@ class PacketBox(Vertical):
     def add_packets(
         self, packets: tuple[Observation, ...], question: CallKind | None, overwrite: bool, show_first: bool
     ) -> None:
-        """Add packets and show one of them.
-
-        Args:
-            show_first: Show the first new packet instead of the last.
-        """
+        """Add packets; show the first new one if `show_first` is set, else the last."""
         if overwrite:
             self._packets = []
         self._packets += [(seen, question) for seen in packets]

@@ -27,11 +27,7 @@ class SavedList(Lines):
 
     @dataclass
     class RequestWanted(Message):
-        """The user wants to send or edit a saved request.
-
-        Attributes:
-            edit: Whether to put it into a form instead of sending it.
-        """
+        """The user wants to send a saved request, or with `edit` to put it into a form."""
 
         saved: SavedRequest
         edit: bool

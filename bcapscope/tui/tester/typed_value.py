@@ -26,11 +26,7 @@ class TypedValue(Horizontal):
 
     @dataclass
     class Changed(Message):
-        """The user changed type or text.
-
-        Attributes:
-            problem: What is wrong with the text and what is expected; empty if the text is empty.
-        """
+        """The user changed type or text; `problem` says what is wrong, and is empty for an empty text."""
 
         value: TypedValue
         problem: str

@@ -55,11 +55,7 @@ class CallWanted(Message):
 
 @dataclass
 class OpenWanted(Message):
-    """The user wants to open an object of the controller or of the selected robot.
-
-    Attributes:
-        parent: Class of the object that the new one belongs to.
-    """
+    """The user wants to open an object of the controller or of the selected robot: of the class `parent`."""
 
     result_display: ResultDisplay
     parent: ObjectClass

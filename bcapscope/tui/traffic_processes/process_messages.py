@@ -88,11 +88,7 @@ class ShownFinding(msgspec.Struct, frozen=True):
 
 
 class TrafficAnalysis(msgspec.Struct, tag=True, frozen=True):
-    """The analysis of the traffic read so far.
-
-    Attributes:
-        findings: Findings, root cause first.
-    """
+    """The analysis of the traffic read so far: findings with root causes first, and rendered lines."""
 
     findings: tuple[ShownFinding, ...]
     examined: TrafficTotals

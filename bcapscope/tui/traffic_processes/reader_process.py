@@ -158,12 +158,7 @@ class TrafficReader:
 
 
 class _LiveCapture:
-    """Captures on an interface in its own thread and writes all packets to a file.
-
-    Attributes:
-        problem: Why capturing ended; None while it continues.
-        lost: Packets dropped for lack of buffer space.
-    """
+    """Captures on an interface in its own thread and writes all packets to a file."""
 
     def __init__(self, interface: str, path: Path) -> None:
         self.path = path

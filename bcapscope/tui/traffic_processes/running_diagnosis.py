@@ -20,11 +20,7 @@ MAX_LINES = 20_000
 
 
 class RunningDiagnosis:
-    """Diagnosis and statistics of the traffic so far; `snapshot` returns them at any time.
-
-    Attributes:
-        subscribers: What subscribes to the pipeline, `diagnosis` included.
-    """
+    """Diagnosis and statistics of the traffic so far, as `subscribers`; `snapshot` returns the analysis."""
 
     def __init__(self, words: MessageFormatter = ENGLISH_WORDS) -> None:
         self._words = words

@@ -50,11 +50,7 @@ class TrafficPublisher:
         send: Callable[[ReadProgress | TrafficAnalysis], object],
         make_progress: Callable[[], ReadProgress],
     ) -> None:
-        """Create the files.
-
-        Raises:
-            OSError: The files cannot be created.
-        """
+        """Create the files; raises `OSError` if that fails."""
         folder = Path(job.folder)
         self.journal = ObservationStoreWriter(folder)
         self._calls = CallStoreWriter(folder)
@@ -91,11 +87,7 @@ class TrafficPublisher:
         self._last_flush = time.monotonic()
 
     def report_if_due(self, end_time: int) -> None:
-        """Report progress, and more rarely the analysis.
-
-        Args:
-            end_time: Assumed end of the traffic, ns since 1970.
-        """
+        """Report progress, more rarely the analysis; the traffic ends at `end_time` (ns since 1970)."""
         now = time.monotonic()
         if now - self._last_flush < FLUSH_INTERVAL:
             return

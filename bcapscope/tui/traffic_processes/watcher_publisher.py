@@ -68,18 +68,10 @@ class ReportSender:
 
 
 class WatcherPublisher:
-    """Publishes what the watcher decodes. If a file cannot be written, it reports that and stops.
-
-    Attributes:
-        subscribers: What subscribes to the watcher's pipeline, `diagnosis` included.
-    """
+    """Publishes what the watcher decodes. If a file cannot be written, it reports that and stops."""
 
     def __init__(self, job: ReadJob, sender: ReportSender) -> None:
-        """Create the files.
-
-        Raises:
-            OSError: The files cannot be created.
-        """
+        """Create the files; raises `OSError` if that fails."""
         self._job = job
         self._sender = sender
         self._publisher = TrafficPublisher(job, sender.send, self._make_progress)

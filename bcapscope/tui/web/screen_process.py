@@ -35,11 +35,7 @@ class ViewerSeats:
 
     @asynccontextmanager
     async def taken(self) -> AsyncIterator[None]:
-        """Occupy a seat for the length of the block.
-
-        Raises:
-            NoSeat: No seat became free in time.
-        """
+        """Occupy a seat for the length of the block; raises `NoSeat` if none becomes free in time."""
         if not await self._acquire(RELOAD_WITHIN) and not (
             self._ending and await self._acquire(ENDS_WITHIN + _KILLED_WITHIN)
         ):

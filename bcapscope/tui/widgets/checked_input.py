@@ -20,11 +20,7 @@ class CheckedInput(Vertical):
 
     @dataclass
     class Typed(Message):
-        """The user typed valid text, or emptied the line.
-
-        Attributes:
-            parsed: Result of parsing; None for an empty line.
-        """
+        """The user typed valid text, or emptied the line; then `parsed` is None."""
 
         line: CheckedInput
         text: str

@@ -70,11 +70,7 @@ class FieldTree(Lines):
         self._rebuild()
 
     def select_field_at(self, section: int, offset: int) -> tuple[int, int]:
-        """Select the innermost field that contains a byte, without posting a message.
-
-        Returns:
-            Begin and end of its bytes; both 0 if no field contains the byte.
-        """
+        """Select the innermost field at a byte without a message; return its begin and end, or 0, 0."""
         found = None
         for index, entry in enumerate(self._entries):
             row = entry.row

@@ -16,11 +16,7 @@ class InkedText(Static):
         self._source_text = ""
 
     def show_text(self, text: str, *, layout: bool = True) -> None:
-        """Show a text.
-
-        Args:
-            layout: Whether its size may have changed.
-        """
+        """Show a text with ink marks; `layout` says whether its size may have changed."""
         self._source_text = text
         self.update(styled_text(text, app_of(self).text_styles), layout=layout)
 

@@ -29,11 +29,7 @@ class PacketView(Horizontal, PlainContainer):
         yield HexView(id="bytes")
 
     def show_packet(self, observation: Observation | None, question: CallKind | None = None) -> None:
-        """Show an observation, or nothing.
-
-        Args:
-            question: For a reply, the kind of the call that it answers, if known.
-        """
+        """Show an observation, or nothing; `question` is the kind of the call that a reply answers."""
         found = () if observation is None else frame_sections(observation, question)
         self.query_one(HexView).show_sections(found)
         with self.prevent(Lines.Moved):

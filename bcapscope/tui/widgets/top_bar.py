@@ -13,10 +13,7 @@ from bcapscope.tui.widgets.click_bar import ClickBar
 
 
 class TopBar(ClickBar):
-    """Shows the screens with their keys, and `BcapApp.status` at the right.
-
-    A click on a name opens that screen.
-    """
+    """Shows the screens with their keys, which a click opens, and `BcapApp.status` at the right."""
 
     COMPONENT_CLASSES: ClassVar[set[str]] = {"topbar--title", "topbar--here", "topbar--there"}
 
