@@ -100,7 +100,7 @@ def command(
     `call` ends at the first failure.
 
     Calls that may energise or move a robot need --arm, except to bcapscope's own simulator. Calls that stop
-    it or switch it off never do. The action log records armed calls.
+    a robot or switch it off do not need --arm. The action log records armed calls.
 
     Exit codes: 0: all calls succeeded; 2: invalid command line; 8: the controller refused a call; 9: no
     answer; 10: a call needs --arm.

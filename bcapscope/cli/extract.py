@@ -50,7 +50,9 @@ _WRITERS: dict[str, Callable[[CapturedTrajectory], TrajectoryWriter]] = {
 )
 @options.ports
 @click.option(
-    "--client", metavar="ADDRESS", help="Write only what this client sent, given as address or address:port."
+    "--client",
+    metavar="ADDRESS",
+    help="Write only the set points of this client, given as address or address:port.",
 )
 @options.filter_option(RecordKind.CALL)
 @force_option

@@ -29,7 +29,7 @@ def command(arguments: FigureArguments) -> None:
     The controller's buffer cannot be observed. `slave` estimates its level with a model and lists the
     model's assumptions.
 
-    --filter selects set points. The calls that begin and end a session always count.
+    --filter selects set points. The calls that begin and end a session are always included.
 
     Exit codes: as for `decode`.
     """

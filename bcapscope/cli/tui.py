@@ -110,15 +110,16 @@ def command(
     HOST opens the Tester: connect, execute, robots, variables, tasks, slave mode, and every byte. -p is then
     the port of the controller. Without arguments, the Tester connects to a built-in simulator.
 
-    FILE or -i shows frames, calls, findings, slave mode and statistics. --proxy shows the same of a proxy's
-    traffic, and clients, rules and held messages on a second screen. --sim shows the traffic of a simulator.
+    FILE or -i shows frames, calls, findings, slave mode and statistics. --proxy shows the same for the
+    traffic of a proxy; a second screen shows its clients, rules and held messages. --sim shows the traffic of
+    a simulator.
 
-    F1 shows the keys, Ctrl-P lists all commands, F12 halts the robot, Ctrl-Q quits. Labels are in English or
-    Japanese (LANG).
+    F1 shows the keys, Ctrl-P finds actions by name, F12 halts the robot, Ctrl-Q quits. Labels are in English
+    or Japanese (LANG).
 
     Exit codes: 0: you ended it; 2: invalid command line; 4: the capture cannot be opened, an address cannot
-    be listened on, or no proxy was found; 6: a recording or temporary file cannot be written; 9: the name of
-    the controller is unknown.
+    be used for listening, or no proxy was found; 6: a recording or temporary file cannot be written; 9: the
+    name of the controller is unknown.
     """
     if sum((bool(path), bool(interface), proxy is not None, sim)) > 1:
         raise click.UsageError("give only one of HOST, FILE, -i, --proxy and --sim")

@@ -162,7 +162,7 @@ def test_gone_in_the_middle_of_a_connect_over_tcp(tmp_path: Path) -> None:
             here.query_one("#udp", Checkbox).value = False
             await pilot.press("f5")
             await until(pilot, lambda: "✗ service" in sight(pilot))
-            assert "the peer closed the connection" in sight(pilot)
+            assert "the other end closed the connection" in sight(pilot)
             await until(pilot, lambda: not here.query_one("#connect", Button).disabled)
             await finish(pilot)
 

@@ -51,15 +51,15 @@ _OPTIONS = (
         type=options.NumberRange(0.1),
         default=DEFAULT_RETRY_POLICIES.others.timeout / _MS,
         show_default=True,
-        help="Wait this long for the reply to each attempt, in ms. slvMove always has DENSO's 2 ms.",
+        help="Wait this long for the reply to each attempt, in ms. slvMove always uses DENSO's 2 ms.",
     ),
     click.option(
         "--retries",
         type=options.IntegerRange(0, 100),
         default=DEFAULT_RETRY_POLICIES.others.retries,
         show_default=True,
-        help="Retry a request at most this often on UDP. In Async modes, 4 means 3, as DENSO recommends. On "
-        "TCP there are no retries: one attempt gets the time of all.",
+        help="Retry a request at most this often on UDP. In an Async mode, 4 means 3, as DENSO recommends. "
+        "On TCP there are no retries: the one attempt waits as long as all attempts together.",
     ),
     click.option(
         "--convention",

@@ -31,7 +31,7 @@ PHRASES: dict[str, str] = {
     "cannot be opened: {text}": "開けません: {text}",
     "reading failed: {text}": "読み込みに失敗しました: {text}",
     "{text}, which is not read here: pcap and pcapng are": "{text} は読めません。読めるのは pcap と pcapng です",
-    "this is no capture: it begins with {text}, neither pcap nor pcapng": "キャプチャではありません: 先頭が {text} で、pcap でも pcapng でもありません",
+    "this is not a capture: it begins with {text}, so it is neither pcap nor pcapng": "キャプチャではありません: 先頭が {text} で、pcap でも pcapng でもありません",
     "the capture ends inside its header, after {n} bytes": "キャプチャがヘッダの途中、{n} バイトで終わっています",
     "the capture is damaged at packet {n} (byte {n2}): {text}": "キャプチャがパケット {n} (バイト {n2}) で壊れています: {text}",
     "the capture is damaged at {text}: {text2}": "キャプチャが壊れています ({text}): {text2}",

@@ -98,9 +98,9 @@ def test_the_count_of_empty_is_kept() -> None:
 
 def test_a_promise_says_how_much_there_is() -> None:
     (problem,) = read(bytes.fromhex("0E000000 0520 04000000 000000000000F03F")).problems
-    assert str(problem.reason) == "4 elements of VT_R8 promised, bytes for 1"
+    assert str(problem.reason) == "4 elements of VT_R8 declared, but there are bytes for 1"
     (problem,) = read(bytes.fromhex("06000000 0300 01000000")).problems
-    assert str(problem.reason) == "1 element of VT_I4 promised, bytes for 0"
+    assert str(problem.reason) == "1 element of VT_I4 declared, but there are bytes for 0"
 
 
 def test_nesting_is_followed_to_its_bound() -> None:

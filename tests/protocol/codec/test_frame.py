@@ -259,9 +259,9 @@ def test_refuses_a_frame_that_is_too_large(monkeypatch: pytest.MonkeyPatch) -> N
     largest = Variant.array(VT.UI1, bytes(74))
     assert len(encode_frame(1, 0, 64, [largest])) == 100
     larger = Variant.array(VT.UI1, bytes(75))
-    with pytest.raises(LocalProtocolError, match="100 is the most"):
+    with pytest.raises(LocalProtocolError, match="the limit is 100"):
         encode_frame(1, 0, 64, [larger])
-    with pytest.raises(LocalProtocolError, match="100 is the most"):
+    with pytest.raises(LocalProtocolError, match="the limit is 100"):
         encode_frame(1, 1, 64, [Variant.array(VT.UI1, bytes(1000))], Framing.VERSION_1_ZLIB)
 
 
