@@ -185,8 +185,10 @@ def test_an_answer_has_the_reserved_that_the_server_would_send() -> None:
 def test_a_reply_is_replaced_by_a_result() -> None:
     flows, machine = talk(), shaper("answer=E_FAIL reply")
     assert sent(machine.process_message(flows.up, request(3), 0).outputs) == [request(3)]
-    (raw,) = sent(machine.process_message(flows.down, reply(3), 0).outputs)
+    taken = machine.process_message(flows.down, reply(3), 0)
+    (raw,) = sent(taken.outputs)
     assert (Frame(raw).serial, Frame(raw).code, Frame(raw).argc) == (3, E_FAIL, 0)
+    assert taken.fault_notes == ("answer: answer replaced by E_FAIL",)
 
 
 def test_a_wrong_serial_changes_nothing_else() -> None:
@@ -273,7 +275,9 @@ def test_a_half_open_conversation_is_dead_both_ways_and_others_live() -> None:
     machine = shaper("half-open times 1 if command == slvMove")
     assert not machine.holds(flows.up)
     assert machine.process_message(flows.up, request(1), 0).forwarded is False
-    assert machine.process_message(flows.down, reply(1), 0).forwarded is False
+    assert machine.process_message(flows.down, reply(1), 0) == FaultResult(
+        [], ("half-open: dropped, the conversation is dead",), False
+    )
     assert machine.process_message(other.up, request(1), 0).forwarded is True
     assert machine.holds(flows.down)
     assert not machine.passes_close(flows.up.conversation)

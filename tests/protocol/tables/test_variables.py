@@ -58,9 +58,19 @@ def test_not_known(owner: ObjectClass, name: str) -> None:
 
 
 def test_inferred_types_are_marked() -> None:
-    kind = find_variable(ROBOT, "@TYPE")
-    assert kind is not None
-    assert kind.type_inferred
+    assert {(kind.owner, kind.name) for kind in VARIABLES if kind.type_inferred} == {
+        (CONTROLLER, "@FIRMWARE"),
+        (CONTROLLER, "@CURRENT_TIME"),
+        (CONTROLLER, "@LOCK"),
+        (CONTROLLER, "@EMERGENCY_STOP"),
+        (CONTROLLER, "@BUSY_STATUS"),
+        (CONTROLLER, "@IO_ALLOC_MODE"),
+        (CONTROLLER, "@NORMAL_STATUS"),
+        (CONTROLLER, "@AUTO_ENABLE"),
+        (ROBOT, "@TYPE"),
+        (ROBOT, "@CURRENT_TOOL"),
+        (ROBOT, "@CURRENT_WORK"),
+    }
 
 
 def test_every_variable_is_found_by_its_name() -> None:
