@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import gc
+
 import pytest
 
 from bcapscope.protocol.codec.frame import Malformed
@@ -14,8 +16,8 @@ from bcapscope.traffic.conversation_pairing import (
     COPIES_WITHIN_NS,
     EXECUTION_NS,
     LATE_WITHIN_NS,
-    RETRY_WITHIN_NS,
 )
+from bcapscope.traffic.frame_index import FrameIndex
 from bcapscope.traffic.observation import Direction, Transport
 from bcapscope.traffic.tracker import MAX_OPEN, Tracker
 from tests.samples.problems import problem_of
@@ -23,12 +25,15 @@ from tests.traffic.playbook import (
     MOVE,
     MS,
     OTHER,
+    POSE,
     START,
     Script,
     calls_of,
+    play,
     strays_of,
     summaries,
 )
+from tests.traffic.test_conversation_pairing import PLAYBOOKS
 
 
 def test_bytes_that_are_no_frame_belong_to_no_call() -> None:
@@ -48,8 +53,8 @@ def test_calls_settle_by_time_alone() -> None:
     assert [call.number for call in tracker.open_calls] == [1]
     assert tracker.open_calls[0].outcome is Outcome.CAPTURE_ENDED
     assert list(tracker.observe(reply)) == []
-    assert list(tracker.expire(reply.time + RETRY_WITHIN_NS - 1)) == []
-    assert summaries(tracker.expire(reply.time + RETRY_WITHIN_NS)) == ["1: >1 <2 answered, answered"]
+    assert list(tracker.expire(reply.time + 5000 * MS - 1)) == []
+    assert summaries(tracker.expire(reply.time + 5000 * MS)) == ["1: >1 <2 answered, answered"]
     assert tracker.open_calls == []
     silent = client.ask(6000, 2, 2, MOVE)
     assert list(tracker.observe(silent)) == []
@@ -122,6 +127,28 @@ def test_a_clock_that_is_set_back_stops_nothing() -> None:
         client.reply(3_600_000 - 120_000 * step + 1, step)
     calls = calls_of(script.track())
     assert [call.verdict for call in calls] == [CallVerdict.ANSWERED] * 59
+
+
+@pytest.mark.parametrize("name", PLAYBOOKS)
+def test_a_call_counts_the_memory_of_all_its_frames(name: str) -> None:
+    script = Script()
+    play(script, PLAYBOOKS[name][1])
+    for call in calls_of(script.track()):
+        assert call.memory_bytes >= sum(len(event.observation.item.raw) for event in call.frames)
+
+
+def test_nothing_is_kept_of_retries_that_have_settled() -> None:
+    script = Script()
+    client = script.client()
+    for start in range(0, 200_000, 1000):
+        client.ask(start, 1, 0, MOVE)
+        client.ask(start + 2, 2, 1, MOVE)
+        client.reply(start + 3, 2, 0, 0, POSE)
+    tracker = Tracker()
+    settled = [item for observation in script.seen for item in tracker.observe(observation)]
+    assert len(settled) > 180
+    gc.collect()
+    assert sum(isinstance(each, FrameIndex) for each in gc.get_objects()) < 20
 
 
 def test_open_calls_are_bounded_and_the_busiest_makes_room() -> None:
