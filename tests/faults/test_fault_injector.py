@@ -182,6 +182,21 @@ def test_an_answer_has_the_reserved_that_the_server_would_send() -> None:
         assert Frame(output.data).reserved == echoed
 
 
+def test_a_client_that_comes_again_is_answered_as_a_new_one() -> None:
+    flows, machine = talk(), shaper("answer=E_FAIL if serial == 11")
+    machine.process_message(flows.up, request(10, reserved=9), 0)
+    machine.process_message(flows.down, reply(10, reserved=9), 0)
+    machine.close_conversation(flows.up.conversation)
+    (output,) = machine.process_message(flows.up, request(11, reserved=9), 0).outputs
+    assert isinstance(output, SendBytes)
+    assert Frame(output.data).reserved == 0
+
+
+def test_messages_are_counted_from_one() -> None:
+    left = through(shaper("drop if frame == 1", "drop if frame == 3"), talk(), *range(1, 6))
+    assert [Frame(raw).serial for raw in left] == [2, 4, 5]
+
+
 def test_a_reply_is_replaced_by_a_result() -> None:
     flows, machine = talk(), shaper("answer=E_FAIL reply")
     assert sent(machine.process_message(flows.up, request(3), 0).outputs) == [request(3)]
