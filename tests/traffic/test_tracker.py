@@ -29,11 +29,9 @@ from tests.traffic.playbook import (
     START,
     Script,
     calls_of,
-    play,
     strays_of,
     summaries,
 )
-from tests.traffic.test_conversation_pairing import PLAYBOOKS
 
 
 def test_bytes_that_are_no_frame_belong_to_no_call() -> None:
@@ -129,12 +127,18 @@ def test_a_clock_that_is_set_back_stops_nothing() -> None:
     assert [call.verdict for call in calls] == [CallVerdict.ANSWERED] * 59
 
 
-@pytest.mark.parametrize("name", PLAYBOOKS)
-def test_a_call_counts_the_memory_of_all_its_frames(name: str) -> None:
-    script = Script()
-    play(script, PLAYBOOKS[name][1])
-    for call in calls_of(script.track()):
-        assert call.memory_bytes >= sum(len(event.observation.item.raw) for event in call.frames)
+def test_a_call_takes_as_much_memory_in_whichever_order_its_attempts_come() -> None:
+    found = []
+    for first, second in (((5, 0), (6, 5)), ((6, 5), (5, 0))):
+        script = Script()
+        client = script.client()
+        client.ask(0, *first, MOVE)
+        client.ask(1, *second, MOVE)
+        client.reply(2, 6, 0, 0, POSE)
+        (call,) = calls_of(script.track())
+        assert (len(call.attempts), call.request.item.serial) == (2, 5)
+        found.append(call.memory_bytes)
+    assert found[0] == found[1] > sum(len(observation.item.raw) for observation in script.seen)
 
 
 def test_nothing_is_kept_of_retries_that_have_settled() -> None:
