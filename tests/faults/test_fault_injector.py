@@ -192,6 +192,16 @@ def test_a_client_that_comes_again_is_answered_as_a_new_one() -> None:
     assert Frame(output.data).reserved == 0
 
 
+def test_attempts_of_a_client_that_comes_again_are_counted_anew() -> None:
+    for is_closed in (False, True):
+        flows, machine = talk(), shaper("drop try 3")
+        for serial, reserved in ((5, 0), (6, 5)):
+            assert machine.process_message(flows.up, request(serial, reserved=reserved), 0).forwarded
+        if is_closed:
+            machine.close_conversation(flows.up.conversation)
+        assert machine.process_message(flows.up, request(7, reserved=6), 0).forwarded is is_closed
+
+
 def test_messages_are_counted_from_one() -> None:
     left = through(shaper("drop if frame == 1", "drop if frame == 3"), talk(), *range(1, 6))
     assert [Frame(raw).serial for raw in left] == [2, 4, 5]
