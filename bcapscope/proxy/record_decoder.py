@@ -35,7 +35,7 @@ class _DirectionStream:
         self.flow = flow
         self.splitter = splitter
         self.size = self.packet = 0
-        self.arrival_times: list[tuple[int, int]] = [(0, 0)]
+        self.arrival_times: list[tuple[int, int]] = []
 
 
 class _Client:
@@ -140,6 +140,8 @@ class RecordDecoder:
     def _decode_stream(
         self, way: _DirectionStream, data: bytes, time: int, note: str
     ) -> Iterator[tuple[Observation, str]]:
+        if not way.splitter.pending_bytes:
+            way.arrival_times.clear()  # so that the first time kept is that of the first byte of a frame
         way.arrival_times.append((way.size, time))
         way.size += len(data)
         yield from self._make_observations(way, way.splitter.feed(data), time, note)
@@ -174,7 +176,7 @@ class RecordDecoder:
                 Observation(
                     self.observation_count,
                     time,
-                    way.arrival_times[place][1] or time,
+                    way.arrival_times[place][1],
                     way.flow,
                     item,
                     way.packet,
