@@ -14,9 +14,9 @@ def test_a_time_out_lists_every_try() -> None:
     )
     error = CallTimeout("Robot_Execute slvMove", attempts)
     assert str(error).splitlines() == [
-        "Robot_Execute slvMove was not answered in time, 2 attempts:",
+        "Robot_Execute slvMove got no reply in time, 2 attempts:",
         "  serial 7, reserved 0, sent at 0.000 ms: S_OK at 19.000 ms",
-        "  serial 8, reserved 7, sent at 16.000 ms: nothing came",
+        "  serial 8, reserved 7, sent at 16.000 ms: no reply",
     ]
     assert error.attempts == attempts
     assert isinstance(error, TimeoutError)

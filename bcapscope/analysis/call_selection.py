@@ -18,16 +18,12 @@ class CallSelection:
     Rules need all calls as context. An occurrence is selected if one of the frames that prove it belongs to a
     selected call. Whether a call is selected is known only when it is complete. Occurrences about a frame
     that was just seen therefore wait until the call of that frame is complete.
-
-    Attributes:
-        selected_calls: Number of selected calls so far.
     """
 
     def __init__(self, is_selected: Callable[[Call], bool], report_occurrence: OccurrenceSink) -> None:
         """Create a selection.
 
         Args:
-            is_selected: Returns whether a call is selected.
             report_occurrence: Receives every occurrence, with `selected` set.
         """
         self.selected_calls = 0
@@ -59,7 +55,6 @@ class CallSelection:
         self._release_frame(stray.observation.number)
 
     def add_occurrence(self, occurrence: Occurrence) -> None:
-        """Add an occurrence that a rule reports."""
         if self._unsettled_frame is not None:
             self._held_occurrences.setdefault(self._unsettled_frame, []).append(occurrence)
             return

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
-from itertools import zip_longest
 from typing import NamedTuple, TypeAlias
 
 from bcapscope.analysis.finding import NO_TRAFFIC, Finding, Severity, TrafficTotals
@@ -43,11 +42,7 @@ class ComparedCapture:
     """Contents of one capture that are compared.
 
     Attributes:
-        name: Name of the capture, for display.
-        statistics: Statistics of its calls; None without calls.
         slave_sessions: Its slave-mode sessions in the order in which they began, at most `MAX_SESSIONS`.
-        findings: Findings of its diagnosis.
-        totals: Amount of traffic.
     """
 
     name: str
@@ -89,8 +84,6 @@ class RuleDifference:
     """A rule with a different number of findings in the two captures.
 
     Attributes:
-        rule: Id of the rule.
-        severity: Severity of its findings.
         good: Findings in the first capture.
         bad: Findings in the second capture.
     """
@@ -102,12 +95,7 @@ class RuleDifference:
 
 
 class UnmatchedKind(NamedTuple):
-    """A kind of call that occurs in only one capture.
-
-    Attributes:
-        call_kind: Kind of call.
-        call_count: Number of calls.
-    """
+    """A kind of call that occurs in only one capture."""
 
     call_kind: CallKind
     call_count: int
@@ -120,8 +108,6 @@ class CaptureComparison:
     Attributes:
         differences: Figures that differ, notable ones first. Both parts list slave-mode sessions first, then
             all calls, then kinds of call in the order of the time that they take.
-        only_good: Kinds of call in the first capture only.
-        only_bad: Kinds of call in the second capture only.
         session_counts: Number of slave-mode sessions in the first and in the second capture.
         rules: Rules that differ. Those with more findings in the second capture come first, in the order of
             its diagnosis, root cause first.
@@ -146,13 +132,13 @@ def compare(good: ComparedCapture, bad: ComparedCapture) -> CaptureComparison:
 
     The first slave-mode session of one capture is compared with the first of the other, and so on.
     """
-    kinds_good, kinds_bad = _by_question(good.statistics), _by_question(bad.statistics)
+    kinds_good, kinds_bad = _by_kind(good.statistics), _by_kind(bad.statistics)
     differences = list(_session_differences(good, bad))
     if good.statistics is not None and bad.statistics is not None and len({*kinds_good, *kinds_bad}) > 1:
         differences += _call_differences(None, good.statistics.total.figures, bad.statistics.total.figures)
-    for question, figures in kinds_bad.items():
-        if question in kinds_good:
-            differences += _call_differences(question, kinds_good[question], figures)
+    for kind, figures in kinds_bad.items():
+        if kind in kinds_good:
+            differences += _call_differences(kind, kinds_good[kind], figures)
     return CaptureComparison(
         tuple(sorted(differences, key=lambda each: not each.notable)),
         tuple(_unmatched_kinds(kinds_good, kinds_bad)),
@@ -162,7 +148,7 @@ def compare(good: ComparedCapture, bad: ComparedCapture) -> CaptureComparison:
     )
 
 
-def _by_question(statistics: Statistics | None) -> dict[CallKind, CallFigures]:
+def _by_kind(statistics: Statistics | None) -> dict[CallKind, CallFigures]:
     rows = () if statistics is None else statistics.kinds
     return {row.call_kind or OTHER_KINDS: row.figures for row in rows}
 
@@ -170,9 +156,9 @@ def _by_question(statistics: Statistics | None) -> dict[CallKind, CallFigures]:
 def _unmatched_kinds(
     mine: dict[CallKind, CallFigures], other: dict[CallKind, CallFigures]
 ) -> Iterator[UnmatchedKind]:
-    for question, figures in mine.items():
-        if question not in other:
-            yield UnmatchedKind(question, figures.calls)
+    for kind, figures in mine.items():
+        if kind not in other:
+            yield UnmatchedKind(kind, figures.calls)
 
 
 # Judgement: each function takes both values, and the number of calls or cycles behind each value.
@@ -226,14 +212,14 @@ def _never_notable(good: Value, bad: Value, counts: tuple[int, int]) -> bool:
 # Calls.
 
 
-def _call_differences(question: CallKind | None, good: CallFigures, bad: CallFigures) -> Iterator[Difference]:
+def _call_differences(kind: CallKind | None, good: CallFigures, bad: CallFigures) -> Iterator[Difference]:
     few = min(good.calls, bad.calls) < FEWEST_SAMPLES
     for figure, read, judge in _CALL_FIGURES:
-        if figure in (_SPEEDS if question is None else _PACES if few else ()):
+        if figure in (_SPEEDS if kind is None else _PACES if few else ()):
             continue
         one, two = read(good), read(bad)
         if one != two:
-            yield Difference(question, figure, one, two, judge(one, two, (good.calls, bad.calls)))
+            yield Difference(kind, figure, one, two, judge(one, two, (good.calls, bad.calls)))
 
 
 def _per_call(read: Callable[[CallFigures], int]) -> Callable[[CallFigures], Value]:
@@ -247,11 +233,8 @@ def _latency_figure(percentile: str) -> Callable[[CallFigures], Value]:
 _CALL_FIGURES: tuple[tuple[str, Callable[[CallFigures], Value], _JudgeFigure], ...] = (
     ("calls", lambda figures: float(figures.calls), _never_notable),
     ("calls_per_s", lambda figures: figures.calls_per_second, _judge_ratio(NOTABLE_RATIO)),
-    (
-        "line_time_share",
-        lambda figures: figures.line_time_share,
-        _never_notable,
-    ),  # follows from the rate and the latency
+    # This one follows from the rate and the latency.
+    ("line_time_share", lambda figures: figures.line_time_share, _never_notable),
     ("latency_ms.p50", _latency_figure("p50"), _judge_ratio(NOTABLE_RATIO, NOTABLE_MS)),
     ("latency_ms.p99", _latency_figure("p99"), _judge_ratio(NOTABLE_RATIO, NOTABLE_MS)),
     ("latency_ms.max", _latency_figure("most"), _judge_ratio(2 * NOTABLE_RATIO, NOTABLE_MS)),
@@ -259,11 +242,8 @@ _CALL_FIGURES: tuple[tuple[str, Callable[[CallFigures], Value], _JudgeFigure], .
     ("late_replies_per_call", _per_call(lambda figures: figures.late_replies), _judge_chance_share),
     ("refused_share", _per_call(lambda figures: figures.refused), _judge_share),
     ("unanswered_share", _per_call(lambda figures: figures.unanswered), _judge_share),
-    (
-        "not_followed_share",
-        _per_call(lambda figures: figures.not_followed),
-        _never_notable,
-    ),  # caused by this program, not by the traffic
+    # This program causes it, not the traffic.
+    ("not_followed_share", _per_call(lambda figures: figures.not_followed), _never_notable),
 )
 
 _SPEEDS = ("latency_ms.p50", "latency_ms.p99", "latency_ms.max")
@@ -277,9 +257,7 @@ _PACES = ("calls_per_s", "line_time_share")
 
 
 def _session_differences(good: ComparedCapture, bad: ComparedCapture) -> Iterator[Difference]:
-    for number, (first, second) in enumerate(zip_longest(good.slave_sessions, bad.slave_sessions), 1):
-        if first is None or second is None:
-            return
+    for number, (first, second) in enumerate(zip(good.slave_sessions, bad.slave_sessions, strict=False), 1):
         counts = (first.counts.sent, second.counts.sent)
         for figure, read, judge in _SESSION_FIGURES:
             one, two = read(first), read(second)

@@ -13,8 +13,8 @@ from bcapscope.protocol.slave_mode.modes import Generation, SlaveMode, slave_mod
 from bcapscope.protocol.tables.function_table import FUNCTIONS, ID, ObjectClass
 from bcapscope.protocol.tables.hresult import ends_slave_mode, is_failure
 from bcapscope.traffic.call import Call
-from bcapscope.traffic.call_kind import MAX_CONVERSATIONS, CallKind
-from bcapscope.traffic.handle_tracker import TrackedObject
+from bcapscope.traffic.call_kind import MAX_CONVERSATIONS
+from bcapscope.traffic.handle_tracker import TrackedObject, requested_name
 from bcapscope.traffic.observation import ConnectionEnd, Conversation, Direction
 from bcapscope.traffic.slave_mode_tracker import SlaveModeChange, SlaveModeEffect
 
@@ -41,7 +41,10 @@ EXECUTES = frozenset(
 _READS_ERROR = frozenset(
     ("getcurerrorcount", "getcurerrorinfo", "geterrordescription", "geterrorlog", "geterrorlogcount")
 )
-_MOTIONS = frozenset(("approach", "depart", "driveex", "driveaex"))
+
+MOTION_FUNCTIONS = frozenset(ID[f"Robot_{name}"] for name in ("Drive", "GoHome", "Move", "Rotate"))
+MOTION_COMMANDS = frozenset(("approach", "depart", "driveaex", "driveex"))
+"""Functions and commands, in lower case, that move the robot outside slave mode."""
 
 
 def argument(call: Call, index: int) -> Variant | None:
@@ -61,11 +64,6 @@ def result_of(call: Call) -> Value:
     if call.reply is None or is_failure(call.reply.item.code) or not call.reply.item.arguments:
         return None
     return call.reply.item.arguments[0].variant.value
-
-
-def folded_command(call_kind: CallKind) -> str:
-    """Return the command in case-folded form; empty for functions without a command."""
-    return (call_kind.command or "").casefold()
 
 
 def first_number(variant: Variant | None) -> int | None:
@@ -92,12 +90,7 @@ def _is_robslave_name(name: str) -> bool:
 
 
 class OpenedObject(NamedTuple):
-    """An object that the controller opened for a client.
-
-    Attributes:
-        object_class: Class of the object.
-        name: Name that the client asked for.
-    """
+    """An object that the controller opened for a client."""
 
     object_class: ObjectClass
     name: str
@@ -107,16 +100,9 @@ class ClientState:
     """State of one client, as its calls show it.
 
     Attributes:
-        conversation: Conversation of the client.
-        first_call: First captured call.
-        last_call: Latest call.
-        call_count: Number of calls.
-        answered_count: Number of calls with a reply.
         longest_pause_ns: Longest time between two calls in ns, not counting the pauses between set points.
         service_start: Accepted Service_Start of this session.
-        connect_call: Accepted Controller_Connect.
         session_end: Accepted Service_Stop or Controller_Disconnect since then.
-        motor_call: Latest accepted Motor.
         motor_on: State that it switched to; None if unknown.
         take_arm_call: Accepted TakeArm, until GiveArm.
         robslave_start: Latest accepted start of the task RobSlave.
@@ -127,7 +113,6 @@ class ClientState:
         mode_ended_by: Call that ended slave mode last.
         uncleared_error: First error of the controller that the client has not cleared since.
         error_was_read: The client read error details since `uncleared_error`.
-        type_was_read: The client read the type of the robot.
         slow_call: Latest call without a reply, or with a reply after more than `SLOW_CALL_NS`; evicted calls
             do not count.
         may_be_answered: A stray reply was captured that may belong to one of its evicted calls.
@@ -136,10 +121,10 @@ class ClientState:
         target_object: Object behind the handle of the current call; None if unknown.
         recent_set_points: Latest set points of this slave-mode session.
         silent_session: Latest slave-mode session that ended because the client sent no more set points.
-        generation_clue: Clue to the controller's generation.
     """
 
-    def __init__(self, first: Call) -> None:
+    def __init__(self, first: Call, registry: ClientRegistry) -> None:
+        self._registry = registry
         self.conversation: Conversation = first.conversation
         self.first_call = self.last_call = first
         self.call_count = self.answered_count = self.longest_pause_ns = 0
@@ -200,6 +185,10 @@ class ClientState:
             else None
         )
 
+    def other_clients(self) -> list[ClientState]:
+        host = self.conversation.server.host
+        return [each for each in self._registry if each is not self and each.conversation.server.host == host]
+
     def on_set_points(self, calls: Sequence[Call]) -> None:
         """Update the state with set points that are alike, and so answered with S_OK and not large."""
         for call in calls:
@@ -223,7 +212,7 @@ class ClientState:
         slow = not call.evicted if reply is None else reply.time - call.request.time > SLOW_CALL_NS
         if slow:
             self.slow_call = call
-        is_point = folded_command(call.kind) == "slvmove"
+        is_point = call.kind.folded_command == "slvmove"
         if reply is None:
             if is_point and self.mode_value:
                 self._remember_set_point(call)
@@ -244,7 +233,7 @@ class ClientState:
             self.recent_set_points.clear()
             if change.mode:
                 self.mode_entered_by = call
-                self.generation_clue = stronger_clue(self.generation_clue, clue_of_call(call))
+                self._learn_generation(call)
             elif self.mode_value:
                 self.mode_ended_by = call
         elif change.effect is not SlaveModeEffect.SESSION_BOUNDARY:
@@ -254,7 +243,7 @@ class ClientState:
     def _on_success(self, call: Call) -> None:
         function_id, command = call.kind
         if command is not None:
-            teach = _BY_COMMAND.get(command.casefold()) if function_id in EXECUTES else None
+            teach = _BY_COMMAND.get(call.kind.folded_command) if function_id in EXECUTES else None
         else:
             teach = _BY_FUNCTION.get(function_id)
             self._follow_handles(call)
@@ -267,7 +256,9 @@ class ClientState:
             return
         handle, thing = result_of(call), self.target_object
         if function.creates is not None and isinstance(handle, int):
-            _put_bounded(self.opened_objects, handle, OpenedObject(function.creates, _requested_name(call)))
+            _put_bounded(
+                self.opened_objects, handle, OpenedObject(function.creates, requested_name(call, function))
+            )
             self.released_by.pop((function.creates, handle), None)
         elif function.releases is not None and thing is not None:
             _put_bounded(self.released_by, (thing.kind, thing.handle), call)
@@ -294,7 +285,7 @@ class ClientState:
 
     def _on_connect(self, call: Call) -> None:
         self.connect_call, self.session_end = call, None
-        self.generation_clue = stronger_clue(self.generation_clue, clue_of_call(call))
+        self._learn_generation(call)
 
     def _on_start_task(self, call: Call) -> None:
         thing = self.target_object
@@ -315,7 +306,7 @@ class ClientState:
 
     def _on_take_arm(self, call: Call) -> None:
         self.take_arm_call = call
-        self.generation_clue = stronger_clue(self.generation_clue, clue_of_call(call))
+        self._learn_generation(call)
 
     def _on_give_arm(self, call: Call) -> None:
         self.take_arm_call = None
@@ -329,34 +320,31 @@ class ClientState:
     def _on_read_type(self, call: Call) -> None:
         self.type_was_read = True
 
-    def _on_put_auto_mode(self, call: Call) -> None:
+    def _learn_generation(self, call: Call) -> None:
         self.generation_clue = stronger_clue(self.generation_clue, clue_of_call(call))
 
 
 _StateUpdate: TypeAlias = Callable[[ClientState, Call], None]
 
 _BY_FUNCTION: dict[int, _StateUpdate] = {
+    **dict.fromkeys(MOTION_FUNCTIONS, ClientState._on_motion),
     ID["Service_Start"]: ClientState._on_service_start,
     ID["Service_Stop"]: ClientState._on_session_end,
     ID["Controller_Connect"]: ClientState._on_connect,
     ID["Controller_Disconnect"]: ClientState._on_session_end,
     ID["Task_Start"]: ClientState._on_start_task,
     ID["Variable_GetValue"]: ClientState._on_get_value,
-    ID["Robot_Move"]: ClientState._on_motion,
-    ID["Robot_Drive"]: ClientState._on_motion,
-    ID["Robot_GoHome"]: ClientState._on_motion,
-    ID["Robot_Rotate"]: ClientState._on_motion,
 }
 
 _BY_COMMAND: dict[str, _StateUpdate] = {
     **dict.fromkeys(_READS_ERROR, ClientState._on_read_error),
-    **dict.fromkeys(_MOTIONS, ClientState._on_motion),
+    **dict.fromkeys(MOTION_COMMANDS, ClientState._on_motion),
     "motor": ClientState._on_motor,
     "takearm": ClientState._on_take_arm,
     "givearm": ClientState._on_give_arm,
     "clearerror": ClientState._on_clear_error,
     "getrobottypename": ClientState._on_read_type,
-    "putautomode": ClientState._on_put_auto_mode,
+    "putautomode": ClientState._learn_generation,
 }
 
 
@@ -368,10 +356,6 @@ def _put_bounded(table: dict[_Key, _Value], key: _Key, value: _Value) -> None:
     if len(table) >= MAX_HANDLES:
         del table[next(iter(table))]
     table[key] = value
-
-
-def _requested_name(call: Call) -> str:
-    return text_argument(call, 0 if call.kind.function_id == ID["Controller_Connect"] else 1)
 
 
 class ClientRegistry:
@@ -396,7 +380,7 @@ class ClientRegistry:
                 silent = min(self._by_conversation.values(), key=lambda each: each.last_call.last_activity)
                 del self._by_conversation[silent.conversation]
                 self._on_drop(silent)
-            client = self._by_conversation[call.conversation] = ClientState(call)
+            client = self._by_conversation[call.conversation] = ClientState(call, self)
         return client
 
     def on_conversation_closed(self, conversation: Conversation) -> None:
@@ -415,10 +399,4 @@ class ClientRegistry:
                 self._on_drop(dropped)
 
     def find(self, conversation: Conversation) -> ClientState | None:
-        """Return a client; None if it has made no call or was dropped."""
         return self._by_conversation.get(conversation)
-
-    def other_clients(self, client: ClientState) -> list[ClientState]:
-        """Return the other clients of the same controller."""
-        host = client.conversation.server.host
-        return [each for each in self if each is not client and each.conversation.server.host == host]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from itertools import chain
 from typing import TypeAlias
 
 from bcapscope.analysis.call_selection import CallSelection
@@ -14,8 +15,8 @@ from bcapscope.analysis.rules.rule_checker import (
     CallHealth,
     ClientEnd,
     Occurrence,
+    RuleChecker,
     call_observations,
-    checkers_overriding,
 )
 from bcapscope.analysis.rules.wire_rules import CHECKED_FROM_BYTES
 from bcapscope.analysis.slave.selected_sessions import SelectedSlaveSessions
@@ -27,7 +28,7 @@ from bcapscope.traffic.call import Call, FrameObservation, StrayReply
 from bcapscope.traffic.call_kind import CallKind
 from bcapscope.traffic.handle_tracker import TrackedObject
 from bcapscope.traffic.observation import Conversation, Flow, Observation
-from bcapscope.traffic.pipeline import PipelineSubscriber
+from bcapscope.traffic.pipeline import PipelineSubscriber, overriding_methods
 from bcapscope.traffic.slave_mode_tracker import SlaveModeChange
 
 MAX_CALL_KINDS = 4096
@@ -71,24 +72,18 @@ class Diagnosis(PipelineSubscriber):
         self._clients = ClientRegistry(self._drop_client)
         self._session_detector = SlaveSessionDetector()
         checkers = self._checkers = [checker(self._report_occurrence, self._clients) for checker in CHECKERS]
-        self._call_checkers = checkers_overriding(checkers, "on_call")
-        self._suspect_frame_handlers = [
-            each.on_suspect_frame for each in checkers_overriding(checkers, "on_suspect_frame")
-        ]
-        self._stray_reply_handlers = [
-            each.on_stray_reply for each in checkers_overriding(checkers, "on_stray_reply")
-        ]
-        self._session_checkers = checkers_overriding(checkers, "session_occurrences")
+        self._call_checkers = [each for each in checkers if type(each).on_call is not RuleChecker.on_call]
+        self._set_point_handlers = [each.on_call for each in checkers if each.needs_every_set_point]
+        self._suspect_frame_handlers = overriding_methods(checkers, RuleChecker.on_suspect_frame)
+        self._stray_reply_handlers = overriding_methods(checkers, RuleChecker.on_stray_reply)
+        self._new_flow_handlers = overriding_methods(checkers, RuleChecker.on_new_flow)
+        self._session_handlers = overriding_methods(checkers, RuleChecker.session_occurrences)
+        self._end_handlers = overriding_methods(checkers, RuleChecker.end_occurrences)
+        self._closed_handlers = overriding_methods(checkers, RuleChecker.on_conversation_closed)
         self._selected_sessions: SelectedSlaveSessions | None = None
         if is_selected is not None and on_slave_session is not None:
             self._selected_sessions = SelectedSlaveSessions(is_selected, on_slave_session)
         self._on_slave_session = on_slave_session if is_selected is None else None
-        self._end_checkers = checkers_overriding(checkers, "end_occurrences")
-        self._new_flow_handlers = [each.on_new_flow for each in checkers_overriding(checkers, "on_new_flow")]
-        self._set_point_handlers = [each.on_call for each in checkers if each.needs_every_set_point]
-        self._closed_handlers = [
-            each.on_conversation_closed for each in checkers_overriding(checkers, "on_conversation_closed")
-        ]
         self._dropped_calls = self._not_followed = 0
         self._handlers_by_kind: dict[tuple[CallKind, CallHealth], tuple[_CallHandler, ...]] = {}
         self._flows: set[Flow] = set()
@@ -96,7 +91,6 @@ class Diagnosis(PipelineSubscriber):
         self._last: Observation | None = None
 
     def on_frame(self, observation: Observation) -> None:
-        """Check the next frame, or bytes that are no frame."""
         item = observation.item
         if self._selection is not None:
             self._selection.on_frame(observation)
@@ -108,7 +102,6 @@ class Diagnosis(PipelineSubscriber):
                 check(observation)
 
     def on_call(self, call: Call, target: TrackedObject | None) -> None:
-        """Check a completed call."""
         if self._selection is not None:
             self._selection.on_call(call)
         if self._selected_sessions is not None:
@@ -144,7 +137,6 @@ class Diagnosis(PipelineSubscriber):
             self._on_slave_sessions(sessions)
 
     def on_stray_reply(self, stray: StrayReply) -> None:
-        """Check a reply that belongs to no call."""
         if self._selection is not None:
             self._selection.on_stray_reply(stray)
         self._check_frame(stray.observation)
@@ -152,7 +144,6 @@ class Diagnosis(PipelineSubscriber):
             check(stray)
 
     def on_slave_mode(self, change: SlaveModeChange) -> None:
-        """Update the state of a client whose slave mode changed."""
         self._clients.client_of(change.call).on_slave_mode(change)
 
     def _check_frame(self, observation: FrameObservation) -> None:
@@ -172,8 +163,7 @@ class Diagnosis(PipelineSubscriber):
                 self._on_slave_session(session)
 
     def _session_occurrences(self, session: SlaveSession) -> Iterator[Occurrence]:
-        for checker in self._session_checkers:
-            yield from checker.session_occurrences(session)
+        return chain.from_iterable(check(session) for check in self._session_handlers)
 
     def on_conversation_closed(self, conversation: Conversation) -> None:
         """Release what is kept for a closed conversation. All its calls must have been passed before."""
@@ -230,8 +220,7 @@ class Diagnosis(PipelineSubscriber):
             yield from self._client_occurrences(ClientEnd(client, ended_at, clients_present, silent))
 
     def _client_occurrences(self, end: ClientEnd) -> Iterator[Occurrence]:
-        for checker in self._end_checkers:
-            yield from checker.end_occurrences(end)
+        return chain.from_iterable(check(end) for check in self._end_handlers)
 
     def _on_new_flow(self, observation: Observation) -> None:
         """Register a flow at its first observation and show that to the checkers."""

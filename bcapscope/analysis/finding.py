@@ -26,7 +26,6 @@ class Repetition:
     """How often a finding occurred.
 
     Attributes:
-        count: Number of occurrences.
         first: Time of the first one, ns since 1970.
         last: End of the last one, ns since 1970; None if the occurrences were counted, not listed.
     """
@@ -41,7 +40,6 @@ class Consequence:
     """A consequence that the text of a root cause names.
 
     Attributes:
-        clause: What happened.
         after: Time since the cause, or since the consequence before it, ns.
     """
 
@@ -54,19 +52,12 @@ class Finding:
     """A root cause or a consequence, without a word: `render.finding_text` makes the sentences.
 
     Attributes:
-        rule: Id of the rule that found it.
-        severity: Severity of the rule.
         fact: What happened. Its places may hold raw strings from the wire; escape the text where it is shown.
         frames: Numbers of the frames that prove it, in order. For several occurrences these are the frames of
             one occurrence and of the first and last.
         consequence_of: Number of the finding that caused this one, counted from 1 in the order of the report;
             None if no cause was found.
-        advice: What to do.
-        source: Source of the rule.
-        calls: Numbers of the calls concerned.
-        conversation: Conversation of the client concerned.
         began: Time when it began, ns since 1970.
-        repetition: How often it occurred; None for once.
         consequences: The first consequences of a root cause, which its text names.
         followed_by: Numbers of the first and last finding that follow from a root cause, if its text does not
             name all of them.
@@ -94,8 +85,6 @@ class TrafficTotals(NamedTuple):
 
     Attributes:
         frames: Number of frames and malformed items.
-        calls: Number of calls.
-        clients: Number of conversations with at least one call.
         duration_ns: Time from the first frame to the end, ns.
         not_followed: Number of calls that were evicted before a reply arrived.
         selected_calls: Number of selected calls; None if all are selected.

@@ -36,9 +36,7 @@ class FindingGroup:
     """All occurrences that become one finding.
 
     Attributes:
-        rule: Rule of all occurrences.
         selected: True if the finding is reported for itself; False if only as the cause of another one.
-        count: Number of occurrences.
         shown: Occurrence that the finding describes; only groups of a snapshot have one.
     """
 
@@ -52,7 +50,6 @@ class FindingGroup:
         self.shown: Occurrence
 
     def add(self, occurrence: Occurrence) -> None:
-        """Add an occurrence."""
         self.count += occurrence.count
         (self._earliest if len(self._earliest) < MAX_KEPT else self._latest).append(occurrence)
 
@@ -71,7 +68,6 @@ class FindingGroup:
         return replaced
 
     def copy(self) -> FindingGroup:
-        """Return an independent group of the same occurrences."""
         twin = FindingGroup(self.rule, self.selected)
         twin.count = self.count
         twin._earliest, twin._latest = self._earliest.copy(), self._latest.copy()

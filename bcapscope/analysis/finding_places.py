@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from bcapscope.messages.places import CallPlace, ClientPlace, CodePlace
+from bcapscope.messages.message import PlaceValue
+from bcapscope.messages.places import CallPlace, ClientPlace, CodePlace, Moment
 from bcapscope.protocol.tables.function_table import function_name
 from bcapscope.protocol.tables.hresult import describe_hresult, hresult_name
 from bcapscope.traffic.call import Call
@@ -10,13 +11,21 @@ from bcapscope.traffic.observation import Conversation
 
 
 def client_place(conversation: Conversation) -> ClientPlace:
-    """Return the client of a conversation."""
     return ClientPlace(str(conversation.client), conversation.transport.value)
 
 
 def call_place(call: Call) -> CallPlace:
     """Return a call, shown with its name and its first serial, such as `slvMove 250`."""
     return CallPlace(_name_of(call), call.request.item.serial, call.number)
+
+
+def call_places(call: Call) -> dict[str, PlaceValue]:
+    """Return the places `at`, `call` and `client` of a sentence about a call."""
+    return {
+        "at": Moment(call.request.time),
+        "call": call_place(call),
+        "client": client_place(call.conversation),
+    }
 
 
 def attempt_place(call: Call, serial: int) -> CallPlace:
@@ -30,11 +39,9 @@ def call_name_place(call: Call) -> CallPlace:
 
 
 def code_place(code: int) -> CodePlace:
-    """Return a result code with its name and meaning."""
     return CodePlace(code, hresult_name(code), describe_hresult(code).meaning)
 
 
 def _name_of(call: Call) -> str:
-    """Return the command of a call, or its function if it has none."""
     command = call.kind.command
     return function_name(call.kind.function_id) if command is None else command

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import heapq
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, TypeAlias
@@ -56,12 +56,8 @@ class DamagedFrame(NamedTuple):
     """A frame with problems, or bytes that are no frame.
 
     Attributes:
-        frame: Frame number.
         time: Time, ns since 1970.
-        flow: Conversation and direction.
-        length: Number of bytes.
         raw: The first `MAX_DAMAGED_BYTES` bytes.
-        problems: What is wrong.
         missing_bytes: Bytes that the capture lacks at that place in a stream.
     """
 
@@ -76,14 +72,7 @@ class DamagedFrame(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class ClientTimeline:
-    """One client over time.
-
-    Attributes:
-        conversation: Conversation of the client.
-        calls: Number of calls.
-        activity: Periods in which it made calls, with the number of calls.
-        events: Notable events by kind.
-    """
+    """One client over time."""
 
     conversation: Conversation
     calls: int
@@ -98,19 +87,12 @@ class ReportData:
     Attributes:
         start: Time of the first frame, ns since 1970.
         end: Time of the last frame, ns since 1970.
-        totals: Amount of traffic.
         findings: Findings of all rules, root cause first.
-        statistics: Statistics of the calls; None without calls.
         timelines: Clients, the one with the most calls first.
-        timelines_left_off: Number of clients without a timeline.
         slave_sessions: Slave-mode sessions in the order in which they began.
         slave_sessions_left_off: Number of slave-mode sessions beyond `MAX_SESSIONS`.
         verdicts: Number of calls by verdict, without those that were just answered or refused.
         retry_chains: The calls with the most retries, in order of time.
-        retried_calls: Number of calls with retries.
-        stray_replies: Number of replies that belong to no call.
-        damaged_frames: The first damaged frames.
-        damaged_count: Number of damaged frames.
     """
 
     start: int
@@ -162,7 +144,6 @@ class ReportDataBuilder(PipelineSubscriber):
         self._damaged: list[DamagedFrame] = []
 
     def on_frame(self, observation: Observation) -> None:
-        """Add the next frame, or the next bytes that are no frame."""
         time = observation.time
         if self._start is None or time < self._start:
             self._start = time
@@ -171,7 +152,6 @@ class ReportDataBuilder(PipelineSubscriber):
             self._add_damaged(observation)
 
     def on_call(self, call: Call, target: TrackedObject | None) -> None:
-        """Add a completed call."""
         for seen in call_observations(call):
             self._check_frame(seen)
         if self._is_selected is None or self._is_selected(call):
@@ -184,7 +164,6 @@ class ReportDataBuilder(PipelineSubscriber):
                 self._add_selected(call)
 
     def on_stray_reply(self, stray: StrayReply) -> None:
-        """Add a reply that belongs to no call."""
         self._stray_replies += 1
         self._check_frame(stray.observation)
 
@@ -265,7 +244,8 @@ class ReportDataBuilder(PipelineSubscriber):
         timeline = self._timeline_of(observation.flow.conversation)
         if timeline is not None:
             kind = TimelineEventKind.MISSING if missing else TimelineEventKind.DAMAGED
-            timeline.add_event(kind, TimelineEvent(observation.time, observation.time, 1, observation.number))
+            event = TimelineEvent(observation.time, observation.time, 1, observation.number)
+            timeline.events[kind].add(event)
         self._damaged_count += 1
         if len(self._damaged) < MAX_DAMAGED:
             about = observation.flow, len(item.raw), item.raw[:MAX_DAMAGED_BYTES], item.problems, missing
@@ -273,13 +253,11 @@ class ReportDataBuilder(PipelineSubscriber):
 
 
 class _TimelineBuilder:
-    """Builds the timeline of one client."""
-
     def __init__(self, conversation: Conversation) -> None:
         self.call_count = 0
         self._conversation = conversation
         self._activity = TimelineEventList(MAX_ACTIVITY_PERIODS, ACTIVITY_PAUSE_NS)
-        self._events: dict[TimelineEventKind, TimelineEventList] = {}
+        self.events = defaultdict[TimelineEventKind, TimelineEventList](lambda: TimelineEventList(MAX_EVENTS))
 
     def add_call(self, call: Call, plain: bool) -> None:
         self.call_count += 1
@@ -288,16 +266,10 @@ class _TimelineBuilder:
         if not plain:
             event = TimelineEvent(request.time, request.time, 1, request.number, call.kind, call.hresult)
             for kind in _event_kinds(call):
-                self.add_event(kind, event)
-
-    def add_event(self, kind: TimelineEventKind, event: TimelineEvent) -> None:
-        events = self._events.get(kind)
-        if events is None:
-            events = self._events[kind] = TimelineEventList(MAX_EVENTS)
-        events.add(event)
+                self.events[kind].add(event)
 
     def timeline(self) -> ClientTimeline:
-        events = {kind: self._events[kind].all for kind in TimelineEventKind if kind in self._events}
+        events = {kind: self.events[kind].all for kind in TimelineEventKind if kind in self.events}
         return ClientTimeline(self._conversation, self.call_count, self._activity.all, events)
 
 

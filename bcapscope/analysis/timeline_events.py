@@ -31,7 +31,6 @@ class TimelineEventKind(StrEnum):
 
     @property
     def message(self) -> Message:
-        """What happened."""
         return Message(f"timeline.{self.value}")
 
 
@@ -41,10 +40,7 @@ class TimelineEvent(NamedTuple):
     Attributes:
         begin: Start of the first occurrence, ns since 1970.
         end: End of the last occurrence, ns since 1970.
-        occurrences: Number of occurrences.
-        frame: Frame number of the first occurrence.
         call_kind: Kind of the first call; None for activity periods and events without a call.
-        hresult: Result code of the first call; None without one.
     """
 
     begin: int
@@ -62,7 +58,6 @@ class TimelineEventList:
         """Create an empty list.
 
         Args:
-            most: Number of events to keep.
             pause: Events closer than this many ns are joined; the value grows when there are too many.
         """
         self._most = most
@@ -80,7 +75,6 @@ class TimelineEventList:
 
     @property
     def all(self) -> tuple[TimelineEvent, ...]:
-        """The events so far."""
         return tuple(self._events)
 
     def _append(self, event: TimelineEvent) -> None:

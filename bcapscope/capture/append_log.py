@@ -54,7 +54,6 @@ class AppendLogWriter:
             self._pending, self._offsets = bytearray(), bytearray()
 
     def close(self) -> None:
-        """Close both files."""
         self._file.close()
         self._index.close()
 
@@ -80,7 +79,6 @@ class CachedFileReader:
 
     @property
     def size(self) -> int:
-        """Current size of the file in bytes."""
         return os.fstat(self._file.fileno()).st_size
 
     def read(self, start: int, size: int) -> bytes:
@@ -94,7 +92,6 @@ class CachedFileReader:
         return self._data[at : at + size]
 
     def discard_cache(self) -> None:
-        """Make the next `read` go to the file again."""
         self._data = b""
 
     def close(self) -> None:
@@ -102,28 +99,18 @@ class CachedFileReader:
 
 
 class AppendLogReader:
-    """Reads the records of an `AppendLogWriter`, by number from 0.
-
-    It is also a context manager that closes the files.
-    """
+    """Reads the records of an `AppendLogWriter`, by number from 0."""
 
     def __init__(self, path: Path) -> None:
         self._records = CachedFileReader(path)
         self._index = CachedFileReader(_index_path(path))
         self._count = 0
 
-    def __enter__(self) -> AppendLogReader:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
-
     def __len__(self) -> int:
         """Return the number of records at the last `refresh`."""
         return self._count
 
     def refresh(self) -> int:
-        """Update and return the number of records."""
         self._count = self._index.size // _OFFSET.size
         return self._count
 
@@ -144,7 +131,6 @@ class AppendLogReader:
         return self._records.read(start, size)
 
     def close(self) -> None:
-        """Close both files."""
         self._records.close()
         self._index.close()
 

@@ -28,19 +28,13 @@ class ByteSource:
         offset: Offset of `data` in the capture, in bytes.
     """
 
-    __slots__ = ("_read", "data", "offset")
-
     def __init__(self, read: ChunkReader) -> None:
         self._read = read
         self.data = b""
         self.offset = 0
 
     def advance(self, used: int) -> bool:
-        """Drop the first `used` bytes of `data` and append the next bytes of the stream.
-
-        Returns:
-            Whether any bytes were appended; False at the end of the stream.
-        """
+        """Drop the first `used` bytes of `data` and append the next ones; return False at the end."""
         chunk = self._read(CHUNK_SIZE)
         self.data = self.data[used:] + chunk
         self.offset += used
@@ -59,8 +53,6 @@ class GzipReader:
 
     The standard library's reader waits for full buffers, and loses bytes that it decompressed before damage.
     """
-
-    __slots__ = ("_bytes_returned", "_decompressor", "_read", "_tail")
 
     def __init__(self, read: ChunkReader, head: bytes) -> None:
         """Decompress `head`, which was already read from the stream, and then the bytes from `read`."""

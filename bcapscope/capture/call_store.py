@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import struct
-from array import array
+from itertools import groupby
 from pathlib import Path
 from typing import NamedTuple, cast
 
 import msgspec
 
-from bcapscope.capture.append_log import AppendLogReader, AppendLogWriter, CachedFileReader
+from bcapscope.capture.append_log import AppendLogReader, AppendLogWriter, CachedFileReader, write_all
 from bcapscope.capture.observation_store import ObservationStore, decode_text, encode_text
 from bcapscope.protocol.tables.function_table import ObjectClass
 from bcapscope.traffic.call import (
@@ -33,16 +33,29 @@ _RESERVED = tuple(ReplyReserved)
 _CLASSES = tuple(ObjectClass)
 
 _ObjectRecord = tuple[int, int, bytes, bytes, int, bool]
-_Record = tuple[
-    int, int, int, int, list[tuple[int, int]], int, int, bool, bool, int, int, int, _ObjectRecord | None
-]
-"""Of a call: its number, the frame numbers of its request, last attempt and reply (or 0), and the role and
-frame number of its other frames. Then `last_activity`, `abandoned_at`, `no_reply_expected`, `evicted`,
-`skipped_handles`, the indexes of its reserved-field convention and of the replies' reserved field, and the
-object.
 
-Of a stray reply: 0, its frame number, 0, and the number of the call that it is too late for (or 0).
-`may_answer_evicted` takes the place of `evicted`. All other fields are empty."""
+
+class _Record(msgspec.Struct, array_like=True):
+    """A call by its number and those of its frames, or a stray reply.
+
+    Of a stray reply, `number` is 0, `request` is its frame, `reply` is the number of the call that it is too
+    late for (or 0), and `evicted` stands for `may_answer_evicted`.
+    """
+
+    number: int
+    request: int
+    last_attempt: int = 0
+    reply: int = 0
+    other_frames: list[tuple[int, int]] = []
+    last_activity: int = 0
+    abandoned_at: int = 0
+    no_reply_expected: bool = False
+    evicted: bool = False
+    skipped_handles: int = 0
+    convention: int = 0
+    reply_reserved: int = 0
+    subject: _ObjectRecord | None = None
+
 
 _encode = msgspec.msgpack.encode
 _decoder = msgspec.msgpack.Decoder(_Record)
@@ -67,50 +80,25 @@ class CallStoreWriter:
         """Create the files in the folder of an observation store."""
         self._calls = AppendLogWriter(folder / _CALLS)
         self._file = (folder / _ROW_BY_FRAME).open("xb", buffering=0)
-        self._row_by_frame = array("I")
-        self._first_unwritten = 0
+        self._new_rows: dict[int, int] = {}  # by frame, since the last flush
 
     @property
     def count(self) -> int:
-        """Number of rows added so far."""
         return self._calls.count
 
     def add(self, settled: PairingResult, subject: TrackedObject | None) -> None:
         """Add a row; the caller writes its frames to the observation store before `flush`."""
         if isinstance(settled, StrayReply):
             number = settled.observation.number
-            overlooked = settled.may_answer_evicted
-            record: _Record = (
-                0,
-                number,
-                0,
-                settled.call_number or 0,
-                [],
-                0,
-                0,
-                False,
-                overlooked,
-                0,
-                0,
-                0,
-                None,
-            )
+            late_for = settled.call_number or 0
+            record = _Record(0, number, reply=late_for, evicted=settled.may_answer_evicted)
             frames = [number]
         else:
             record = _record_of(settled, subject)
-            frames = [record[1], record[3], *(number for _, number in record[4])]
+            frames = [record.request, record.reply, *(number for _, number in record.other_frames)]
         data = _encode(record)
         self._calls.add(_SIZE.pack(len(data)) + data)
-        for number in frames:
-            if number:
-                self._assign_row(number, self._calls.count)
-
-    def _assign_row(self, number: int, row: int) -> None:
-        links = self._row_by_frame
-        if number > len(links):
-            links.extend([0] * (number + 1024 - len(links)))
-        links[number - 1] = row
-        self._first_unwritten = min(self._first_unwritten, number - 1)
+        self._new_rows.update((number, self._calls.count) for number in frames if number)
 
     def flush(self) -> None:
         """Make all added rows visible to readers.
@@ -119,10 +107,12 @@ class CallStoreWriter:
             OSError: The files cannot be written, such as on a full disk.
         """
         self._calls.flush()
-        if self._first_unwritten < len(self._row_by_frame):
-            self._file.seek(self._first_unwritten * _ROW_NUMBER.size)
-            self._file.write(self._row_by_frame[self._first_unwritten :].tobytes())
-        self._first_unwritten = len(self._row_by_frame)
+        frames = sorted(self._new_rows)
+        for _, run in groupby(enumerate(frames), lambda each: each[1] - each[0]):  # frames without a gap
+            numbers = [number for _, number in run]
+            self._file.seek((numbers[0] - 1) * _ROW_NUMBER.size)
+            write_all(self._file, b"".join(_ROW_NUMBER.pack(self._new_rows[number]) for number in numbers))
+        self._new_rows.clear()
 
     def close(self) -> None:
         self._calls.close()
@@ -135,7 +125,7 @@ def _record_of(call: Call, subject: TrackedObject | None) -> _Record:
         name, parent = encode_text(subject.name), encode_text(subject.parent)
         kind = _CLASSES.index(subject.kind)
         thing = (kind, subject.handle, name, parent, subject.created_by_call, subject.known_to_client)
-    return (
+    return _Record(
         call.number,
         call.request.number,
         call.last_attempt.number,
@@ -166,11 +156,9 @@ class CallStore:
         self._row_by_frame = CachedFileReader(folder / _ROW_BY_FRAME)
 
     def __len__(self) -> int:
-        """Return the number of rows at the last `refresh`."""
         return len(self._records)
 
     def refresh(self) -> int:
-        """Update and return the number of rows."""
         self._row_by_frame.discard_cache()
         return self._records.refresh()
 
@@ -180,26 +168,23 @@ class CallStore:
         Raises:
             IndexError: No such row exists.
         """
-        (
-            call, request, last, reply, others, activity, gone_on, silent, let_go, skipped,
-            convention, replies, thing,
-        ) = _decoder.decode(self._read_record(index))  # fmt: skip
-        told = self._observations.read_frame(request)
-        seen = cast(FrameObservation, told.observation)
-        if not call:
-            return StoredCall(StrayReply(seen, reply or None, let_go), None)
-        question = told.call_kind or CallKind(seen.item.code, None)
-        habits = ReservedFieldUsage(_CONVENTIONS[convention], _RESERVED[replies])
-        made = Call(call, seen.flow.conversation, question, seen, habits)
-        made.last_attempt = self._read_frame(last, seen)
-        made.reply = self._read_frame(reply, seen) if reply else None
-        made.other_frames = [
-            CallFrame(_ROLES[role], self._read_frame(number, seen)) for role, number in others
+        record = _decoder.decode(self._read_record(index))
+        annotated = self._observations.read_frame(record.request)
+        request = cast(FrameObservation, annotated.observation)
+        if not record.number:
+            return StoredCall(StrayReply(request, record.reply or None, record.evicted), None)
+        kind = annotated.call_kind or CallKind(request.item.code, None)
+        usage = ReservedFieldUsage(_CONVENTIONS[record.convention], _RESERVED[record.reply_reserved])
+        call = Call(record.number, request.flow.conversation, kind, request, usage)
+        call.last_attempt = self._read_frame(record.last_attempt, request)
+        call.reply = self._read_frame(record.reply, request) if record.reply else None
+        call.other_frames = [
+            CallFrame(_ROLES[role], self._read_frame(number, request)) for role, number in record.other_frames
         ]
-        made.last_activity, made.abandoned_at = activity, gone_on
-        made.no_reply_expected, made.skipped_handles = silent, skipped
-        made.state = CallState.EVICTED if let_go else CallState.SETTLED
-        return StoredCall(made, None if thing is None else _object_from_record(thing))
+        call.last_activity, call.abandoned_at = record.last_activity, record.abandoned_at
+        call.no_reply_expected, call.skipped_handles = record.no_reply_expected, record.skipped_handles
+        call.state = CallState.EVICTED if record.evicted else CallState.SETTLED
+        return StoredCall(call, None if record.subject is None else _object_from_record(record.subject))
 
     def index_of_frame(self, frame: int) -> int | None:
         """Return the index of the row that a frame belongs to; None where it is not known, or not yet."""

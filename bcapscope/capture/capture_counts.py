@@ -40,5 +40,4 @@ class CaptureCounts:
 
     @property
     def frames(self) -> int:
-        """Number of observations that are frames, sound or not."""
         return self.items - self.malformed - self.gaps

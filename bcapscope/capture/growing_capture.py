@@ -42,12 +42,9 @@ class _GrowingFile(io.RawIOBase):
 
 
 def follow_capture(path: Path, ended: Event, on_idle: Callable[[], None]) -> CaptureFile:
-    """Open a capture that another program still writes.
+    """Open a capture that another program still writes, until the caller sets `ended`.
 
-    Args:
-        path: The file.
-        ended: Set by the caller when nothing more will be written.
-        on_idle: Called whenever there is nothing to read.
+    `on_idle` is called whenever there is nothing to read.
 
     Raises:
         CaptureError: The file cannot be opened.

@@ -67,7 +67,6 @@ class HexBlock:
 
     @property
     def digits(self) -> str:
-        """The hex digits of all rows."""
         return "".join(self._parts)
 
     @property
@@ -92,7 +91,6 @@ class HexBlock:
         return [(place // 2, line) for place, line in self._rows]
 
     def add(self, line: int, row: HexDigits) -> None:
-        """Append the row on line `line`."""
         self._rows.append((self._digit_count, line))
         self._append(row.digits)
         self.is_hex_only = self.is_hex_only and row.is_hex_only
@@ -100,11 +98,9 @@ class HexBlock:
         self.blank_line_follows = False
 
     def split(self, offset: int) -> HexBlock:
-        """Cut the block at an offset and return the rest, to which further rows are added.
+        """Cut the block at an offset in bytes and return the rest, to which further rows are added.
 
-        Args:
-            offset: Offset of the rest in bytes. If it is 0 or leaves too many rows, the rest is only the last
-                row, with a note.
+        If the offset is 0 or leaves too many rows, the rest is only the last row, with a note.
         """
         first = bisect_right(self._rows, 2 * offset, key=itemgetter(0)) - 1
         note = ""
@@ -127,7 +123,6 @@ class HexBlock:
         return rest
 
     def extend(self, other: HexBlock) -> None:
-        """Append all rows of another block."""
         self._rows += [(self._digit_count + place, line) for place, line in other._rows]
         self._append(other.digits)
         self.notes += other.notes

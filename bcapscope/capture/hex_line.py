@@ -68,14 +68,9 @@ class EndOffset(msgspec.Struct, frozen=True):
 LinePiece: TypeAlias = ProseText | HexDigits | RepeatMark | EndOffset
 
 
-class _Token(NamedTuple):
-    start: int
-    stop: int
-    kind: str
-    digits: str
-
-
 class _Run(NamedTuple):
+    """A token, or several in a row, that may be hex."""
+
     start: int
     stop: int
     digits: str
@@ -163,7 +158,7 @@ def _dump_row(line: str, start: int) -> list[_Run]:
 
 def _hex_runs(line: str, start: int) -> Iterator[_Run]:
     """Yield runs of tokens that may be hex, each as long as possible."""
-    group: list[_Token] = []
+    group: list[_Run] = []
     for token in _tokens(line, start):
         if group and token.kind not in _JOINABLE[group[0].kind]:
             yield _make_run(line, group)
@@ -174,11 +169,11 @@ def _hex_runs(line: str, start: int) -> Iterator[_Run]:
         yield _make_run(line, group)
 
 
-def _tokens(line: str, start: int) -> Iterator[_Token]:
+def _tokens(line: str, start: int) -> Iterator[_Run]:
     for match in _TOKEN.finditer(line, start):
         kind, digits = _classify_word(match[0])
         if kind != _WORD or _WORDS.search(match[0]) or any(map(str.isdigit, match[0])):
-            yield _Token(match.start(), match.end(), kind, digits)
+            yield _Run(match.start(), match.end(), digits, kind)
 
 
 def _classify_word(word: str) -> tuple[str, str]:
@@ -190,7 +185,7 @@ def _classify_word(word: str) -> tuple[str, str]:
     return _WORD, ""
 
 
-def _make_run(line: str, group: Sequence[_Token]) -> _Run:
+def _make_run(line: str, group: Sequence[_Run]) -> _Run:
     """Make a run of tokens, without the characters to the right of a dump."""
     for index in range(1, len(group) + 1 if len(line) <= LONGEST_ROW else 0):
         stop = group[index].start if index < len(group) else len(line)
@@ -236,7 +231,6 @@ def _escape_value(digits: str, octal: str, named: str, plain: str) -> int:
 
 
 def _pieces(line: str, runs: list[_Run], offset: str, start: int) -> Iterator[LinePiece]:
-    """Yield the runs that are hex, and the words between them."""
     outside = "".join(line[a:b] for a, b in _outside_runs(runs, start, len(line)))
     alone = not _WORDS.search(outside) and not any(map(str.isdigit, outside))
     indent = len(line) - len(line.lstrip())

@@ -166,7 +166,7 @@ class _BlockReader:
             and tail[0] == number - 1
             and piece.is_hex_only
             and not piece.offset
-            and not _digits_begin_frame(piece.digits)
+            and not _begins_as_frame(bytes.fromhex(piece.digits[: len(piece.digits) & ~1]))
         ):
             block.add(*tail)
         block.add(number, piece)
@@ -180,7 +180,6 @@ class _BlockReader:
             self._set_last_block(block.split(_last_frame_start(block)))
 
     def _set_last_block(self, block: HexBlock) -> None:
-        """Finish the last block and continue with `block`."""
         if self.last is not None:
             self._finished.append(self.last)
         self.last = self._open = block
@@ -202,12 +201,7 @@ def _last_frame_start(block: HexBlock) -> int:
     return start if block.size - start <= LARGEST_LIKELY else 0
 
 
-def _digits_begin_frame(digits: str) -> bool:
-    return _begins_as_frame(bytes.fromhex(digits[: len(digits) & ~1]))
-
-
 def _begins_as_frame(data: bytes) -> bool:
-    """Return whether `data` begins with SOH and a plausible length."""
     return data[:1] == bytes((SOH,)) and plausible_length_field(data) is not None
 
 
@@ -280,13 +274,9 @@ def _packets_in(block: HexBlock) -> Iterator[HexPacket]:
 
 
 def _frame_starts(data: bytes, rows: list[int]) -> list[int]:
-    """Return the offsets of the frames in `data`.
+    """Return the offsets of the frames in the bytes of a block whose rows begin at `rows`.
 
     A frame begins after a whole frame, or else at a row that looks like the start of a frame.
-
-    Args:
-        data: Bytes of a block.
-        rows: Offsets of the block's rows.
     """
     cuts = [0]
     while True:
@@ -297,15 +287,11 @@ def _frame_starts(data: bytes, rows: list[int]) -> list[int]:
             cuts.append(stop)
             continue
         later = range(bisect_right(rows, start), len(rows) if stop != len(data) else 0)
-        begun = (rows[at] for at in later if _frame_begins_at(data, rows[at]))
-        row = next(begun, None)
+        after_eot = (rows[at] for at in later if data[rows[at] - 1 : rows[at]] == bytes((EOT,)))
+        row = next((row for row in after_eot if _begins_as_frame(data[row : row + 5])), None)
         if row is None:
             return cuts
         cuts.append(row)
-
-
-def _frame_begins_at(data: bytes, row: int) -> bool:
-    return data[row - 1 : row] == bytes((EOT,)) and _begins_as_frame(data[row : row + 5])
 
 
 def _direction_of(
@@ -344,12 +330,7 @@ def _direction_by_content(part: bytes) -> Direction | None:
 
 
 def _without_headers(data: bytes) -> tuple[bytes, Direction | None, int]:
-    """Strip Ethernet, IP and transport headers from a whole packet.
-
-    Returns:
-        The payload, its direction by port, and the number of bytes stripped. Without headers, `data`, None
-        and 0.
-    """
+    """Strip the headers of a packet; return payload, direction by port, and number of bytes stripped."""
     for start in (find_ip(ETHERNET, data), 0):
         packet = read_ip(data, start) if start != NOT_IP and data else None
         if packet is None or packet.fragment is not None:
@@ -370,7 +351,6 @@ def _direction_by_ports(segment: bytes) -> Direction | None:
 
 
 def _note_serial_mismatches(packets: Iterable[HexPacket]) -> Iterator[HexPacket]:
-    """Add a note to each reply whose serial matches no earlier request."""
     request_serials: set[int] = set()
     last = 0
     for packet in packets:

@@ -79,7 +79,6 @@ class _PartialPacket:
 
     @property
     def _end_offset(self) -> int:
-        """Offset after the last fragment."""
         return self._offsets[-1] + len(self._content[self._offsets[-1]]) if self._offsets else 0
 
     def _overlaps(self, offset: int, stop: int) -> bool:
@@ -110,9 +109,7 @@ class IpReassembly:
     def add(self, packet: IPPacket, time: int) -> ReassembledPacket | None:
         """Add a fragment and return the packet that it completes; None while fragments are missing.
 
-        Args:
-            packet: A fragment. A whole packet is returned unchanged.
-            time: Capture time, ns since 1970.
+        A whole packet is returned unchanged. `time` is the capture time, ns since 1970.
         """
         fragment = packet.fragment
         if fragment is None:
@@ -135,7 +132,6 @@ class IpReassembly:
         return ReassembledPacket(IPPacket(parts.protocol, packet.addresses, payload, 0, None), parts.began)
 
     def close(self) -> None:
-        """Drop all incomplete packets and count them as lost."""
         self.packets_lost += len(self._incomplete)
         self._incomplete.clear()
         self._cost = 0

@@ -73,7 +73,6 @@ class ArgumentsField(StrField):  # type: ignore[misc] # scapy's classes have no 
     islist = 1
 
     def any2i(self, pkt: Packet | None, x: Any) -> Any:
-        """Accept one value or several."""
         values = x if isinstance(x, (list, tuple)) and not isinstance(x, Variant) else (x,)
         return tuple(map(_as_variant, values))
 
@@ -81,7 +80,6 @@ class ArgumentsField(StrField):  # type: ignore[misc] # scapy's classes have no 
         return b"".join(map(encode_argument, x or ()))
 
     def i2len(self, pkt: Packet | None, x: Any) -> int:
-        """Count the bytes of all arguments."""
         return len(self.i2m(pkt, x))
 
     def i2count(self, pkt: Packet | None, x: Any) -> int:
@@ -150,7 +148,6 @@ class BCAP(Packet):  # type: ignore[misc] # as above
 
     @property
     def is_response(self) -> bool:
-        """Whether this is a reply."""
         if "hresult" in self.fields or "function_id" in self.fields:
             return "hresult" in self.fields
         ports = (getattr(self.underlayer, "sport", None), getattr(self.underlayer, "dport", None))
@@ -177,7 +174,6 @@ class BCAP(Packet):  # type: ignore[misc] # as above
 
     @property
     def frame(self) -> Frame:
-        """The frame as parsed by the codec of bcapscope."""
         return Frame(self.self_build())
 
     def do_dissect(self, s: bytes) -> bytes:
@@ -216,7 +212,6 @@ class BCAP(Packet):  # type: ignore[misc] # as above
         return bool(self.serial == other.serial and self.hresult != S_EXECUTING)
 
     def mysummary(self) -> str:
-        """Return the function and command or the result code, and the serial."""
         if self.is_response:
             return f"b-CAP {hresult_name(self.hresult)} serial {self.serial}"
         command = self.command_name

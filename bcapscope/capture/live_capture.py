@@ -14,7 +14,7 @@ import struct
 import subprocess
 import sys
 from collections.abc import Iterator
-from typing import Protocol
+from typing import TypeAlias
 
 from bcapscope.capture.link_layer import LINUX_COOKED
 from bcapscope.capture.packet import Interface, Packet
@@ -36,34 +36,12 @@ _SO_RCVBUFFORCE = 33
 _COOKED_HEADER = struct.Struct(">HHH8sH")
 
 
-class LiveCapture(Protocol):
-    """An endless capture; also a context manager that ends it.
-
-    Attributes:
-        lost: Packets that the system dropped for lack of buffer space, as far as it reports them.
-    """
-
-    @property
-    def lost(self) -> int: ...
-
-    def __enter__(self) -> LiveCapture: ...
-
-    def __exit__(self, *_: object) -> None: ...
-
-    def __iter__(self) -> Iterator[Packet]:
-        """Yield packets as they arrive, until interrupted.
-
-        Raises:
-            CaptureError: The capture failed, such as when the interface disappeared.
-        """
-        ...
-
-
 def open_live_capture(name: str) -> LiveCapture:
-    """Start to capture on an interface; packets from now on are buffered until they are read.
+    """Start to capture on an interface such as `eth0`, or on `ANY_INTERFACE`; buffer its packets from now on.
 
-    Args:
-        name: System name of the interface, such as `eth0` or `lo`, or `ANY_INTERFACE`.
+    The capture is a context manager that ends it, and yields packets as they arrive, until interrupted. It
+    raises CaptureError if it fails, such as when the interface disappears. `lost` counts the packets that the
+    system dropped for lack of buffer space, as far as it reports them.
 
     Raises:
         CaptureError: The interface does not exist, the right to capture is missing, or the capture fails.
@@ -206,3 +184,6 @@ class _SnifferProcess:
             elif kind != SnifferRecordKind.ALIVE:
                 reason = data.decode("utf-8", "replace")
                 raise CaptureError(Message("capture.ended", name=self._name, reason=reason))
+
+
+LiveCapture: TypeAlias = _PacketSocket | _SnifferProcess

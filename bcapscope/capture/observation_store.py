@@ -15,6 +15,7 @@ import msgspec
 from bcapscope.capture.append_log import AppendLogReader, AppendLogWriter, CachedFileReader
 from bcapscope.messages.message_codec import decode_message, encode_message
 from bcapscope.protocol.codec.frame import Frame, Malformed, Problem
+from bcapscope.protocol.codec.frame_template import FrameTemplates
 from bcapscope.traffic.call_kind import CallKind
 from bcapscope.traffic.filter.getters import AnnotatedFrame
 from bcapscope.traffic.observation import Conversation, Direction, Endpoint, Flow, Observation, Transport
@@ -44,7 +45,6 @@ def encode_text(text: str) -> bytes:
 
 
 def decode_text(data: bytes) -> str:
-    """Decode the result of `encode_text`."""
     return data.decode("utf-8", "surrogatepass")
 
 
@@ -60,7 +60,6 @@ class ObservationStoreWriter:
 
     @property
     def count(self) -> int:
-        """Number of observations added so far."""
         return self._frames.count
 
     def add(self, observation: Observation, call_kind: CallKind | None, comments: Sequence[str] = ()) -> None:
@@ -143,13 +142,12 @@ class ObservationStore:
         self._records = AppendLogReader(folder / _FRAMES)
         self._conversations = CachedFileReader(folder / _CONVERSATIONS)
         self._flows: dict[int, tuple[Flow, Flow]] = {}
+        self._templates = FrameTemplates()
 
     def __len__(self) -> int:
-        """Return the number of observations at the last `refresh`."""
         return len(self._records)
 
     def refresh(self) -> int:
-        """Update and return the number of observations."""
         return self._records.refresh()
 
     def read_frame(self, number: int) -> AnnotatedFrame:
@@ -172,7 +170,7 @@ class ObservationStore:
         if kind & _MALFORMED:
             item = Malformed(raw, problems, missing)
         else:
-            item = Frame(raw, problems[0] if problems else None)
+            item = Frame(raw, problems[0] if problems else None, self._templates)
         flow = self._flows_at(place)[kind & _RESPONSE]
         return AnnotatedFrame(Observation(number, time, began, flow, item, packet), question, comments)
 

@@ -18,6 +18,7 @@ from bcapscope.capture.undecided_conversation import TimedItem
 from bcapscope.errors import CaptureError
 from bcapscope.messages import Message
 from bcapscope.protocol.codec.frame import EOT, SMALLEST_FRAME, SOH, Frame, Malformed, Problem
+from bcapscope.protocol.codec.frame_template import FrameTemplates
 from bcapscope.traffic.observation import Conversation, Flow, Observation
 
 CONVERSATIONS_LIMIT = 10_000
@@ -47,15 +48,14 @@ class PacketDecoder:
     Attributes:
         counts: Sums over the packets so far.
         comments: Comments by packet number, of the latest `COMMENTS_LIMIT` packets that have any.
-        end_time: Capture time of the last packet, b-CAP or not, ns since 1970. It is 0 until `decode` ends.
+        end_time: Latest capture time of all packets so far, b-CAP or not, ns since 1970; 0 before the first.
     """
 
     def __init__(self, ports: Collection[int] = BCAP_PORTS, interface_prefix: str = "") -> None:
         """Start without conversations.
 
-        Args:
-            ports: Ports on which servers listen. Conversations on other ports are detected by their content.
-            interface_prefix: Only packets of interfaces whose name has this prefix are decoded.
+        Servers listen on `ports`; conversations on other ports are detected by their content. Only packets of
+        interfaces whose name has `interface_prefix` are decoded.
         """
         self.counts = CaptureCounts()
         self.comments: dict[int, tuple[str, ...]] = {}
@@ -63,8 +63,9 @@ class PacketDecoder:
         self.end_time = 0
         self._conversations: dict[Conversation, None] = {}
         self._interface_prefix = interface_prefix
-        self._udp = UdpConversations(ports, self.counts)
-        self._tcp = TcpConversations(ports, self.counts)
+        self._templates = FrameTemplates()
+        self._udp = UdpConversations(ports, self.counts, self._templates)
+        self._tcp = TcpConversations(ports, self.counts, self._templates)
         self._fragments = IpReassembly()
 
     @property
@@ -85,13 +86,14 @@ class PacketDecoder:
             CaptureError: `packets` raised it; all observations before were yielded.
         """
         counts, broken = self.counts, None
-        number, packet, time = counts.items, counts.packets, 0
+        number, packet, time, latest = counts.items, counts.packets, 0, self.end_time
         interface, ethernet, wanted = None, False, True
-        flow_of, new = self._udp.flows.get, tuple.__new__
+        flow_of, new, templates = self._udp.flows.get, tuple.__new__, self._templates
         unpack, begin_of = _UDP_IN_ETHERNET.unpack_from, _SOH_AND_LENGTH.unpack_from
         try:
             for time, data, original, source, comments in packets:
                 packet += 1
+                self.end_time = latest = time if time > latest else latest  # cheaper than max() per packet
                 if comments:
                     self._keep_comments(packet, comments)
                 if source is not interface:
@@ -108,7 +110,9 @@ class PacketDecoder:
                         whole = total - 28 == size - 8 == length == len(raw) and not part & 0x3FFF
                         if whole and length >= SMALLEST_FRAME and soh == SOH and raw[-1] == EOT:
                             number += 1
-                            yield new(Observation, (number, time, time, flow, Frame(raw), packet))
+                            yield new(
+                                Observation, (number, time, time, flow, Frame(raw, None, templates), packet)
+                            )
                             continue
                 counts.packets = packet
                 for flow, sighting in self._decode_any(time, data, original, source, packet):
@@ -119,7 +123,6 @@ class PacketDecoder:
         finally:
             counts.packets = packet
             counts.items = number
-            self.end_time = max(self.end_time, time)
         for flow, sighting in self._flush(time, packet):
             counts.items += 1
             yield self._make_observation(counts.items, flow, sighting)
@@ -200,7 +203,6 @@ class PacketDecoder:
         return self._tcp.receive(ip.addresses + ip.payload[:4], segment, time, packet)
 
     def _flush(self, time: int, packet: int) -> list[tuple[Flow, TimedItem]]:
-        """Release all held items at the end of the capture."""
         found = self._udp.close() + self._tcp.close(time, packet)
         self._fragments.close()
         self.counts.fragments_lost = self._fragments.packets_lost

@@ -9,6 +9,7 @@ from bcapscope.capture.byte_source import ByteSource
 from bcapscope.capture.packet import Interface, Packet
 from bcapscope.errors import CaptureError
 from bcapscope.messages import Message
+from bcapscope.messages.message import PlaceValue
 
 MAGICS = {
     b"\xd4\xc3\xb2\xa1": ("<", 1000),
@@ -50,7 +51,10 @@ def read_pcap(source: ByteSource) -> Iterator[Packet]:
             stop = start + kept
             if stop > end or kept > RECORD_LIMIT:
                 if kept > RECORD_LIMIT:
-                    raise _oversized_record(source.offset + position, count + 1, kept)
+                    reason = Message("capture.packet-too-large", length=kept, limit=RECORD_LIMIT)
+                    raise _record_error(
+                        "capture.damaged.packet", count, source.offset + position, reason=reason
+                    )
                 break
             count += 1
             position = stop
@@ -59,16 +63,8 @@ def read_pcap(source: ByteSource) -> Iterator[Packet]:
             break
         position, data = 0, source.data
     if source.data:
-        raise _truncated_record(source.offset, count + 1, source.data)
+        raise _record_error("capture.cut-packet", count, source.offset, length=len(source.data))
 
 
-def _oversized_record(offset: int, number: int, claimed: int) -> CaptureError:
-    reason = Message("capture.packet-too-large", length=claimed, limit=RECORD_LIMIT)
-    return CaptureError(
-        Message("capture.damaged.packet", packet=number, offset=offset, reason=reason), offset
-    )
-
-
-def _truncated_record(offset: int, number: int, rest: bytes) -> CaptureError:
-    there = len(rest)
-    return CaptureError(Message("capture.cut-packet", packet=number, offset=offset, length=there), offset)
+def _record_error(id: str, count: int, offset: int, **places: PlaceValue) -> CaptureError:
+    return CaptureError(Message(id, packet=count + 1, offset=offset, **places), offset)

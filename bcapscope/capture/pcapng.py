@@ -147,11 +147,7 @@ class _Section:
     def read_block(self, data: bytes, position: int, size: int, time: int) -> Packet | None:
         """Parse the block at `position`; return its packet, or None for any other block.
 
-        Args:
-            data: Bytes of the capture.
-            position: Position of the block in `data`.
-            size: Size of the block in bytes.
-            time: Time of the packet before, ns since 1970.
+        `time` is that of the packet before, ns since 1970.
         """
         kind, _ = self._unpack("II", data, position)
         body = data[position + 8 : position + size - 4]

@@ -86,15 +86,10 @@ class PcapngWriter:
         write_all(self._file, blocks)
 
     def packet_template(self, interface: Interface, head: bytes, size: int) -> PacketTemplate:
-        """Return a template of packets without comments.
-
-        Args:
-            interface: Interface of the packets, which is described in the file if it is new.
-            head: Constant first bytes of the packets.
-            size: Number of bytes that follow `head`.
+        """Return a template of packets without comments: `size` bytes follow the constant first bytes `head`.
 
         Raises:
-            OSError: The description of the interface cannot be written, such as on a full disk.
+            OSError: The description of a new interface cannot be written, such as on a full disk.
         """
         number = self._interfaces.get(interface)
         if number is None:
@@ -145,15 +140,9 @@ def pair_encoder(first: PacketTemplate, second: PacketTemplate) -> PacketPairEnc
 
 
 def write_annotated(packets: Iterable[Packet], notes: Mapping[int, str], file: BinaryIO | RawIOBase) -> int:
-    """Copy packets to a new capture, and add notes to their comments.
+    """Copy packets to a new capture, add notes to their comments, and return the number of packets.
 
-    Args:
-        packets: Packets of any capture.
-        notes: Note by packet number, from 1; an empty note only marks the packet.
-        file: File to write to.
-
-    Returns:
-        Number of packets written.
+    The notes are by packet number, from 1; an empty note only marks the packet.
 
     Raises:
         CaptureError: `packets` raised it.

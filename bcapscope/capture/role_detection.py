@@ -6,7 +6,6 @@ from collections.abc import Collection
 
 from bcapscope.protocol.codec.frame import EOT, LARGEST_FRAME, SMALLEST_FRAME, SOH, Frame, Malformed
 from bcapscope.protocol.codec.stream_splitter import MAX_RESYNC_ARGUMENTS
-from bcapscope.protocol.codec.variant import Variant
 from bcapscope.protocol.dissection.plausibility import SENT_TYPES
 from bcapscope.protocol.tables.function_table import FUNCTIONS, function_name
 from bcapscope.protocol.tables.hresult import S_EXECUTING, S_FALSE, S_OK
@@ -44,12 +43,9 @@ def _arguments_fit(frame: Frame) -> bool:
     if len(arguments) != len(params) or (frame.code == S_FALSE and not arguments):
         return False
     return all(
-        _type_accepts(param.type, argument.variant) for param, argument in zip(params, arguments, strict=True)
+        param.type == "VARIANT" or argument.variant.vt in SENT_TYPES[param.type]
+        for param, argument in zip(params, arguments, strict=True)
     )
-
-
-def _type_accepts(declared: str, variant: Variant) -> bool:
-    return declared == "VARIANT" or variant.vt in SENT_TYPES[declared]
 
 
 def may_begin_frame(data: bytes) -> bool:
@@ -65,7 +61,6 @@ def may_begin_frame(data: bytes) -> bool:
 
 
 def is_whole_frames(data: bytes) -> bool:
-    """Return whether `data` consists of whole frames only."""
     start = 0
     while start < len(data):
         stop = start + int.from_bytes(data[start + 1 : start + 5], "little")

@@ -89,12 +89,9 @@ class RotatingRecording(io.RawIOBase):
     """
 
     def __init__(self, path: Path, limits: RotationLimits | None = None) -> None:
-        """Create the first file.
+        """Create the first file, which must not exist. Without limits, it is the only one.
 
-        Args:
-            path: The file, which must not exist. The files of a ring add their number, and the date and time
-                at which they began, to this name.
-            limits: Limits of a ring; None for a single file.
+        The files of a ring add their number, and the date and time at which they began, to the name.
 
         Raises:
             OSError: The file cannot be written.
@@ -116,7 +113,6 @@ class RotatingRecording(io.RawIOBase):
         self._write_file_header()
 
     def writable(self) -> bool:
-        """Return True."""
         return True
 
     def write(self, data: bytes, /) -> int:  # type: ignore[override]  # whole blocks, which are bytes
@@ -128,7 +124,6 @@ class RotatingRecording(io.RawIOBase):
 
     @property
     def bytes_pending(self) -> int:
-        """Bytes of memory that the pending blocks take."""
         return self._added - self._taken + len(self._pending) * _BLOCK_OVERHEAD
 
     @property
@@ -176,11 +171,7 @@ class RotatingRecording(io.RawIOBase):
         return True
 
     def _free_space(self, error: OSError, kept: int) -> bool:
-        """If `error` is a full disk, remove the oldest file of a ring, but keep the newest `kept` files.
-
-        Returns:
-            Whether a file was removed.
-        """
+        """On a full disk, remove a ring's oldest file, but not the newest `kept`; return whether it did."""
         if self._limits is None or error.errno not in _DISK_FULL or len(self._files) <= kept:
             return False
         self.files_freed += 1
@@ -221,7 +212,6 @@ class RotatingRecording(io.RawIOBase):
 
     @property
     def is_empty(self) -> bool:
-        """Whether the current file holds no packet."""
         return self._size <= self._header_size
 
     @property

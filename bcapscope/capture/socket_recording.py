@@ -61,7 +61,6 @@ class SocketRecording:
 
     @property
     def packet_count(self) -> int:
-        """Number of packets in the current file."""
         return self._writer.packet_count
 
     def continue_in(self, file: BinaryIO | RawIOBase) -> None:
@@ -82,21 +81,15 @@ class SocketRecording:
         interface: Interface = _UNNAMED_INTERFACE,
         comment: str = "",
     ) -> None:
-        """Write a UDP datagram."""
         heads = self._datagram_headers.get((source, target))
         head = heads.get(len(data)) if heads is not None else None
         packet = (head or self._datagram_header(source, target, len(data))) + data
         self._writer.write((time, packet, len(packet), interface, (comment,) if comment else ()))
 
     def datagram_pair_encoder(self, incoming: Hop, outgoing: Hop, size: int) -> PacketPairEncoder:
-        """Return an encoder for a datagram that is recorded on two hops, for use with `write_blocks`.
+        """Return an encoder for datagrams of `size` bytes that are recorded on two hops, for `write_blocks`.
 
         The encoder is valid until `continue_in`.
-
-        Args:
-            incoming: First hop of the datagram.
-            outgoing: Second hop of the datagram.
-            size: Size of the datagram's payload in bytes.
         """
         first, second = (
             self._writer.packet_template(where, self._datagram_header(source, target, size), size)
@@ -118,7 +111,6 @@ class SocketRecording:
         interface: Interface = _UNNAMED_INTERFACE,
         comment: str = "",
     ) -> None:
-        """Write bytes of a TCP connection."""
         for start in range(0, len(data), _MAX_SEGMENT_BYTES):
             piece = data[start : start + _MAX_SEGMENT_BYTES]
             packet = self._make_segment(source, target, _PUSH | _ACK, piece)
@@ -131,7 +123,6 @@ class SocketRecording:
     def write_handshake(
         self, client: Address, server: Address, time: int, *, interface: Interface = _UNNAMED_INTERFACE
     ) -> None:
-        """Write the three packets of a TCP handshake."""
         first = time // _SEQUENCE_NS & 0xFFFFFFFF
         self._sequence[client, server] = self._sequence[server, client] = first
         self._write_empty_segment(client, server, _SYN, time, interface)
@@ -185,7 +176,6 @@ class SocketRecording:
         return head
 
     def _ip_header(self, source: Address, target: Address, protocol: int, size: int) -> bytes:
-        """Return the IP header before `size` bytes."""
         way = self._ip_headers.get((source[0], target[0]))
         if way is None:
             if len(self._ip_headers) >= _MAX_HOST_PAIRS:
@@ -204,7 +194,6 @@ class _IpHeaderTemplate:
         self._sum = sum(struct.unpack(f">{len(self._addresses) // 2}H", self._addresses))
 
     def header(self, protocol: int, size: int) -> bytes:
-        """Return the header before `size` bytes."""
         if len(self._addresses) > 8:
             return _IPV6.pack(6 << 28, size & 0xFFFF, protocol, 64, self._addresses)
         length = 20 + size & 0xFFFF

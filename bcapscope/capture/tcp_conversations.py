@@ -15,7 +15,9 @@ from bcapscope.capture.undecided_conversation import (
     reverse_key,
 )
 from bcapscope.protocol.codec.byte_budget import ByteBudget
-from bcapscope.protocol.codec.frame import SMALLEST_FRAME, Frame
+from bcapscope.protocol.codec.frame import SMALLEST_FRAME
+from bcapscope.protocol.codec.frame_content import FrameContent
+from bcapscope.protocol.codec.frame_template import FrameTemplates
 from bcapscope.traffic.observation import Flow, Transport
 
 CONNECTIONS_LIMIT = 1024
@@ -29,34 +31,29 @@ class _TrackedConnection:
     destination.
     """
 
-    __slots__ = ("connection", "conversation", "ends", "keys", "unconfirmed_segments")
-
-    def __init__(self, key: bytes, budget: ByteBudget) -> None:
+    def __init__(self, key: bytes, connection: TcpConnection) -> None:
         self.keys = (key, reverse_key(key)) if key != reverse_key(key) else (key,)
         self.ends = endpoints_of(key)
-        self.connection = TcpConnection(budget)
+        self.connection = connection
         self.conversation: UndecidedConversation | None = None
         self.unconfirmed_segments = 0  # segments accepted while the traffic could be something else
 
 
 class TcpConversations:
-    def __init__(self, ports: Collection[int], counts: CaptureCounts) -> None:
-        """Start without connections.
-
-        Args:
-            ports: Ports on which servers listen.
-            counts: Counts the segments that are not b-CAP.
-        """
+    def __init__(
+        self, ports: Collection[int], counts: CaptureCounts, templates: FrameTemplates | None = None
+    ) -> None:
+        """Start without connections; servers listen on `ports`, and `counts` gets what is not b-CAP."""
         self._ports = ports
         self._counts = counts
         self._budget = ByteBudget()
+        self._templates = templates
         self._connections: OrderedDict[bytes, tuple[_TrackedConnection, int]] = OrderedDict()
         self._contradictions = 0
         self._most_recent: _TrackedConnection | None = None
 
     @property
     def contradictions(self) -> int:
-        """Number of retransmissions with different content."""
         open_calls = (
             call.connection.contradictions for call, sender in self._connections.values() if sender == 0
         )
@@ -67,11 +64,7 @@ class TcpConversations:
     ) -> list[tuple[Flow, TimedItem]]:
         """Accept a segment and return the items whose flow is known by now.
 
-        Args:
-            key: Source and destination address, then source and destination port, as in the packet.
-            segment: The parsed segment.
-            time: Capture time, ns since 1970.
-            packet: Packet number.
+        `key` is source and destination address, then source and destination port, as in the packet.
         """
         known = self._connections.get(key)
         if known is not None:
@@ -92,7 +85,6 @@ class TcpConversations:
         return found + self._receive_any(*known, segment, time, packet)
 
     def close(self, time: int, packet: int) -> list[tuple[Flow, TimedItem]]:
-        """End all connections and return their held and unfinished items."""
         found: list[tuple[Flow, TimedItem]] = []
         while self._connections:
             found += self._end_connection(next(iter(self._connections.values()))[0], time, packet)
@@ -114,14 +106,13 @@ class TcpConversations:
         return [(flows[sender], sighting) for sighting in said]
 
     def _touch(self, call: _TrackedConnection) -> None:
-        """Mark this connection as the most recently active one."""
         if call is not self._most_recent:
             self._most_recent = call
             for each in call.keys:
                 self._connections.move_to_end(each)
 
     def _open_connection(self, key: bytes) -> tuple[_TrackedConnection, int]:
-        call = _TrackedConnection(key, self._budget)
+        call = _TrackedConnection(key, TcpConnection(self._budget, self._templates))
         source, destination = call.ends
         server = server_index_by_port(self._ports, source.port, destination.port)
         if server is not None:
@@ -140,7 +131,7 @@ class TcpConversations:
             call.conversation = _recognise_bcap(call, sender, segment)
             if call.conversation is None:
                 call.connection.close(time, packet)
-                call.connection = TcpConnection(self._budget)
+                call.connection = TcpConnection(self._budget, self._templates)
                 self._counts.not_bcap += 1
                 return []
         said = call.connection.receive(sender, segment, time, packet)
@@ -162,7 +153,8 @@ class TcpConversations:
         """Count the connection's segments as not b-CAP, and start to detect its protocol anew."""
         self._counts.not_bcap += call.unconfirmed_segments
         call.connection.close(0, 0)
-        call.conversation, call.connection, call.unconfirmed_segments = None, TcpConnection(self._budget), 0
+        call.conversation, call.unconfirmed_segments = None, 0
+        call.connection = TcpConnection(self._budget, self._templates)
 
     def _end_connection(
         self, call: _TrackedConnection, time: int, packet: int
@@ -193,5 +185,5 @@ def _recognise_bcap(
     if call.connection.streams[sender].starts_at(segment.seq):
         return UndecidedConversation(call.ends, Transport.TCP, is_tentative=True)
     length = int.from_bytes(segment.data[1:5], "little")
-    whole = SMALLEST_FRAME <= length <= len(segment.data) and not Frame(segment.data[:length]).problems
+    whole = SMALLEST_FRAME <= length <= len(segment.data) and not FrameContent(segment.data[:length]).problems
     return UndecidedConversation(call.ends, Transport.TCP) if whole else None

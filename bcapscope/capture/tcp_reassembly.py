@@ -14,6 +14,7 @@ from typing import NamedTuple
 
 from bcapscope.capture.undecided_conversation import TimedItem
 from bcapscope.protocol.codec.byte_budget import ByteBudget
+from bcapscope.protocol.codec.frame_template import FrameTemplates
 from bcapscope.protocol.codec.stream_splitter import GUARANTEED_BUFFER, StreamPiece, StreamSplitter
 
 REORDER_LIMIT = 1024 * 1024
@@ -58,9 +59,7 @@ class TcpSegment(NamedTuple):
 def read_segment(payload: bytes, missing: int) -> TcpSegment | None:
     """Parse the payload of an IP packet as a segment; return None if the header is not sound.
 
-    Args:
-        payload: Captured payload of the IP packet.
-        missing: Number of bytes after `payload` that the capture lacks.
+    The capture lacks `missing` bytes after `payload`.
     """
     if len(payload) < 20:
         return None
@@ -99,27 +98,12 @@ class TcpStream:
         contradictions: Number of retransmissions with different content. The first content is kept.
     """
 
-    __slots__ = (
-        "_acknowledged",
-        "_ahead",
-        "_ahead_cost",
-        "_budget",
-        "_end_offset",
-        "_first_seq",
-        "_marks",
-        "_next_offset",
-        "_recent",
-        "_splitter",
-        "begun",
-        "closed",
-        "contradictions",
-    )
-
-    def __init__(self, budget: ByteBudget) -> None:
+    def __init__(self, budget: ByteBudget, templates: FrameTemplates | None = None) -> None:
         self.begun = self.closed = False
         self.contradictions = 0
         self._budget = budget
-        self._splitter = StreamSplitter(budget=budget)
+        self._templates = templates
+        self._splitter = StreamSplitter(budget=budget, templates=templates)
         self._first_seq = self._next_offset = self._acknowledged = self._ahead_cost = 0
         self._end_offset: int | None = None
         self._ahead: list[_StreamPart] = []
@@ -127,18 +111,15 @@ class TcpStream:
         self._recent: deque[_StreamPart] = deque(maxlen=_RECENT)
 
     def begin(self, seq: int, from_start: bool) -> None:
-        """Start the stream at the sequence number `seq`.
+        """Start the stream at the sequence number of the first byte seen.
 
-        Args:
-            seq: Sequence number of the first byte sent, or of the first byte seen.
-            from_start: Whether the SYN was seen, so that `seq` is the first byte sent.
+        With the SYN seen (`from_start`), that is the first byte sent.
         """
         self.begun = True
         self._first_seq = seq
-        self._splitter = StreamSplitter(synchronized=from_start, budget=self._budget)
+        self._splitter = StreamSplitter(from_start, budget=self._budget, templates=self._templates)
 
     def starts_at(self, seq: int) -> bool:
-        """Return whether `seq` is the first byte of this stream."""
         return self.begun and seq == self._first_seq
 
     def is_ahead(self, seq: int) -> bool:
@@ -153,10 +134,8 @@ class TcpStream:
     def receive_frame(self, segment: TcpSegment, time: int, packet: int) -> TimedItem | None:
         """Accept a segment that comes next in order and is exactly one frame; the fast path.
 
-        Call this only while `is_waiting` is False.
-
-        Returns:
-            The frame. None for any other segment, which is left untouched for `receive`.
+        Call it only while not `is_waiting`. None for any other segment, which is left untouched for
+        `receive`.
         """
         _, seq, _, data, _ = segment
         if (
@@ -174,7 +153,6 @@ class TcpStream:
         return TimedItem(time, time, packet, frame)
 
     def receive(self, segment: TcpSegment, time: int, packet: int) -> list[TimedItem]:
-        """Accept a segment and return the items that it completes."""
         if self.closed:
             return []
         start, data = self._offset_of(segment.seq), segment.data
@@ -194,10 +172,9 @@ class TcpStream:
         return self._drain_and_skip(time, packet)
 
     def acknowledge(self, ack: int, time: int, packet: int) -> list[TimedItem]:
-        """Record that the other end has all bytes before `ack`.
+        """Record that the other end has all bytes before `ack`, and return the items that this completes.
 
-        Returns:
-            Items that the acknowledgement completes: missing bytes before `ack` will not be sent again.
+        Missing bytes before `ack` will not be sent again.
         """
         offset = self._offset_of(ack)
         if self._acknowledged < offset <= self._next_offset + ACK_LIMIT:
@@ -232,7 +209,6 @@ class TcpStream:
         return self._next_offset + (ahead if ahead < 0x80000000 else ahead - 0x100000000)
 
     def _deliver(self, part: _StreamPart) -> list[TimedItem]:
-        """Feed the part that continues the stream to the splitter."""
         start, data, time, packet = part
         self._next_offset = stop = start + len(data)
         self._keep_recent(part)
@@ -282,7 +258,6 @@ class TcpStream:
         return found
 
     def _skip_lost(self, offset: int, time: int, packet: int) -> list[TimedItem]:
-        """Turn the bytes up to `offset` into a gap."""
         missing = offset - self._next_offset
         self._next_offset = offset
         return self._with_times(self._splitter.add_gap(missing), time, packet)
@@ -350,15 +325,12 @@ class TcpConnection:
         server: Index of the end that accepted the connection. None if the handshake was not seen.
     """
 
-    __slots__ = ("server", "streams")
-
-    def __init__(self, budget: ByteBudget) -> None:
-        self.streams = (TcpStream(budget), TcpStream(budget))
+    def __init__(self, budget: ByteBudget, templates: FrameTemplates | None = None) -> None:
+        self.streams = (TcpStream(budget, templates), TcpStream(budget, templates))
         self.server: int | None = None
 
     @property
     def contradictions(self) -> int:
-        """Number of retransmissions with different content."""
         return self.streams[0].contradictions + self.streams[1].contradictions
 
     def is_reopened_by(self, sender: int, segment: TcpSegment) -> bool:
@@ -374,8 +346,7 @@ class TcpConnection:
     ) -> list[TimedItem] | None:
         """Accept a segment in order that holds exactly one frame or no data; nearly all segments do.
 
-        Returns:
-            The items from `sender`. None for any other segment, which is left untouched for `receive`.
+        None for any other segment, which is left untouched for `receive`.
         """
         own, other = self.streams[sender], self.streams[1 - sender]
         if segment.flags & (FIN | SYN | RST) or own.is_waiting or other.is_waiting:

@@ -20,9 +20,6 @@ def text_lines(read: ChunkReader) -> Iterator[str]:
     A text with a UTF-16 byte-order mark is decoded as UTF-16, any other as UTF-8. Undecodable bytes become
     U+FFFD.
 
-    Args:
-        read: Returns the bytes of the text.
-
     Raises:
         CaptureError: A line is longer than `LONGEST_LINE` characters. All lines before were yielded.
     """

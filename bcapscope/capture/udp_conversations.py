@@ -13,6 +13,7 @@ from bcapscope.capture.undecided_conversation import (
     reverse_key,
 )
 from bcapscope.protocol.codec.frame import Frame, Malformed, Problem, parse_datagram
+from bcapscope.protocol.codec.frame_template import FrameTemplates
 from bcapscope.traffic.observation import Flow, Transport
 
 FLOWS_LIMIT = 65536
@@ -32,32 +33,26 @@ class UdpConversations:
             address, then the source and destination port, as in a packet.
     """
 
-    def __init__(self, ports: Collection[int], counts: CaptureCounts) -> None:
-        """Start without conversations.
-
-        Args:
-            ports: Ports on which servers listen.
-            counts: Counts the datagrams that are not b-CAP.
-        """
+    def __init__(
+        self, ports: Collection[int], counts: CaptureCounts, templates: FrameTemplates | None = None
+    ) -> None:
+        """Start without conversations; servers listen on `ports`, and `counts` gets what is not b-CAP."""
         self.flows: dict[bytes, Flow] = {}
         self._ports = ports
         self._counts = counts
+        self._templates = templates
         self._undecided: dict[bytes, tuple[UndecidedConversation, int]] = {}
 
     def receive(
         self, addresses: bytes, segment: bytes, timed_item: TimedItem, note: Problem | None
     ) -> list[tuple[Flow, TimedItem]]:
-        """Accept a datagram and return the items whose flow is known by now.
+        """Accept a datagram, with its header of 8 bytes, and return the items whose flow is known by now.
 
-        Args:
-            addresses: Source and destination address, as in the packet.
-            segment: The datagram with its header of 8 bytes.
-            timed_item: Times and packet number of the datagram; its item is ignored.
-            note: Why the datagram is incomplete; None for a whole one.
+        The item of `timed_item` is ignored. `note` says why the datagram is incomplete; None for a whole one.
         """
         key = addresses + segment[:4]
         payload = segment[8:]
-        items = [timed_item._replace(item=item) for item in _parse_items(payload, note)]
+        items = [timed_item._replace(item=item) for item in self._parse_items(payload, note)]
         flow = self.flows.get(key)
         if flow is not None:
             return [(flow, item) for item in items]
@@ -69,7 +64,8 @@ class UdpConversations:
                 self._counts.not_bcap += 1
                 return []
             known = talk, 0
-            found = self._limit_undecided()
+            if len(self._undecided) >= 2 * UNDECIDED_LIMIT:
+                found = self._guess_oldest()
             self._undecided[key] = known
             self._undecided[reverse_key(key)] = talk, 1
         talk, sender = known
@@ -106,22 +102,18 @@ class UdpConversations:
                 del self.flows[next(iter(self.flows))]
         return conversation.release_items()
 
-    def _limit_undecided(self) -> list[tuple[Flow, TimedItem]]:
-        return self._guess_oldest() if len(self._undecided) >= 2 * UNDECIDED_LIMIT else []
-
     def _guess_oldest(self) -> list[tuple[Flow, TimedItem]]:
         key, (talk, sender) = next(iter(self._undecided.items()))
         talk.guess_server()
         return self._release_items(key, talk, sender)
 
-
-def _parse_items(payload: bytes, note: Problem | None) -> tuple[Frame | Malformed, ...]:
-    if note is None:
-        return parse_datagram(payload)
-    if not payload:
-        return (Malformed(payload, (note,)),)
-    *sound, last = parse_datagram(payload)
-    note = note._replace(offset=len(last.raw))
-    if isinstance(last, Malformed):
-        return (*sound, Malformed(last.raw, (*last.problems, note)))
-    return (*sound, Frame(last.raw, note))
+    def _parse_items(self, payload: bytes, note: Problem | None) -> tuple[Frame | Malformed, ...]:
+        if note is None:
+            return parse_datagram(payload, self._templates)
+        if not payload:
+            return (Malformed(payload, (note,)),)
+        *sound, last = parse_datagram(payload, self._templates)
+        note = note._replace(offset=len(last.raw))
+        if isinstance(last, Malformed):
+            return (*sound, Malformed(last.raw, (*last.problems, note)))
+        return (*sound, Frame(last.raw, note, self._templates))

@@ -16,11 +16,7 @@ A single S_OK reply or a single request identifies the server, so real traffic n
 
 
 def endpoints_of(key: bytes) -> tuple[Endpoint, Endpoint]:
-    """Return source and destination.
-
-    Args:
-        key: Source and destination address, then source and destination port, as in a packet.
-    """
+    """Return both ends, from source and destination address and then both ports, as in a packet."""
     size = (len(key) - 4) // 2
     family = socket.AF_INET if size == 4 else socket.AF_INET6
     hosts = (socket.inet_ntop(family, key[:size]), socket.inet_ntop(family, key[size : 2 * size]))
@@ -29,7 +25,6 @@ def endpoints_of(key: bytes) -> tuple[Endpoint, Endpoint]:
 
 
 def reverse_key(key: bytes) -> bytes:
-    """Return the key of the other direction."""
     size = (len(key) - 4) // 2
     return key[size:-4] + key[:size] + key[-2:] + key[-4:-2]
 
@@ -64,8 +59,6 @@ class UndecidedConversation:
         is_tentative: Whether the traffic may still turn out not to be b-CAP.
     """
 
-    __slots__ = ("_closed", "_ends", "_held_bytes", "_held_items", "_transport", "flows", "is_tentative")
-
     def __init__(
         self, ends: tuple[Endpoint, Endpoint], transport: Transport, is_tentative: bool = False
     ) -> None:
@@ -93,7 +86,6 @@ class UndecidedConversation:
             self.set_server(1 - client, "a guess: the other end spoke first, and nothing said was proof")
 
     def record_close(self, sender: int, reset: bool, time: int) -> None:
-        """Record that an end closed the connection (FIN) or reset it (RST)."""
         if self.flows is None:
             self._closed.setdefault((sender, reset), time)
         else:
@@ -101,11 +93,7 @@ class UndecidedConversation:
             flow.conversation.record_end(flow.direction, reset, time)
 
     def add_item(self, sender: int, timed_item: TimedItem) -> bool:
-        """Hold an item until `release_items` returns it.
-
-        Returns:
-            False if the traffic turns out not to be b-CAP.
-        """
+        """Hold an item until `release_items`; return False if the traffic turns out not to be b-CAP."""
         if self.is_tentative:
             if isinstance(timed_item.item, Malformed) or timed_item.item.problems:
                 return False

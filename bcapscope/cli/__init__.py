@@ -92,7 +92,6 @@ def cli() -> None:
 
 
 def main() -> None:
-    """Run the command line and exit with an `ExitCode`."""
     gc.set_threshold(*_GC_THRESHOLDS)
     if sys.stdout is None or sys.stderr is None:  # closed by the parent process
         if sys.stderr is not None:

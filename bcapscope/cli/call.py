@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
 from typing import IO, Any, TextIO
 
@@ -27,20 +28,12 @@ from bcapscope.protocol.codec.variant import Variant
 from bcapscope.protocol.retry.requester import CallRefused, CallTimedOut, RequesterOutcome
 from bcapscope.protocol.tables.command_catalogue import call_name
 from bcapscope.protocol.tables.function_table import ObjectClass
+from bcapscope.render.call_code import NAMED_OWNERS
 from bcapscope.render.escape import printable
 from bcapscope.render.hexdump import hexdump
 from bcapscope.render.reply_text import ReplyRenderer
 from bcapscope.traffic.call_kind import CallKind
 from bcapscope.traffic.observation import Direction, Observation
-
-_NAMED = (
-    ObjectClass.ROBOT,
-    ObjectClass.TASK,
-    ObjectClass.VARIABLE,
-    ObjectClass.FILE,
-    ObjectClass.EXTENSION,
-    ObjectClass.COMMAND,
-)
 
 
 class _ScriptFile(click.File):
@@ -107,7 +100,7 @@ def command(
     `call` ends at the first failure.
 
     Calls that may energise or move a robot need --arm, except to bcapscope's own simulator. Calls that stop
-    it or switch it off never do. The action log records armed calls.
+    a robot or switch it off do not need --arm. The action log records armed calls.
 
     Exit codes: 0: all calls succeeded; 2: invalid command line; 8: the controller refused a call; 9: no
     answer; 10: a call needs --arm.
@@ -121,7 +114,7 @@ def command(
         requests += reader.parse_script(iter(partial(script.readline, LONGEST_LINE + 1), ""))
     if not requests:
         raise click.UsageError("no function given. Give FUNCTION, --exec or --script")
-    names = {owner: given for owner in _NAMED if (given := _given_name(named, owner)) is not None}
+    names = {owner: given for owner in NAMED_OWNERS if (given := _given_name(named, owner)) is not None}
     check_owners(requests, {*DEFAULT_OBJECT_NAMES, *names})
     calls = _CallRunner(target, names, arm, _AnswerPrinter(dump, as_json, color, words))
     with exit_on_failure(target, words):
@@ -151,7 +144,6 @@ class _AnswerPrinter:
     def print_answer(
         self, request: PlannedCall, arguments: Sequence[Variant], settled: RequesterOutcome
     ) -> None:
-        """Print one reply; `packets` are those of its call."""
         function = request.function
         name = call_name(function.id, arguments)
         if isinstance(settled, CallTimedOut):
@@ -179,29 +171,27 @@ class _AnswerPrinter:
             yield from (f"  {line}" for line in hexdump(seen.item.raw, palette=self._palette))
 
 
+@dataclass(slots=True)
 class _CallRunner:
     """Makes the calls in one session."""
 
-    def __init__(
-        self, target: ControllerTarget, names: Mapping[ObjectClass, str], arm: bool, printer: _AnswerPrinter
-    ) -> None:
-        self._target = target
-        self._names = names
-        self._armed = arm
-        self._printer = printer
-        self._log: ArmedCallLogger | None = None
+    target: ControllerTarget
+    names: Mapping[ObjectClass, str]
+    armed: bool
+    printer: _AnswerPrinter
+    log: ArmedCallLogger | None = None
 
     async def run(self, requests: Sequence[PlannedCall]) -> ExitCode:
         """Make the calls up to the first failure. With --arm, log those that need it."""
-        if not self._armed:
+        if not self.armed:
             return await self._run_calls(requests)
-        with log_armed_calls("call", LoggedConnection.of_target(self._target)) as self._log:
+        with log_armed_calls("call", LoggedConnection.of_target(self.target)) as self.log:
             return await self._run_calls(requests)
 
     async def _run_calls(self, requests: Sequence[PlannedCall]) -> ExitCode:
-        printer = self._printer
-        async with open_target_session(self._target, observer=self._on_packet) as session:
-            opener = ObjectOpener(session, self._target, self._names)
+        printer = self.printer
+        async with open_target_session(self.target, observer=self._on_packet) as session:
+            opener = ObjectOpener(session, self.target, self.names)
             for request in requests:
                 arguments = await request.arguments(opener)
                 if not await self._is_allowed(request, arguments, opener):
@@ -214,19 +204,19 @@ class _CallRunner:
         return ExitCode.OK
 
     def _on_packet(self, observation: Observation) -> None:
-        self._printer.packets.append(observation)
-        if self._log is not None:
-            self._log.on_observation(observation)
+        self.printer.packets.append(observation)
+        if self.log is not None:
+            self.log.on_observation(observation)
 
     async def _is_allowed(
         self, request: PlannedCall, arguments: Sequence[Variant], opener: ObjectOpener
     ) -> bool:
         function_id = request.function.id
-        if self._armed or not opener.session.needs_arming(function_id, arguments):
+        if self.armed or not opener.session.needs_arming(function_id, arguments):
             return True
-        self._armed = await opener.is_simulator()
-        if not self._armed:
-            name, host = call_name(function_id, arguments), self._target.host
-            unsent = self._printer.words("call.not-sent", call=name, reason=unarmed_reason(host))
+        self.armed = await opener.is_simulator()
+        if not self.armed:
+            name, host = call_name(function_id, arguments), self.target.host
+            unsent = self.printer.words("call.not-sent", call=name, reason=unarmed_reason(host))
             print_stderr(printable(f"bcapscope: {unsent}"))
-        return self._armed
+        return self.armed

@@ -9,7 +9,7 @@ from itertools import chain, starmap
 import click
 
 from bcapscope.cli.common import options
-from bcapscope.cli.common.call_reading import read_items
+from bcapscope.cli.common.call_reading import call_test, read_items
 from bcapscope.cli.common.capture_reader import CaptureReader
 from bcapscope.live.standard_streams import choose_palette, print_stderr
 from bcapscope.messages import MessageFormatter
@@ -20,7 +20,6 @@ from bcapscope.render.timestamp import TimeFormat
 from bcapscope.traffic.call import Call, PairingResult, StrayReply
 from bcapscope.traffic.filter.compiler import Filter
 from bcapscope.traffic.filter.field_table import RecordKind
-from bcapscope.traffic.filter.getters import CALL_GETTERS
 from bcapscope.traffic.handle_tracker import HandleTracker, TrackedObject
 from bcapscope.traffic.pipeline import Pipeline, PipelineSubscriber
 
@@ -69,7 +68,7 @@ def command(
         lines = starmap(renderer.line, calls.all_items())
         if tree:
             lines = chain.from_iterable(starmap(renderer.tree, calls.all_items()))
-    reading.output.write_lines(lines, reading.show_progress)
+    reading.print_lines(lines)
     reading.print_summary()
     calls.print_summary(words)
     sys.exit(reading.exit_code)
@@ -82,7 +81,7 @@ class _ShownCalls(PipelineSubscriber):
 
     def __init__(self, reader: CaptureReader, wanted: Filter | None) -> None:
         self._reader = reader
-        self._test = None if wanted is None else wanted.bind(CALL_GETTERS)
+        self._test = call_test(wanted)
         self._handles = HandleTracker()
         self._items: list[tuple[PairingResult, TrackedObject | None]] = []
         self._stray_count = 0

@@ -12,7 +12,7 @@ from bcapscope.analysis.diagnosis import Diagnosis
 from bcapscope.analysis.slave.slave_session import SlaveSession
 from bcapscope.analysis.statistics.call_statistics import StatisticsBuilder
 from bcapscope.cli.common import options
-from bcapscope.cli.common.call_reading import read_to_end
+from bcapscope.cli.common.call_reading import call_test, read_to_end
 from bcapscope.cli.common.capture_reader import CaptureReader
 from bcapscope.cli.common.exit_codes import ExitCode
 from bcapscope.live.standard_streams import choose_palette, print_stderr
@@ -21,7 +21,6 @@ from bcapscope.render.comparison_text import comparison_lines, comparison_record
 from bcapscope.render.escape import printable
 from bcapscope.traffic.filter.compiler import Filter
 from bcapscope.traffic.filter.field_table import RecordKind
-from bcapscope.traffic.filter.getters import CALL_GETTERS
 from bcapscope.traffic.pipeline import Pipeline
 
 _path = click.Path(allow_dash=True)
@@ -47,8 +46,9 @@ def command(
 ) -> None:
     """Compare two captures by the figures of `stats` and `slave` and the findings of `diagnose`.
 
-    Notable differences come first: larger ones than between two good runs. Calls are compared by function
-    and command, all clients together. Slave-mode sessions are compared in the order in which they began.
+    Notable differences come first: those that are larger than between two good runs. Calls are compared by
+    function and command, all clients together. Slave-mode sessions are compared in the order in which they
+    began.
 
     --filter selects calls in both captures, as for `stats`, `slave` and `diagnose`.
 
@@ -65,18 +65,18 @@ def command(
     code = max(reading.exit_code for reading in readings)
     if code < ExitCode.UNREADABLE:
         found = compare(first, second)
-        output, pause = readings[1].output, readings[1].show_progress
         if as_json:
-            output.write_lines([comparison_record(found, first, second)], pause)
+            readings[1].print_lines([comparison_record(found, first, second)])
         else:
-            output.write_lines(comparison_lines(found, first, second, choose_palette(color), words), pause)
+            lines = comparison_lines(found, first, second, choose_palette(color), words)
+            readings[1].print_lines(lines)
     sys.exit(code)
 
 
 def _read_side(path: str, reader: CaptureReader, wanted: Filter | None) -> ComparedCapture:
     """Read a capture to its end, in one pass."""
     sessions: list[SlaveSession] = []
-    chosen = None if wanted is None else wanted.bind(CALL_GETTERS)
+    chosen = call_test(wanted)
 
     def keep_if_early(session: SlaveSession) -> None:
         insort(sessions, session, key=lambda each: each.number)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Iterable, Iterator
 from enum import StrEnum
 from functools import partial
@@ -115,9 +114,8 @@ def command(
             lines = _with_remarks(_frames_with_context(reading, wanted), line)
         else:
             lines = _render_frames(reading, wanted, line.line)
-    reading.output.write_lines(lines, reading.show_progress)
-    reading.print_summary()
-    sys.exit(reading.exit_code)
+    reading.print_lines(lines)
+    reading.finish()
 
 
 def _frames_with_context(reader: CaptureReader, wanted: Filter | None) -> Iterator[AnnotatedFrame]:

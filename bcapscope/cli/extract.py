@@ -5,8 +5,9 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
+from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple, TypeAlias
+from typing import TypeAlias
 
 import click
 
@@ -17,7 +18,7 @@ from bcapscope.analysis.slave.captured_trajectory import (
     TrajectoryStep,
 )
 from bcapscope.cli.common import options
-from bcapscope.cli.common.call_reading import read_items
+from bcapscope.cli.common.call_reading import call_test, read_items
 from bcapscope.cli.common.capture_reader import CaptureReader
 from bcapscope.cli.common.exit_codes import ExitCode
 from bcapscope.cli.common.output_files import AtomicFile, check_output_path, force_option
@@ -26,10 +27,10 @@ from bcapscope.live.standard_streams import print_stderr
 from bcapscope.messages import Message, MessageFormatter
 from bcapscope.messages.places import Count
 from bcapscope.render.escape import printable
+from bcapscope.render.statistics_text import conversation_text
 from bcapscope.render.trajectory_file import CsvTrajectoryWriter, JsonTrajectoryWriter
 from bcapscope.traffic.filter.compiler import Filter
 from bcapscope.traffic.filter.field_table import RecordKind
-from bcapscope.traffic.filter.getters import CALL_GETTERS
 from bcapscope.traffic.observation import Conversation
 from bcapscope.traffic.pipeline import Pipeline
 
@@ -49,7 +50,9 @@ _WRITERS: dict[str, Callable[[CapturedTrajectory], TrajectoryWriter]] = {
 )
 @options.ports
 @click.option(
-    "--client", metavar="ADDRESS", help="Write only what this client sent, given as address or address:port."
+    "--client",
+    metavar="ADDRESS",
+    help="Write only the set points of this client, given as address or address:port.",
 )
 @options.filter_option(RecordKind.CALL)
 @force_option
@@ -84,8 +87,7 @@ def command(
     interrupt_on_end_signals()
     files = _TrajectoryFiles(output, force, words)
     reading = CaptureReader(paths, ports, words=words)
-    test = None if wanted is None else wanted.bind(CALL_GETTERS)
-    trajectories = TrajectoryExtractor(test, None if client is None else _is_by_client(client))
+    trajectories = TrajectoryExtractor(call_test(wanted), None if client is None else _is_by_client(client))
     with files:
         for trajectory, steps in _read_pieces(reading, trajectories):
             files.add(trajectory, steps)
@@ -124,23 +126,17 @@ def _print_left_out(
         print_stderr(words(f"extract.no-trajectory{suffix}", set_points=count, **whose))
 
 
-class _TrajectoryFile(NamedTuple):
-    """A file that is being written."""
-
+@dataclass(slots=True)
+class _TrajectoryFile:
     trajectory: CapturedTrajectory
     file: AtomicFile
     writer: TrajectoryWriter
-    tally: _Tally
-
-
-class _Tally:
-    """Counts the set points of a file."""
-
-    def __init__(self) -> None:
-        self.points = self.unanswered = 0
-        self.last = 0
+    points: int = 0
+    unanswered: int = 0
+    last: int = 0
 
     def add(self, steps: Sequence[TrajectoryStep]) -> None:
+        self.file.write(self.writer.rows(steps))
         self.points += len(steps)
         self.unanswered += sum(step.reply_time is None for step in steps)
         self.last = steps[-1].time
@@ -159,8 +155,7 @@ class _TrajectoryFiles(ExitStack):
 
     def add(self, trajectory: CapturedTrajectory, steps: Sequence[TrajectoryStep]) -> None:
         output = self._outputs.get(trajectory.session_number) or self._open(trajectory)
-        output.file.write(output.writer.rows(steps))
-        output.tally.add(steps)
+        output.add(steps)
 
     def commit(self) -> list[str]:
         """Give the files their names; return one sentence about each."""
@@ -180,9 +175,7 @@ class _TrajectoryFiles(ExitStack):
         writer = _WRITERS[path.suffix.casefold()](trajectory)
         file = self.enter_context(AtomicFile(path))
         file.write(writer.head())
-        output = self._outputs[trajectory.session_number] = _TrajectoryFile(
-            trajectory, file, writer, _Tally()
-        )
+        output = self._outputs[trajectory.session_number] = _TrajectoryFile(trajectory, file, writer)
         return output
 
     def _name(self, number: int | None) -> Path:
@@ -190,18 +183,13 @@ class _TrajectoryFiles(ExitStack):
 
 
 def _file_summary(output: _TrajectoryFile) -> Message:
-    trajectory, tally = output.trajectory, output.tally
-    mode, conversation = trajectory.mode, trajectory.conversation
-    seconds = f"{(tally.last - trajectory.start) / 1e9:.3f}"
-    points = Message("extract.points", points=Count(tally.points, "set-point"), seconds=seconds)
-    if tally.unanswered:
-        points = Message("extract.points.unanswered", points=points, unanswered=tally.unanswered)
-    return Message(
-        "extract.file",
-        points=points,
-        pose=str(mode.pose_type),
-        mode=Message("extract.mode-unseen")
-        if mode.value is None
-        else Message("extract.mode", mode=f"0x{mode.value:03X}"),
-        ends=printable(f"{conversation.client} > {conversation.server} {conversation.transport}"),
-    )
+    trajectory = output.trajectory
+    seconds = f"{(output.last - trajectory.start) / 1e9:.3f}"
+    points = Message("extract.points", points=Count(output.points, "set-point"), seconds=seconds)
+    if output.unanswered:
+        points = Message("extract.points.unanswered", points=points, unanswered=output.unanswered)
+    mode, pose = Message("extract.mode-unseen"), str(trajectory.mode.pose_type)
+    if trajectory.mode.value is not None:
+        mode = Message("extract.mode", mode=f"0x{trajectory.mode.value:03X}")
+    ends = conversation_text(trajectory.conversation)
+    return Message("extract.file", points=points, pose=pose, mode=mode, ends=ends)

@@ -40,17 +40,7 @@ _VARIABLES = (
 
 @dataclass(slots=True)
 class _PingResult:
-    """The result of a ping.
-
-    Attributes:
-        is_answering: a program answered.
-        is_simulator: it is bcapscope's simulator.
-        facts: variables that the controller returned, by name.
-        refusal: why the controller refused to connect; None if it did not.
-        break_reason: why not all calls could be made; None if they were.
-        round_trips: in ms.
-        lost: number of calls without a reply.
-    """
+    """The result of a ping. Round trips are in ms; `break_reason` says why not all calls could be made."""
 
     is_answering: bool = False
     is_simulator: bool = False
@@ -130,7 +120,6 @@ async def _ping(target: ControllerTarget, count: int, interval: float, found: _P
 
 
 async def _read_facts(opener: ObjectOpener, found: _PingResult) -> None:
-    """Read the variables that identify the controller, if it has them."""
     for name, owner, variable in _VARIABLES:
         try:
             value = await read_variable_once(await opener.open_remote(owner), variable)

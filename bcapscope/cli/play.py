@@ -30,7 +30,6 @@ _NEW_FILE = click.Path(path_type=Path)
 
 
 def _parse_mode(context: click.Context, parameter: click.Parameter, value: str) -> SlaveModePacing | int:
-    """Parse `sync`, `async`, or a number for slvChangeMode."""
     text = value.casefold()
     if text in list(SlaveModePacing):
         return SlaveModePacing(text)

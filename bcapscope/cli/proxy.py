@@ -14,7 +14,7 @@ import click
 from bcapscope.capture.rotating_recording import RotationLimits, parse_rotation
 from bcapscope.cli.common import options
 from bcapscope.cli.common.attended import announce_ready, attended_option, publish_option
-from bcapscope.cli.common.exit_codes import ExitCode
+from bcapscope.cli.common.exit_codes import ExitCode, exit_with
 from bcapscope.cli.common.output_files import check_output_path
 from bcapscope.cli.common.proxy_rule_options import RuleOptions, rule_options
 from bcapscope.cli.proxy_ctl import command as ctl
@@ -75,12 +75,7 @@ def _parse_ring(
     multiple=True,
     help="Accept only clients at this address or in this network; may be repeated. Default: all.",
 )
-@click.option(
-    "--record",
-    metavar="FILE.pcapng",
-    type=click.Path(dir_okay=False, path_type=Path),
-    help="Record the traffic of both sides to a new capture.",
-)
+@options.record_option("Record the traffic of both sides to a new capture.")
 @click.option(
     "--ring",
     metavar="RING",
@@ -210,17 +205,6 @@ def _check_filter(context: click.Context, view: ViewOptions) -> None:
 
 @dataclass(frozen=True, slots=True)
 class _ProxyRun:
-    """One run of the proxy.
-
-    Attributes:
-        listeners: What to listen on, and where to forward to.
-        rules: What to change or refuse.
-        forget_ns: Silence after which a UDP client is forgotten, ns.
-        low_latency: Whether to keep the processors awake.
-        attended: Whether a parent process reads the output.
-        words: Language of the output.
-    """
-
     listeners: Sequence[ListenerSpec]
     rules: RuleOptions
     forget_ns: int
@@ -229,16 +213,13 @@ class _ProxyRun:
     words: MessageFormatter
 
     def run(self, proxy_options: ProxyOptions) -> None:
-        """Forward traffic until the user ends it."""
         with ExitStack() as opened:
             try:
                 proxy, greet = self._open(opened, proxy_options)
             except (ProxyListenError, ControlError, ScriptError) as error:
-                print_stderr(printable(self.words.text(error.message)))
-                sys.exit(ExitCode.UNREADABLE)
+                exit_with(printable(self.words.text(error.message)), ExitCode.UNREADABLE)
             except UnreachableError as error:
-                print_stderr(self.words.text(error.message))
-                sys.exit(ExitCode.UNANSWERED)
+                exit_with(self.words.text(error.message), ExitCode.UNANSWERED)
             proxy.run(greet)
         if proxy.is_recording_incomplete:
             sys.exit(ExitCode.UNWRITABLE)
@@ -274,7 +255,6 @@ class _ProxyRun:
 
 
 def _start_watcher(proxy: ProxySupervisor, policy: RulePolicy | None, scripts: ScriptProcess | None) -> None:
-    """Start the watching process, and load the scripts meanwhile."""
     if scripts is None or policy is None:
         proxy.start_watcher()
     else:

@@ -40,7 +40,8 @@ _INDENTED = re.compile(r"\n(?=  )")
 def command(context: click.Context, address: str, as_json: bool, words: MessageFormatter) -> None:
     """Control the running proxy that was started with `--control ADDRESS`.
 
-    Exit codes: 0: done; 2: invalid command line; 4: no proxy listens on ADDRESS; 8: the proxy refused.
+    Exit codes: 0: done; 2: invalid command line; 4: no proxy listens on ADDRESS; 8: the proxy rejected
+    the command.
     """
     context.obj = _ControlCommand(address, as_json, words)
 

@@ -7,6 +7,8 @@ import sys
 import time
 from collections.abc import AsyncIterator
 from contextlib import ExitStack, asynccontextmanager
+from dataclasses import dataclass
+from pathlib import Path
 
 import click
 
@@ -20,7 +22,7 @@ from bcapscope.cli.common.arming_prompt import (
 from bcapscope.cli.common.call_reading import read_filtered_calls
 from bcapscope.cli.common.capture_reader import CaptureReader
 from bcapscope.cli.common.data_output import echo
-from bcapscope.cli.common.exit_codes import ExitCode
+from bcapscope.cli.common.exit_codes import ExitCode, exit_with
 from bcapscope.cli.common.serving import exit_if_not_listening
 from bcapscope.cli.common.target_options import ControllerTarget, exit_on_failure, optional_target_options
 from bcapscope.client.action_log import LoggedConnection
@@ -38,6 +40,7 @@ from bcapscope.player.blocking_caller import BlockingCaller, FrameCallback, igno
 from bcapscope.player.channel import Channel, open_channel
 from bcapscope.player.realtime import realtime_priority
 from bcapscope.protocol.guard import needs_arming
+from bcapscope.render.color_palette import Palette
 from bcapscope.render.escape import printable
 from bcapscope.render.preflight_text import PreflightRenderer
 from bcapscope.render.replay_text import ReplayRenderer
@@ -72,14 +75,7 @@ _MAX_LISTED = 8
 )
 @options.filter_option(RecordKind.CALL)
 @click.option("--arm", is_flag=True, help="As client: energise and move a robot without confirmation.")
-@click.option(
-    "--limit",
-    "limits",
-    metavar="LIMIT",
-    multiple=True,
-    help="As client: check against this limit of the arm; may be repeated. Examples: J1=-170..170, "
-    "J1..J3.speed=300, J1.acceleration=6000.",
-)
+@options.limit_option("As client: check against this limit of the arm")
 @click.option(
     "--anywhere",
     is_flag=True,
@@ -106,12 +102,7 @@ _MAX_LISTED = 8
     show_default=True,
     help="As server: listen on this address of this machine.",
 )
-@click.option(
-    "--record",
-    metavar="FILE.pcapng",
-    type=click.Path(dir_okay=False),
-    help="As server: record the traffic to a new capture.",
-)
+@options.record_option("As server: record the traffic to a new capture.")
 @click.option("--json", "as_json", is_flag=True, help="As client: print one JSON object per call.")
 @click.option("-q", "--quiet", is_flag=True, help="Do not print calls; as client, print only differences.")
 @options.color
@@ -130,7 +121,7 @@ def command(
     longest_pause: float,
     no_delay: bool,
     listen: str,
-    record: str | None,
+    record: Path | None,
     as_json: bool,
     quiet: bool,
     color: str,
@@ -164,13 +155,15 @@ def command(
         serving = ServerRunner(quiet=quiet, record=record, words=words)
         _serve(script, serving, (listen, target.port), not no_delay, words)
         return
-    flight = _PreflightCheck(script, limits, color, quiet, words)
-    flight.check(UNKNOWN_ARM)
-    stage = _ReplayRunner(script, flight, keep_going, anywhere, _ReplayPrinter(as_json, quiet, color, words))
+    palette = choose_palette(color)
+    preflight = _PreflightCheck(script, limits, palette, quiet, words)
+    preflight.check(UNKNOWN_ARM)
+    renderer = ReplayRenderer(palette, words)
+    runner = _ReplayRunner(script, preflight, keep_going, anywhere, as_json, quiet, renderer, words)
     with exit_on_failure(target, words):
         interrupt_on_end_signals()
         with realtime_priority():
-            code = run_blocking(stage.play(target, arm, round(longest_pause * 1e9)))
+            code = run_blocking(runner.play(target, arm, round(longest_pause * 1e9)))
         sys.exit(code)
 
 
@@ -199,8 +192,7 @@ def _choose_script(
     if client is not None:
         scripts = tuple(script for script in scripts if client in _client_names(script))
     if not scripts:
-        print_stderr(words("replay.no-calls"))
-        sys.exit(reader.exit_code or ExitCode.NO_DATA)
+        exit_with(words("replay.no-calls"), reader.exit_code or ExitCode.NO_DATA)
     if len(scripts) > 1:
         listed = ", ".join(
             f"{_client_names(script)[0]} ({len(script.calls)})" for script in scripts[:_MAX_LISTED]
@@ -221,22 +213,6 @@ def _served_text(calls: int, unknown: int, words: MessageFormatter) -> str:
     return words.plural("count.call", calls)
 
 
-class _ReplayPrinter:
-    """Prints the result of each call."""
-
-    def __init__(self, as_json: bool, quiet: bool, color: str, words: MessageFormatter) -> None:
-        self._as_json = as_json
-        self._quiet = quiet
-        self.words = words
-        self._renderer = ReplayRenderer(choose_palette(color), words)
-
-    def __call__(self, played: PlayedCall) -> None:
-        if self._as_json:
-            echo(self._renderer.record(played))
-        elif played.differs or not self._quiet:
-            echo(self._renderer.line(played))
-
-
 class _PreflightCheck:
     """The pre-flight check of a script's set points."""
 
@@ -244,20 +220,19 @@ class _PreflightCheck:
         self,
         script: ReplayScript,
         limits: tuple[str, ...],
-        color: str,
+        palette: Palette,
         quiet: bool,
         words: MessageFormatter,
     ) -> None:
         self._limits = limits
-        self._renderer = PreflightRenderer(choose_palette(color), shutil.get_terminal_size().columns, words)
+        self._renderer = PreflightRenderer(palette, shutil.get_terminal_size().columns, words)
         self._quiet = quiet
         self.stretches: tuple[SetPointRun, ...] = ()
         try:
             with_limits(UNKNOWN_ARM, limits)
             self.stretches = tuple(set_point_runs(script))
         except UnreadableSetPointError as error:
-            print_stderr(f"bcapscope: {words('replay.nothing-sent', reason=error.message)}")
-            sys.exit(ExitCode.UNFIT)
+            exit_with(f"bcapscope: {words('replay.nothing-sent', reason=error.message)}", ExitCode.UNFIT)
         except ValueError as error:
             raise click.UsageError(str(error)) from None
 
@@ -273,32 +248,31 @@ class _PreflightCheck:
             sys.exit(ExitCode.UNFIT)
 
 
+@dataclass(slots=True)
 class _ReplayRunner:
     """Plays a script to a controller and prints the results."""
 
-    def __init__(
-        self,
-        script: ReplayScript,
-        preflight_check: _PreflightCheck,
-        keep_going: bool,
-        anywhere: bool,
-        print_played: _ReplayPrinter,
-    ) -> None:
-        self._script = script
-        self._preflight = preflight_check
-        self._keep_going = keep_going
-        self._anywhere = anywhere
-        self._print_played = print_played
-        self._calls = self._different = self._unanswered = 0
-        self._most_late_ns = 0
+    script: ReplayScript
+    preflight: _PreflightCheck
+    keep_going: bool
+    anywhere: bool
+    as_json: bool
+    quiet: bool
+    renderer: ReplayRenderer
+    words: MessageFormatter
+    _calls: int = 0
+    _different: int = 0
+    _unanswered: int = 0
+    _most_late_ns: int = 0
 
     async def play(self, target: ControllerTarget, armed: bool, longest_pause: int) -> ExitCode:
         """Play the script without an event loop, whose timers are too coarse; return the exit code."""
-        words, needs_arm, simulated = self._print_played.words, self._needs_arming(), False
-        if self._preflight.stretches or (needs_arm and not armed):
+        simulated = False
+        needs_arm = any(needs_arming(each.kind.function_id, each.arguments) for each in self.script.calls)
+        if self.preflight.stretches or (needs_arm and not armed):
             simulated = await _is_simulator(target)
-            self._preflight.check(SIMULATED_ARM if simulated else UNKNOWN_ARM, shown=True)
-            if needs_arm and not (armed or simulated or _confirm_robot(target.host, words)):
+            self.preflight.check(SIMULATED_ARM if simulated else UNKNOWN_ARM, shown=True)
+            if needs_arm and not (armed or simulated or _confirm_robot(target.host, self.words)):
                 return ExitCode.UNARMED
         try:
             with ExitStack() as stack:
@@ -319,22 +293,22 @@ class _ReplayRunner:
     ) -> None:
         async with _session(target, log) as (session, channel):
             opener = ObjectOpener(session, target)
-            play = ScriptPlayer(self._script, opener, channel, longest_pause, self._anywhere)
+            play = ScriptPlayer(self.script, opener, channel, longest_pause, self.anywhere)
             await play.play(self._on_played)
-
-    def _needs_arming(self) -> bool:
-        return any(needs_arming(line.kind.function_id, line.arguments) for line in self._script.calls)
 
     def _on_played(self, played: PlayedCall) -> bool:
         self._calls += 1
         self._different += played.differs
         self._unanswered += played.unanswered
         self._most_late_ns = max(self._most_late_ns, played.delay)
-        self._print_played(played)
-        return self._keep_going or not played.failed
+        if self.as_json:
+            echo(self.renderer.record(played))
+        elif played.differs or not self.quiet:
+            echo(self.renderer.line(played))
+        return self.keep_going or not played.failed
 
     def _print_summary(self) -> None:
-        words, total = self._print_played.words, Count(len(self._script.calls), "call")
+        words, total = self.words, Count(len(self.script.calls), "call")
         calls = Message("replay.calls.all", calls=total)
         if self._calls != total.number:
             calls = Message("replay.calls.some", made=self._calls, calls=total)
@@ -351,7 +325,6 @@ async def _is_simulator(target: ControllerTarget) -> bool:
 
 
 def _confirm_robot(host: str, words: MessageFormatter) -> bool:
-    """Ask the user to confirm that a robot may be energised and moved."""
     if can_prompt():
         print_stderr(words("replay.may-move"))
         if confirm_robot_may_move(host, words):

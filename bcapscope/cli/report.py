@@ -11,16 +11,14 @@ import click
 from bcapscope import __version__
 from bcapscope.analysis.report_data import ReportData, ReportDataBuilder
 from bcapscope.cli.common import options
-from bcapscope.cli.common.call_reading import read_to_end
+from bcapscope.cli.common.call_reading import call_test, read_to_end
 from bcapscope.cli.common.capture_reader import STDIN, CaptureReader
-from bcapscope.cli.common.exit_codes import ExitCode
+from bcapscope.cli.common.exit_codes import ExitCode, exit_with
 from bcapscope.cli.common.output_files import AtomicFile, check_output_path, force_option
 from bcapscope.live.end_signals import interrupt_on_end_signals
-from bcapscope.live.standard_streams import print_stderr
 from bcapscope.messages import MessageFormatter
 from bcapscope.traffic.filter.compiler import Filter
 from bcapscope.traffic.filter.field_table import RecordKind
-from bcapscope.traffic.filter.getters import CALL_GETTERS
 from bcapscope.traffic.pipeline import Pipeline
 
 _NEEDED = ("jinja2", "plotly")
@@ -61,8 +59,10 @@ def command(
         missing = (error.name or "").partition(".")[0]
         if missing not in _NEEDED:
             raise
-        print_stderr(f"{missing} is not installed. Install it with: pip install 'bcapscope[report]'")
-        sys.exit(ExitCode.NOT_INSTALLED)
+        exit_with(
+            f"{missing} is not installed. Install it with: pip install 'bcapscope[report]'",
+            ExitCode.NOT_INSTALLED,
+        )
     interrupt_on_end_signals()
     to_stdout = str(output) == STDIN
     if not to_stdout:
@@ -71,12 +71,11 @@ def command(
     report_data = _read_report_data(reading, wanted)
     reading.print_summary()
     if report_data is None:
-        print_stderr(words("report.no-bcap"))
-        sys.exit(reading.exit_code or ExitCode.NO_DATA)
+        exit_with(words("report.no-bcap"), reading.exit_code or ExitCode.NO_DATA)
     names, remarks = _capture_names(paths, words), _remarks(reading, wanted, words)
     page = report_page(report_data, names, __version__, remarks, words).encode()
     if to_stdout:
-        reading.output.write_lines([page.removesuffix(b"\n")], reading.show_progress)
+        reading.print_lines([page.removesuffix(b"\n")])
     else:
         with AtomicFile(output) as file:
             file.write(page)
@@ -85,7 +84,7 @@ def command(
 
 
 def _read_report_data(reader: CaptureReader, wanted: Filter | None) -> ReportData | None:
-    builder = ReportDataBuilder(None if wanted is None else wanted.bind(CALL_GETTERS))
+    builder = ReportDataBuilder(call_test(wanted))
     read_to_end(reader, Pipeline(builder.diagnosis, builder))
     return builder.report_data(reader.ended_at)
 

@@ -6,15 +6,20 @@ import os
 import sys
 import time
 from collections.abc import Callable
+from pathlib import Path
 
 import click
 import msgspec
 
 from bcapscope.cli.common import options
 from bcapscope.cli.common.attended import announce_ready, attended_option
-from bcapscope.cli.common.behaviour_list import list_behaviours
 from bcapscope.cli.common.exit_codes import ExitCode
-from bcapscope.cli.common.scenario_options import choose_scenario, list_scenarios, scenario_introduction
+from bcapscope.cli.common.scenario_options import (
+    choose_scenario,
+    list_behaviours,
+    list_scenarios,
+    scenario_introduction,
+)
 from bcapscope.cli.common.serving import exit_if_not_listening
 from bcapscope.live.server_runner import ServerRunner, reachability
 from bcapscope.live.standard_streams import print_stderr
@@ -88,12 +93,7 @@ from bcapscope.simulator.simulator_server import SimulatorServer
     show_default=True,
     help="Listen on this port, UDP and TCP; 0 chooses a free one.",
 )
-@click.option(
-    "--record",
-    metavar="FILE.pcapng",
-    type=click.Path(dir_okay=False),
-    help="Record the traffic to a new capture.",
-)
+@options.record_option("Record the traffic to a new capture.")
 @click.option("-q", "--quiet", is_flag=True, help="Do not print the calls.")
 @attended_option
 @options.language
@@ -106,7 +106,7 @@ def command(
     no_argument: str | None,
     listen: str,
     port: int,
-    record: str | None,
+    record: Path | None,
     quiet: bool,
     attended: bool,
     words: MessageFormatter,
@@ -222,7 +222,6 @@ class _TypedCommands:
         self.watched = [0] if _can_be_read() else []
 
     def read_commands(self, descriptor: int) -> None:
-        """Read the input and run the commands in it."""
         data = os.read(descriptor, 1024)
         if not data:
             self.watched.remove(descriptor)

@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterable, Iterator
 
 import click
 
 from bcapscope.analysis.slave.selected_sessions import SelectedSlaveSessions
 from bcapscope.analysis.slave.slave_session import SlaveSession
-from bcapscope.cli.common.call_reading import read_items
+from bcapscope.cli.common.call_reading import call_test, read_items
 from bcapscope.cli.common.exit_codes import ExitCode
 from bcapscope.cli.common.figure_command import FigureArguments, figure_command
 from bcapscope.live.standard_streams import print_stderr
 from bcapscope.render.slave_session_record import slave_session_record
 from bcapscope.render.slave_session_text import slave_session_lines
-from bcapscope.traffic.filter.getters import CALL_GETTERS
 from bcapscope.traffic.pipeline import Pipeline
 
 
@@ -31,28 +29,17 @@ def command(arguments: FigureArguments) -> None:
     The controller's buffer cannot be observed. `slave` estimates its level with a model and lists the
     model's assumptions.
 
-    --filter selects set points. The calls that begin and end a session always count.
+    --filter selects set points. The calls that begin and end a session are always included.
 
     Exit codes: as for `decode`.
     """
-    reading = arguments.reader
     sessions = _warn_if_none(_read_slave_sessions(arguments), arguments)
-    if arguments.as_json:
-        reading.output.write_lines(map(slave_session_record, sessions), reading.show_progress)
-    else:
-        lines = (
-            line
-            for session in sessions
-            for line in (*slave_session_lines(session, arguments.palette, arguments.words), "")
-        )
-        reading.output.write_lines(lines, reading.show_progress)
-    reading.print_summary()
-    sys.exit(reading.exit_code)
+    arguments.print_all(sessions, slave_session_record, slave_session_lines)
 
 
 def _read_slave_sessions(arguments: FigureArguments) -> Iterator[SlaveSession]:
-    is_selected = None if arguments.call_filter is None else arguments.call_filter.bind(CALL_GETTERS)
     sessions: list[SlaveSession] = []
+    is_selected = call_test(arguments.call_filter)
     selected = SelectedSlaveSessions(is_selected, sessions.append, arguments.window)
     yield from read_items(arguments.reader, Pipeline(selected), sessions)
     yield from selected.remaining_sessions(arguments.reader.ended_at)
@@ -61,7 +48,6 @@ def _read_slave_sessions(arguments: FigureArguments) -> Iterator[SlaveSession]:
 def _warn_if_none(
     slave_sessions: Iterable[SlaveSession], arguments: FigureArguments
 ) -> Iterator[SlaveSession]:
-    """Yield the sessions; print a message if there is none."""
     none = True
     for session in slave_sessions:
         none = False

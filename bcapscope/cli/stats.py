@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterable, Iterator
 
 import click
@@ -24,20 +23,9 @@ def command(arguments: FigureArguments) -> None:
 
     Exit codes: as for `decode`.
     """
-    reading = arguments.reader
-    calls = read_filtered_calls(reading, arguments.call_filter)
+    calls = read_filtered_calls(arguments.reader, arguments.call_filter)
     found = _by_window(calls, arguments.window) if arguments.window else _whole_time(calls)
-    if arguments.as_json:
-        reading.output.write_lines(map(statistics_record, found), reading.show_progress)
-    else:
-        lines = (
-            line
-            for statistics in found
-            for line in (*statistics_lines(statistics, arguments.palette, arguments.words), "")
-        )
-        reading.output.write_lines(lines, reading.show_progress)
-    reading.print_summary()
-    sys.exit(reading.exit_code)
+    arguments.print_all(found, statistics_record, statistics_lines)
 
 
 def _whole_time(calls: Iterable[Call]) -> Iterator[Statistics]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -14,7 +13,7 @@ from click.core import ParameterSource
 
 from bcapscope.cli.common import options
 from bcapscope.cli.common.data_output import require_terminal
-from bcapscope.cli.common.exit_codes import ExitCode
+from bcapscope.cli.common.exit_codes import ExitCode, exit_with
 from bcapscope.cli.common.proxy_rule_options import RuleOptions, rule_options
 from bcapscope.cli.common.serve_options import ServeOptions, serve_options, serve_screen
 from bcapscope.cli.common.tui_sources import ProxyScreenOptions, choose_language, show_proxy, show_simulator
@@ -55,12 +54,7 @@ class TesterTarget(NamedTuple):
     help="Let the proxy listen on this address; see `bcapscope proxy`.",
 )
 @click.option("--to", metavar="HOST:PORT", multiple=True, help="Let the proxy forward to this controller.")
-@click.option(
-    "--record",
-    metavar="FILE.pcapng",
-    type=click.Path(dir_okay=False, path_type=Path),
-    help="Let the proxy record the traffic to a new capture.",
-)
+@options.record_option("Let the proxy record the traffic to a new capture.")
 @click.option(
     "--sim", is_flag=True, help="Start a simulator on 127.0.0.1, port 5007 or -p, and show its traffic."
 )
@@ -119,15 +113,16 @@ def command(
     HOST opens the Tester: connect, execute, robots, variables, tasks, slave mode, and every byte. -p is then
     the port of the controller. Without arguments, the Tester connects to a built-in simulator.
 
-    FILE or -i shows frames, calls, findings, slave mode and statistics. --proxy shows the same of a proxy's
-    traffic, and clients, rules and held messages on a second screen. --sim shows the traffic of a simulator.
+    FILE or -i shows frames, calls, findings, slave mode and statistics. --proxy shows the same for the
+    traffic of a proxy; a second screen shows its clients, rules and held messages. --sim shows the traffic of
+    a simulator.
 
-    F1 shows the keys, Ctrl-P lists all commands, F12 halts the robot, Ctrl-Q quits. --lang chooses
-    English or Japanese, before the language in your settings.
+    F1 shows the keys, Ctrl-P finds actions by name, F12 halts the robot, Ctrl-Q quits. Labels are in English
+    or Japanese: --lang chooses, before the language in your settings.
 
     Exit codes: 0: you ended it; 2: invalid command line; 4: the capture cannot be opened, an address cannot
-    be listened on, or no proxy was found; 6: a recording or temporary file cannot be written; 9: the name of
-    the controller is unknown.
+    be used for listening, or no proxy was found; 6: a recording or temporary file cannot be written; 9: the
+    name of the controller is unknown.
     """
     if sum((bool(path), bool(interface), proxy is not None, sim)) > 1:
         raise click.UsageError("give only one of HOST, FILE, -i, --proxy and --sim")
@@ -147,8 +142,7 @@ def command(
         return
     is_file = bool(path) and Path(path or "").exists()
     if path and not is_file and (os.sep in path or Path(path).suffix in _SUFFIXES):
-        print_stderr(f"{printable(path)}: no such file. Check the path")
-        sys.exit(ExitCode.UNREADABLE)
+        exit_with(f"{printable(path)}: no such file. Check the path", ExitCode.UNREADABLE)
     with _exit_without_folder():
         if is_file or interface:
             _show_traffic(path or "", interface or "", ports)
@@ -181,8 +175,7 @@ def _exit_without_folder() -> Iterator[None]:
     try:
         yield
     except TemporaryFolderError as error:
-        print_stderr(printable(str(error)))
-        sys.exit(ExitCode.UNWRITABLE)
+        exit_with(printable(str(error)), ExitCode.UNWRITABLE)
 
 
 def _show_tester(wanted: TesterTarget, requests: Path | None) -> None:

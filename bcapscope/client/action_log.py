@@ -72,7 +72,6 @@ class LoggedConnection(NamedTuple):
 
 
 def default_folder() -> Path:
-    """Return the folder of the action log on this platform."""
     return platformdirs.user_log_path("bcapscope", appauthor=False)
 
 
@@ -86,10 +85,8 @@ class ActionLog:
     def __init__(self, folder: Path, program: str, on_error: ErrorCallback) -> None:
         """Create nothing yet; the first line creates the files.
 
-        Args:
-            folder: Folder of the files.
-            program: Program that sends, such as "call".
-            on_error: Called when the log cannot be written, once until writing works again.
+        `program` is the program that sends, such as "call". `on_error` is called when the log cannot be
+        written, once until writing works again.
         """
         self.folder = folder
         self._program = program
@@ -109,14 +106,9 @@ class ActionLog:
         who: str,
         is_logged: bool = True,
     ) -> None:
-        """Log a request, and later its reply.
+        """Log a request that `who` made at `time`, ns since 1970-01-01 UTC, and later its reply.
 
-        Args:
-            connection: Connection of the request.
-            item: The request, or bytes that are no frame.
-            time: Time of the request, ns since 1970-01-01 UTC.
-            who: Caller that made the request.
-            is_logged: False for a request that is not logged, and whose reply is not logged either.
+        With `is_logged` False, neither the request nor its reply is logged.
         """
         if isinstance(item, Malformed):
             self._write(time, connection, {"who": who, "sent": None, **_hex(item.raw)}, True)
@@ -139,7 +131,6 @@ class ActionLog:
         self._write(time, connection, fields, needs_arming(item.code, item.variants))
 
     def log_reply(self, connection: LoggedConnection, item: Frame | Malformed, time: int) -> None:
-        """Log a reply, if its request was logged."""
         if isinstance(item, Malformed):
             return
         with self._lock:

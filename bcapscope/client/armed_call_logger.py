@@ -22,14 +22,12 @@ class ArmedCallLogger:
     """
 
     def __init__(self, log: ActionLog, connection: LoggedConnection) -> None:
-        """Write to `log`."""
         self._log = log
         self._connection = connection
         self._set_points = 0
         self._unanswered = b""
 
     def on_observation(self, observation: Observation) -> None:
-        """Process a frame, as the observer of a session."""
         self.add_frame(
             observation.flow.direction is Direction.REQUEST, observation.item.raw, observation.time
         )

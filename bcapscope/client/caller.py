@@ -8,6 +8,7 @@ from typing import TypeAlias
 
 from bcapscope.messages import Message
 from bcapscope.protocol.codec.frame import Frame, Malformed, parse_datagram
+from bcapscope.protocol.codec.frame_template import FrameTemplates
 from bcapscope.protocol.codec.stream_splitter import StreamSplitter
 from bcapscope.protocol.codec.variant import Variant
 from bcapscope.protocol.retry.requester import Requester, RequesterEvent, RequesterOutcome, RetryPolicy
@@ -39,12 +40,12 @@ class Caller:
         self._timer: asyncio.TimerHandle | None = None
         self._pending_call: asyncio.Future[RequesterOutcome] | None = None
         self._data_arrived: asyncio.Future[None] | None = None
-        self._splitter = StreamSplitter()
+        self._templates = FrameTemplates()
+        self._splitter = StreamSplitter(templates=self._templates)
         self._frames_seen = 0
         self._lost_reason: Message | None = None
 
     def attach(self, link: Link, convention: ReservedConvention) -> None:
-        """Use `link` from now on."""
         self.link = link
         self._requester = Requester(convention)
         transport = Transport.UDP if link.datagrams else Transport.TCP
@@ -77,14 +78,9 @@ class Caller:
                 self._after_input()
 
     async def send_raw(self, raw: bytes, timeout: float) -> bool:
-        """Send bytes unchanged, valid or not, without retries.
+        """Send bytes unchanged, valid or not, without retries; return whether anything arrived.
 
-        Args:
-            raw: One datagram, or bytes of a stream.
-            timeout: Longest wait for any received bytes, s.
-
-        Returns:
-            Whether anything arrived; the observer has received it.
+        `raw` is one datagram, or bytes of a stream. `timeout` is in s. The observer receives what arrives.
 
         Raises:
             ConnectionError: The link is lost.
@@ -93,7 +89,7 @@ class Caller:
             if self._lost_reason is not None:
                 raise ConnectionResetError(self._lost_reason)
             now = self._clock.now()
-            for item in parse_datagram(raw):
+            for item in parse_datagram(raw, self._templates):
                 self._report_frame(self._request_flow, item, now)
             self._data_arrived = asyncio.get_running_loop().create_future()
             self.link.send(raw)
@@ -107,9 +103,8 @@ class Caller:
         self.on_link_lost(Message("connection.link-closed"))
 
     def on_data(self, data: bytes) -> None:
-        """Process bytes received over the link."""
         if self.link.datagrams:
-            items: Sequence[Frame | Malformed] = parse_datagram(data)
+            items: Sequence[Frame | Malformed] = parse_datagram(data, self._templates)
         else:
             items = [piece.item for piece in self._splitter.feed(data)]
         now = self._clock.now()
@@ -120,7 +115,6 @@ class Caller:
         self._after_input()
 
     def on_send_error(self, reason: Message) -> None:
-        """Record the system's error for the last packet."""
         self._requester.record_send_error(reason, self._clock.now())
 
     def on_link_lost(self, reason: Message) -> None:
@@ -131,7 +125,6 @@ class Caller:
         self._signal_data()
 
     def _signal_data(self) -> None:
-        """Wake `send_raw`."""
         if self._data_arrived is not None and not self._data_arrived.done():
             self._data_arrived.set_result(None)
 
@@ -143,7 +136,8 @@ class Caller:
         """Send what is due, set the timer and report the events."""
         requester = self._requester
         for raw in requester.data_to_send():
-            self._report_frame(self._request_flow, Frame(raw), self._clock.now())
+            frame = Frame(raw, None, self._templates)
+            self._report_frame(self._request_flow, frame, self._clock.now())
             self.link.send(raw)
         if self._timer is not None:
             self._timer.cancel()

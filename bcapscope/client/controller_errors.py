@@ -46,7 +46,6 @@ def clean_text(value: Value) -> str:
 
 
 def _error_info(info: Value | tuple[Value, Value]) -> tuple[int, str]:
-    """Return code and text from the values of GetCurErrorInfo."""
     number, text, *_ = (*info, None, None) if isinstance(info, tuple) else (None, info)
     code = number & 0xFFFFFFFF if isinstance(number, int) else 0
     return code, clean_text(text) or describe_hresult(code).text

@@ -50,12 +50,10 @@ class ControllerTarget:
 
     @property
     def connect(self) -> tuple[str, str, str, str]:
-        """The four arguments of Controller_Connect."""
         return self.name, self.provider, self.machine, self.connect_option
 
     @property
     def retry_policies(self) -> RetryPolicies:
-        """Timeout and number of retries."""
         return RetryPolicies(others=RetryPolicy(round(self.timeout * _MS), self.retries))
 
     def convention_for(self, datagrams: bool) -> ReservedConvention:
@@ -71,7 +69,6 @@ class ControllerTarget:
 
     @property
     def message(self) -> Message:
-        """Address and transport."""
         return Message("target", address=self.address, transport="TCP" if self.tcp else "UDP")
 
     def __str__(self) -> str:

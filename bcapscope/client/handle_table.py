@@ -67,11 +67,9 @@ class HandleTable:
         return next(found, None)
 
     def latest(self, kind: ObjectClass) -> ObjectHandle | None:
-        """Return the latest open object of a class, or None."""
         return next(self._newest_first(kind), None)
 
     def open_handles(self) -> tuple[ObjectHandle, ...]:
-        """List the open objects in opening order."""
         return tuple(filter(self._is_open, self._unreleased.values()))
 
     def unreleased_handles(self) -> tuple[ObjectHandle, ...]:

@@ -49,13 +49,7 @@ class ObjectOpener:
         target: ControllerTarget,
         names: Mapping[ObjectClass, str] = DEFAULT_OBJECT_NAMES,
     ) -> None:
-        """Set how to open objects; nothing is sent yet.
-
-        Args:
-            session: Session that makes the calls.
-            target: The controller, with the options of Service_Start and Controller_Connect.
-            names: Names of the objects to open, if different from `DEFAULT_OBJECT_NAMES`.
-        """
+        """Set options, and names that differ from `DEFAULT_OBJECT_NAMES`; nothing is sent yet."""
         self.session = session
         self._target = target
         self._names = {**DEFAULT_OBJECT_NAMES, **names}
@@ -151,11 +145,7 @@ class ObjectOpener:
 
 
 async def read_variable_once(owner: Controller | Robot, name: str) -> Variant | None:
-    """Open, read and release a variable.
-
-    Returns:
-        Its value, EMPTY if the reply holds none; None if the controller refuses.
-    """
+    """Open, read and release a variable; EMPTY without a value, None if the controller refuses."""
     try:
         variable = await owner.get_variable(name)
     except ControllerError:

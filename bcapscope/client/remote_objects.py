@@ -50,7 +50,6 @@ class _DescribedObject(RemoteObject):
     get_id = _getter(RemoteObject._invoke_value, "GetID")
 
     async def put_id(self, value: object) -> None:
-        """Set the ID."""
         await self._invoke("PutID", value)
 
 
@@ -62,7 +61,6 @@ class _ObjectWithVariables(RemoteObject):
         return Variable(self.session, await self._invoke_handle("GetVariable", name, option))
 
     async def get_variable_names(self, option: str = "") -> tuple[str, ...]:
-        """List the names of the variables."""
         return await self._invoke_names("GetVariableNames", option)
 
 
@@ -100,7 +98,6 @@ class Controller(_DescribedObject, _ObjectWithVariables, _ExecutingObject):
         return Task(self.session, await self._invoke_handle("GetTask", name, option))
 
     async def get_command(self, name: str, option: str = "") -> Command:
-        """Open a command."""
         return Command(self.session, await self._invoke_handle("GetCommand", name, option))
 
     async def get_message(self) -> ControllerMessage:
@@ -108,23 +105,18 @@ class Controller(_DescribedObject, _ObjectWithVariables, _ExecutingObject):
         return ControllerMessage(self.session, await self._invoke_handle("GetMessage"))
 
     async def get_extension_names(self, option: str = "") -> tuple[str, ...]:
-        """List the names of the extensions."""
         return await self._invoke_names("GetExtensionNames", option)
 
     async def get_file_names(self, option: str = "") -> tuple[str, ...]:
-        """List the names of the files."""
         return await self._invoke_names("GetFileNames", option)
 
     async def get_robot_names(self, option: str = "") -> tuple[str, ...]:
-        """List the names of the robots."""
         return await self._invoke_names("GetRobotNames", option)
 
     async def get_task_names(self, option: str = "") -> tuple[str, ...]:
-        """List the names of the tasks."""
         return await self._invoke_names("GetTaskNames", option)
 
     async def get_command_names(self, option: str = "") -> tuple[str, ...]:
-        """List the names of the commands."""
         return await self._invoke_names("GetCommandNames", option)
 
 
@@ -152,7 +144,6 @@ class File(_DescribedObject, _ObjectWithVariables, _ExecutingObject):
         await self._invoke("Copy", name, option)
 
     async def delete(self, option: str = "") -> None:
-        """Delete the file."""
         await self._invoke("Delete", option)
 
     async def move(self, name: str, option: str = "") -> None:
@@ -198,7 +189,6 @@ class Robot(_DescribedObject, _ObjectWithVariables, _ExecutingObject):
         await self._invoke("Drive", axis, distance, option)
 
     async def go_home(self) -> None:
-        """Move to the home position."""
         await self._invoke("GoHome")
 
     async def halt(self, option: str = "") -> None:
@@ -234,7 +224,6 @@ class Robot(_DescribedObject, _ObjectWithVariables, _ExecutingObject):
         await self.execute("slvChangeMode", Variant(VT.I4, mode))
 
     async def slv_get_mode(self) -> int:
-        """Return the current slave mode."""
         return expect_value(await self._invoke("Execute", "slvGetMode", None), int, "reply.a-mode")
 
     async def slv_move(self, point: object) -> Value:
@@ -260,7 +249,6 @@ class Task(_DescribedObject, _ObjectWithVariables, _ExecutingObject):
         await self._invoke("Stop", mode, option)
 
     async def delete(self, option: str = "") -> None:
-        """Delete the task."""
         await self._invoke("Delete", option)
 
     get_file_name = _getter(RemoteObject._invoke_text, "GetFileName")
@@ -291,7 +279,6 @@ class Command(_DescribedObject):
         return await self._invoke_value("Execute", mode)
 
     async def cancel(self) -> None:
-        """Cancel the command."""
         await self._invoke("Cancel")
 
     get_timeout = _getter(RemoteObject._invoke_int, "GetTimeout")  # ms
@@ -304,7 +291,6 @@ class Command(_DescribedObject):
     get_parameters = _getter(RemoteObject._invoke_value, "GetParameters")
 
     async def put_parameters(self, value: object) -> None:
-        """Set the parameters."""
         await self._invoke("PutParameters", value)
 
     get_result = _getter(RemoteObject._invoke_value, "GetResult")
@@ -316,11 +302,9 @@ class ControllerMessage(RemoteObject):
     owner = ObjectClass.MESSAGE
 
     async def reply(self, data: object) -> None:
-        """Reply to the message."""
         await self._invoke("Reply", data)
 
     async def clear(self) -> None:
-        """Clear the message."""
         await self._invoke("Clear")
 
     get_date_time = _getter(RemoteObject._invoke_date, "GetDateTime")

@@ -16,15 +16,10 @@ _MAX_CALLS, _BUSY_PAUSE = 50, 10_000_000
 
 
 async def halt_robot(session: Session, robot: int, pause: Callable[[int], Awaitable[None]]) -> None:
-    """Stop the arm at once.
+    """Stop the arm at once. `pause` waits for a number of ns.
 
     A controller that is executing another call of the connection replies that it is busy. Or it stays silent
     until that call is done (orin_bcap C/src/bCAPServer/bcap_server.c).
-
-    Args:
-        session: Session to send it on.
-        robot: Handle of the robot.
-        pause: Waits for a number of ns.
 
     Raises:
         ControllerError: The controller refused it.

@@ -33,11 +33,8 @@ class Service:
     ) -> Controller:
         """Controller_Connect: RC7 ignores all four arguments; RC8 and later need the provider.
 
-        Args:
-            name: Any name; "" for an automatic one.
-            provider: ``CaoProv.DENSO.VRC``, or ``CaoProv.DENSO.VRC9`` on RC9 and COBOTTA PRO.
-            machine: ``localhost``.
-            option: Option such as ``@IfNotMember``.
+        The provider is ``CaoProv.DENSO.VRC``, or ``CaoProv.DENSO.VRC9`` on RC9 and COBOTTA PRO; the machine
+        is ``localhost``. An empty name stands for an automatic one. An option is ``@IfNotMember``.
         """
         reply = await self.session.invoke("Controller_Connect", name, provider, machine, option)
         return Controller(self.session, handle_of(reply))

@@ -17,8 +17,9 @@ from bcapscope.client.retry_policies import (
 )
 from bcapscope.client.variant_values import arguments_of
 from bcapscope.errors import BcapError, CallTimeout, ControllerError
+from bcapscope.protocol.closing_calls import closing_calls
 from bcapscope.protocol.codec.frame import Frame
-from bcapscope.protocol.codec.variant import VT, Variant, integer_value
+from bcapscope.protocol.codec.variant import Variant, integer_value
 from bcapscope.protocol.guard import needs_arming
 from bcapscope.protocol.retry.requester import CallAnswered, CallRefused, RequesterOutcome, RetryPolicy
 from bcapscope.protocol.retry.reserved_convention import ReservedConvention, client_conventions
@@ -33,19 +34,16 @@ from bcapscope.transport.udp_link import open_udp
 LinkOpener: TypeAlias = Callable[[LinkReceiver], Awaitable[Link]]
 
 _MS = 1_000_000
-_SERVICE_START, _ROBOT_EXECUTE = 1, 64
-_RELEASES = {function.releases: function.name for function in FUNCTIONS.values() if function.releases}
+_SERVICE_START, _SERVICE_STOP, _ROBOT_EXECUTE = 1, 2, 64
 _ASYNC = 0x100
 _TRY_ONCE = RetryPolicy(_MS, 0)
 
 
 def over_udp(host: str, port: int = DEFAULT_PORT) -> LinkOpener:
-    """Return an opener that connects to a controller over UDP."""
     return lambda receiver: open_udp(host, port, receiver)
 
 
 def over_tcp(host: str, port: int = DEFAULT_PORT) -> LinkOpener:
-    """Return an opener that connects to a controller over TCP."""
     return lambda receiver: open_tcp(host, port, receiver)
 
 
@@ -157,14 +155,12 @@ class Session:
                 self.retry_policies = self.retry_policies._replace(
                     others=RetryPolicy(patience, 0)
                 )  # a silent controller may not exist
-                await self._invoke_cleanup("Service_Stop")
-            for handle, mode in self._slave_modes.items():
-                if mode:
-                    await self._invoke_cleanup("Robot_Execute", handle, "slvChangeMode", Variant(VT.I4, 0))
-            for opened in self.handles.unreleased_handles():
-                await self._invoke_cleanup(_RELEASES[opened.kind], opened.handle)
-            if self.handles.is_service_started:
-                await self._invoke_cleanup("Service_Stop")
+                await self._call_ignoring_refusal(_SERVICE_STOP, ())
+            robots = [handle for handle, mode in self._slave_modes.items() if mode]
+            objects = [(opened.kind, opened.handle) for opened in self.handles.unreleased_handles()]
+            stops = self.handles.is_service_started
+            for function_id, arguments in closing_calls(robots, (), objects, stops_service=stops):
+                await self._call_ignoring_refusal(function_id, arguments)
         except CallTimeout:
             await self._stop_service_once()
         except OSError:
@@ -176,11 +172,11 @@ class Session:
         if self.handles.is_service_started:
             self.retry_policies = self.retry_policies._replace(others=_TRY_ONCE)
             with suppress(CallTimeout, OSError):
-                await self._invoke_cleanup("Service_Stop")
+                await self._call_ignoring_refusal(_SERVICE_STOP, ())
 
-    async def _invoke_cleanup(self, name: str, *values: object) -> None:
+    async def _call_ignoring_refusal(self, function_id: int, arguments: Sequence[Variant]) -> None:
         try:
-            await self.invoke(name, *values)
+            await self.call(function_id, arguments)
         except CallTimeout:
             raise
         except BcapError:
@@ -243,13 +239,9 @@ async def open_session(
 ) -> AsyncIterator[Session]:
     """Open a link. The end of the block releases everything that calls have opened, even after an error.
 
-    Args:
-        open_link: Result of `over_udp`, `over_tcp` or `over_link`.
-        convention: Convention of the reserved field. None selects that of DENSO's slides on UDP, and 0 on
-            TCP.
-        retry_policies: Timeouts and numbers of retries.
-        observer: Receives every frame.
-        listener: Receives every event.
+    `open_link` is the result of `over_udp`, `over_tcp` or `over_link`. The default convention of the reserved
+    field is that of DENSO's slides on UDP, and 0 on TCP. `observer` receives every frame, `listener` every
+    event.
 
     Raises:
         OSError: The controller cannot be reached, or does not listen.
@@ -267,7 +259,6 @@ async def open_session(
 def open_target_session(
     target: ControllerTarget, observer: Observer | None = None, listener: EventListener | None = None
 ) -> AbstractAsyncContextManager[Session]:
-    """Open a session with a target, as `open_session` does."""
     opener = (over_tcp if target.tcp else over_udp)(target.host, target.port)
     return open_session(
         opener,

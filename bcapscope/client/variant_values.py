@@ -61,12 +61,9 @@ def plain_value(variant: Variant) -> Value:
 
 
 def date_of(days: float) -> datetime | None:
-    """Convert a DATE, days since 1899-12-30, to a datetime without time zone.
+    """Convert a DATE, days since 1899-12-30, to a datetime in the controller's time zone, without naming it.
 
-    Only the controller knows the time zone.
-
-    Returns:
-        None if the date is outside Python's calendar.
+    None if the date is outside Python's calendar.
     """
     try:
         return _DATE_ZERO + timedelta(days=days)

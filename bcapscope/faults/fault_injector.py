@@ -27,6 +27,7 @@ from bcapscope.faults.fault_matcher import FaultMatcher
 from bcapscope.faults.reply_factory import ReplyFactory
 from bcapscope.faults.wire_message import CloseConnection, FaultOutput, FaultResult, SendBytes, WireMessage
 from bcapscope.messages import Message
+from bcapscope.protocol.codec.frame_template import FrameTemplates
 from bcapscope.traffic.call_kind import RecentRequests
 from bcapscope.traffic.observation import Conversation, Direction, Flow, Transport
 
@@ -95,6 +96,7 @@ class FaultInjector:
         self._seed = seed
         self._epoch = epoch
         self._message_count = 0
+        self._templates = FrameTemplates()
         self._needs_pairing = False
         self._recent_requests, self._attempt_counter, self._reply_factory = (
             RecentRequests(),
@@ -197,7 +199,9 @@ class FaultInjector:
         if not self.active_faults:
             return self._pass_unchanged(flow, data, now, outputs)
         self._message_count += 1
-        message = WireMessage(self._message_count, flow, data, now, now + self._epoch)
+        message = WireMessage(
+            self._message_count, flow, data, now, now + self._epoch, templates=self._templates
+        )
         if self._needs_pairing:
             message.annotate_with_attempts(self._recent_requests, self._attempt_counter)
         self._reply_factory.on_message(flow, data)

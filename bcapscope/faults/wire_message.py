@@ -11,6 +11,7 @@ from bcapscope.faults.attempt_counter import AttemptCounter
 from bcapscope.faults.fault import CloseMode
 from bcapscope.messages import Message
 from bcapscope.protocol.codec.frame import Frame, parse_datagram
+from bcapscope.protocol.codec.frame_template import FrameTemplates
 from bcapscope.traffic.call_kind import RecentRequests
 from bcapscope.traffic.filter.getters import AnnotatedFrame
 from bcapscope.traffic.observation import Conversation, Flow, Observation, Transport
@@ -76,9 +77,18 @@ class WireMessage:
             `annotate_with_attempts`.
     """
 
-    __slots__ = ("_annotated", "attempt_numbers", "data", "flow", "now", "number", "time")
+    __slots__ = ("_annotated", "_templates", "attempt_numbers", "data", "flow", "now", "number", "time")
 
-    def __init__(self, number: int, flow: Flow, data: bytes, now: int, time: int) -> None:
+    def __init__(
+        self,
+        number: int,
+        flow: Flow,
+        data: bytes,
+        now: int,
+        time: int,
+        *,
+        templates: FrameTemplates | None = None,
+    ) -> None:
         """Create a message without decoding it."""
         self.number = number
         self.flow = flow
@@ -87,6 +97,7 @@ class WireMessage:
         self.attempt_numbers: tuple[int | None, ...] = ()
         self.time = time
         self._annotated: tuple[AnnotatedFrame, ...] | None = None
+        self._templates = templates
 
     @property
     def is_datagram(self) -> bool:
@@ -123,5 +134,5 @@ class WireMessage:
         self._annotated = tuple(AnnotatedFrame(seen, requests.kind_of(seen)) for seen in self._observations())
 
     def _observations(self) -> Iterator[Observation]:
-        for item in parse_datagram(self.data):
+        for item in parse_datagram(self.data, self._templates):
             yield Observation(self.number, self.time, self.time, self.flow, item, 0)

@@ -39,18 +39,13 @@ _Direction: TypeAlias = tuple[Address, Address]
 
 
 class BackgroundRecorder:
-    """Records without delaying the caller. It counts and reports packets that it cannot write in time.
+    """Records without delaying the caller, and reports packets that it could not write in time.
 
     All methods except `on_observation` run in one thread.
     """
 
     def __init__(self, recorder: Recorder, *, most_waiting: int = MAX_WAITING) -> None:
-        """Start the writing thread.
-
-        Args:
-            recorder: Where to record; not a ring.
-            most_waiting: Bytes that may wait for the disk.
-        """
+        """Start the writing thread. The recorder is not a ring; `most_waiting` is in bytes."""
         self._recorder = recorder
         self._most_waiting = most_waiting
         self._steps: deque[tuple[int, _WriteStep]] = deque()
@@ -125,11 +120,7 @@ class BackgroundRecorder:
             self._queue_step(0, drop)
 
     def on_idle(self) -> bool:
-        """Encode waiting packets and wake the writing thread. Call this once all requests are answered.
-
-        Returns:
-            True if packets remain and the method should be called again soon.
-        """
+        """Encode waiting packets once all requests are answered. Return whether packets remain."""
         return self._make_packets(_MAKE_FOR_NS)
 
     def _make_packets(self, most: int) -> bool:

@@ -1,5 +1,4 @@
-"""A bcapscope command that the screen starts: the simulator, or a proxy whose relay must not wait for a
-screen.
+"""A bcapscope command that the screen starts: the simulator, or a proxy.
 
 A signal asks it to end. If the screen is killed, the command notices the end of its standard input.
 """
@@ -31,11 +30,7 @@ _MAX_LINES = 500
 
 
 class ChildStartError(BcapError):
-    """The command did not start; the text is the last line that it printed.
-
-    Attributes:
-        code: Its exit code.
-    """
+    """The command did not start; the text is the last line that it printed, `code` its exit code."""
 
     def __init__(self, message: Message, code: int) -> None:
         super().__init__(message)
@@ -43,11 +38,8 @@ class ChildStartError(BcapError):
 
 
 class ChildProcess:
-    """A running command.
-
-    Attributes:
-        listen_addresses: Addresses that it listens on, as it reported them.
-        control_address: Address of its control socket; "" for none.
+    """A running command, with the addresses that it reported. `control_address` is "" without control
+    socket.
     """
 
     def __init__(self, *words: str) -> None:
@@ -78,7 +70,6 @@ class ChildProcess:
         self.listen_addresses, self.control_address = tuple(report["listening"]), str(report["control"])
 
     def _wait_until_listening(self) -> dict[str, Any]:
-        """Wait for the line with the listening addresses, and return it decoded."""
         patience = threading.Timer(START_TIMEOUT, self._process.kill)
         patience.start()
         assert self._stdout is not None
@@ -93,7 +84,6 @@ class ChildProcess:
         raise ChildStartError(reason, max(self._process.returncode, 1))
 
     def _read_output(self) -> None:
-        """Read the output line by line, and report the end of the process."""
         assert self._process.stderr is not None
         for line in self._process.stderr:
             text = line.decode(errors="replace").rstrip()
@@ -118,7 +108,6 @@ class ChildProcess:
 
     @property
     def pid(self) -> int:
-        """Process id."""
         return self._process.pid
 
     @property

@@ -18,7 +18,6 @@ import sys
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Protocol
 
 from bcapscope.messages import Message
 from bcapscope.messages.os_errors import os_reason
@@ -60,24 +59,10 @@ _STEAL_COLUMN = 8
 """Column of the time that the host took, in the first line (proc_stat(5))."""
 
 
-class CpuSleep(Protocol):
-    """Controls how deeply the processors sleep."""
-
-    def forbid_deep_sleep(self) -> bool:
-        """Ask the system to keep the processors awake, or in light sleep. Return whether it agreed."""
-
-    def allow_deep_sleep(self) -> None:
-        """Withdraw the request."""
-
-    def stolen_seconds(self) -> float | None:
-        """Return the total time in s that the host took from processors kept awake; None if unknown."""
-
-
 class CpuWakefulness:
     """Keeps the processors awake while there is much traffic."""
 
-    def __init__(self, sleep: CpuSleep) -> None:
-        """Start with sleep allowed."""
+    def __init__(self, sleep: CpuLatencyLimit) -> None:
         self._sleep = sleep
         self._is_awake = False
         self._count_before, self._counted_at = 0, -math.inf
@@ -86,11 +71,8 @@ class CpuWakefulness:
         self._measured_at = 0.0
 
     def update(self, datagrams: int, now: float) -> None:
-        """Update the decision from the traffic so far. Call this about twenty times per second.
-
-        Args:
-            datagrams: Datagrams so far; see `datagrams_passed`.
-            now: Seconds of a steady clock.
+        """Update the decision from the datagrams so far. Call this about twenty times per second of a steady
+        clock.
         """
         is_much = datagrams - self._count_before >= BUSY_DATAGRAMS
         if is_much:
@@ -106,7 +88,6 @@ class CpuWakefulness:
             self.allow_sleep()
 
     def allow_sleep(self) -> None:
-        """Allow sleep."""
         if self._is_awake:
             self._is_awake = False
             self._sleep.allow_deep_sleep()
@@ -130,11 +111,7 @@ class CpuWakefulness:
 
 
 def datagrams_passed(counts: Sequence[int]) -> int:
-    """Return the datagrams received, plus the datagrams that the bytes sent on streams would make.
-
-    Args:
-        counts: Counts, indexed by `RelayCounter`.
-    """
+    """Return the datagrams received, plus the datagrams that the bytes sent on streams would make."""
     datagrams = counts[RelayCounter.CAME_UP] + counts[RelayCounter.CAME_DOWN]
     return datagrams + (counts[RelayCounter.BYTES_UP] + counts[RelayCounter.BYTES_DOWN]) // _STREAM_BYTES_EACH
 
@@ -167,7 +144,6 @@ class CpuLatencyLimit:
         return True
 
     def allow_deep_sleep(self) -> None:
-        """Withdraw the limit."""
         descriptors = self._device, self._statistics
         self._device = self._statistics = None
         for descriptor in descriptors:
@@ -196,7 +172,6 @@ def low_latency_problem() -> Message | None:
 
 
 def _uses_haltpoll() -> bool:
-    """Return whether this is a guest with the haltpoll driver, which can wait without sleep."""
     with suppress(OSError):
         return (_CPU_FOLDER / "cpuidle" / "current_driver").read_bytes().strip() == b"haltpoll"
     return False

@@ -18,26 +18,24 @@ class DeferredInterrupts:
     """
 
     def __init__(self) -> None:
-        """Install the handler for Ctrl-C."""
         self._is_waiting = self._is_interrupted = False
         self._previous_handler = signal.signal(signal.SIGINT, self._on_sigint)
 
-    def read_or_stop(self, read: Callable[[], T], default: T) -> T:
-        """Return the result of `read`, or `default` if Ctrl-C came meanwhile or before."""
+    def read_or_stop(self, read: Callable[[], T]) -> T | None:
+        """Return the result of `read`, or None if Ctrl-C came meanwhile or before."""
         if self._is_interrupted:
-            return default
+            return None
         try:
             self._is_waiting = True
             found = read()
             self._is_waiting = False  # keep the result even if Ctrl-C comes right after
         except KeyboardInterrupt:
-            return default
+            return None
         finally:
             self._is_waiting = False
         return found
 
     def close(self) -> None:
-        """Restore the previous handler for Ctrl-C."""
         signal.signal(signal.SIGINT, self._previous_handler)
 
     def __enter__(self) -> Self:

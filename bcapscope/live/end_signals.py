@@ -66,13 +66,10 @@ def _raise_interrupt(number: int, frame: FrameType | None) -> None:
 
 @contextmanager
 def end_signal_socket() -> Iterator[socket.socket]:
-    """Deliver Ctrl-C and signals that end programs through a socket in this block.
+    """Deliver Ctrl-C and signals that end programs through a non-blocking socket: a byte each, its number.
 
     Otherwise they would end the program between any two steps, such as between writing lines and dropping
     them.
-
-    Yields:
-        A non-blocking socket. Each signal adds one byte, its number.
 
     Raises:
         FileWriteError: No file descriptors are left.

@@ -1,7 +1,4 @@
-"""The options of the process that watches a proxy, and its entry point.
-
-The module imports little, because the relay loads it.
-"""
+"""Options and entry point of the process that watches a proxy. The relay loads this, so it imports little."""
 
 from __future__ import annotations
 
@@ -38,12 +35,10 @@ INCOMPLETE = 6
 
 
 class ClosingRequests(msgspec.Struct, frozen=True, array_like=True):
-    """How to close the session of a UDP client in its place.
+    """How to close the session of a UDP client in its place: frames, each sent after the reply to the last
+    one.
 
-    Attributes:
-        client: Number of the client.
-        open_state: What is open besides handles, as of `encode_message`; b"" for nothing.
-        requests: Frames to send, each after the reply to the previous one.
+    `open_state` says what is open besides handles, as of `encode_message`; b"" for nothing.
     """
 
     client: int
@@ -61,15 +56,7 @@ class TrafficFormat(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class ViewOptions:
-    """What is displayed.
-
-    Attributes:
-        shown: Frames or calls; None for nothing.
-        form: Format of each.
-        expression: Filter expression that chooses them; "" for all.
-        time_format: Format of times.
-        language: Language of the text.
-    """
+    """What is displayed: frames or calls (None for nothing), those that match `expression`."""
 
     shown: RecordKind | None
     form: TrafficFormat = TrafficFormat.LINE
@@ -89,12 +76,7 @@ class ViewOptions:
 
 
 class WatcherSubscriber(Protocol):
-    """Receives what the watcher decodes. All methods return at once.
-
-    Attributes:
-        diagnosis: The diagnosis that the watcher uses.
-        subscribers: What subscribes to the watcher's pipeline, `diagnosis` included.
-    """
+    """Receives what the watcher decodes. All methods return at once. `subscribers` includes the diagnosis."""
 
     diagnosis: Diagnosis
     subscribers: tuple[PipelineSubscriber, ...]
@@ -111,14 +93,8 @@ class WatcherSubscriber(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class ProxyOptions:
-    """What the watcher does with the traffic.
-
-    Attributes:
-        record: Capture to write; None for none.
-        ring: Limits of a ring of files; None for a single file.
-        view: What is displayed.
-        color: Value of the option: `always`, `never` or `auto`.
-        open_subscriber: Opens a subscriber in the watcher's process; None for none. It can raise an OSError.
+    """What the watcher does with the traffic. Its process calls `open_subscriber`, which can raise an
+    OSError.
     """
 
     record: Path | None
@@ -129,14 +105,7 @@ class ProxyOptions:
 
 
 def run_watcher(memory: str, relay: Connection, options: ProxyOptions) -> None:
-    """Watch a relay until it ends; the entry point of the process. It exits with `INCOMPLETE` if that
-    applies.
-
-    Args:
-        memory: Name of the shared memory that holds the ring.
-        relay: Pipe to the relay, for its requests and the answers. The relay's end closes when it ends.
-        options: What to record and display.
-    """
+    """Watch a relay until it ends; the entry point of the process. Exit with `INCOMPLETE` if that applies."""
     from bcapscope.live.proxy_watcher import watch_relay
 
     try:

@@ -24,9 +24,6 @@ class _ProxySide:
     """One side of a client's traffic: between client and proxy, or between proxy and controller.
 
     Attributes:
-        interface: The pcapng interface of this side.
-        is_client_side: True between client and proxy.
-        is_stream: True for TCP.
         begun: True once the connection is in the recording.
         endpoints: Source and target: toward the client at index 0, toward the controller at index 1.
     """
@@ -49,7 +46,6 @@ class _ProxySide:
         self.endpoints: tuple[_Endpoints, _Endpoints] = (controller, client), (client, controller)
 
     def hop(self, up: bool) -> Hop:
-        """Return source, target and interface of datagrams in one direction."""
         return (*self.endpoints[up], self.interface)
 
 
@@ -66,12 +62,7 @@ class ProxyRecorder:
     """Makes packets of the relay's records, in the order of time, and adds them to a recording."""
 
     def __init__(self, recorder: Recorder, *, keeps_packet_numbers: bool = False) -> None:
-        """Start without clients.
-
-        Args:
-            recorder: Where to record.
-            keeps_packet_numbers: Keep what `next_packet_numbers` returns. The caller must call it.
-        """
+        """Start without clients. A caller that keeps packet numbers must call `next_packet_numbers`."""
         self._recorder = recorder
         self._packet_numbers: dict[int, int] | None = {} if keeps_packet_numbers else None
         self._record_count = self._numbers_given = 0
@@ -111,11 +102,8 @@ class ProxyRecorder:
     def _write_plain_run(self, records: Sequence[RingRecord]) -> int:
         """Write leading records that are datagrams forwarded unchanged, one after another. Most records are.
 
-        Packets that wait are written first, provided that all of `records` is later.
-
-        Returns:
-            Number of records written, counted from the first. The last record is never written, as an earlier
-            packet may follow it.
+        Packets that wait are written first, provided that all of `records` is later. Returns the number of
+        records written, never all: an earlier packet may follow the last record.
         """
         first = [
             came if 0 < came <= left else left or came for _, _, _, came, left, _, _ in reversed(records)
@@ -146,10 +134,9 @@ class ProxyRecorder:
         return written
 
     def next_packet_numbers(self, count: int) -> list[int]:
-        """Return the numbers in the recording of the packets of the next `count` records.
+        """Return the number of the last packet on the clients' side of each of the next records; 0 for none.
 
-        The number is that of the last packet on the clients' side; 0 if there is none.
-        It is valid for a recording in one file.
+        The numbers are valid for a recording in one file.
         """
         first, numbers = self._numbers_given, self._packet_numbers or {}
         self._numbers_given += count
@@ -177,12 +164,10 @@ class ProxyRecorder:
         return made
 
     def _sends_datagrams(self, number: int) -> bool:
-        """Return whether a client is known and uses UDP."""
         sides = self._sides.get(number)
         return sides is not None and not sides[0].is_stream
 
     def flush(self) -> None:
-        """Write all waiting packets to the file."""
         self._write_steps(len(self._steps))
         self._recorder.flush()
 
@@ -209,7 +194,6 @@ class ProxyRecorder:
         )
 
     def _write_steps(self, count: int) -> None:
-        """Write the first `count` steps."""
         steps, self._steps = self._steps[:count], self._steps[count:]
         for time, side, record, number in steps:
             if record.kind is RingRecordKind.DATA:

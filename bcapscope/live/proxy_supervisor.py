@@ -73,12 +73,7 @@ _SILENT_FOR_NS = 30_000_000_000
 
 
 class ProxySupervisor:
-    """The relay and the process that watches it.
-
-    Attributes:
-        relay: The relay. Callers can attach more to it before it runs.
-        is_recording_incomplete: After `close`: True if a recording was requested and is incomplete.
-    """
+    """The relay and the process that watches it. Callers can attach more to `relay` before it runs."""
 
     def __init__(
         self,
@@ -88,13 +83,7 @@ class ProxySupervisor:
         *,
         low_latency: bool = False,
     ) -> None:
-        """Create a relay without listeners.
-
-        Args:
-            options: Options of the watcher.
-            end_signals: Socket that delivers the signals that end programs; see `end_signal_socket`.
-            policy: The rules. None without rules.
-            low_latency: Keep the machine's processors out of deep sleep while there is much traffic.
+        """Create a relay without listeners. `end_signals` is from `end_signal_socket`.
 
         Raises:
             FileWriteError: The memory shared with the watcher cannot be allocated, or the system provides no
@@ -126,11 +115,7 @@ class ProxySupervisor:
         self._closing_requests: list[ClosingRequests] = []
 
     def listen(self, listener: ListenerSpec, forget_after: int) -> Endpoint:
-        """Listen, and return the address. Clients are accepted once `run` is called.
-
-        Args:
-            listener: Address to listen on, and address of the controller.
-            forget_after: Silence after which a UDP client is forgotten, in ns.
+        """Listen, and return the address. UDP clients are forgotten after `forget_after` ns of silence.
 
         Raises:
             ProxyListenError: The address cannot be listened on.
@@ -143,9 +128,8 @@ class ProxySupervisor:
     def start_watcher(self, wait_for_scripts: Callable[[float], bool] | None = None) -> None:
         """Start the watcher process and wait until it is ready.
 
-        Args:
-            wait_for_scripts: Waits up to the given seconds for the scripts, and returns whether they have
-                started. Recording starts after that; the watcher process is loaded meanwhile.
+        `wait_for_scripts` waits up to the given seconds, and returns whether the scripts have started.
+        Recording starts after that; the watcher process is loaded meanwhile.
 
         Raises:
             FileWriteError: The recording cannot be written, or the process cannot be started.
@@ -193,10 +177,7 @@ class ProxySupervisor:
             self.relay.watch(_STDIN, self._on_parent_input)
 
     def run(self, on_ready: Callable[[], None]) -> None:
-        """Forward bytes until asked to end, then shut down in order. Call `start_watcher` first.
-
-        Args:
-            on_ready: Called once clients are accepted.
+        """Accept clients, call `on_ready`, forward bytes until asked to end, then shut down in order.
 
         Raises:
             KeyboardInterrupt: A signal has asked the proxy to end before it started.
@@ -265,7 +246,6 @@ class ProxySupervisor:
         self._release_memory()
 
     def _check_recording(self, code: int | None) -> None:
-        """Set `is_recording_incomplete` from the watcher's exit code."""
         self.is_recording_incomplete = self._options.record is not None and code != 0
         if self.is_recording_incomplete and code != INCOMPLETE:  # the watcher could not report it itself
             name = printable(str(self._options.record))
@@ -277,9 +257,8 @@ class ProxySupervisor:
         self._unlink_memory()
 
     def _unlink_memory(self) -> None:
-        """Remove the name of the shared memory. The system then frees it when its last user ends, in any way.
-
-        A hang-up also ends the Python process that would otherwise remove it.
+        """Remove the name of the shared memory, so that the system frees it when its last user ends, in any
+        way.
         """
         if self._is_memory_linked:
             self._is_memory_linked = False
@@ -336,8 +315,8 @@ class ProxySupervisor:
     def _receive_from_watcher(self) -> None:
         """Read the watcher's message, if there is one: the requests that close the open sessions, or its end.
 
-        The periodic work may already have read the message that the poller reported. Waiting here for another
-        one would block for ever, because the watcher waits for the relay.
+        The periodic work may already have read it. Waiting for another one would block for ever, because the
+        watcher waits for the relay.
         """
         try:
             if not self._watcher_pipe.poll():
@@ -354,7 +333,6 @@ class ProxySupervisor:
                 self.relay.stop()
 
     def _send_to_watcher(self, message: bytes) -> bool:
-        """Send a message to the watcher. Return whether the watcher is running."""
         try:
             self._watcher_pipe.send_bytes(message)
         except OSError:

@@ -27,7 +27,7 @@ from bcapscope.live.proxy_options import (
     WatcherSubscriber,
 )
 from bcapscope.live.proxy_recorder import ProxyRecorder
-from bcapscope.live.proxy_view import ProxyView, TrafficDisplay
+from bcapscope.live.proxy_view import ProxyView
 from bcapscope.live.recorder import Recorder
 from bcapscope.live.relay_figures import DelayStatistics, losses, rates, totals
 from bcapscope.live.standard_streams import choose_palette
@@ -36,7 +36,7 @@ from bcapscope.live.watcher_priority import WatcherUrgency, lower_priority, yiel
 from bcapscope.messages import Message, MessageFormatter
 from bcapscope.messages.message_codec import decode_message, encode_message
 from bcapscope.messages.os_errors import os_reason
-from bcapscope.messages.places import joined_clauses
+from bcapscope.messages.places import Count, joined_clauses
 from bcapscope.proxy.record_decoder import RecordDecoder
 from bcapscope.proxy.ring_buffer import RelayCounter, RingReader, RingRecord, RingRecordKind
 from bcapscope.proxy.session_closer import SessionCloser
@@ -89,16 +89,7 @@ _CATCHES_UP_WITHIN = 10.0
 
 
 def watch_relay(memory: str, relay: Connection, options: ProxyOptions) -> bool:
-    """Watch a relay until it ends.
-
-    Args:
-        memory: Name of the shared memory that holds the ring.
-        relay: Pipe to the relay, for its requests and the answers. The relay's end closes when it ends.
-        options: What to record and display.
-
-    Returns:
-        False if a recording was requested and is incomplete.
-    """
+    """Watch a relay until its end of the pipe closes. Return False if a wanted recording is incomplete."""
     _give_relay_priority()
     screen, words = TerminalWriter(), MessageFormatter(options.view.language)
 
@@ -149,14 +140,11 @@ def _give_relay_priority() -> None:
 
 
 class RecorderTask:
-    """Records the relay's traffic before the watcher decodes it.
-
-    Attributes:
-        reader: Reads ahead of the watcher's reader. Records stay in the ring until they are decoded as well.
+    """Records the relay's traffic before the watcher decodes it. Records stay in the ring until they are
+    decoded.
     """
 
     def __init__(self, reader: RingReader, recorder: ProxyRecorder) -> None:
-        """Use a reader that is ahead of the watcher's."""
         self.reader = reader
         self.next_packet_numbers = recorder.next_packet_numbers
         self._recorder = recorder
@@ -196,7 +184,7 @@ class ProxyWatcher:
         self._written_before = self._decoded_until = 0
         self._colors = choose_palette(options.color)
         self._record_decoder = RecordDecoder()
-        self._display = TrafficDisplay(ProxyView(options.view, self._colors))
+        self._view = ProxyView(options.view, self._colors)
         self._diagnosis = Diagnosis() if subscriber is None else subscriber.diagnosis
         self._slave_mode = SlaveModeTracker()
         handles = HandleTracker(max_ended=0)
@@ -204,7 +192,7 @@ class ProxyWatcher:
         self._pipeline = Pipeline(
             self._session_closer,
             *((self._diagnosis,) if subscriber is None else subscriber.subscribers),
-            self._display,
+            self._view,
             handles=handles,
             slave_mode=self._slave_mode,
         )
@@ -217,7 +205,6 @@ class ProxyWatcher:
         self._counts_before: tuple[int, ...] = ()
 
     def run(self, relay: Connection) -> None:
-        """Watch until the relay has ended and everything that it wrote is read."""
         must_close = False
         while True:
             rest = self.poll()
@@ -237,11 +224,8 @@ class ProxyWatcher:
         self._finish()
 
     def poll(self) -> float:
-        """Record everything that the relay wrote, then decode, display and diagnose for at most
-        `_DECODE_FOR`.
-
-        Returns:
-            Seconds to rest before the next poll.
+        """Record everything, then decode for at most `_DECODE_FOR`. Return the seconds to rest before the
+        next poll.
         """
         began = time.monotonic()
         if self._recorder_task is not None:
@@ -279,7 +263,7 @@ class ProxyWatcher:
 
     def _decode_records(self, records: list[RingRecord]) -> None:
         for count, (seen, note) in enumerate(self._record_decoder.decode(records, self._packets_of(records))):
-            self._display.add_frame(seen, note)
+            self._view.add_frame(seen, note)
             if self._subscriber is not None:
                 self._subscriber.on_frame(seen, "" if note is None else self._words.text(note))
             self._pipeline.add(seen)
@@ -293,7 +277,6 @@ class ProxyWatcher:
             self._close_conversation(conversation, why)
 
     def _packets_of(self, records: list[RingRecord]) -> list[int] | None:
-        """Return the packet numbers that a subscriber needs; None if there is no subscriber or recording."""
         if self._subscriber is None or self._recorder_task is None:
             return None
         return self._recorder_task.next_packet_numbers(len(records))
@@ -322,8 +305,8 @@ class ProxyWatcher:
             self._write_message(Message("session.left-open", client=client, reason=why, state=left))
 
     def _write_lines(self) -> None:
-        self._terminal.write_lines(self._display.lines)
-        self._display.lines = []
+        self._terminal.write_lines(self._view.lines)
+        self._view.lines = []
 
     def _do_periodic_work(self) -> None:
         """Do the work that is due even without traffic: expire calls, print findings, update the status."""
@@ -362,13 +345,17 @@ class ProxyWatcher:
         counts = tuple(self._reader.counts)
         seconds = (now - self._status_shown_at) / 1e9
         parts = (
-            self._display.counts,
+            self._call_totals(),
             rates(counts, self._counts_before, seconds),
             self._delays.status(),
             *losses(counts),
         )
         self._terminal.set_status(" · ".join(self._words.text(part) for part in parts if part is not None))
         self._counts_before, self._status_shown_at = counts, now
+
+    def _call_totals(self) -> Message:
+        calls, retries = self._view.call_count, self._view.retry_count
+        return Message("relay.calls", calls=Count(calls, "call"), retries=Count(retries, "retry"))
 
     def _write_clauses(self, clauses: Iterable[Message]) -> None:
         message = joined_clauses(clauses)
@@ -402,7 +389,6 @@ class ProxyWatcher:
             self._show_relay_messages(self._reader.read_records())
 
     def _finish(self) -> None:
-        """Complete the open calls and print the summary."""
         while self._recorder_task is not None and self._recorder_task.reader.bytes_waiting:
             self._recorder_task.record_available()
         self._skip_undecoded()
@@ -412,7 +398,7 @@ class ProxyWatcher:
             self._subscriber.close(self._decoded_until)
         findings = self._diagnosis.findings()
         counts = tuple(self._reader.counts)
-        self._write_clauses((self._display.counts, *totals(counts)))
+        self._write_clauses((self._call_totals(), *totals(counts)))
         for message in (*losses(counts), *self._delays.summary()):
             self._write_message(message)
         if self._record_decoder.observation_count:

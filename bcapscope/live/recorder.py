@@ -17,21 +17,13 @@ class Recorder:
 
     Attributes:
         packets: Writes packets; `flush` makes them visible in the file. It raises nothing.
-        is_ring: Whether the recording is a ring of files.
         is_complete: False once a file could not be written.
-        name: Path of the recording, for messages.
-        warn: Reports a message to the user.
     """
 
     def __init__(
         self, path: Path, warn: Callable[[Message], None], ring: RotationLimits | None = None
     ) -> None:
-        """Create the file.
-
-        Args:
-            path: New file. The files of a ring add a number and a time to its name.
-            warn: Called with a message. It must not block.
-            ring: Limits of a ring of files; None for a single file.
+        """Create the file. The files of a ring add a number and a time to its name. `warn` must not block.
 
         Raises:
             FileWriteError: The file exists already, or cannot be written.
@@ -58,10 +50,8 @@ class Recorder:
         return self._files.packets_pending
 
     def begin_packet(self) -> bool:
-        """Begin the next file of a ring if the current one is full. Call this before each packet of a ring.
-
-        Returns:
-            Whether a new file began.
+        """Call this before each packet of a ring. Return whether the next file began, because the last one is
+        full.
         """
         try:
             return self.is_complete and self._files.rotate_if_full()
@@ -70,7 +60,6 @@ class Recorder:
             return False
 
     def flush(self) -> None:
-        """Write all pending packets to the file."""
         if not self.is_complete:
             return
         try:
@@ -83,7 +72,6 @@ class Recorder:
             self.warn(Message("recording.disk-full", name=self.name))
 
     def close(self) -> None:
-        """Write all pending packets and close the file."""
         self.flush()
         self._files.close()
 

@@ -71,7 +71,6 @@ class DelayStatistics:
         return [*found, self._slow_count]
 
     def summary(self) -> Iterator[Message]:
-        """Yield the lines of the summary."""
         for up, name in _DIRECTIONS:
             spread = self._histograms[up].distribution()
             if spread is not None:
@@ -91,13 +90,7 @@ def _microseconds(spread: DistributionSummary) -> dict[str, str]:
 
 
 def rates(counts: Sequence[int], before: Sequence[int], seconds: float) -> Message:
-    """Return the datagrams sent per second.
-
-    Args:
-        counts: Counts, indexed by `RelayCounter`.
-        before: Earlier counts.
-        seconds: Seconds between both.
-    """
+    """Return the datagrams sent per second since `before`."""
     up, down = (
         (counts[way] - before[way]) / seconds if before else 0.0
         for way in (RelayCounter.LEFT_UP, RelayCounter.LEFT_DOWN)

@@ -39,21 +39,10 @@ def _do_nothing(descriptor: int) -> None:
 
 
 class ServerRunner:
-    """Runs the server of a command with its log and capture, from start to end.
+    """Runs the server of a command with its log and capture, from start to end."""
 
-    Attributes:
-        log: The call log.
-        print_message: Writes a message to stderr without blocking.
-    """
-
-    def __init__(self, *, quiet: bool, record: str | None, words: MessageFormatter = ENGLISH_WORDS) -> None:
-        """Set up the output.
-
-        Args:
-            quiet: Print no line per call.
-            record: File for the capture of the traffic. None for no capture.
-            words: Language of the call log.
-        """
+    def __init__(self, *, quiet: bool, record: Path | None, words: MessageFormatter = ENGLISH_WORDS) -> None:
+        """Set up the output. `quiet` omits the line per call; `record` is the file of the capture."""
         self._terminal = TerminalWriter()
         self.print_message = self._terminal.write_message
         self.log = ServerCallLog(not quiet, self._terminal, words)
@@ -72,9 +61,7 @@ class ServerRunner:
         interrupt_on_end_signals()
         with closing(SimulatorServer(answerer, host, port)) as server:
             if self._recording_path is not None:
-                server.tap = self._recorder = BackgroundRecorder(
-                    Recorder(Path(self._recording_path), self._warn)
-                )
+                server.tap = self._recorder = BackgroundRecorder(Recorder(self._recording_path, self._warn))
             with suppress(KeyboardInterrupt):
                 yield server
 
@@ -89,10 +76,7 @@ class ServerRunner:
         The controller must keep its cycle of 8 ms. Measured without the priority, beside six busy processes
         on two processors: the simulator found set points too late and ended three of five plays.
 
-        Args:
-            server: The listening server.
-            on_readable: Called with each descriptor of `watched` that is readable.
-            watched: File descriptors to wait for. `on_readable` may change the list.
+        `on_readable` is called with each descriptor of `watched` that is readable, and may change that list.
         """
         watched = [] if watched is None else watched
         with end_signal_socket() as end, realtime_priority(collect_garbage=True):
@@ -139,7 +123,6 @@ class ServerCallLog:
         self._flushed_at = 0
 
     def on_call(self, peer: Peer, report: CallReport) -> None:
-        """Log a call."""
         self.call_count += 1
         if report.result.reason:
             self._terminal.write_message(refusal_line(peer, report))
@@ -147,7 +130,6 @@ class ServerCallLog:
             self._pending.append((peer, report))
 
     def add_note(self, note: Message) -> None:
-        """Log a note that is not a call."""
         if self._wanted:
             self._pending.append(f"# {self._words.text(note)}")
 
@@ -158,7 +140,6 @@ class ServerCallLog:
             self.flush()
 
     def flush(self) -> None:
-        """Format and write all pending entries."""
         self._format_pending()
         self._flushed_at = time.monotonic_ns()
         if self._lines:

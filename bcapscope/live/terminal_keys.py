@@ -13,21 +13,15 @@ _SEQUENCE = re.compile(r"\x1b(\[[0-9;]*[A-Za-z~]|O[A-Za-z])")  # arrows, functio
 
 
 class TerminalKeys:
-    """Reads keys at once and without echo while it is on. Ctrl-C works as usual.
-
-    Attributes:
-        is_on: True while keys are read.
-    """
+    """Reads keys at once and without echo while it is on. Ctrl-C works as usual."""
 
     def __init__(self) -> None:
-        """Start switched off."""
         self.is_on = False
         self._is_available = _has_terminal()
         self._saved_attributes: list[Any] = []
         self._escape_count = 0
 
     def start(self) -> None:
-        """Switch on, if there is a terminal."""
         if self._is_available and not self.is_on:
             import termios
             import tty
@@ -37,7 +31,6 @@ class TerminalKeys:
             self.is_on = True
 
     def stop(self) -> None:
-        """Switch off and restore the terminal's settings."""
         if self.is_on:
             import termios
 

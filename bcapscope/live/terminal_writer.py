@@ -65,7 +65,6 @@ class TerminalWriter:
         return self._stderr_is_terminal
 
     def write_lines(self, lines: Sequence[bytes | str]) -> None:
-        """Queue lines of data for stdout."""
         if not self._stdout_works:
             return
         with self._changed:
@@ -77,14 +76,12 @@ class TerminalWriter:
             self._changed.notify_all()
 
     def write_message(self, text: str) -> None:
-        """Queue a message for stderr."""
         with self._changed:
             if len(self._messages) < MAX_WAITING:
                 self._messages.append(text)
             self._changed.notify_all()
 
     def set_status(self, text: str) -> None:
-        """Replace the status line."""
         with self._changed:
             self._status = text
             self._changed.notify_all()

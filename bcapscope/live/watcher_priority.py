@@ -54,11 +54,8 @@ class WatcherPriority:
     """Gives the watcher idle priority while it keeps up."""
 
     def __init__(self, ring: RingWriter, set_idle: Callable[[bool], None]) -> None:
-        """Start with idle priority.
-
-        Args:
-            ring: The ring that the watcher reads.
-            set_idle: Called when idle priority is to change, with True for idle.
+        """Start with idle priority. `set_idle` is called when idle priority is to change, with True for
+        idle.
         """
         self._ring = ring
         self._set_idle = set_idle
@@ -67,10 +64,8 @@ class WatcherPriority:
         self._set_urgency(WatcherUrgency.NONE)
 
     def update(self, now: float) -> None:
-        """Check how far the watcher has read, and adapt its priority.
-
-        Args:
-            now: Seconds of a steady clock.
+        """Check how far the watcher has read, and adapt its priority. `now` is in seconds of a steady
+        clock.
         """
         haste = self._needed_urgency(now)
         if haste:
@@ -102,11 +97,7 @@ class WatcherPriority:
 
 
 def yield_function(ring: RingReader) -> Callable[[], None]:
-    """Return a function that yields the processor; the watcher calls it between two pieces of work.
-
-    Args:
-        ring: The ring that the watcher reads.
-    """
+    """Return a function that yields the processor; the watcher calls it between two pieces of work."""
     if not hasattr(os, "sched_yield"):
         return lambda: None
 
@@ -118,11 +109,7 @@ def yield_function(ring: RingReader) -> Callable[[], None]:
 
 
 def lower_priority(niceness: int) -> None:
-    """Lower the priority of this process.
-
-    Args:
-        niceness: Added to its nice value.
-    """
+    """Lower the priority of this process by adding to its nice value."""
     if hasattr(os, "sched_setscheduler"):
         with suppress(OSError):
             os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
@@ -135,9 +122,6 @@ def idle_priority_switch(process: int) -> Callable[[bool], None]:
     """Return a function that switches a process to idle priority (True) or back to this process's priority.
 
     It does nothing on systems where the process could not leave idle priority again.
-
-    Args:
-        process: Process id.
     """
     possible = _can_leave_idle_priority()
     ours = os.getpriority(os.PRIO_PROCESS, 0) if possible else 0

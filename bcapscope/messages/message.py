@@ -21,10 +21,22 @@ Json: TypeAlias = "str | int | float | list[Json] | dict[str, Json] | None"
 
 
 class Place(ABC):
-    """A typed value. In templates, its type follows the name of the place: ``{latency:duration}``."""
+    """A typed value. In templates, its type follows the name of the place: ``{latency:duration}``.
 
-    __slots__ = ()
+    Nobody changes its attributes, which are the arguments of its constructor, in their order. The kinds of
+    places are no dataclasses: to make 17 of those takes 7 ms at the start of every command.
+    """
+
     type_name: ClassVar[str]
+
+    def __eq__(self, other: object) -> bool:
+        return type(other) is type(self) and vars(other) == vars(self)
+
+    def __hash__(self) -> int:
+        return hash(tuple(vars(self).values()))
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({', '.join(map(repr, vars(self).values()))})"
 
     @abstractmethod
     def text(self, words: MessageFormatter) -> str:
@@ -147,12 +159,7 @@ class MessageFormatter:
         return ("" if self.language is Language.JAPANESE else " ").join(filter(None, texts))
 
     def place_text(self, value: PlaceValue, type_name: str) -> str:
-        """Return the text of a place.
-
-        Args:
-            value: Value of the place.
-            type_name: Type that the template expects; with a capital letter, the text begins a sentence.
-        """
+        """Return the text of a place; for a type with a capital letter, the text begins a sentence."""
         if isinstance(value, Place):
             text = value.text(self)
         else:
@@ -188,7 +195,6 @@ ENGLISH_WORDS = MessageFormatter()
 
 
 def message_params(message: Message) -> dict[str, Json]:
-    """Return the values of a message's places for programs."""
     return {name: _json(value) for name, value in message.places.items()}
 
 
@@ -208,7 +214,6 @@ def _translations(language: Language) -> GNUTranslations:
 
 
 def has_message(id: str) -> bool:
-    """Return whether the catalogue has an id."""
     return _template(Language.ENGLISH, id) is not None
 
 

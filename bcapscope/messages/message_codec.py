@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import fields
 from functools import cache
 from typing import cast
 
@@ -15,7 +14,6 @@ from bcapscope.messages.message import Json, Message, Place, PlaceValue
 
 
 def message_to_data(message: Message) -> dict[str, Json]:
-    """Return a message as objects and lists of JSON."""
     data: dict[str, Json] = {"id": message.id}
     if message.places:
         data["places"] = {name: _to_data(value) for name, value in message.places.items()}
@@ -46,7 +44,6 @@ def encode_message(message: Message) -> bytes:
 
 
 def decode_message(line: bytes) -> Message:
-    """Return the message of `encode_message`."""
     return message_from_data(orjson.loads(line))
 
 
@@ -54,10 +51,7 @@ def _to_data(value: object) -> Json:
     if isinstance(value, Message):
         return message_to_data(value)
     if isinstance(value, Place):
-        return {
-            "type": value.type_name,
-            "fields": [_to_data(getattr(value, each.name)) for each in fields(value)],  # type: ignore[arg-type]
-        }
+        return {"type": value.type_name, "fields": list(map(_to_data, vars(value).values()))}
     if isinstance(value, tuple):
         return [_to_data(each) for each in value]
     return cast("Json", value)
@@ -79,5 +73,5 @@ def _place_types() -> dict[str, type[Place]]:
     return {
         each.type_name: each
         for each in vars(places).values()
-        if isinstance(each, type) and issubclass(each, Place) and each is not Place
+        if isinstance(each, type) and issubclass(each, Place) and hasattr(each, "type_name")
     }

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
-from typing import ClassVar
 
 from bcapscope.messages.message import Json, Message, MessageFormatter, Place
 
@@ -29,12 +27,13 @@ def amount_text(value: float) -> str:
     return f"{value:.0f}" if 999.5 <= abs(value) < 1e9 else f"{value:.3g}"
 
 
-@dataclass(frozen=True, slots=True)
 class Duration(Place):
     """A duration in ns; negative ones count too."""
 
-    ns: int
-    type_name: ClassVar[str] = "duration"
+    type_name = "duration"
+
+    def __init__(self, ns: int) -> None:
+        self.ns = ns
 
     def text(self, words: MessageFormatter) -> str:
         return duration_text(self.ns)
@@ -43,12 +42,13 @@ class Duration(Place):
         return {"type": "duration", "ms": self.ns / _MS}
 
 
-@dataclass(frozen=True, slots=True)
 class Moment(Place):
     """A time in ns since 1970; sentences count it in seconds from the start of the traffic."""
 
-    ns: int
-    type_name: ClassVar[str] = "time"
+    type_name = "time"
+
+    def __init__(self, ns: int) -> None:
+        self.ns = ns
 
     def text(self, words: MessageFormatter) -> str:
         return f"{(self.ns - words.start) / 1e9:.3f} s"
@@ -57,7 +57,6 @@ class Moment(Place):
         return {"type": "time", "ns": self.ns}
 
 
-@dataclass(frozen=True, slots=True)
 class Quantity(Place):
     """A measured number with its unit, such as `12.5 deg`.
 
@@ -67,10 +66,12 @@ class Quantity(Place):
         decimals: Digits after the decimal point; None for three significant digits.
     """
 
-    value: float
-    unit: str = ""
-    decimals: int | None = None
-    type_name: ClassVar[str] = "quantity"
+    type_name = "quantity"
+
+    def __init__(self, value: float, unit: str = "", decimals: int | None = None) -> None:
+        self.value = value
+        self.unit = unit
+        self.decimals = decimals
 
     def text(self, words: MessageFormatter) -> str:
         number = amount_text(self.value) if self.decimals is None else f"{self.value:.{self.decimals}f}"
@@ -80,13 +81,14 @@ class Quantity(Place):
         return {"type": "quantity", "value": self.value, "unit": self.unit}
 
 
-@dataclass(frozen=True, slots=True)
 class HexNumber(Place):
     """A number that the field writes in hex, such as a result code without its meaning, or a slave mode."""
 
-    value: int
-    digits: int = 8
-    type_name: ClassVar[str] = "hex"
+    type_name = "hex"
+
+    def __init__(self, value: int, digits: int = 8) -> None:
+        self.value = value
+        self.digits = digits
 
     def text(self, words: MessageFormatter) -> str:
         return f"0x{self.value:0{self.digits}X}"
@@ -95,14 +97,15 @@ class HexNumber(Place):
         return {"type": "hex", "value": self.value}
 
 
-@dataclass(frozen=True, slots=True)
 class Measured(Place):
     """A number with its unit and a chosen precision, such as `1234.56 deg`; unit "" for a bare number."""
 
-    value: float
-    unit: str = ""
-    digits: int = 6
-    type_name: ClassVar[str] = "measured"
+    type_name = "measured"
+
+    def __init__(self, value: float, unit: str = "", digits: int = 6) -> None:
+        self.value = value
+        self.unit = unit
+        self.digits = digits
 
     def text(self, words: MessageFormatter) -> str:
         return f"{self.value:.{self.digits}g} {self.unit}".rstrip()
@@ -111,7 +114,6 @@ class Measured(Place):
         return {"type": "quantity", "value": self.value, "unit": self.unit}
 
 
-@dataclass(frozen=True, slots=True)
 class Count(Place):
     """A number of things, with the plural that the language wants.
 
@@ -120,9 +122,11 @@ class Count(Place):
         unit: Thing that is counted: the id `count.<unit>` of the catalogue.
     """
 
-    number: int
-    unit: str
-    type_name: ClassVar[str] = "count"
+    type_name = "count"
+
+    def __init__(self, number: int, unit: str) -> None:
+        self.number = number
+        self.unit = unit
 
     def text(self, words: MessageFormatter) -> str:
         return words.plural(f"count.{self.unit}", self.number)
@@ -131,12 +135,13 @@ class Count(Place):
         return {"type": "count", "value": self.number, "unit": self.unit}
 
 
-@dataclass(frozen=True, slots=True)
 class Times(Place):
     """How often something happened: once, twice, 3 times."""
 
-    number: int
-    type_name: ClassVar[str] = "times"
+    type_name = "times"
+
+    def __init__(self, number: int) -> None:
+        self.number = number
 
     def text(self, words: MessageFormatter) -> str:
         return words.plural("times", self.number) if self.number != 2 else words("times.twice")
@@ -145,7 +150,6 @@ class Times(Place):
         return {"type": "count", "value": self.number, "unit": "times"}
 
 
-@dataclass(frozen=True, slots=True)
 class CodePlace(Place):
     """A result code.
 
@@ -155,10 +159,12 @@ class CodePlace(Place):
         meaning: What the code means.
     """
 
-    code: int
-    name: str
-    meaning: Message
-    type_name: ClassVar[str] = "code"
+    type_name = "code"
+
+    def __init__(self, code: int, name: str, meaning: Message) -> None:
+        self.code = code
+        self.name = name
+        self.meaning = meaning
 
     def text(self, words: MessageFormatter) -> str:
         number = f"0x{self.code:08X}"
@@ -169,12 +175,13 @@ class CodePlace(Place):
         return {"type": "code", "hresult": self.code, "name": self.name, "meaning": str(self.meaning)}
 
 
-@dataclass(frozen=True, slots=True)
 class FramePlace(Place):
     """One or more frames by their numbers in the traffic."""
 
-    numbers: tuple[int, ...]
-    type_name: ClassVar[str] = "frames"
+    type_name = "frames"
+
+    def __init__(self, numbers: tuple[int, ...]) -> None:
+        self.numbers = numbers
 
     def text(self, words: MessageFormatter) -> str:
         return ", ".join(map(str, self.numbers))
@@ -183,7 +190,6 @@ class FramePlace(Place):
         return {"type": "frames", "frames": list(self.numbers)}
 
 
-@dataclass(frozen=True, slots=True)
 class CallPlace(Place):
     """A call.
 
@@ -193,10 +199,12 @@ class CallPlace(Place):
         number: Its number in the traffic.
     """
 
-    name: str
-    serial: int | None
-    number: int
-    type_name: ClassVar[str] = "call"
+    type_name = "call"
+
+    def __init__(self, name: str, serial: int | None, number: int) -> None:
+        self.name = name
+        self.serial = serial
+        self.number = number
 
     def text(self, words: MessageFormatter) -> str:
         name = shortened(self.name)
@@ -206,7 +214,6 @@ class CallPlace(Place):
         return {"type": "call", "name": self.name, "serial": self.serial, "call": self.number}
 
 
-@dataclass(frozen=True, slots=True)
 class ClientPlace(Place):
     """A client. In templates, ``{client:Client}`` begins a sentence.
 
@@ -215,9 +222,11 @@ class ClientPlace(Place):
         transport: Transport as lower-case text.
     """
 
-    address: str
-    transport: str
-    type_name: ClassVar[str] = "client"
+    type_name = "client"
+
+    def __init__(self, address: str, transport: str) -> None:
+        self.address = address
+        self.transport = transport
 
     def text(self, words: MessageFormatter) -> str:
         if words.only_client:
@@ -228,12 +237,13 @@ class ClientPlace(Place):
         return {"type": "client", "address": self.address, "transport": self.transport}
 
 
-@dataclass(frozen=True, slots=True)
 class WireText(Place):
     """A string from the wire, shortened in sentences. It is escaped where it is shown, not here."""
 
-    value: str
-    type_name: ClassVar[str] = "text"
+    type_name = "text"
+
+    def __init__(self, value: str) -> None:
+        self.value = value
 
     def text(self, words: MessageFormatter) -> str:
         return shortened(self.value)
@@ -242,49 +252,47 @@ class WireText(Place):
         return self.value
 
 
-@dataclass(frozen=True, slots=True)
-class Listing(Place):
-    """Several messages or strings in a row; the last one follows "and"."""
+class _Several(Place):
+    """Several messages or strings."""
 
-    items: tuple[Message | str, ...]
-    type_name: ClassVar[str] = "list"
+    def __init__(self, items: tuple[Message | str, ...]) -> None:
+        self.items = items
+
+    def texts(self, words: MessageFormatter) -> list[str]:
+        return [each if isinstance(each, str) else words.text(each) for each in self.items]
+
+    def to_json(self) -> Json:
+        return [str(each) for each in self.items]
+
+
+class Listing(_Several):
+    """Several in a row; the last one follows "and"."""
+
+    type_name = "list"
 
     def text(self, words: MessageFormatter) -> str:
-        texts = [each if isinstance(each, str) else words.text(each) for each in self.items]
+        texts = self.texts(words)
         if len(texts) < 2:
             return "".join(texts)
         return words("list.and", items=words("list.comma").join(texts[:-1]), last=texts[-1])
 
-    def to_json(self) -> Json:
-        return [str(each) for each in self.items]
 
+class Enumeration(_Several):
+    """Several in a row, all separated alike."""
 
-@dataclass(frozen=True, slots=True)
-class Enumeration(Place):
-    """Several messages in a row, all separated alike."""
-
-    items: tuple[Message, ...]
-    type_name: ClassVar[str] = "enumeration"
+    type_name = "enumeration"
 
     def text(self, words: MessageFormatter) -> str:
-        return words("list.comma").join(map(words.text, self.items))
-
-    def to_json(self) -> Json:
-        return [str(each) for each in self.items]
+        return words("list.comma").join(self.texts(words))
 
 
-@dataclass(frozen=True, slots=True)
-class Clauses(Place):
-    """Several messages in a row, separated by semicolons."""
+class Clauses(_Several):
+    """Several in a row, separated by semicolons."""
 
-    items: tuple[Message, ...]
-    type_name: ClassVar[str] = "clauses"
+    type_name = "clauses"
 
     def text(self, words: MessageFormatter) -> str:
-        return words("list.semicolon").join(map(words.text, self.items))
-
-    def to_json(self) -> Json:
-        return [str(each) for each in self.items]
+        return words("list.semicolon").join(self.texts(words))
 
 
 def joined_clauses(clauses: Iterable[Message]) -> Message | None:
@@ -295,18 +303,13 @@ def joined_clauses(clauses: Iterable[Message]) -> Message | None:
     return Message("list.clauses", items=Clauses(items))
 
 
-@dataclass(frozen=True, slots=True)
-class IndentedLines(Place):
-    """Several messages, each on a line of its own below the sentence."""
+class IndentedLines(_Several):
+    """Several, each on a line of its own below the sentence."""
 
-    items: tuple[Message, ...]
-    type_name: ClassVar[str] = "lines"
+    type_name = "lines"
 
     def text(self, words: MessageFormatter) -> str:
-        return "".join(f"\n  {words.text(each)}" for each in self.items)
-
-    def to_json(self) -> Json:
-        return [str(each) for each in self.items]
+        return "".join(f"\n  {text}" for text in self.texts(words))
 
 
 def shortened(text: str) -> str:

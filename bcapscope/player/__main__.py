@@ -21,11 +21,10 @@ from bcapscope.messages.os_errors import os_reason
 from bcapscope.messages.places import Enumeration
 from bcapscope.player.blocking_caller import run_blocking
 from bcapscope.player.channel import Channel, open_channel
-from bcapscope.player.control_log import read_control_log, write_control_log
+from bcapscope.player.control_log import open_new_file, read_control_log, write_control_log
 from bcapscope.player.frame_recorder import FrameRecorder, open_recording
-from bcapscope.player.new_file import open_new_file
 from bcapscope.player.play_session import PlaySession
-from bcapscope.player.player_messages import PlayEnded, PlayOutcome, PlayPlan, RealtimeReport
+from bcapscope.player.player_messages import PlayEnded, PlayOutcome, PlayPlan
 from bcapscope.player.player_pipe import PlayerPipe
 from bcapscope.player.realtime import realtime_priority
 from bcapscope.protocol.codec.variant import Value
@@ -35,24 +34,24 @@ def main() -> None:
     """Play the plan that comes first on standard input."""
     messages = os.dup(1)
     os.dup2(2, 1)  # anything that prints must not write between the messages
-    desk = PlayerPipe(0, messages)
-    plan = desk.read_plan()
-    desk.install_signal_handlers()
+    pipe = PlayerPipe(0, messages)
+    plan = pipe.read_plan()
+    pipe.install_signal_handlers()
     with ExitStack() as stack:
         try:
             recording = stack.enter_context(open_recording(plan.record))
             log = stack.enter_context(open_new_file(plan.log))
         except OSError as error:
-            desk.send(
+            pipe.send(
                 PlayEnded(
                     PlayOutcome.UNWRITABLE,
                     Message("file.not-written", path=error.filename, reason=os_reason(error)),
                 )
             )
-            desk.wait_until_sent()
+            pipe.wait_until_sent()
             return
-        desk.send(play(plan, desk, recording, log))
-    desk.wait_until_sent()
+        pipe.send(play(plan, pipe, recording, log))
+    pipe.wait_until_sent()
 
 
 def play(
@@ -60,30 +59,26 @@ def play(
 ) -> PlayEnded:
     """Play a plan; return how that ended.
 
-    Args:
-        plan: What to do.
-        pipe: Receives the messages.
-        recording: Where to record; None for no recording.
-        log: File for the controller's own log; None for none.
+    `recording` and `log` (the controller's own) are None if the plan has none.
     """
     target = plan.target
-    with realtime_priority(plan.realtime and not plan.look_only) as grade:
+    with realtime_priority(plan.realtime and not plan.look_only) as granted:
         if plan.aftermath is None:
-            pipe.send(RealtimeReport(grade.realtime, grade.locked, grade.text))
+            pipe.send(granted)
         try:
             port = plan.aftermath.port if plan.aftermath else 0
             channel = open_channel(target.host, target.port, target.tcp, local_port=port)
         except OSError as error:
             reason = Message("connection.failed", target=str(target), reason=os_reason(error))
             return PlayEnded(
-                PlayOutcome.UNANSWERED, reason, left=plan.aftermath is None, realtime=grade.realtime
+                PlayOutcome.UNANSWERED, reason, left=plan.aftermath is None, realtime=granted.realtime
             )
-        journal = FrameRecorder(pipe.send, recording)
-        visit = PlaySession(plan, channel, pipe, journal)
-        ended = structs.replace(run_blocking(visit.run()), realtime=grade.realtime)
+        recorder = FrameRecorder(pipe.send, recording)
+        session = PlaySession(plan, channel, pipe, recorder)
+        ended = structs.replace(run_blocking(session.run()), realtime=granted.realtime)
     # Nothing is urgent from here on, so the files are written without real-time priority.
     read = partial(read_control_log, target, plan.robot, abort_on_order(pipe))
-    return write_files(ended, journal, channel, log if visit.has_log else None, read)
+    return write_files(ended, recorder, channel, log if session.has_log else None, read)
 
 
 def write_files(

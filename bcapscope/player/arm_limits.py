@@ -44,9 +44,8 @@ class ArmLimits:
     """Limits of one arm.
 
     Attributes:
-        arm_name: Name of the arm.
-        axes: By name (`J1`, `X`, ...): lowest, highest, speed a second, acceleration a second squared, in the
-            unit of the axis; infinite if unknown. An axis may be missing.
+        axes: By name (`J1`, `X`, ...), in the unit of the axis and seconds; infinite if unknown. An axis may
+            be missing.
         to_joints: Computes the joints of a pose of P or T type, so that limits of joints apply to it too. It
             raises for a pose out of reach. None if unknown.
         axis_count: Number of joints; None if unknown.
@@ -67,7 +66,6 @@ class ArmLimits:
         return known if known.speed < inf else known._replace(speed=MAX_ARM_SPEED.get(unit, inf))
 
     def has_limit(self, name: str) -> bool:
-        """Return whether any limit of an axis is known."""
         return name in self.axes
 
 
@@ -81,24 +79,17 @@ SIMULATED_ARM = ArmLimits(
 )
 """A scenario can set narrower software limits, which a controller does not report."""
 
-_KNOWN_ARMS = {ROBOT_TYPE: SIMULATED_ARM}
-
 
 def limits_for_arm(type_name: str) -> ArmLimits:
     """Return the limits of the arm with this type name; `UNKNOWN_ARM` if the name is unknown."""
-    return _KNOWN_ARMS.get(type_name, UNKNOWN_ARM)
+    return SIMULATED_ARM if type_name == ROBOT_TYPE else UNKNOWN_ARM
 
 
 def with_limits(limits: ArmLimits, texts: Sequence[str]) -> ArmLimits:
-    """Set limits that a user wrote.
+    """Set limits that a user wrote; an invalid one raises InputError.
 
-    Args:
-        limits: The limits known so far.
-        texts: Each `AXES=LOW..HIGH`, `AXES.speed=NUMBER` or `AXES.acceleration=NUMBER`, in mm or degrees and
-            seconds. AXES is a name such as `J1` or `X`, or a range such as `J1..J3`.
-
-    Raises:
-        InputError: A text is no valid limit.
+    A text is `AXES=LOW..HIGH`, `AXES.speed=NUMBER` or `AXES.acceleration=NUMBER`, in mm or degrees and
+    seconds. AXES is a name such as `J1` or `X`, or a range such as `J1..J3`.
     """
     axes = dict(limits.axes)
     for typed in texts:
@@ -128,7 +119,6 @@ def _parse_change(text: str, what: str | None, value: str) -> dict[str, float]:
 
 
 def _axis_range(text: str, first: str, last: str) -> tuple[str, ...]:
-    """Return the axis names from `first` to `last`; both may be in upper or lower case."""
     names = [name.casefold() for name in _NAMES]
     try:
         start, stop = names.index(first.casefold()), names.index(last.casefold())

@@ -12,6 +12,7 @@ from typing import Any, TypeAlias, TypeVar
 from bcapscope.messages.os_errors import os_reason
 from bcapscope.player.channel import Channel
 from bcapscope.protocol.codec.frame import Frame, Malformed, parse_datagram
+from bcapscope.protocol.codec.frame_template import FrameTemplates
 from bcapscope.protocol.codec.stream_splitter import StreamSplitter
 from bcapscope.protocol.codec.variant import Variant
 from bcapscope.protocol.retry.requester import (
@@ -54,10 +55,6 @@ def ignore_frame(sent: bool, raw: bytes, time: int) -> None:
     """Ignore the frame."""
 
 
-def _never_abort() -> None:
-    """Never raise."""
-
-
 class BlockingCaller:
     """Makes calls over a channel, one after the other.
 
@@ -77,10 +74,11 @@ class BlockingCaller:
     ) -> None:
         self.link = channel
         self.late_replies: list[LateReply] = []
-        self.check_abort: Callable[[], None] = _never_abort
+        self.check_abort: Callable[[], None] = lambda: None
         self.overslept = 0
         self._requester = Requester(convention, first_serial)
-        self._splitter = StreamSplitter()
+        self._templates = FrameTemplates()
+        self._splitter = StreamSplitter(templates=self._templates)
         self._on_frame = on_frame
 
     async def perform_call(
@@ -90,7 +88,7 @@ class BlockingCaller:
 
         Raises:
             LocalProtocolError: The call cannot be sent; see `Requester.start_call`.
-            OSError: The link is gone.
+            OSError: The link is gone. The other methods raise the same.
         """
         try:
             self.begin_call(function_id, arguments, retry_policy, self.link.now())
@@ -106,20 +104,12 @@ class BlockingCaller:
     def begin_call(
         self, function_id: int, arguments: Sequence[Variant], retry_policy: RetryPolicy, at: int
     ) -> None:
-        """Prepare a call for the time `at`, from which its time-outs count; `send_due` sends it.
-
-        Raises:
-            LocalProtocolError: The call cannot be sent; see `Requester.start_call`.
-        """
+        """Prepare a call for the time `at`, from which its time-outs count; `send_due` sends it."""
         self._requester.start_call(function_id, arguments, retry_policy, at)
         self.overslept = 0
 
     def send_due(self) -> int:
-        """Send what is due; return the time at which sending began.
-
-        Raises:
-            OSError: The link is gone.
-        """
+        """Send what is due; return the time at which sending began."""
         now = self.link.now()
         for raw in self._requester.data_to_send():
             self.link.send(raw)
@@ -139,14 +129,9 @@ class BlockingCaller:
         self.overslept += max(0, self.link.now() - end)
 
     def wait_for_outcome(self, until: int) -> RequesterOutcome | None:
-        """Wait for the end of the call, and send retries when they are due; None if it is not over at
-        `until`.
+        """Wait for the end of the call, and send retries when they are due; None if it is not over then.
 
-        Received data is read in small portions and only until `until`, so a row of late replies delays
-        nobody.
-
-        Raises:
-            OSError: The link is gone.
+        Data is read in small portions and only until `until`, so a row of late replies delays nobody.
         """
         requester = self._requester
         while True:
@@ -171,13 +156,6 @@ class BlockingCaller:
 
         A reply to any attempt counts, even one that was discarded before. Another retry would show nothing
         else, because the controller executes a call once.
-
-        Args:
-            serials: Serials of the attempts.
-            until: Time at which to stop waiting, ns.
-
-        Raises:
-            OSError: The link is gone.
         """
         while True:
             self._next_outcome()
@@ -215,7 +193,7 @@ class BlockingCaller:
     def _feed_bytes(self, data: bytes) -> None:
         arrived = self.link.arrival_time
         if self.link.datagrams:
-            items: Sequence[Frame | Malformed] = parse_datagram(data)
+            items: Sequence[Frame | Malformed] = parse_datagram(data, self._templates)
         else:
             items = [piece.item for piece in self._splitter.feed(data)]
         for item in items:

@@ -44,13 +44,7 @@ def read_capture(
     options: ReadOptions,
     ports: Collection[int] = BCAP_PORTS,
 ) -> tuple[Trajectory, ...]:
-    """Read the set points of each slave-mode session.
-
-    Args:
-        packets: Packets of the capture.
-        source: Where the packets come from.
-        options: What the user says about the file.
-        ports: Ports of controllers.
+    """Read the set points of each slave-mode session; `ports` are those of controllers.
 
     Raises:
         TrajectoryError: There are no set points, or none of the wanted type.
@@ -89,9 +83,8 @@ def read_capture(
     )
     fitting = tuple(each for each in made if options.kind in (None, each.kind))
     if not fitting:
-        raise TrajectoryError(
-            Message("trajectory.other-kind", kind=str(made[0].kind), wanted=str(options.kind))
-        )
+        kind, wanted = str(made[0].kind), str(options.kind)
+        raise TrajectoryError(Message("trajectory.other-kind", kind=kind, wanted=wanted))
     return fitting
 
 
@@ -117,32 +110,19 @@ def _make_trajectory(
     kind = known.mode.pose_type
     if kind is None or len(axes) < MIN_COLUMNS[kind]:
         raise TrajectoryError(Message("trajectory.unknown-kind", number=known.session_number))
-    value = (
-        Message("trajectory.mode-not-seen")
-        if known.mode.value is None
-        else Message("trajectory.mode", mode=f"{known.mode.value:03X}")
-    )
-    part = Message(
-        "trajectory.part.session",
-        number=known.session_number,
-        client=str(known.conversation.client),
-        mode=value,
-    )
-    note = Message("trajectory.note.sent-by", client=str(known.conversation.client), mode=value)
-    notes = [*source.notes, note]
+    mode, client = Message("trajectory.mode-not-seen"), str(known.conversation.client)
+    if known.mode.value is not None:
+        mode = Message("trajectory.mode", mode=f"{known.mode.value:03X}")
+    part = Message("trajectory.part.session", number=known.session_number, client=client, mode=mode)
+    notes = [*source.notes, Message("trajectory.note.sent-by", client=client, mode=mode)]
     if slave_session.odd_count:
         notes.append(Message("trajectory.note.odd-axes", count=slave_session.odd_count))
-    return Trajectory(
-        kind=kind,
-        points=np.frombuffer(slave_session.numbers, dtype=np.float64).reshape(-1, len(axes)).copy(),
-        source=replace(
-            source,
-            file_format=SOURCE_FORMAT,
-            part=part if several else None,
-            columns=tuple(
-                Column(axis.name, place, "slvMove", axis.unit) for place, axis in enumerate(axes, 1)
-            ),
-            notes=tuple(notes),
-        ),
-        period=known.grid_ms / 1000,
+    source = replace(
+        source,
+        file_format=SOURCE_FORMAT,
+        part=part if several else None,
+        columns=tuple(Column(axis.name, place, "slvMove", axis.unit) for place, axis in enumerate(axes, 1)),
+        notes=tuple(notes),
     )
+    points = np.frombuffer(slave_session.numbers, dtype=np.float64).reshape(-1, len(axes)).copy()
+    return Trajectory(kind, points, source, known.grid_ms / 1000)

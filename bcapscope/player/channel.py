@@ -33,6 +33,8 @@ _STREAM_READ_SIZE = 512
 """Bytes read from a stream at once, a few replies. A controller that was delayed sends a hundred replies
 together, and to read all of them takes longer than the time between two set points."""
 
+_CONNECT_TIMEOUT = 5.0  # seconds
+
 _CLOCK_TOLERANCE = 100_000
 """Difference, ns, by which two readings of the clocks may differ while nobody sets a clock: reading both
 takes time."""
@@ -64,14 +66,7 @@ class Channel(BaseLink, Protocol):
 
 
 class SocketChannel:
-    """A socket connected to its peer, so that the system drops datagrams from others.
-
-    Attributes:
-        datagrams: Whether this is UDP; else TCP.
-        local: Local address.
-        peer: Address of the peer.
-        arrival_time: Arrival time of the bytes received last.
-    """
+    """A socket connected to its peer, so that the system drops datagrams from others."""
 
     def __init__(self, sock: socket.socket) -> None:
         self.datagrams = sock.type == socket.SOCK_DGRAM
@@ -139,9 +134,8 @@ class SocketChannel:
         now = self.arrival_time = time.monotonic_ns()
         self._has_kernel_times = bool(control)
         if abs(time.time_ns() - now - self._epoch_offset) > _CLOCK_TOLERANCE:
-            self._epoch_offset = (
-                _measure_epoch_offset()
-            )  # somebody set the system's clock, or this thread was delayed just now
+            # Somebody set the system's clock, or this thread was delayed just now.
+            self._epoch_offset = _measure_epoch_offset()
         elif control:
             self.arrival_time = min(now, kernel_timestamp(control, 0) - self._epoch_offset)
 
@@ -151,22 +145,16 @@ def _measure_epoch_offset() -> int:
     return max(time.time_ns() - time.monotonic_ns() for _ in range(5))
 
 
-def open_channel(host: str, port: int, tcp: bool, timeout: float = 5.0, local_port: int = 0) -> SocketChannel:
-    """Open a channel to a controller.
-
-    Args:
-        host: Name or address of the controller.
-        port: Port of the controller.
-        tcp: TCP instead of UDP.
-        timeout: Seconds to wait for a connection.
-        local_port: Local UDP port; 0 for any.
+def open_channel(host: str, port: int, tcp: bool, local_port: int = 0) -> SocketChannel:
+    """Open a channel to a controller, from any local UDP port if `local_port` is 0.
 
     Raises:
         OSError: The host is unknown or unreachable, or its port is closed.
     """
-    sock = (
-        socket.create_connection((host, port), timeout) if tcp else _connect_datagrams(host, port, local_port)
-    )
+    if tcp:
+        sock = socket.create_connection((host, port), _CONNECT_TIMEOUT)
+    else:
+        sock = _connect_datagrams(host, port, local_port)
     try:
         return SocketChannel(sock)
     except OSError:  # the controller has already reset the connection

@@ -13,6 +13,7 @@ from bcapscope.player.preflight_problem import (
     PreflightContext,
     PreflightProblem,
     interval_ms,
+    problem_at,
     set_point_numbers,
 )
 from bcapscope.player.set_point_timing import find_gaps
@@ -36,15 +37,15 @@ _CORRECT = Message("preflight.advice.correct-file")
 
 def check_finite(context: PreflightContext) -> Iterator[PreflightProblem]:
     """Look for NaN, infinity and absurd numbers."""
-    points, count = set_point_numbers(~(np.abs(context.trajectory.points) <= LARGEST_NUMBER).all(axis=1))
-    if count:
-        fact = Message(
-            "preflight.not-finite",
-            points=Count(count, "set-point"),
-            total=len(context.trajectory),
-            limit=Measured(LARGEST_NUMBER),
-        )
-        yield PreflightProblem("not-finite", Severity.ERROR, fact, _CORRECT, points, count)
+    yield from problem_at(
+        ~(np.abs(context.trajectory.points) <= LARGEST_NUMBER).all(axis=1),
+        "not-finite",
+        Severity.ERROR,
+        "preflight.not-finite",
+        _CORRECT,
+        total=len(context.trajectory),
+        limit=Measured(LARGEST_NUMBER),
+    )
 
 
 def check_mode(context: PreflightContext) -> Iterator[PreflightProblem]:
@@ -95,11 +96,8 @@ def check_fig(context: PreflightContext) -> Iterator[PreflightProblem]:
         fact = Message("preflight.fig-changes", changes=Times(count), before=before, after=after)
         advice = Message("preflight.advice.parts")
         yield PreflightProblem("fig", Severity.WARNING, fact, advice, points, count)
-    points, count = set_point_numbers(values != np.round(values))
-    if count:
-        fact = Message("preflight.fig-not-whole", points=Count(count, "set-point"))
-        advice = Message("preflight.advice.fig-column")
-        yield PreflightProblem("fig", Severity.ERROR, fact, advice, points, count)
+    advice, uneven = Message("preflight.advice.fig-column"), values != np.round(values)
+    yield from problem_at(uneven, "fig", Severity.ERROR, "preflight.fig-not-whole", advice)
 
 
 def check_directions(context: PreflightContext) -> Iterator[PreflightProblem]:
@@ -110,11 +108,8 @@ def check_directions(context: PreflightContext) -> Iterator[PreflightProblem]:
     wrong = np.abs(np.linalg.norm(orientation, axis=1) - 1) > _UNIT
     wrong |= np.abs(np.linalg.norm(approach, axis=1) - 1) > _UNIT
     wrong |= np.abs((orientation * approach).sum(axis=1)) > _UNIT
-    points, count = set_point_numbers(wrong)
-    if count:
-        fact = Message("preflight.directions", points=Count(count, "set-point"))
-        advice = Message("preflight.advice.columns")
-        yield PreflightProblem("directions", Severity.ERROR, fact, advice, points, count)
+    advice = Message("preflight.advice.columns")
+    yield from problem_at(wrong, "directions", Severity.ERROR, "preflight.directions", advice)
 
 
 def check_cycle(context: PreflightContext) -> Iterator[PreflightProblem]:
@@ -160,10 +155,10 @@ def _check_period(found: float, wanted: float) -> Iterator[PreflightProblem]:
 
 def _check_times(context: PreflightContext, times: Array) -> Iterator[PreflightProblem]:
     steps = np.diff(times)
-    points, count = set_point_numbers(~(steps > 0), 2)
-    if count:
-        fact = Message("preflight.time-order", points=Count(count, "set-point"))
-        yield PreflightProblem("time-order", Severity.ERROR, fact, _CORRECT, points, count)
+    back = ~(steps > 0)
+    if back.any():
+        id = "preflight.time-order"
+        yield from problem_at(back, "time-order", Severity.ERROR, id, _CORRECT, first=2)
         return
     usual = float(np.median(steps))
     points, count = set_point_numbers(find_gaps(times), 2)

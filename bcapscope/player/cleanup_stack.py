@@ -47,7 +47,6 @@ class CleanupStack:
             raise
 
     def push(self, *tasks: CleanupTask) -> None:
-        """Add tasks, oldest first."""
         self._tasks += tasks
         self._report_tasks()
 

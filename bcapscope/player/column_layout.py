@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import pairwise
+from itertools import pairwise, takewhile
 
 from bcapscope.errors import InputError
 from bcapscope.messages import Message
@@ -54,14 +54,12 @@ class ReadOptions:
 
 @dataclass(frozen=True, slots=True)
 class ColumnLayout:
-    """The columns that make a trajectory.
+    """The columns that make a trajectory; one clause per note on what was chosen or assumed.
 
     Attributes:
-        kind: Pose type.
         columns: One element per axis, in order.
         time: Column of the times; None if there is none.
         counter: Column that counts records or time; None if there is none.
-        notes: What was chosen or assumed, one clause each.
     """
 
     kind: PoseType
@@ -72,11 +70,7 @@ class ColumnLayout:
 
 
 def parse_columns(text: str) -> dict[str, int]:
-    """Parse a description such as `time=1,J1..J6=2..7`: the column of each axis, from 1.
-
-    Raises:
-        InputError: The description is invalid.
-    """
+    """Parse a description such as `time=1,J1..J6=2..7`: the column of each axis, from 1."""
     columns: dict[str, int] = {}
     for part in text.split(","):
         for name, place in _column_pairs(part):
@@ -87,67 +81,56 @@ def parse_columns(text: str) -> dict[str, int]:
 
 
 def _column_pairs(part: str) -> Iterator[tuple[str, int]]:
-    found = _PAIR.fullmatch(part)
+    found, text = _PAIR.fullmatch(part), repr(part.strip())
     if not found:
-        raise InputError(Message("columns.invalid", text=f"{part.strip()!r}"))
+        raise InputError(Message("columns.invalid", text=text))
     first, last = found[1].casefold(), (found[2] or found[1]).casefold()
     order = list(_NAMES)
     if first not in order or last not in order:
-        raise InputError(
-            Message("columns.no-name", text=f"{part.strip()!r}", names=", ".join(_NAMES.values()))
-        )
+        raise InputError(Message("columns.no-name", text=text, names=", ".join(_NAMES.values())))
     names = order[order.index(first) : order.index(last) + 1]
     if not names:
-        raise InputError(Message("columns.order", text=f"{part.strip()!r}", last=found[2], first=found[1]))
+        raise InputError(Message("columns.order", text=text, last=found[2], first=found[1]))
     begin, end = int(found[3]), int(found[4] or found[3])
     if not 0 < begin <= end:
-        raise InputError(Message("columns.from-one", text=f"{part.strip()!r}"))
-    if end - begin + 1 != len(names):
-        raise InputError(
-            Message("columns.count", text=f"{part.strip()!r}", names=len(names), columns=end - begin + 1)
-        )
+        raise InputError(Message("columns.from-one", text=text))
+    count = end - begin + 1
+    if count != len(names):
+        raise InputError(Message("columns.count", text=text, names=len(names), columns=count))
     yield from zip((_NAMES[name] for name in names), range(begin, end + 1), strict=True)
 
 
 def layout_of_titles(titles: Sequence[str], options: ReadOptions) -> ColumnLayout | None:
     """Find the columns by their titles; None if no pose is complete.
 
-    Raises:
-        TrajectoryError: Columns that the user named do not exist.
+    Columns that the user named but that do not exist raise TrajectoryError.
     """
     if options.columns:
         return _layout_as_given(options, titles, len(titles))
     read = [read_title(title) for title in titles]
     for role in ColumnRole:
         found = {kind: _axis_columns(kind, role, read) for kind in _PREFERENCE}
-        whole = [kind for kind, places in found.items() if places and options.kind in (None, kind)]
-        if whole:
-            kind, places = whole[0], found[whole[0]]
-            others = [other for other, seen in found.items() if seen and other is not kind]
+        whole = [kind for kind, places in found.items() if places]
+        fitting = [kind for kind in whole if options.kind in (None, kind)]
+        if fitting:
+            kind = fitting[0]
+            others = [other for other in whole if other is not kind]
+            axes = AXES[kind][: len(found[kind])]
             return ColumnLayout(
                 kind=kind,
                 columns=tuple(
                     _column(axis, place, titles[place], read[place], options)
-                    for axis, place in zip(AXES[kind], places, strict=False)
+                    for axis, place in zip(axes, found[kind], strict=True)
                 ),
-                time=_extra_column(TIME, titles, read, options),
-                counter=_extra_column(COUNTER, titles, read, options)
-                or _extra_column(NUMBER, titles, read, options),
-                notes=(
-                    *_role_notes(role, read),
-                    *_kind_notes(kind, others),
-                    *_duplicate_notes(AXES[kind][: len(places)], role, read),
-                ),
+                time=_extra_column(TIME, titles, read),
+                counter=_extra_column(COUNTER, titles, read) or _extra_column(NUMBER, titles, read),
+                notes=tuple(_layout_notes(kind, others, axes, role, read)),
             )
     return None
 
 
 def layout_of_numbers(rows: Sequence[Sequence[float]], options: ReadOptions) -> ColumnLayout:
-    """Guess what numbers without titles mean.
-
-    Args:
-        rows: The first lines, at least one.
-        options: What the user says about the file.
+    """Guess what numbers without titles mean; `rows` are the first lines, at least one.
 
     Raises:
         TrajectoryError: The numbers may mean several things, or nothing.
@@ -158,18 +141,15 @@ def layout_of_numbers(rows: Sequence[Sequence[float]], options: ReadOptions) -> 
     advice = Message("trajectory.advice.columns")
     kind = options.kind or (PoseType.J if 6 <= count <= 8 else None)
     if kind is None or not max(MIN_COLUMNS[kind], 6) <= count <= len(AXES[kind]):
-        size = (
-            Message("trajectory.numbers-a-line", count=len(AXES[kind]))
-            if kind
-            else Message("trajectory.six-to-eight")
-        )
+        size = Message("trajectory.six-to-eight")
+        if kind:
+            size = Message("trajectory.numbers-a-line", count=len(AXES[kind]))
         raise TrajectoryError(Message("trajectory.untitled-width", count=count, size=size, advice=advice), 1)
-    if options.kind is None:
-        doubt = _ambiguity(rows)
-        if doubt:
-            raise TrajectoryError(
-                Message("trajectory.untitled-doubt", count=count, doubt=doubt, advice=advice), 1
-            )
+    doubt = _ambiguity(rows) if options.kind is None else None
+    if doubt:
+        raise TrajectoryError(
+            Message("trajectory.untitled-doubt", count=count, doubt=doubt, advice=advice), 1
+        )
     columns = tuple(
         Column(axis.name, place, "", *_column_unit(axis, None, options))
         for place, axis in enumerate(AXES[kind][:count], 1)
@@ -199,11 +179,7 @@ def _axis_columns(kind: PoseType, role: ColumnRole, read: Sequence[ColumnTitle |
     for place, title in enumerate(read):
         if title and title.role is role:
             by_name.setdefault(title.axis, place)
-    places: list[int] = []
-    for axis in AXES[kind]:
-        if axis.name not in by_name:
-            break
-        places.append(by_name[axis.name])
+    places = [by_name[axis.name] for axis in takewhile(lambda axis: axis.name in by_name, AXES[kind])]
     complete = kind is not PoseType.J or len(places) == sum(name[0] == "J" for name in by_name)
     return places if len(places) >= MIN_COLUMNS[kind] and complete else []
 
@@ -222,38 +198,30 @@ def _column_unit(axis: Axis, stated: Unit | None, options: ReadOptions) -> tuple
     return unit.name, unit.factor
 
 
-def _extra_column(
-    name: str, titles: Sequence[str], read: Sequence[ColumnTitle | None], options: ReadOptions
-) -> Column | None:
+def _extra_column(name: str, titles: Sequence[str], read: Sequence[ColumnTitle | None]) -> Column | None:
     for place, title in enumerate(read):
         if title and title.axis == name and title.role is not ColumnRole.MEASURED:
-            unit = (title.unit or UNITS["s"]) if name == TIME else None
-            return Column(name, place + 1, titles[place], *((unit.name, unit.factor) if unit else ("", 1.0)))
+            unit = title.unit or UNITS["s"]
+            scale = (unit.name, unit.factor) if name == TIME else ()
+            return Column(name, place + 1, titles[place], *scale)
     return None
 
 
 def _layout_as_given(options: ReadOptions, titles: Sequence[str], count: int) -> ColumnLayout:
     missing = [f"{name}={place}" for name, place in options.columns.items() if place > count]
     if missing:
-        raise TrajectoryError(
-            Message("trajectory.missing-columns", count=count, missing=", ".join(missing)), 1
-        )
-    kinds = [
-        kind
-        for kind in _PREFERENCE
-        if options.kind in (None, kind) and _named_axis_count(kind, options.columns)
-    ]
-    if not kinds:
+        reason = Message("trajectory.missing-columns", count=count, missing=", ".join(missing))
+        raise TrajectoryError(reason, 1)
+    wanted = [kind for kind in _PREFERENCE if options.kind in (None, kind)]
+    kind = next((kind for kind in wanted if _named_axis_count(kind, options.columns)), None)
+    if kind is None:
         raise TrajectoryError(Message("trajectory.columns-no-pose"), 1)
-    axes = AXES[kinds[0]][: _named_axis_count(kinds[0], options.columns)]
+    axes = AXES[kind][: _named_axis_count(kind, options.columns)]
+    first, last = axes[0].name, axes[-1].name
     spare = [name for name in options.columns if name not in (TIME, COUNTER, *(axis.name for axis in axes))]
     if spare:
-        raise TrajectoryError(
-            Message(
-                "trajectory.spare-columns", spare=", ".join(spare), first=axes[0].name, last=axes[-1].name
-            ),
-            1,
-        )
+        reason = Message("trajectory.spare-columns", spare=", ".join(spare), first=first, last=last)
+        raise TrajectoryError(reason, 1)
 
     def column(axis: Axis) -> Column:
         place = options.columns[axis.name] - 1
@@ -265,34 +233,29 @@ def _layout_as_given(options: ReadOptions, titles: Sequence[str], count: int) ->
         title = titles[place - 1] if titles and place else ""
         return Column(name, place, title, unit) if place else None
 
-    return ColumnLayout(kinds[0], tuple(map(column, axes)), other(TIME, "s"), other(COUNTER, ""))
+    return ColumnLayout(kind, tuple(map(column, axes)), other(TIME, "s"), other(COUNTER, ""))
 
 
 def _named_axis_count(kind: PoseType, columns: Mapping[str, int]) -> int:
     """Return how many axes of a type the user named without a gap; 0 if those are too few."""
-    count = next(
-        (place for place, axis in enumerate(AXES[kind]) if axis.name not in columns), len(AXES[kind])
-    )
+    count = len(list(takewhile(lambda axis: axis.name in columns, AXES[kind])))
     return count if count >= MIN_COLUMNS[kind] else 0
 
 
-def _role_notes(role: ColumnRole, read: Sequence[ColumnTitle | None]) -> Iterator[Message]:
-    marked = any(title and title.role is ColumnRole.COMMANDED for title in read)
+def _layout_notes(
+    kind: PoseType,
+    others: Sequence[PoseType],
+    axes: Sequence[Axis],
+    role: ColumnRole,
+    read: Sequence[ColumnTitle | None],
+) -> Iterator[Message]:
+    """Yield what was chosen: among roles, among pose types, and among columns of one axis the first."""
     if role is ColumnRole.MEASURED:
         yield Message("trajectory.note.measured")
-    elif role is ColumnRole.UNMARKED and marked:
+    elif role is ColumnRole.UNMARKED and any(title and title.role is ColumnRole.COMMANDED for title in read):
         yield Message("trajectory.note.unmarked")
-
-
-def _kind_notes(kind: PoseType, others: Sequence[PoseType]) -> Iterator[Message]:
     if others:
         yield Message("trajectory.note.kind", kind=str(kind), others=" and ".join(others))
-
-
-def _duplicate_notes(
-    axes: Sequence[Axis], role: ColumnRole, read: Sequence[ColumnTitle | None]
-) -> Iterator[Message]:
-    """Yield a note for each axis that several columns name; the first of them is used."""
     for axis in axes:
         places = [
             str(place)
@@ -304,7 +267,6 @@ def _duplicate_notes(
 
 
 def list_titles(titles: Sequence[str]) -> Message:
-    """Return the first few titles."""
     named = ", ".join(" ".join(title[:40].split()) for title in titles[:_MAX_NAMED])
     more = len(titles) - _MAX_NAMED
     return Message("list.and-more", items=named, more=more) if more > 0 else Message.from_table("text", named)

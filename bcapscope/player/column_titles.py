@@ -25,13 +25,7 @@ class ColumnRole(StrEnum):
 
 
 class Unit(NamedTuple):
-    """A unit that a file may use.
-
-    Attributes:
-        name: Name to show.
-        kind: `angle`, `length` or `time`.
-        factor: Factor that converts to degrees, mm or seconds.
-    """
+    """A unit of an `angle`, a `length` or a `time`; the factor converts to degrees, mm or seconds."""
 
     name: str
     kind: str
@@ -57,13 +51,7 @@ TIME, COUNTER, NUMBER = "time", "counter", "number"
 
 
 class ColumnTitle(NamedTuple):
-    """What a title says.
-
-    Attributes:
-        axis: Name as in a pose, or `TIME`, `COUNTER` or `NUMBER`.
-        role: Role of the numbers.
-        unit: Unit; None if the title has none.
-    """
+    """What a title says: the axis as in a pose, or `TIME`, `COUNTER` or `NUMBER`; its role, and any unit."""
 
     axis: str
     role: ColumnRole
@@ -72,29 +60,17 @@ class ColumnTitle(NamedTuple):
 
 _AXIS = {axis.name.casefold(): axis.name for kind in AXES.values() for axis in kind}
 _JOINT = re.compile(r"(?:j|joint|axis|軸|関節)([1-8])")
+_COMMANDED = (
+    *("指令値", "指令", "command", "commanded", "cmd"),
+    *("reference", "ref", "target", "setpoint", "desired"),
+)
+_MEASURED = ("エンコーダ値", "エンコーダ", "encoder", "actual", "measured", "returned", "feedback", "現在値")
 _ROLES = {
-    **dict.fromkeys(
-        (
-            "指令値",
-            "指令",
-            "command",
-            "commanded",
-            "cmd",
-            "reference",
-            "ref",
-            "target",
-            "setpoint",
-            "desired",
-        ),
-        ColumnRole.COMMANDED,
-    ),
-    **dict.fromkeys(
-        ("エンコーダ値", "エンコーダ", "encoder", "actual", "measured", "returned", "feedback", "現在値"),
-        ColumnRole.MEASURED,
-    ),
+    **dict.fromkeys(_COMMANDED, ColumnRole.COMMANDED),
+    **dict.fromkeys(_MEASURED, ColumnRole.MEASURED),
 }
 _UNIT_WORDS = {
-    **{name: unit for name, unit in UNITS.items()},
+    **UNITS,
     **dict.fromkeys(("degree", "degrees", "度", "°"), UNITS["deg"]),
     **dict.fromkeys(("radian", "radians"), UNITS["rad"]),
     **dict.fromkeys(("sec", "second", "seconds", "秒"), UNITS["s"]),

@@ -8,7 +8,9 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from pathlib import Path
 from typing import BinaryIO
 
 from bcapscope.client.controller_target import ControllerTarget
@@ -39,16 +41,30 @@ LOG_COLUMN_TITLES = tuple(f"[J{axis} - {what}]" for axis in range(1, 9) for what
 """The 39 columns: set point, encoder, current and load of each axis, then what the program adds."""
 
 
+@contextmanager
+def open_new_file(path: str | None) -> Iterator[BinaryIO | None]:
+    """Open a new file for the length of a block; delete it afterwards if nothing was written to it.
+
+    Without a path, there is no file. A file that exists or cannot be written raises OSError.
+    """
+    if path is None:
+        yield None
+        return
+    file = open(path, "xb")  # noqa: SIM115 - closing it may fail, which must not end the block
+    try:
+        yield file
+    finally:
+        is_empty = not file.tell()
+        with suppress(OSError):  # the writer has flushed, and knows of any error
+            file.close()
+        if is_empty:
+            Path(path).unlink(missing_ok=True)
+
+
 async def read_log_records(
     session: Session, target: ControllerTarget, robot_name: str, check_abort: Callable[[], None]
 ) -> list[Value]:
-    """Read the log records in a session with no open objects, and close the session.
-
-    `check_abort` is called before each record; an exception that it raises ends the reading.
-
-    Raises:
-        BcapError: As for `Session.call`.
-    """
+    """Read the log records, as `read_control_log`, in a session with no open objects, and close it."""
     records: list[Value] = []
     try:
         opener = ObjectOpener(session, target, {ObjectClass.ROBOT: robot_name})
@@ -84,11 +100,7 @@ def _csv_cell(value: object) -> object:
 
 
 def write_control_log(file: BinaryIO, records: Sequence[Value]) -> None:
-    """Write one line per record, in UTF-8.
-
-    Raises:
-        OSError: The file cannot be written, for example because the disk is full.
-    """
+    """Write one line per record, in UTF-8."""
     text = io.StringIO(newline="")
     rows = csv.writer(text, lineterminator="\n")
     rows.writerow(LOG_COLUMN_TITLES)

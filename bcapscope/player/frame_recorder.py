@@ -27,11 +27,7 @@ _FRAMES_PER_WRITE = 1000
 def open_recording(path: str | None) -> Iterator[RotatingRecording | None]:
     """Create a recording for the length of a block; delete it afterwards if it holds no packet.
 
-    Args:
-        path: Path of the file; None for no recording.
-
-    Raises:
-        OSError: The file exists already or cannot be written.
+    Without a path, there is no recording. A file that exists or cannot be written raises OSError.
     """
     if path is None:
         yield None
@@ -45,11 +41,9 @@ def open_recording(path: str | None) -> Iterator[RotatingRecording | None]:
 
 
 class FrameRecorder:
-    """Receives every frame.
+    """Receives every frame and keeps the last one of each direction.
 
     Attributes:
-        last_sent: The last frame sent.
-        last_received: The last frame received.
         is_pacing: Whether set points are being sent; then frames are only kept.
     """
 
@@ -75,11 +69,7 @@ class FrameRecorder:
             self._send(FrameMessage(sent, raw, now + self._epoch_offset))
 
     def save_capture(self, link: Channel) -> None:
-        """Write the recording, if there is one.
-
-        Raises:
-            OSError: The file cannot be written, for example because the disk is full.
-        """
+        """Write the recording, if there is one."""
         if self._recording is None:
             return
         packets = self._recording.recording

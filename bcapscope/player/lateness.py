@@ -29,7 +29,7 @@ class Spread(msgspec.Struct, frozen=True):
 
 
 class Lateness:
-    """Records the lateness of each set point."""
+    """Records the lateness of each set point, ns."""
 
     def __init__(self, capacity: int) -> None:
         """Allocate room for `capacity` values; of later values only bins and the maximum are kept."""

@@ -17,11 +17,7 @@ PROGRESS_INTERVAL = 50_000_000
 
 
 class PlayMonitor:
-    """Polls for orders and reports progress; each call returns quickly.
-
-    Attributes:
-        pacer: The pacer whose progress is reported.
-    """
+    """Polls for orders and reports the progress of `pacer`; each call returns quickly."""
 
     pacer: Pacer
 
@@ -35,11 +31,7 @@ class PlayMonitor:
         self._next_report = 0
 
     def on_idle(self, now: int) -> None:
-        """Poll for an order, and report progress when the next report is due.
-
-        Raises:
-            HaltedError: The order is to halt.
-        """
+        """Poll for an order, and report progress when that is due; an order to halt raises HaltedError."""
         order = self._pipe.poll_order()
         if order is Order.HALT:
             raise HaltedError
@@ -50,15 +42,14 @@ class PlayMonitor:
             self._pipe.try_send(self.progress(now))
 
     def progress(self, now: int) -> PlayProgress:
-        """Return the progress at the time `now` (ns)."""
-        pacer, course = self.pacer, self._sequence
-        left = max(0, course.total - course.index) * self._period / 1e9 if course.total else None
+        pacer, sequence = self.pacer, self._sequence
+        left = max(0, sequence.total - sequence.index) * self._period / 1e9 if sequence.total else None
         return PlayProgress(
-            PlayState.STOPPING if course.is_stopping else PlayState.PLAYING,
-            course.index,
-            course.total,
+            PlayState.STOPPING if sequence.is_stopping else PlayState.PLAYING,
+            sequence.index,
+            sequence.total,
             0.0 if pacer.started_at is None else (now - pacer.started_at) / 1e9,
-            None if course.is_stopping else left,
+            None if sequence.is_stopping else left,
             pacer.lateness.estimated_spread(),
             pacer.counts,
             pacer.commanded,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -10,11 +10,15 @@ from numpy.typing import NDArray
 
 from bcapscope.analysis.finding import Severity
 from bcapscope.messages import Message
-from bcapscope.messages.message import PlaceValue
 from bcapscope.messages.places import Count, Enumeration, Measured
 from bcapscope.player.arm_limits import MAX_ARM_SPEED
 from bcapscope.player.checks import RESAMPLE_ADVICE
-from bcapscope.player.preflight_problem import PreflightContext, PreflightProblem, set_point_numbers
+from bcapscope.player.preflight_problem import (
+    PreflightContext,
+    PreflightProblem,
+    problem_at,
+    set_point_numbers,
+)
 from bcapscope.player.smooth_curve import (
     FIG_COLUMN,
     Array,
@@ -37,18 +41,13 @@ _SLOW, _CRAWL = 0.1, 1.0  # below this share of the top speed, or these units a 
 
 
 class AxisFigures(NamedTuple):
-    """The motion of one axis in figures.
+    """The motion of one axis in figures, in its unit and seconds; the limit is infinite if unknown.
 
     Attributes:
-        axis: Name and unit.
-        low: Smallest value.
-        high: Largest value.
         step: Largest step from one set point to the next.
-        speed: Largest speed, units a second.
-        acceleration: Largest acceleration, units a second squared. The robot counts as at rest before the
-            first and after the last point.
+        acceleration: Largest acceleration. The robot counts as at rest before the first and after the last
+            point.
         fastest: Number of the set point at the end of the fastest step, from 1.
-        limit: Limits of the axis; infinite if unknown.
     """
 
     axis: Axis
@@ -74,7 +73,6 @@ def axis_figures(context: PreflightContext) -> tuple[AxisFigures, ...]:
 
 
 def check_limits(context: PreflightContext) -> Iterator[PreflightProblem]:
-    """Compare positions, speeds and accelerations with the limits of each axis."""
     for motion in _padded_motions(context):
         points, count = set_point_numbers(np.isnan(motion.rows[1 : len(context.trajectory) + 1]).any(axis=1))
         if count:
@@ -91,7 +89,6 @@ def check_limits(context: PreflightContext) -> Iterator[PreflightProblem]:
 
 
 def check_rest(context: PreflightContext) -> Iterator[PreflightProblem]:
-    """Warn if the trajectory starts or ends at speed."""
     motion = _own_motion(context)
     speeds = np.abs(motion.speeds)
     if not len(speeds) or context.step is None:
@@ -110,17 +107,13 @@ def check_rest(context: PreflightContext) -> Iterator[PreflightProblem]:
 
 
 def check_first_point(context: PreflightContext) -> Iterator[PreflightProblem]:
-    """Compare the first point with the robot's current pose."""
     away = first_point_offsets(context)
     if away is None or context.current_pose is None:
         return
     kind, axes, first = context.trajectory.kind, context.trajectory.axes, context.trajectory.points[0]
     far = [place for place, axis in enumerate(axes) if axis.unit and abs(away[place]) > POSITION_TOLERANCE]
     named = [_offset(axes[place], away[place]) for place in far]
-    width = min(len(context.current_pose), len(axes))
-    turned = float(
-        direction_turns(kind, np.vstack((np.asarray(context.current_pose[:width]), first[:width])))[0]
-    )
+    turned = float(direction_turns(kind, _here_and_first(context.current_pose, context))[0])
     if turned > POSITION_TOLERANCE:
         named.append(_offset(_DIRECTIONS, turned))
     if named:
@@ -140,17 +133,19 @@ def first_point_offsets(context: PreflightContext) -> tuple[float, ...] | None:
     """
     if context.current_pose is None:
         return None
-    width = min(len(context.current_pose), len(context.trajectory.axes))
-    first = context.trajectory.points[0, :width]
-    both = unwrap_rotations(
-        context.trajectory.kind, np.vstack((np.asarray(context.current_pose[:width]), first))
-    )
-    missing = (0.0,) * (len(context.trajectory.axes) - width)
+    both = unwrap_rotations(context.trajectory.kind, _here_and_first(context.current_pose, context))
+    missing = (0.0,) * (len(context.trajectory.axes) - both.shape[1])
     return (*(both[1] - both[0]).tolist(), *missing)
 
 
+def _here_and_first(here: Sequence[float], context: PreflightContext) -> Array:
+    """Return the robot's pose and the first point as two rows, with the axes that both have."""
+    first = context.trajectory.points[0]
+    width = min(len(here), len(first))
+    return np.vstack((np.asarray(here[:width]), first[:width]))
+
+
 def check_join(context: PreflightContext) -> Iterator[PreflightProblem]:
-    """In a loop, compare the last point with the first."""
     if not context.loop or len(context.trajectory) < 2 or context.step is None:
         return
     motion = _own_motion(context)
@@ -165,14 +160,12 @@ def check_join(context: PreflightContext) -> Iterator[PreflightProblem]:
 
 
 def check_movement(context: PreflightContext) -> Iterator[PreflightProblem]:
-    """Note if nothing moves."""
     if not np.ptp(context.trajectory.points, axis=0).any():
         fact = Message("preflight.still", points=Count(len(context.trajectory), "set-point"))
         yield PreflightProblem("still", Severity.NOTE, fact)
 
 
 def _own_motion(context: PreflightContext) -> TrajectoryMotion:
-    """Return the motion of the trajectory's own axes."""
     return next(_motions_through(context, context.trajectory.points))
 
 
@@ -210,11 +203,12 @@ def _check_axis_limits(
     limit, unit = context.limits.limit_for(axis.name, axis.unit), axis.unit
     values = motion.rows[1 : count + 1, place]
     outside = (values < limit.low) | (values > limit.high)
-    yield from _limit_problem(
-        "range",
+    yield from problem_at(
         outside,
-        _POSITIONS,
+        "range",
+        Severity.ERROR,
         "preflight.range",
+        _POSITIONS,
         axis=axis.name,
         low=Measured(float(values.min())),
         high=Measured(float(values.max()), unit),
@@ -225,21 +219,23 @@ def _check_axis_limits(
         return
     speeds = np.abs(motion.speeds[:, place])
     is_known = limit.speed != MAX_ARM_SPEED.get(unit)
-    yield from _limit_problem(
-        "speed",
+    yield from problem_at(
         _mark_set_points(speeds > limit.speed * _SLACK, count),
-        _SLOWER,
+        "speed",
+        Severity.ERROR,
         "preflight.speed" if is_known else "preflight.speed.any-arm",
+        _SLOWER,
         axis=axis.name,
         speed=Measured(float(speeds.max()), f"{unit}/s", 4),
         limit=Measured(limit.speed),
     )
     accelerations = np.abs(motion.accelerations[:, place])
-    yield from _limit_problem(
-        "acceleration",
+    yield from problem_at(
         _mark_set_points(accelerations > limit.acceleration * _SLACK, count),
-        Message("preflight.advice.slower-or-resample"),
+        "acceleration",
+        Severity.ERROR,
         "preflight.acceleration",
+        Message("preflight.advice.slower-or-resample"),
         axis=axis.name,
         acceleration=Measured(float(accelerations.max()), f"{unit}/s²", 4),
         limit=Measured(limit.acceleration),
@@ -253,11 +249,12 @@ def _check_turning(context: PreflightContext) -> Iterator[PreflightProblem]:
     points, most = context.trajectory.points, MAX_ARM_SPEED[_DIRECTIONS.unit]
     after = points[:1] if context.loop else points[-1:]
     speeds = direction_turns(context.trajectory.kind, np.vstack((points[:1], points, after))) / context.step
-    yield from _limit_problem(
-        "speed",
+    yield from problem_at(
         _mark_set_points(speeds > most, len(points)),
-        _SLOWER,
+        "speed",
+        Severity.ERROR,
         "preflight.speed.any-arm",
+        _SLOWER,
         axis=_DIRECTIONS.name,
         speed=Measured(float(speeds.max()), f"{_DIRECTIONS.unit}/s", 4),
     )
@@ -269,15 +266,6 @@ def _mark_set_points(where: NDArray[np.bool_], count: int) -> NDArray[np.bool_]:
     rest = where[count : 2 * count]
     at[: len(rest)] |= rest
     return at
-
-
-def _limit_problem(
-    check: str, where: NDArray[np.bool_], advice: Message, id: str, **places: PlaceValue
-) -> Iterator[PreflightProblem]:
-    points, count = set_point_numbers(where)
-    if count:
-        fact = Message(id, **places, points=Count(count, "set-point"))
-        yield PreflightProblem(check, Severity.ERROR, fact, advice, points, count)
 
 
 def _offset(axis: Axis, offset: float) -> Message:

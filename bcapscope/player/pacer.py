@@ -82,15 +82,7 @@ class HaltedError(Exception):
 
 
 class SlvMoveCall(NamedTuple):
-    """How to call slvMove.
-
-    Attributes:
-        robot: Handle of the robot.
-        real_type: Element type of the set point: VT_R8, or VT_R4 on RC7.
-        mode: The slave mode.
-        retry_policy: Time-out and number of retries.
-        period: Time between set points, ns.
-    """
+    """How to call slvMove: handle of the robot, VT_R8 (VT_R4 on RC7), mode, retries, and period in ns."""
 
     robot: int
     real_type: VT
@@ -99,7 +91,6 @@ class SlvMoveCall(NamedTuple):
     period: int
 
     def arguments(self, point: SetPointValues) -> tuple[Variant, ...]:
-        """Return the arguments of Robot_Execute for one set point."""
         return Variant(VT.I4, self.robot), Variant(VT.BSTR, "slvMove"), Variant.array(self.real_type, point)
 
 
@@ -123,8 +114,6 @@ class Pacer:
         lateness: Time from the deadline of each set point to its sending.
         cycle: Time from one set point to the next.
         started_at: Time of the first set point, ns; None before it.
-        commanded: The last set point.
-        last_reply: The last reply to a set point.
     """
 
     def __init__(
@@ -200,18 +189,18 @@ class Pacer:
 
     def _record_reply_time(self, settled: RequesterOutcome, sent: int) -> None:
         """Note how long the reply took, without the player's own lateness as far as it is known."""
-        exchanger = self._caller
-        self._overslept = exchanger.overslept
-        self._reply_took = exchanger.link.now() - sent - self._overslept
-        self._is_behind = isinstance(settled, CallTimedOut) or bool(exchanger.late_replies)
+        caller = self._caller
+        self._overslept = caller.overslept
+        self._reply_took = caller.link.now() - sent - self._overslept
+        self._is_behind = isinstance(settled, CallTimedOut) or bool(caller.late_replies)
         if not isinstance(settled, CallTimedOut):
-            self._reply_took = min(self._reply_took, exchanger.link.arrival_time - sent)
+            self._reply_took = min(self._reply_took, caller.link.arrival_time - sent)
 
     def _send_point(self, arguments: tuple[Variant, ...], due: int) -> int:
-        exchanger = self._caller
-        exchanger.begin_call(_ROBOT_EXECUTE, arguments, self._move.retry_policy, due)
+        caller = self._caller
+        caller.begin_call(_ROBOT_EXECUTE, arguments, self._move.retry_policy, due)
         self._wait_until(due)
-        sent = exchanger.send_due()
+        sent = caller.send_due()
         self.lateness.add(sent - due)
         if self.started_at is None:
             self.started_at = sent
@@ -236,18 +225,18 @@ class Pacer:
 
     def _await_reply(self, due: int) -> RequesterOutcome:
         """Wait for the reply as long as the slave mode allows."""
-        exchanger, link = self._caller, self._caller.link
+        caller, link = self._caller, self._caller.link
         by_clock = self._move.mode.kind in _BY_CLOCK
         until = due + self._move.period - self._preparation
         if by_clock and not self._is_behind:
             self._sleep_until(until)
         while True:
             look = link.now() + PERIOD_NS
-            settled = exchanger.wait_for_outcome(min(look, until) if by_clock else look)
+            settled = caller.wait_for_outcome(min(look, until) if by_clock else look)
             if settled is not None:
                 return settled
             if by_clock and link.now() >= until:
-                return exchanger.abandon()
+                return caller.abandon()
             self._on_idle(link.now())
 
     def _sleep_until(self, until: int) -> None:
@@ -260,9 +249,8 @@ class Pacer:
     def _result_code(self, settled: RequesterOutcome) -> int | None:
         """Count how a call ended; return its result, or None if no reply came in time.
 
-        Raises:
-            CallTimeout: The controller no longer answers.
-            ControllerError: A late reply shows that the controller refused an earlier set point.
+        Raises CallTimeout if the controller no longer answers, and ControllerError if a late reply shows
+        that it refused an earlier set point.
         """
         self._retries += len(settled.attempts) - 1
         self._count_late_replies()
@@ -291,17 +279,13 @@ class Pacer:
         return ControllerError(_NAME, code, hresult_name(code), meaning)
 
     def _await_late_reply(self, settled: CallTimedOut) -> Frame:
-        """Wait for a late reply and send nothing meanwhile.
-
-        Raises:
-            CallTimeout: No reply came in time.
-        """
-        exchanger, attempts = self._caller, settled.attempts
+        """Wait for a late reply and send nothing meanwhile; raise CallTimeout if none came in time."""
+        caller, attempts = self._caller, settled.attempts
         serials, give_up = [each.serial for each in attempts], attempts[0].sent + self._silence
         while (
-            found := exchanger.wait_for_late_reply(serials, min(give_up, exchanger.link.now() + PERIOD_NS))
+            found := caller.wait_for_late_reply(serials, min(give_up, caller.link.now() + PERIOD_NS))
         ) is None:
-            now = exchanger.link.now()
+            now = caller.link.now()
             if now >= give_up:
                 raise CallTimeout(_NAME, attempts)
             self._on_idle(now)

@@ -31,10 +31,10 @@ from bcapscope.player.motion_checks import POSITION_TOLERANCE
 from bcapscope.player.pacer import HaltedError, Pacer, SlvMoveCall
 from bcapscope.player.player_messages import (
     TYPE_NAME_FACT,
-    Aftermath,
     CleanupTask,
     ControllerInfo,
     Order,
+    PendingCleanup,
     PlayEnded,
     PlayerProblem,
     PlayerQuestion,
@@ -77,12 +77,7 @@ YES, NO, CLEAR, AGAIN = "yes", "no", "clear", "again"
 
 
 class PlayAbortedError(Exception):
-    """The user, or an unfit situation, ends the session.
-
-    Attributes:
-        outcome: How the session ended.
-        reason: Why; None if the user asked for it.
-    """
+    """The user, or an unfit situation, ends the session; `reason` is None if the user asked for it."""
 
     def __init__(self, outcome: PlayOutcome, reason: Message | None) -> None:
         super().__init__(outcome, reason)
@@ -91,25 +86,19 @@ class PlayAbortedError(Exception):
 
 
 class PlaySession:
-    """One session.
-
-    Attributes:
-        has_log: Whether the controller's log holds the motion of this session.
-    """
+    """One session; `has_log` says whether the controller's log holds its motion."""
 
     def __init__(self, plan: PlayPlan, channel: Channel, pipe: PlayerPipe, recorder: FrameRecorder) -> None:
-        """Prepare the session; nothing is sent yet."""
         self.has_log = False
         self._plan = plan
         self._channel = channel
         self._pipe = pipe
         self._recorder = recorder
         target = plan.target
-        serial = plan.aftermath.serial if plan.aftermath else 1
         self._caller = BlockingCaller(
-            channel, target.convention_for(channel.datagrams), recorder.on_frame, serial
+            channel, target.convention_for(channel.datagrams), recorder.on_frame, plan.first_serial
         )
-        self._caller.check_abort = self._check_order_if_playing
+        self._caller.check_abort = self._check_order
         self._session = Session(self._caller, target.retry_policies)
         names = {ObjectClass.ROBOT: plan.robot, ObjectClass.TASK: plan.task}
         self._robot = RobotAdapter(ObjectOpener(self._session, target, names), self._pause)
@@ -121,7 +110,6 @@ class PlaySession:
         self._was_off: dict[CleanupTask, bool] = {}
 
     async def run(self) -> PlayEnded:
-        """Carry out the plan; return how it ended."""
         outcome, reason = PlayOutcome.DONE, None
         self._cleanup.push()
         try:
@@ -137,11 +125,8 @@ class PlaySession:
         except CallTimeout as error:
             outcome, reason = PlayOutcome.UNANSWERED, error.message
         except OSError as error:
-            outcome, reason, self._cleanup.is_controller_gone = (
-                PlayOutcome.UNANSWERED,
-                os_reason(error),
-                True,
-            )
+            outcome, reason = PlayOutcome.UNANSWERED, os_reason(error)
+            self._cleanup.is_controller_gone = True
         except BcapError as error:
             outcome, reason = PlayOutcome.FAILED, error.message
         finally:
@@ -171,22 +156,18 @@ class PlaySession:
                 await self._offer_to_clear_errors(error)
 
     def _confirm_start(self) -> None:
-        """Ask the user to confirm the start, and to arm it if a real robot will move.
-
-        Raises:
-            PlayAbortedError: The user did not confirm.
-        """
-        if self._ask(QuestionTopic.BEGIN, Message("play.question.begin"), (NO, YES)) != YES:
+        """Ask the user to confirm the start, and to arm it if a real robot will move."""
+        if not self._confirm(QuestionTopic.BEGIN, Message("play.question.begin")):
             raise PlayAbortedError(PlayOutcome.DECLINED, Message("play.not-confirmed"))
         robot = self._robot
         if robot.is_simulator or self._plan.armed:
             return
         named = ", ".join(f"{name} {value}" for name, value in robot.facts.items())
         text = Message("play.question.arm", robot=named) if named else Message("play.question.arm-unknown")
-        if self._ask(QuestionTopic.ARM, text, (NO, YES)) != YES:
+        if not self._confirm(QuestionTopic.ARM, text):
             raise PlayAbortedError(PlayOutcome.UNARMED, Message("play.not-armed"))
 
-    async def _clean_up_after_crash(self, left: Aftermath) -> None:
+    async def _clean_up_after_crash(self, left: PendingCleanup) -> None:
         """Undo what a crashed player began, then report the errors that the controller shows."""
         self._robot.generation = Generation(left.generation)
         self._is_leaving = True
@@ -201,7 +182,6 @@ class PlaySession:
             self._pipe.send(PlayerProblem(Message("play.motion-not-ended"), errors))
 
     async def _play_once(self, mode: SlaveMode, trajectory: Trajectory) -> None:
-        """Prepare, play and clean up."""
         self._is_leaving = False
         try:
             await self._prepare(trajectory)
@@ -227,7 +207,7 @@ class PlaySession:
         if mode:
             raise PlayAbortedError(PlayOutcome.DECLINED, Message("play.already-slave", mode=f"0x{mode:03X}"))
         await self._switch_on(CleanupTask.ROBSLAVE, await robot.is_robslave_ready(), robot.start_robslave)
-        if robot.needs_take_arm:
+        if robot.generation is not Generation.RC7:  # which has no TakeArm
             await cleanup.run_and_push(CleanupTask.ARM, robot.take_arm)
         await self._switch_on(CleanupTask.MOTOR, await robot.is_motor_on(), robot.motor_on)
         await self._approach(trajectory.kind, trajectory.set_point(0))
@@ -257,7 +237,7 @@ class PlaySession:
                 text = Message(
                     "play.question.approach-fig", distance=distance, percent=percent, fig=fig, current=current
                 )
-            if self._ask(QuestionTopic.APPROACH, text, (NO, YES)) != YES:
+            if not self._confirm(QuestionTopic.APPROACH, text):
                 raise PlayAbortedError(PlayOutcome.DECLINED, Message("play.not-at-start"))
         self._report_state(PlayState.APPROACHING)
         self._cleanup.push(CleanupTask.MOTION)
@@ -322,9 +302,6 @@ class PlaySession:
         """Report the controller's errors and offer to clear them; return if the user wants to play again.
 
         An order instead of an answer counts as no. Then the error remains the reason for the end.
-
-        Raises:
-            ControllerError: The user does not play again.
         """
         latest = error
         while True:
@@ -350,22 +327,14 @@ class PlaySession:
         else:
             await self._session.close()
 
-    def _ask(self, topic: QuestionTopic, text: Message, choices: tuple[str, ...]) -> str:
-        """Ask the user; return the answer.
-
-        Raises:
-            PlayAbortedError: An order came instead of an answer.
-        """
-        answer = self._pipe.ask(PlayerQuestion(topic, text, choices))
+    def _confirm(self, topic: QuestionTopic, text: Message) -> bool:
+        """Ask the user; return whether the answer is yes. An order instead raises PlayAbortedError."""
+        answer = self._pipe.ask(PlayerQuestion(topic, text, (NO, YES)))
         self._check_order()
-        return answer
+        return answer == YES
 
     def _pause(self, length: int) -> None:
-        """Wait for `length` ns.
-
-        Raises:
-            PlayAbortedError: An order came.
-        """
+        """Wait for `length` ns; an order raises PlayAbortedError."""
         until = self._channel.now() + length
         while True:
             self._check_order()
@@ -374,13 +343,9 @@ class PlaySession:
                 return
             self._channel.wait_until(min(until, now + ABORT_CHECK_INTERVAL))
 
-    def _check_order_if_playing(self) -> None:
-        """Raise PlayAbortedError on an order unless the cleanup has begun."""
-        if not self._is_leaving:
-            self._check_order()
-
     def _check_order(self) -> None:
-        order = self._pipe.poll_order()
+        """Raise PlayAbortedError on an order unless the cleanup has begun."""
+        order = None if self._is_leaving else self._pipe.poll_order()
         if order is not None:
             outcome = PlayOutcome.HALTED if order is Order.HALT else PlayOutcome.STOPPED
             raise PlayAbortedError(outcome, self._pipe.reason)
@@ -413,11 +378,7 @@ def _refuse_unconfirmed_call() -> None:
 
 
 def _slave_mode_for(plan: PlayPlan, generation: Generation) -> SlaveMode:
-    """Return the slave mode to play in.
-
-    Raises:
-        PlayAbortedError: The controller has no such mode, or it takes another pose type.
-    """
+    """Return the slave mode to play in, or raise PlayAbortedError if it does not fit."""
     value = plan.mode if isinstance(plan.mode, int) else _MODES[plan.mode, generation] | _KINDS[plan.kind]
     mode = slave_mode_by_number(value, generation)
     if mode is None or mode.pose_type is None:

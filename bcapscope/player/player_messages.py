@@ -16,6 +16,7 @@ from bcapscope.client.controller_target import DEFAULT_ROBOT, ROBSLAVE, Controll
 from bcapscope.messages import Message
 from bcapscope.messages.message_codec import message_from_data, message_to_data
 from bcapscope.player.lateness import Spread
+from bcapscope.player.realtime import RealtimeReport
 from bcapscope.protocol.slave_mode.modes import (
     PERIOD_NS,
     Generation,
@@ -53,31 +54,27 @@ class CleanupTask(StrEnum):
     SLAVE_MODE = "slave mode"
 
 
-class Aftermath(msgspec.Struct, frozen=True):
-    """What a crashed player left undone.
+class PendingCleanup(msgspec.Struct, frozen=True, tag=True):
+    """What must be undone; sent before each step begins and whenever a cleanup task is done.
 
     Attributes:
-        debts: Cleanup tasks of the crashed player, oldest first.
+        debts: Cleanup tasks, oldest first.
         generation: Generation of the controller.
-        port: Local port of the crashed player. A controller knows a UDP client by its port, so the next
-            process continues the conversation from there.
-        serial: First serial to use, beyond any that the crashed player can have used.
+        port: Local port of the player. A controller knows a UDP client by its port, so a process that cleans
+            up continues the conversation from there.
     """
 
     debts: tuple[CleanupTask, ...]
     generation: str
     port: int
-    serial: int
 
 
 class PlayPlan(msgspec.Struct, frozen=True, kw_only=True):
     """What to play and where.
 
     Attributes:
-        target: The controller and how to reach it.
         robot: Name for Controller_GetRobot.
         task: Name of the program that RC7 needs for slave mode.
-        kind: Pose type of the set points.
         mode: Kind of slave mode, or the exact number for slvChangeMode.
         period: Time between set points, ns, where the controller's reply does not decide it.
         points: Set points; the robot rests at the first and the last. Missing axes keep their position.
@@ -90,8 +87,8 @@ class PlayPlan(msgspec.Struct, frozen=True, kw_only=True):
         look_only: Connect, report facts and end; nothing moves and nothing changes.
         log: Path of a new CSV file for the controller's own log; None for no log.
         record: Path of a new recording of all frames; None for none.
-        realtime: Whether to take real-time priority if the system grants it.
-        aftermath: Only undo what this holds, and play nothing; None to play.
+        aftermath: Only undo what this crashed player left, and play nothing; None to play.
+        first_serial: First serial to use, beyond any that a crashed player can have used.
     """
 
     target: ControllerTarget
@@ -110,7 +107,8 @@ class PlayPlan(msgspec.Struct, frozen=True, kw_only=True):
     log: str | None = None
     record: str | None = None
     realtime: bool = True
-    aftermath: Aftermath | None = None
+    aftermath: PendingCleanup | None = None
+    first_serial: int = 1
 
 
 class Order(StrEnum):
@@ -123,12 +121,7 @@ class Order(StrEnum):
 
 
 class PlayerCommand(msgspec.Struct, frozen=True):
-    """An order, or the answer to a question.
-
-    Attributes:
-        order: The order; None for an answer.
-        answer: Answer to the last question.
-    """
+    """An order, or the answer to the last question."""
 
     order: Order | None = None
     answer: str = ""
@@ -148,7 +141,6 @@ class PlayState(StrEnum):
 
     @property
     def message(self) -> Message:
-        """The state for people."""
         return Message(f"player.state.{self.name.lower()}")
 
 
@@ -158,7 +150,6 @@ class ControllerInfo(msgspec.Struct, frozen=True, tag=True):
     Attributes:
         simulator: Whether it is bcapscope's simulator; then no robot moves.
         generation: RC7, or RC8 for all later ones.
-        facts: What the controller reports about itself.
         mode: Slave mode that the player will use.
         pose: Current pose of the robot, in the pose type of the set points.
         distance: Distance to the first point: the largest difference of any axis, degrees or mm.
@@ -180,28 +171,6 @@ class ControllerInfo(msgspec.Struct, frozen=True, tag=True):
     def slave_mode(self) -> SlaveMode | None:
         """The slave mode that the player will use; None if the controller has none of this number."""
         return slave_mode_by_number(self.mode, Generation(self.generation))
-
-
-class PendingCleanup(msgspec.Struct, frozen=True, tag=True):
-    """What must be undone; sent before each step begins and whenever a cleanup task is done.
-
-    Attributes:
-        debts: Cleanup tasks, oldest first.
-        generation: Generation of the controller.
-        port: Local port of the player.
-    """
-
-    debts: tuple[CleanupTask, ...]
-    generation: str
-    port: int
-
-
-class RealtimeReport(msgspec.Struct, frozen=True, tag=True):
-    """What the system grants, as in `realtime.RealtimeGrant`."""
-
-    realtime: bool
-    locked: bool
-    text: Message
 
 
 class PlayCounts(msgspec.Struct, frozen=True):
@@ -230,13 +199,11 @@ class PlayProgress(msgspec.Struct, frozen=True, tag=True):
     """Progress, about twenty times a second; the player drops reports that nobody reads.
 
     Attributes:
-        state: What the player is doing.
         index: Set points of the trajectory sent so far, all rounds together.
         of: Total number of set points; 0 if there is no end.
         elapsed: Seconds since the first set point.
         left: Seconds until the last set point; None if there is no end.
         lateness: Time from the deadline of each set point to its sending, so far.
-        counts: Counts about the set points.
         commanded: The last set point.
         returned: The pose in the last reply.
         sent: The last frame sent.
@@ -259,13 +226,7 @@ class PlayProgress(msgspec.Struct, frozen=True, tag=True):
 
 
 class FrameMessage(msgspec.Struct, frozen=True, tag=True):
-    """A frame of a call that is no set point.
-
-    Attributes:
-        sent: Whether the player sent it; else the player received it.
-        raw: Bytes of the frame.
-        time: Time, ns since 1970.
-    """
+    """A frame of a call that is no set point; `sent` by the player or received, at `time`, ns since 1970."""
 
     sent: bool
     raw: bytes
@@ -284,13 +245,7 @@ class QuestionTopic(StrEnum):
 
 
 class PlayerQuestion(msgspec.Struct, frozen=True, tag=True):
-    """A decision for the user; the player waits for it.
-
-    Attributes:
-        topic: Subject of the question.
-        text: The question.
-        choices: Possible answers; the first one does nothing.
-    """
+    """A decision for the user, for which the player waits; the first choice does nothing."""
 
     topic: QuestionTopic
     text: Message
@@ -298,20 +253,13 @@ class PlayerQuestion(msgspec.Struct, frozen=True, tag=True):
 
 
 class PlayerProblem(msgspec.Struct, frozen=True, tag=True):
-    """A problem.
-
-    Attributes:
-        text: Description.
-        errors: Errors that the controller shows, newest first: code and text.
-    """
+    """A problem, with the errors that the controller shows, newest first: code and text."""
 
     text: Message
     errors: tuple[tuple[int, str], ...] = ()
 
 
 class PlayOutcome(StrEnum):
-    """How the player's work ended."""
-
     DONE = "done"
     LOOKED = "looked"
     STOPPED = "stopped"
@@ -329,11 +277,9 @@ class PlayEnded(msgspec.Struct, frozen=True, tag=True):
     """The last message.
 
     Attributes:
-        outcome: How the player's work ended.
         reason: Why; None if everything was done.
         lateness: Lateness of all set points, exact.
         cycle: Time between set points, ns, exact.
-        counts: Counts about the set points.
         index: Set points of the trajectory sent.
         realtime: Whether the player had real-time priority.
         left: Whether the cleanup ran; False if the controller no longer answered.

@@ -37,16 +37,15 @@ PARENT_GONE = Message("play.parent-gone")
 
 
 class PlayerPipe:
-    """Receives orders and sends messages.
+    """Receives orders and sends messages through the file descriptors of two pipes.
 
     Attributes:
         order: The most serious order so far; None if there is none.
-        reason: Reason for the order; None if there is none.
+        reason: Reason for the order.
         order_count: Number of orders received.
     """
 
     def __init__(self, commands: int, messages: int) -> None:
-        """Use the file descriptors of two pipes."""
         self.order: Order | None = None
         self.reason: Message | None = None
         self.order_count = 0
@@ -59,12 +58,7 @@ class PlayerPipe:
         os.set_blocking(messages, False)
 
     def read_plan(self) -> PlayPlan:
-        """Wait for the plan, which is the first line.
-
-        Raises:
-            EOFError: The pipe closed before a plan came.
-            msgspec.ValidationError: The line is no plan.
-        """
+        """Wait for the plan, which is the first line; raise EOFError if the pipe closes before."""
         parts = []
         newline = rest = b""
         while not newline:
@@ -90,7 +84,6 @@ class PlayerPipe:
         signal.pthread_sigmask(signal.SIG_UNBLOCK, (signal.SIGUSR1,))
 
     def poll_order(self) -> Order | None:
-        """Return the order, if any; never waits."""
         if not self._is_closed:
             try:
                 data = os.read(self._commands, _ATOMIC_WRITE_SIZE)
@@ -130,8 +123,8 @@ class PlayerPipe:
         self._answers.clear()
         self.send(question)
         while self.poll_order() is None and not self._answers:
-            told = self._flush()
-            select.select((self._commands,), () if told else (self._messages,), (), 0.5)
+            is_sent = self._flush()
+            select.select((self._commands,), () if is_sent else (self._messages,), (), 0.5)
         answer = self._answers.pop(0) if self._answers else ""
         return answer if answer in question.choices else question.choices[0]
 

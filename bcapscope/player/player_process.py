@@ -13,8 +13,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from dataclasses import replace
 from types import TracebackType
 from typing import Self
@@ -24,7 +23,6 @@ from msgspec import structs
 from bcapscope.messages import Message
 from bcapscope.messages.os_errors import os_reason
 from bcapscope.player.player_messages import (
-    Aftermath,
     FrameMessage,
     Order,
     PendingCleanup,
@@ -57,6 +55,9 @@ class PlayerProcess:
     When `fileno` is readable, `read_messages` returns the messages; `wait_for_messages` waits for them. Any
     thread may call both. A caller that reads too slowly misses progress reports only. The last message is
     always `PlayEnded`.
+
+    Attributes:
+        ended: How the player ended; None while it works.
     """
 
     def __init__(self, plan: PlayPlan) -> None:
@@ -69,12 +70,14 @@ class PlayerProcess:
         self._pending_cleanup = PendingCleanup((), "", 0)
         self._serial = 0
         self._crash: Message | None = None
-        self._ended: PlayEnded | None = None
+        self.ended: PlayEnded | None = None
         self._read_lock = threading.Lock()
         self._start(plan)
 
     def _start(self, plan: PlayPlan) -> None:
-        with _blocked_signal(signal.SIGUSR1):  # until the player has installed its handler
+        # The player inherits the block until it has installed its handler.
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGUSR1,))
+        try:
             self._process = subprocess.Popen(
                 [sys.executable, "-m", "bcapscope.player"],
                 stdin=subprocess.PIPE,
@@ -83,6 +86,8 @@ class PlayerProcess:
                 bufsize=0,  # a signal handler may send an order in the middle of another order
                 start_new_session=True,  # Ctrl-C reaches only the parent, which then stops the player
             )
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
         assert self._process.stdin is not None
         assert self._process.stdout is not None
         self._commands = self._process.stdin
@@ -95,11 +100,6 @@ class PlayerProcess:
     def pid(self) -> int:
         return self._process.pid
 
-    @property
-    def ended(self) -> PlayEnded | None:
-        """How the player ended; None while it works."""
-        return self._ended
-
     def fileno(self) -> int:
         """Return a file descriptor that is readable when messages have come."""
         return self._messages.fileno()
@@ -107,7 +107,7 @@ class PlayerProcess:
     def read_messages(self) -> list[PlayerMessage]:
         """Return the messages that have come; never waits."""
         with self._read_lock:
-            return [] if self._ended is not None else self._read_available()
+            return [] if self.ended is not None else self._read_available()
 
     def _read_available(self) -> list[PlayerMessage]:
         found: list[PlayerMessage] = []
@@ -125,7 +125,7 @@ class PlayerProcess:
         for message in found:
             self._remember_state(message)
         if found and isinstance(found[-1], PlayEnded):
-            found[-1] = self._ended = self._with_crash(found[-1])
+            found[-1] = self.ended = self._with_crash(found[-1])
         elif over:
             found.append(self._on_crash())
         return found
@@ -141,8 +141,7 @@ class PlayerProcess:
             self._serial = Frame(sent).serial
 
     def wait_for_messages(self, seconds: float) -> list[PlayerMessage]:
-        """Wait for messages, `seconds` at most; return those that have come."""
-        if self._ended is None:
+        if self.ended is None:
             select.select((self,), (), (), seconds)
         return self.read_messages()
 
@@ -160,20 +159,19 @@ class PlayerProcess:
                 self._process.send_signal(signal.SIGUSR1)
 
     def answer(self, choice: str) -> None:
-        """Answer the last question."""
         self._send(encode_message(PlayerCommand(answer=choice)))
 
     def close(self) -> PlayEnded:
         """Stop the player if it works, and wait for its end; return how it ended."""
         self.stop()
         give_up = time.monotonic() + _LEAVE_TIMEOUT
-        while self._ended is None:
+        while self.ended is None:
             if self.wait_for_messages(0.5):
                 give_up = time.monotonic() + _LEAVE_TIMEOUT
             elif time.monotonic() > give_up:
                 self._process.kill()  # `wait_for_messages` reports how that ends
         _reap(self._process)
-        return self._ended
+        return self.ended
 
     def __enter__(self) -> Self:
         return self
@@ -194,14 +192,14 @@ class PlayerProcess:
         assert self._process.stderr is not None
         words = self._process.stderr.read().decode(errors="replace").strip().splitlines()
         code = self._process.wait()
-        how = (
-            Message("play.crash.signal", number=-code) if code < 0 else Message("play.crash.code", code=code)
-        )
-        crash = Message("play.crash", how=how)
-        if words:
-            crash = Message("play.crash.why", how=how, why=words[-1])
+        how = Message("play.crash.code", code=code)
+        if code < 0:
+            how = Message("play.crash.signal", number=-code)
+        crash = Message("play.crash.why", how=how, why=words[-1]) if words else Message("play.crash", how=how)
         crashed = self._process
-        is_owing = self._needs_cleanup
+        owed = self._pending_cleanup
+        # A TCP connection ended with the player.
+        is_owing = bool(owed.debts) or (owed.port > 0 and not self._plan.target.tcp)
         try:
             if is_owing and not self._crash:
                 self._crash = crash
@@ -210,15 +208,8 @@ class PlayerProcess:
                 return PlayerProblem(Message("play.cleaning-up", crash=crash))
         except OSError as error:
             crash = os_reason(error)
-        self._ended = self._with_crash(PlayEnded(PlayOutcome.FAILED, crash, left=not is_owing))
-        return self._ended
-
-    @property
-    def _needs_cleanup(self) -> bool:
-        """Whether anything is left to undo; a TCP connection ended with the player."""
-        return bool(self._pending_cleanup.debts) or (
-            self._pending_cleanup.port > 0 and not self._plan.target.tcp
-        )
+        self.ended = self._with_crash(PlayEnded(PlayOutcome.FAILED, crash, left=not is_owing))
+        return self.ended
 
     def _cleanup_plan(self) -> PlayPlan:
         """Make the plan for the process that cleans up."""
@@ -226,9 +217,15 @@ class PlayerProcess:
         serial = (self._serial + _SERIAL_MARGIN - 1) % _SERIAL_MAX + 1
         if target.name and not target.connect_option:
             target = replace(target, connect_option="@IfNotMember")  # over UDP, the client is still connected
-        aftermath = Aftermath(owed.debts, owed.generation, owed.port, serial)
         return structs.replace(
-            self._plan, target=target, points=(), log=None, record=None, realtime=False, aftermath=aftermath
+            self._plan,
+            target=target,
+            points=(),
+            log=None,
+            record=None,
+            realtime=False,
+            aftermath=owed,
+            first_serial=serial,
         )
 
     def _with_crash(self, ended: PlayEnded) -> PlayEnded:
@@ -240,16 +237,6 @@ class PlayerProcess:
             why = ended.reason or Message("os.no-answer")
             reason = Message("play.not-cleaned-up", crash=self._crash, why=why)
         return structs.replace(ended, outcome=PlayOutcome.FAILED, reason=reason)
-
-
-@contextmanager
-def _blocked_signal(number: signal.Signals) -> Iterator[None]:
-    """Block a signal for a process started in this block, until that process unblocks it."""
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, (number,))
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _reap(process: subprocess.Popen[bytes]) -> None:

@@ -43,8 +43,6 @@ class PreflightResult:
     """Result of the pre-flight check.
 
     Attributes:
-        trajectory: The checked trajectory.
-        period: Seconds between two slvMove.
         arm_name: Name of the arm whose limits were used.
         problems: Problems, most serious first.
         axis_figures: Figures of each axis at the file's own times; () if those are uneven, or a number is
@@ -62,7 +60,6 @@ class PreflightResult:
 
     @property
     def is_playable(self) -> bool:
-        """Whether there is no error."""
         return all(finding.severity is not Severity.ERROR for finding in self.problems)
 
     @property
@@ -88,16 +85,7 @@ def run_preflight(
     mode: SlaveMode | None = None,
     loop: bool = False,
 ) -> PreflightResult:
-    """Check a trajectory without moving anything.
-
-    Args:
-        trajectory: A trajectory as read or resampled.
-        period: Seconds between two slvMove.
-        limits: Limits of the arm.
-        current_pose: Current pose of the robot, of the trajectory's kind; None if unknown.
-        mode: Slave mode to play in; None if unknown.
-        loop: Whether the trajectory starts again at its end.
-    """
+    """Check a trajectory without moving anything; the arguments are the fields of `PreflightContext`."""
     case = PreflightContext(trajectory, period, limits, current_pose, mode, loop)
     findings = list(checks.check_finite(case))
     sound = not findings

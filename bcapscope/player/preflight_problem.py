@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,7 +10,8 @@ from numpy.typing import ArrayLike
 
 from bcapscope.analysis.finding import Severity
 from bcapscope.messages import Message
-from bcapscope.messages.places import Measured
+from bcapscope.messages.message import PlaceValue
+from bcapscope.messages.places import Count, Measured
 from bcapscope.player.arm_limits import ArmLimits
 from bcapscope.player.trajectory import Trajectory
 from bcapscope.protocol.slave_mode.modes import PoseType, SlaveMode
@@ -46,9 +47,8 @@ class PreflightContext:
     """The trajectory and what the checks compare it with.
 
     Attributes:
-        trajectory: The trajectory, with the axes that its file has.
+        trajectory: The trajectory as read or resampled, with the axes that its file has.
         period: Seconds between two slvMove.
-        limits: Limits of the arm.
         current_pose: Current pose of the robot, of the trajectory's kind; None if unknown.
         mode: Slave mode to play in; None if unknown.
         loop: Whether the trajectory starts again at its end.
@@ -63,8 +63,7 @@ class PreflightContext:
 
     @property
     def axis_count(self) -> int | None:
-        """Number of joints: that of the known arm, or of the joints that the controller reports; None if
-        unknown.
+        """Number of joints, of the known arm or of those that the controller reports; None if unknown.
 
         Most controllers report eight joints, with 0 for those that the robot lacks. So eight proves nothing.
         """
@@ -83,17 +82,30 @@ class PreflightContext:
 
 
 def set_point_numbers(where: ArrayLike, first: int = 1) -> tuple[tuple[int, ...], int]:
-    """Return the numbers of the set points for which an array is true, at most `MAX_NUMBERS`, and their
-    count.
+    """Return the numbers of the set points for which an array is true, and their count.
 
-    Args:
-        where: One truth value per set point.
-        first: Number of the set point that the first element belongs to.
+    There are at most `MAX_NUMBERS` numbers; `first` is that of the first element.
     """
     found = np.flatnonzero(where)
     return tuple((found[:MAX_NUMBERS] + first).tolist()), len(found)
 
 
+def problem_at(
+    where: ArrayLike,
+    check: str,
+    severity: Severity,
+    id: str,
+    advice: Message | None,
+    *,
+    first: int = 1,
+    **places: PlaceValue,
+) -> Iterator[PreflightProblem]:
+    """Yield a problem if an array is true for any set point; its sentence has their number as `points`."""
+    points, count = set_point_numbers(where, first)
+    if count:
+        fact = Message(id, **places, points=Count(count, "set-point"))
+        yield PreflightProblem(check, severity, fact, advice, points, count)
+
+
 def interval_ms(seconds: float) -> Measured:
-    """Return an interval in milliseconds."""
     return Measured(seconds * 1000, "ms")

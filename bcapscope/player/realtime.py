@@ -41,7 +41,7 @@ _SCHED_ATTR = struct.Struct("=IIQiIQQQ")
 """Size, policy, flags, niceness, priority, runtime, deadline, period: sched_setattr(2)."""
 
 
-class RealtimeGrant(msgspec.Struct, frozen=True):
+class RealtimeReport(msgspec.Struct, frozen=True, tag=True):
     """What the system grants.
 
     Attributes:
@@ -56,48 +56,44 @@ class RealtimeGrant(msgspec.Struct, frozen=True):
 
 
 @contextmanager
-def realtime_priority(is_wanted: bool = True, *, collect_garbage: bool = False) -> Iterator[RealtimeGrant]:
+def realtime_priority(is_wanted: bool = True, *, collect_garbage: bool = False) -> Iterator[RealtimeReport]:
     """Take all priority that the system grants, for the length of a block.
 
-    Objects that exist before the block are excluded from garbage collection: examining them again and again
-    costs milliseconds.
-
-    Args:
-        is_wanted: Whether to take real-time priority and lock memory, which can disturb other programs.
-        collect_garbage: Whether to collect garbage among new objects; if False, not until the end of the
-            block.
+    Unless `is_wanted`, it takes neither real-time priority nor locked memory, which can disturb other
+    programs. Objects that exist before the block are excluded from garbage collection: examining them again
+    and again costs milliseconds. New objects are collected only if `collect_garbage`.
     """
     gc.collect()
     gc.freeze()
     if not collect_garbage:
         gc.disable()
-    grade = _acquire() if is_wanted else RealtimeGrant(False, False, Message("play.realtime.off"))
-    if not grade.realtime:
+    granted = _acquire() if is_wanted else RealtimeReport(False, False, Message("play.realtime.off"))
+    if not granted.realtime:
         _set_time_slice(_TIME_SLICE)
     try:
-        yield grade
+        yield granted
     finally:
-        if grade.realtime:
+        if granted.realtime:
             os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
         else:
             _set_time_slice(0)
-        if grade.locked:
+        if granted.locked:
             _libc().munlockall()
         gc.enable()
         gc.unfreeze()
 
 
-def _acquire() -> RealtimeGrant:
+def _acquire() -> RealtimeReport:
     refused = _set_fifo_priority()
     locked = sys.platform == "linux" and _libc().mlockall(_MCL_CURRENT) == 0
     if refused is not None:
-        return RealtimeGrant(False, locked, refused)
+        return RealtimeReport(False, locked, refused)
     parts = [Message("play.realtime.on", priority=FIFO_PRIORITY)]
     if (note := _throttling_note()) is not None:
         parts.append(note)
     if not locked:
         parts.append(Message("play.realtime.unlocked"))
-    return RealtimeGrant(True, locked, Message("list.of", items=Enumeration(tuple(parts))))
+    return RealtimeReport(True, locked, Message("list.of", items=Enumeration(tuple(parts))))
 
 
 def _set_fifo_priority() -> Message | None:
@@ -110,7 +106,7 @@ def _set_fifo_priority() -> Message | None:
         return Message(
             "play.realtime.refused",
             reason=os_reason(error),
-            user=_user(),
+            user=os.environ.get("USER") or "USER",
             priority=FIFO_PRIORITY,
             python=os.path.realpath(sys.executable),
         )
@@ -135,10 +131,6 @@ def _throttling_note() -> Message | None:
     if runtime < 0 or runtime >= _NEEDED_SHARE * period:
         return None
     return Message("play.realtime.throttled", file=str(_THROTTLE_FILES[0]), runtime=runtime, period=period)
-
-
-def _user() -> str:
-    return os.environ.get("USER") or "USER"
 
 
 def _libc() -> ctypes.CDLL:

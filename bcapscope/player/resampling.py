@@ -26,11 +26,8 @@ from bcapscope.protocol.slave_mode.poses import Axis
 DEFAULT_RAMP = 0.25
 """Default duration of a start or a stop, seconds."""
 
-_SHORTEST_STOP, _LONGEST_STOP, _STOP_GROWTH = (
-    0.1,
-    2.0,
-    1.5,
-)  # seconds of a stop at least and at most, and growth from one candidate to the next
+_SHORTEST_STOP, _LONGEST_STOP = 0.1, 2.0  # seconds
+_STOP_GROWTH = 1.5  # from one candidate to the next
 _DEFAULT_STOP = 0.5  # seconds of a stop at least, if no limit of acceleration is known
 _ROUNDING = 1e-9  # share of a cycle that rounding may add to a number of cycles
 
@@ -38,17 +35,15 @@ _ROUNDING = 1e-9  # share of a cycle that rounding may add to a number of cycles
 def resample(
     trajectory: Trajectory, period: float, *, speed: float = 1.0, ramp: float = DEFAULT_RAMP
 ) -> Trajectory:
-    """Give a trajectory other times.
+    """Give a finite trajectory other times; its first and last point stay.
+
+    A trajectory without period needs increasing times, or no times; then `period` counts as its period.
 
     Args:
-        trajectory: A finite trajectory with a period, with increasing times, or with neither; then `period`
-            counts as its period.
+        trajectory: The trajectory.
         period: Seconds between the set points of the result.
-        speed: Share of the original speed, above 0.
+        speed: Share of the original speed, above 0, that the rate never exceeds.
         ramp: Seconds of the start and of the stop; 0 if the trajectory begins and ends at rest anyway.
-
-    Returns:
-        A trajectory without times, with the same first and last point; its rate never exceeds `speed`.
 
     Raises:
         TrajectoryError: A number is not finite, times do not increase, or there would be too many set points.
@@ -64,11 +59,12 @@ def resample(
     if len(bad):
         raise TrajectoryError(Message("trajectory.not-finite", number=int(bad[0]) + 1))
     knots = _knots(trajectory, period)
-    way = _TimeScale(float(knots[-1]), period, speed, ramp)
+    with np.errstate(all="ignore"):
+        parameters = _curve_parameters(float(knots[-1]), period, speed, ramp)
     if len(trajectory) == 1:
         return replace(trajectory, points=trajectory.points.copy(), period=period, times=None)
     with np.errstate(all="ignore"):
-        points = SmoothCurve(trajectory.kind, knots, trajectory.points).sample(way.parameters())
+        points = SmoothCurve(trajectory.kind, knots, trajectory.points).sample(parameters)
     points[0], points[-1] = trajectory.points[0], trajectory.points[-1]
     source = replace(
         trajectory.source,
@@ -93,11 +89,12 @@ def _resampling_notes(trajectory: Trajectory, period: float, speed: float, ramp:
 def stop_after(
     trajectory: Trajectory, row: int, period: float, limits: ArmLimits = UNKNOWN_ARM, *, loop: bool = False
 ) -> Array:
-    """Return the set points that bring the robot to rest on its way.
+    """Return the set points that bring the robot to rest on its way, one row each.
 
     The stop takes 0.1 s to 2 s; the function tries longer and longer stops until one keeps within the limits.
     Where the trajectory itself exceeds a limit, the stop may exceed it as much. If an acceleration limit is
-    unknown, the stop takes at least 0.5 s.
+    unknown, the stop takes at least 0.5 s. If the trajectory ends sooner than a stop takes, the result is its
+    remaining points.
 
     Args:
         trajectory: Points that follow each other every `period`.
@@ -105,9 +102,6 @@ def stop_after(
         period: Time between points, seconds.
         limits: Limits of the arm.
         loop: Whether the first point follows the last.
-
-    Returns: The set points to send next, one row each; the robot rests at the last one. If the trajectory
-        ends sooner than a stop takes, these are its remaining points: no rows after the last point.
     """
     ahead = 2 * len(trajectory) if loop else len(trajectory) - 1 - row
     longest = min(ceil(_LONGEST_STOP / period), 2 * ahead)
@@ -135,31 +129,21 @@ def _moving_axes(axes: Sequence[Axis], points: Array) -> list[Axis]:
     return [axis for axis, width in zip(axes, span, strict=True) if width > 0 and axis.unit]
 
 
-class _TimeScale:
-    """Position along the curve at each cycle."""
-
-    def __init__(self, end: float, period: float, speed: float, ramp: float) -> None:
-        time = end / speed
-        if not time / period < MAX_POINTS - ramp / period - 2:
-            raise TrajectoryError(Message("resample.too-long", time=f"{time:.3g}", period=f"{period:.3g}"))
-        self._ramp = ramp
-        self._cycles = ceil((max(time, ramp) + ramp) / period - _ROUNDING) if end else 0
-        self._period = period
-        self._end = end
-
-    def parameters(self) -> Array:
-        """Return the parameter of the curve at each cycle, beginning with 0."""
-        times = np.arange(self._cycles + 1, dtype=np.float64) * self._period
-        total = float(times[-1])
-        rate = self._end / (total - self._ramp) if self._end else 0.0
-        if not self._ramp:
-            return np.asarray(rate * times)
-        begun = _ramp_integral(np.minimum(times / self._ramp, 1.0)) + np.maximum(
-            times / self._ramp - 1.0, 0.0
-        )
-        ending = np.minimum((total - times) / self._ramp, 1.0)
-        lost = 0.5 - ending + _ramp_integral(ending)
-        return np.asarray(rate * self._ramp * (begun - lost))
+def _curve_parameters(end: float, period: float, speed: float, ramp: float) -> Array:
+    """Return the parameter of the curve at each cycle, from 0 to `end`."""
+    time = end / speed
+    if not time / period < MAX_POINTS - ramp / period - 2:
+        raise TrajectoryError(Message("resample.too-long", time=f"{time:.3g}", period=f"{period:.3g}"))
+    cycles = ceil((max(time, ramp) + ramp) / period - _ROUNDING) if end else 0
+    times = np.arange(cycles + 1, dtype=np.float64) * period
+    total = float(times[-1])
+    rate = end / (total - ramp) if end else 0.0
+    if not ramp:
+        return np.asarray(rate * times)
+    begun = _ramp_integral(np.minimum(times / ramp, 1.0)) + np.maximum(times / ramp - 1.0, 0.0)
+    ending = np.minimum((total - times) / ramp, 1.0)
+    lost = 0.5 - ending + _ramp_integral(ending)
+    return np.asarray(rate * ramp * (begun - lost))
 
 
 def _knots(trajectory: Trajectory, period: float) -> Array:

@@ -7,8 +7,7 @@ raises on an order to stop.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from math import degrees, isfinite
 
 import numpy as np
@@ -57,8 +56,6 @@ class RobotAdapter:
     """A controller with its robot. Every method raises what `Session.call` raises.
 
     Attributes:
-        robot: The arm.
-        is_simulator: Whether the controller is bcapscope's simulator.
         generation: RC7 if joints come as VT_R4, as DENSO's slides show them; else RC8.
         facts: What the controller reports about itself.
     """
@@ -76,13 +73,7 @@ class RobotAdapter:
 
     @property
     def real_type(self) -> VT:
-        """Element type of a pose."""
         return VT.R4 if self.generation is Generation.RC7 else VT.R8
-
-    @property
-    def needs_take_arm(self) -> bool:
-        """Whether motion needs TakeArm."""
-        return self.generation is not Generation.RC7
 
     async def connect(self) -> None:
         """Connect and open the robot; no other calls are made."""
@@ -100,11 +91,7 @@ class RobotAdapter:
         self.generation = Generation.RC7 if joints.vt == ARRAY | VT.R4 else Generation.RC8
 
     async def read_pose(self, kind: PoseType) -> SetPointValues:
-        """Return the current pose of the robot.
-
-        Raises:
-            RemoteProtocolError: The reply holds no pose.
-        """
+        """Return the current pose of the robot, or raise RemoteProtocolError if the reply holds none."""
         row = pose_numbers(await self._read_pose_value(kind))
         if row is None or len(row) < 6 or not all(map(isfinite, row)):
             raise RemoteProtocolError(Message("play.no-pose", kind=kind), b"")
@@ -118,7 +105,6 @@ class RobotAdapter:
             return 0
 
     async def clean_up(self, task: CleanupTask) -> None:
-        """Undo one task."""
         if task is CleanupTask.ROBSLAVE:
             await (await self._opener.open_remote(Task)).stop(1)
         elif task is CleanupTask.ARM:
@@ -139,7 +125,6 @@ class RobotAdapter:
         return state is not None and state.value == _RUNNING
 
     async def start_robslave(self) -> None:
-        """Start the program."""
         await (await self._opener.open_remote(Task)).start(ONE_CYCLE)
         self._pause(_ROBSLAVE_START_DELAY)
 
@@ -164,7 +149,7 @@ class RobotAdapter:
         await self._switch_motor(True, _ON_RETRIES)
 
     async def _switch_motor(self, on: bool, retries: int) -> None:
-        """Switch the motor.
+        """Switch the motor, with at least `retries` retries.
 
         With the machine lock on, the controller refuses, and this refusal is ignored: there is no motor to
         switch. DENSO's slides recommend the machine lock for experiments.
@@ -172,12 +157,17 @@ class RobotAdapter:
         parameter = Variant(VT.I2, int(on))
         if self.generation is not Generation.RC7:
             parameter = Variant.array(VT.I4, (int(on), 0))
-        with self._extra_retries(retries):
-            try:
-                await self.robot.execute("Motor", parameter)
-            except ControllerError as error:
-                if error.hresult not in _MACHINE_LOCK:
-                    raise
+        session = self._opener.session
+        usual = session.retry_policies
+        more = usual.others._replace(retries=max(retries, usual.others.retries))
+        session.retry_policies = usual._replace(others=more)
+        try:
+            await self.robot.execute("Motor", parameter)
+        except ControllerError as error:
+            if error.hresult not in _MACHINE_LOCK:
+                raise
+        finally:
+            session.retry_policies = usual
 
     async def approach(self, kind: PoseType, goal: SetPointValues, percent: float) -> None:
         """Move to a pose by an ordinary motion that ends with @E, as slave mode needs it.
@@ -234,7 +224,6 @@ class RobotAdapter:
                 return
 
     async def start_log(self) -> None:
-        """Clear the controller's log and start it."""
         await self.robot.execute("ClearLog")
         await self.robot.execute("StartLog")
 
@@ -243,7 +232,6 @@ class RobotAdapter:
         return await read_errors(await self._opener.open_remote(Controller))
 
     async def clear_errors(self) -> None:
-        """Clear the active errors."""
         await clear_errors(await self._opener.open_remote(Controller))
 
     async def _read_pose_value(self, kind: PoseType) -> Variant:
@@ -264,18 +252,6 @@ class RobotAdapter:
             return await self._opener.read_variable(object_class, name)
         except ControllerError:
             return None
-
-    @contextmanager
-    def _extra_retries(self, retries: int) -> Iterator[None]:
-        """Allow at least `retries` retries for the calls of a block."""
-        session = self._opener.session
-        usual = session.retry_policies
-        more = usual.others._replace(retries=max(retries, usual.others.retries))
-        session.retry_policies = usual._replace(others=more)
-        try:
-            yield
-        finally:
-            session.retry_policies = usual
 
 
 def pose_distance(kind: PoseType, here: SetPointValues, there: SetPointValues) -> float:

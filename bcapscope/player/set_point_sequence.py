@@ -29,14 +29,10 @@ class SetPointSequence:
     def __init__(
         self, trajectory: Trajectory, period: float, limits: ArmLimits, rounds: int, hold_count: int
     ) -> None:
-        """Begin at the first point.
+        """Begin at the first point of a trajectory with all numbers that slvMove needs, at rest at both ends.
 
-        Args:
-            trajectory: A trajectory with all numbers that slvMove needs; it begins and ends at rest.
-            period: Seconds from one point to the next.
-            limits: Limits of the arm; a stop keeps within them.
-            rounds: Number of rounds, the first point following the last; 0 for no end.
-            hold_count: How often to send the first and the last point in addition.
+        `period` is in seconds, `rounds` 0 means no end, and a stop keeps within `limits`. The first and the
+        last point are sent `hold_count` times in addition.
         """
         self.index = 0
         self.is_stopping = False

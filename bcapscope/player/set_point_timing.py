@@ -29,12 +29,11 @@ _CYCLE_TOLERANCE = 0.05
 
 
 class SetPointTiming(NamedTuple):
-    """Timing of set points.
+    """Timing of set points in seconds, and notes on what was assumed.
 
     Attributes:
-        period: Seconds between set points; None if uneven or unknown.
-        times: Seconds from the first set point; None if the times have no meaning.
-        notes: What was assumed.
+        period: Time between set points; None if uneven or unknown.
+        times: Times from the first set point; None if they have no meaning.
     """
 
     period: float | None
@@ -79,26 +78,13 @@ def find_gaps(times: Array) -> NDArray[np.bool_]:
     return np.asarray(steps > GAP_FACTOR * np.median(steps))
 
 
-class RecordRun(NamedTuple):
-    """Records that follow each other without a gap.
+def find_runs(counter: Array) -> tuple[tuple[tuple[int, int], ...], float | None]:
+    """Find the runs of records without gaps by a counter, and the growth of the counter per record.
 
-    Attributes:
-        start: Index of the first record, from 0.
-        stop: Index after the last record.
+    A run is the index of its first record, from 0, and that after its last. If the counter does not grow
+    evenly enough, return one run and None.
     """
-
-    start: int
-    stop: int
-
-
-def find_runs(counter: Array) -> tuple[tuple[RecordRun, ...], float | None]:
-    """Find the runs of records without gaps, by a counter.
-
-    Returns:
-        The runs in order, and the growth of the counter per record; one run and None if the counter does not
-        grow evenly enough.
-    """
-    whole = (RecordRun(0, len(counter)),)
+    whole = ((0, len(counter)),)
     steps = np.diff(counter)
     if not len(steps) or not np.isfinite(steps).all():
         return whole, None
@@ -109,4 +95,4 @@ def find_runs(counter: Array) -> tuple[tuple[RecordRun, ...], float | None]:
     if len(breaks) >= MAX_PARTS:
         return whole, None
     edges = [0, *breaks.tolist(), len(counter)]
-    return tuple(RecordRun(start, stop) for start, stop in pairwise(edges)), usual
+    return tuple(pairwise(edges)), usual

@@ -32,26 +32,18 @@ DIRECTION_COLUMNS = ORIENTATION, APPROACH = slice(3, 6), slice(6, 9)
 
 
 class SmoothCurve:
-    """The curve through points.
-
-    Attributes:
-        end: Last parameter; the first is 0.
-    """
+    """The curve through points, by a parameter that begins at 0."""
 
     def __init__(self, kind: PoseType, knots: Array, points: Array) -> None:
-        """Compute the curve.
+        """Compute the curve through points, one row each.
 
-        Args:
-            kind: Pose type, which says what the columns are.
-            knots: Parameter of each point, such as its time; strictly increasing from 0, at least two.
-            points: One row per point.
+        `knots` are their parameters, such as their times: strictly increasing from 0, at least two.
         """
         self._kind = kind
         self._knots = knots
         self._points = points
         self._rows = unwrap_rotations(kind, points)
         self._speeds, self._accelerations = _derivatives(knots, self._rows)
-        self.end = float(knots[-1])
 
     def sample(self, parameters: Array) -> Array:
         """Return a pose for each parameter; parameters outside the curve are clipped."""

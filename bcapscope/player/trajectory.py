@@ -18,15 +18,9 @@ MAX_POINTS = 5_000_000
 
 
 class TrajectoryError(InputError):
-    """A file holds no valid trajectory.
-
-    Attributes:
-        line: Line of the fault, from 1; None if unknown.
-        column: Column of the fault, from 1; None if unknown.
-    """
+    """A file holds no valid trajectory; line and column of the fault count from 1, None if unknown."""
 
     def __init__(self, reason: Message, line: int | None = None, column: int | None = None) -> None:
-        """Make the message; the place comes first if it is known."""
         if line is not None and column is not None:
             reason = Message("trajectory.at-line-column", line=line, column=column, reason=reason)
         elif line is not None:
@@ -62,7 +56,6 @@ class TrajectorySource:
     """Where a trajectory comes from and how it was read.
 
     Attributes:
-        path: Path of the file, as the caller gave it.
         file_format: Kind of the file, or the encoding of its text; None for no file.
         part: Which of several trajectories in the file; None if there is only one.
         columns: One element per axis in the order of `Trajectory.axes`, then those of times and counter if
@@ -79,20 +72,14 @@ class TrajectorySource:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Trajectory:
-    """Set points of one pose type.
+    """Set points of one pose type; a shape that does not fit raises ValueError.
 
     Attributes:
-        kind: P, J or T.
         points: float64, one row per set point, one column per axis in the order of slvMove: mm, degrees (mm
             for linear joints), Fig and direction cosines as they are. There are as many columns as the file
-            has
-            axes: 1 to 8 joints, 6 or 7 numbers of P type, 9 or 10 of T type. Not writeable.
-        source: Where the trajectory comes from.
+            has axes: 1 to 8 joints, 6 or 7 numbers of P type, 9 or 10 of T type. Not writeable.
         period: Seconds between two set points according to the file; None if it does not say.
         times: float64, seconds of each set point from the first; None if the file has none. Not writeable.
-
-    Raises:
-        ValueError: Shapes do not fit the kind or each other.
     """
 
     kind: PoseType
@@ -119,7 +106,6 @@ class Trajectory:
 
     @property
     def axes(self) -> tuple[Axis, ...]:
-        """Axes of the columns, in order."""
         return AXES[self.kind][: self.points.shape[1]]
 
     def set_point(self, row: int, current_pose: Sequence[float] = ()) -> tuple[float, ...]:
@@ -127,14 +113,10 @@ class Trajectory:
         return tuple(_complete(self.kind, self.points[row : row + 1], current_pose)[0].tolist())
 
     def completed(self, current_pose: Sequence[float] = ()) -> Trajectory:
-        """Fill in the axes that the file lacks, so that they keep their position.
+        """Fill in the axes that the file lacks, so that they keep their position in the current pose.
 
-        Args:
-            current_pose: Current pose of the robot, of the same kind, for the missing axes. Axes beyond its
-                end get 0; controllers report 0 for joints that a robot lacks.
-
-        Returns:
-            A trajectory with 7 columns of P type, 8 of J type, 10 of T type.
+        The result has 7 columns of P type, 8 of J type, 10 of T type. Axes beyond the end of the pose get 0;
+        controllers report 0 for joints that a robot lacks.
         """
         return replace(self, points=_complete(self.kind, self.points, current_pose))
 

@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 
 from bcapscope.messages import Message
-from bcapscope.player import set_point_timing
 from bcapscope.player.column_layout import ReadOptions, layout_of_titles, list_titles
+from bcapscope.player.set_point_timing import SetPointTiming, timing_from_due_times
 from bcapscope.player.smooth_curve import Array
 from bcapscope.player.trajectory import MAX_POINTS, Column, Trajectory, TrajectoryError, TrajectorySource
 from bcapscope.protocol.slave_mode.modes import PoseType
@@ -41,22 +41,16 @@ _AXIS_NUMBERS = range(1, len(AXES[PoseType.J]) + 1)
 def read_documents(
     documents: Sequence[object], source: TrajectorySource, options: ReadOptions
 ) -> tuple[Trajectory, ...]:
-    """Read the objects that a JSON or YAML parser made of a file.
+    """Read the objects that a parser made of a file: one from JSON, one or several from YAML.
 
-    Args:
-        documents: One from JSON, one or several from YAML.
-        source: Where the documents come from.
-        options: What the user says about the file; for ROS messages only what they leave open counts.
+    For ROS messages, only those options count that the messages leave open.
 
     Raises:
         TrajectoryError: The documents hold no trajectory.
     """
-    if (
-        len(documents) == 1
-        and isinstance(documents[0], dict)
-        and documents[0].get("format") == EXTRACT_FORMAT
-    ):
-        return (_read_extract(documents[0], source, options),)
+    only = documents[0] if len(documents) == 1 else None
+    if isinstance(only, dict) and only.get("format") == EXTRACT_FORMAT:
+        return (_read_extract(only, source, options),)
     seen: set[int] = set()
     found = [message for document in documents for message in _find_ros_messages(document, _DEEPEST, seen)]
     if not found:
@@ -68,13 +62,10 @@ def read_documents(
         raise TrajectoryError(Message("trajectory.too-many", limit=_MAX_TRAJECTORIES))
     if options.kind not in (None, PoseType.J):
         raise TrajectoryError(Message("trajectory.ros-kind", kind=str(options.kind)))
-    several = len(found) > 1
+    parts = [Message("trajectory.part.number", number=number + 1) for number in range(len(found))]
     return tuple(
-        _read_ros(
-            message,
-            replace(source, part=Message("trajectory.part.number", number=number) if several else None),
-        )
-        for number, message in enumerate(found, 1)
+        _read_ros(message, replace(source, part=part if len(found) > 1 else None))
+        for message, part in zip(found, parts, strict=True)
     )
 
 
@@ -93,23 +84,17 @@ def _read_extract(document: dict[str, Any], source: TrajectorySource, options: R
         [_select_values(row, places, len(titles), number) for number, row in enumerate(rows, 1)], names
     )
     points *= [column.factor for column in layout.columns]
-    session, grid = document.get("stay"), document.get("interval_ms")
-    known = _float(grid)
-    note = Message("trajectory.note.one-cycle")
-    return Trajectory(
-        kind=layout.kind,
-        points=points,
-        source=replace(
-            source,
-            file_format=Message("trajectory.format.extract", encoding=source.file_format or ""),
-            part=Message("trajectory.part.session-number", number=session)
-            if isinstance(session, int)
-            else None,
-            columns=layout.columns,
-            notes=(*source.notes, *layout.notes, note),
-        ),
-        period=known / 1000 if isfinite(known) and known > 0 else None,
+    session, interval = document.get("stay"), _float(document.get("interval_ms"))
+    part = Message("trajectory.part.session-number", number=session) if isinstance(session, int) else None
+    source = replace(
+        source,
+        file_format=Message("trajectory.format.extract", encoding=source.file_format or ""),
+        part=part,
+        columns=layout.columns,
+        notes=(*source.notes, *layout.notes, Message("trajectory.note.one-cycle")),
     )
+    period = interval / 1000 if isfinite(interval) and interval > 0 else None
+    return Trajectory(layout.kind, points, source, period)
 
 
 def _select_values(row: object, places: Sequence[int], width: int, number: int) -> list[object]:
@@ -155,37 +140,24 @@ def _read_ros(message: dict[str, Any], source: TrajectorySource) -> Trajectory:
         Column(axis, place + 1, names[place], "rad", _DEGREES_PER_RADIAN)
         for axis, place in zip(axes, order, strict=True)
     ]
-    timed = None not in seconds
-    if not timed and any(moment is not None for moment in seconds):
-        raise TrajectoryError(Message("trajectory.no-time", number=seconds.index(None) + 1))
-    found = (
-        set_point_timing.timing_from_due_times(np.array(seconds, dtype=np.float64))
-        if timed
-        else set_point_timing.SetPointTiming(None, None)
-    )
-    if timed:
+    timing = SetPointTiming(None, None)
+    if None not in seconds:
+        timing = timing_from_due_times(np.array(seconds, dtype=np.float64))
         columns.append(Column("time", 0, "time_from_start", "s"))
-    return Trajectory(
-        kind=PoseType.J,
-        points=_number_table(rows, axes) * _DEGREES_PER_RADIAN,
-        source=replace(
-            source,
-            file_format=Message("trajectory.format.ros", encoding=source.file_format or ""),
-            columns=tuple(columns),
-            notes=(*source.notes, Message("trajectory.note.radians"), *notes),
-        ),
-        period=found.period,
-        times=found.times,
+    elif any(moment is not None for moment in seconds):
+        raise TrajectoryError(Message("trajectory.no-time", number=seconds.index(None) + 1))
+    source = replace(
+        source,
+        file_format=Message("trajectory.format.ros", encoding=source.file_format or ""),
+        columns=tuple(columns),
+        notes=(*source.notes, Message("trajectory.note.radians"), *notes),
     )
+    points = _number_table(rows, axes) * _DEGREES_PER_RADIAN
+    return Trajectory(PoseType.J, points, source, timing.period, timing.times)
 
 
 def _joint_order(names: Sequence[str]) -> tuple[list[int], tuple[Message, ...]]:
-    """Return the index in the message of J1, J2 and so on, by the numbers in the names or as listed, and
-    notes.
-
-    Raises:
-        TrajectoryError: There are more joints than a robot has, or their numbers have a gap.
-    """
+    """Return the index in the message of J1, J2 and so on, by number or as listed, and notes."""
     numbers = [_LAST_NUMBER.search(name) for name in names]
     by_number = {int(found[1]): place for place, found in enumerate(numbers) if found and len(found[1]) < 3}
     count = sum(found is not None for found in numbers)
@@ -207,8 +179,7 @@ def _seconds(value: object) -> float | None:
         return None
     if isinstance(value, dict):
         whole, rest = value.get("sec", value.get("secs", 0)), value.get("nanosec", value.get("nsecs", 0))
-        parts = _float(whole), _float(rest)
-        return parts[0] + parts[1] * 1e-9
+        return _float(whole) + _float(rest) * 1e-9
     return _float(value)
 
 
@@ -220,11 +191,7 @@ def _float(value: object) -> float:
 
 
 def _number_table(rows: Sequence[Sequence[object]], names: Sequence[str]) -> Array:
-    """Convert values to numbers; NaN and infinities may be text.
-
-    Raises:
-        TrajectoryError: A value is no number.
-    """
+    """Convert values to numbers; NaN and infinities may be text."""
     if len(rows) > MAX_POINTS:
         raise TrajectoryError(Message("trajectory.too-long", limit=MAX_POINTS))
     table = np.array([[_float(value) for value in row] for row in rows], dtype=np.float64)

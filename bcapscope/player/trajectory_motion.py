@@ -16,13 +16,11 @@ from bcapscope.protocol.slave_mode.poses import AXES, Axis
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrajectoryMotion:
-    """The motion of some axes.
+    """The motion of some axes in mm or degrees, with `period` seconds between two rows.
 
     Attributes:
-        axes: Axes in mm or degrees.
         rows: One row per set point, one column per axis; rotations continue beyond half a turn. NaN if the
             arm does not reach the point.
-        period: Seconds between two rows.
     """
 
     axes: tuple[Axis, ...]

@@ -63,17 +63,11 @@ _BOM_ENCODINGS = (
 def read_trajectories(
     path: str | os.PathLike[str], options: ReadOptions | None = None, ports: Collection[int] = BCAP_PORTS
 ) -> tuple[Trajectory, ...]:
-    """Read the trajectories of a file or a WINCAPS III project.
+    """Read the trajectories of a file or a WINCAPS III project: its folder or its .wpj file.
 
-    Args:
-        path: Path of a table (CSV, TSV, numbers separated by spaces; UTF-8, UTF-16 or Shift-JIS), of a file
-            that `bcapscope extract` wrote, of a JointTrajectory as JSON or YAML, of a capture, or of a
-            project: its folder or its .wpj file.
-        options: What the user says about the file.
-        ports: Ports of controllers, for captures.
-
-    Returns:
-        One or several trajectories: slave-mode sessions, messages, runs of records, or logs of a project.
+    A file is a table (CSV, TSV, numbers separated by spaces; UTF-8, UTF-16 or Shift-JIS), one that
+    `bcapscope extract` wrote, a JointTrajectory as JSON or YAML, or a capture; `ports` are those of
+    controllers in captures. There is one trajectory per slave-mode session, message, run of records, or log.
 
     Raises:
         TrajectoryError: There is none that can be read; the message says why in one sentence.
@@ -99,31 +93,21 @@ def _read_file(path: Path, options: ReadOptions, ports: Collection[int]) -> tupl
         if not head:
             raise TrajectoryError(Message("trajectory.file-empty"))
         if head[:4] == MAGIC or head[:4] in MAGICS or head.startswith(GZIP_MAGIC):
-            return _read_capture(path, options, ports)
+            with open_capture(path) as capture:
+                return read_capture(capture, TrajectorySource(str(path)), options, ports)
         _refuse_foreign(head)
         stream.seek(0)
         if path.suffix.casefold() in _YAML:
-            return read_documents(
-                list(read_yaml(_read_whole(stream, size))),
-                TrajectorySource(str(path), _encoding("YAML")),
-                options,
-            )
+            documents = list(read_yaml(_read_whole(stream, size)))
+            return read_documents(documents, _source(path, "YAML"), options)
         if head.lstrip(codecs.BOM_UTF8 + b" \t\r\n")[:1] == b"{" or path.suffix.casefold() == ".json":
-            return read_documents(
-                _parse_json(_read_whole(stream, size)),
-                TrajectorySource(str(path), _encoding("JSON")),
-                options,
-            )
+            documents = _parse_json(_read_whole(stream, size))
+            return read_documents(documents, _source(path, "JSON"), options)
         return _read_text(stream, path, head, options)
 
 
 def _open_regular_file(path: Path) -> BinaryIO:
-    """Open a regular file; reading a pipe or a device could block.
-
-    Raises:
-        TrajectoryError: The path is no regular file.
-        OSError: The file cannot be opened.
-    """
+    """Open a regular file; reading a pipe or a device could block."""
     try:
         if not stat.S_ISREG(path.stat().st_mode):
             raise TrajectoryError(Message("trajectory.no-file"))
@@ -132,11 +116,6 @@ def _open_regular_file(path: Path) -> BinaryIO:
         if isinstance(error, TrajectoryError):
             raise
         raise TrajectoryError(Message("trajectory.no-file-name")) from error
-
-
-def _read_capture(path: Path, options: ReadOptions, ports: Collection[int]) -> tuple[Trajectory, ...]:
-    with open_capture(path) as capture:
-        return read_capture(capture, TrajectorySource(str(path)), options, ports)
 
 
 def _refuse_foreign(head: bytes) -> None:
@@ -170,18 +149,17 @@ def _read_text(stream: BinaryIO, path: Path, head: bytes, options: ReadOptions) 
         stream.seek(0)
         text = io.TextIOWrapper(stream, encoding, newline="")
         try:
-            return read_table(_lines(text), TrajectorySource(str(path), _encoding(name)), options)
+            return read_table(_lines(text), _source(path, name), options)
         except UnicodeError:
             continue
         finally:
             text.detach()
-    raise TrajectoryError(
-        Message("trajectory.no-text", encodings=" or ".join((name for _, name in marked or _ENCODINGS)))
-    )
+    names = [name for _, name in marked or _ENCODINGS]
+    raise TrajectoryError(Message("trajectory.no-text", encodings=" or ".join(names)))
 
 
-def _encoding(name: str) -> Message:
-    return Message.from_table("text", name)
+def _source(path: Path, encoding: str) -> TrajectorySource:
+    return TrajectorySource(str(path), Message.from_table("text", encoding))
 
 
 def _lines(text: io.TextIOWrapper) -> Iterator[str]:

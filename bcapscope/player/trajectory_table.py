@@ -8,12 +8,12 @@ from array import array
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from itertools import chain, islice
+from typing import NamedTuple
 
 import numpy as np
 
 from bcapscope.messages import Message
 from bcapscope.messages.places import Count
-from bcapscope.player import set_point_timing
 from bcapscope.player.column_layout import (
     ColumnLayout,
     ReadOptions,
@@ -22,7 +22,12 @@ from bcapscope.player.column_layout import (
     list_titles,
 )
 from bcapscope.player.column_titles import COUNTER
-from bcapscope.player.set_point_timing import SetPointTiming
+from bcapscope.player.set_point_timing import (
+    SetPointTiming,
+    find_runs,
+    timing_from_due_times,
+    timing_from_send_times,
+)
 from bcapscope.player.smooth_curve import Array
 from bcapscope.player.trajectory import (
     MAX_POINTS,
@@ -45,33 +50,19 @@ _NUMBER = re.compile(
 )
 
 
-class TableLine:
-    """One line of a table, neither empty nor a comment.
+class TableLine(NamedTuple):
+    """One line of a table, neither empty nor a comment; numbers count from 1."""
 
-    Attributes:
-        number: Number of the line, from 1.
-        cells: Text of each cell.
-    """
-
-    __slots__ = ("cells", "number")
-
-    def __init__(self, number: int, cells: list[str]) -> None:
-        self.number = number
-        self.cells = cells
+    number: int
+    cells: list[str]
 
 
 def read_table(
     lines: Iterable[str], source: TrajectorySource, options: ReadOptions
 ) -> tuple[Trajectory, ...]:
-    """Read a table.
+    """Read a table; `source.file_format` holds its encoding.
 
-    Args:
-        lines: Lines of text, with or without line ends.
-        source: Where the table comes from; `file_format` holds the encoding.
-        options: What the user says about the file.
-
-    Returns:
-        One trajectory, or one per run of records if some are missing between them.
+    Returns one trajectory, or one per run of records if some are missing between them.
 
     Raises:
         TrajectoryError: The table holds no set points.
@@ -85,35 +76,24 @@ def read_table(
         raise TrajectoryError(Message("trajectory.empty"))
     layout, skipped, titles = _find_layout(first, options)
     width = len(first[skipped - 1].cells) if titles else len(first[0].cells)
-    numbers = _NumberTable(layout, width, separator == ";")
-    numbers.read_lines(chain(first[skipped:], rows))
-    columns = _without_empty(layout.columns, layout.kind, numbers.filled)
+    others = [column for column in (layout.time, layout.counter) if column]
+    table = _NumberTable([*layout.columns, *others], width, separator == ";")
+    table.read_lines(chain(first[skipped:], rows))
+    columns = _without_empty(layout, table.filled)
     notes = [*source.notes, *layout.notes]
     if skipped > 1:
         notes.append(Message("trajectory.note.skipped", lines=Count(skipped - 1, "line")))
     if len(columns) < len(layout.columns):
         notes.append(Message("trajectory.note.empty-axes", axis=layout.columns[len(columns)].axis))
-    sent = any(title.startswith(_RETURNED) for title in titles)
-    logged = layout.counter is not None and layout.counter.axis == COUNTER
-    form = (
-        "trajectory.format.extract"
-        if sent
-        else "trajectory.format.log"
-        if logged
-        else "trajectory.format.table"
-    )
-    extra = [
-        column
-        for column in (layout.time, layout.counter)
-        if column and numbers.column_values(column) is not None
-    ]
+    is_extract = any(title.startswith(_RETURNED) for title in titles)
+    form = "extract" if is_extract else "log" if COUNTER in [column.axis for column in others] else "table"
     whole = replace(
         source,
-        file_format=Message(form, encoding=source.file_format or ""),
-        columns=(*columns, *extra),
+        file_format=Message(f"trajectory.format.{form}", encoding=source.file_format or ""),
+        columns=(*columns, *(column for column in others if table.values_of(column) is not None)),
         notes=tuple(notes),
     )
-    return tuple(_split_parts(numbers, len(columns), layout, whole, sent))
+    return tuple(_split_parts(table, len(columns), layout, whole, is_extract))
 
 
 def _separator(head: Sequence[str]) -> str:
@@ -126,11 +106,7 @@ def _separator(head: Sequence[str]) -> str:
 
 
 def _table_lines(lines: Iterable[str], separator: str) -> Iterator[TableLine]:
-    """Yield the lines that hold cells.
-
-    Raises:
-        TrajectoryError: Quotes do not match, or a cell has no end.
-    """
+    """Yield the lines that hold cells."""
     if separator == " ":
         for number, text in enumerate(lines, 1):
             plain = text.strip()
@@ -157,11 +133,8 @@ def _find_layout(first: Sequence[TableLine], options: ReadOptions) -> tuple[Colu
             layout = layout_of_titles(line.cells, options)
             if layout is not None:
                 return layout, place + 1, line.cells
-    wanted = (
-        Message("trajectory.wanted.kind", kind=str(options.kind))
-        if options.kind
-        else Message("trajectory.wanted.any")
-    )
+    kind = options.kind
+    wanted = Message("trajectory.wanted.kind", kind=kind) if kind else Message("trajectory.wanted.any")
     found = list_titles([cell.strip() for cell in first[0].cells])
     raise TrajectoryError(Message("trajectory.no-columns", wanted=wanted, titles=found), first[0].number)
 
@@ -178,43 +151,32 @@ def _lenient_float(cell: str) -> float:
 
 
 class _NumberTable:
-    """Collects the numbers of the layout's columns.
+    """The numbers of some columns.
 
     Attributes:
-        points: One row per line, one column per axis of the layout.
-        filled: For each of these columns, whether it has numbers.
+        rows: One row per line, one column per element of `columns`; NaN in columns without numbers.
+        filled: For each column, whether it has numbers.
     """
 
-    def __init__(self, layout: ColumnLayout, width: int, decimal_comma: bool) -> None:
-        self._others = [column for column in (layout.time, layout.counter) if column is not None]
-        self._columns = [*layout.columns, *self._others]
+    def __init__(self, columns: Sequence[Column], width: int, decimal_comma: bool) -> None:
+        self.rows = np.empty((0, len(columns)))
+        self.filled = [False] * len(columns)
+        self._columns = columns
         self._width = width
         self._decimal_comma = decimal_comma
-        self._table = np.empty((0, len(self._columns)))
-        self._filled = [False] * len(self._columns)
-        self._axes = len(layout.columns)
 
-    @property
-    def points(self) -> Array:
-        return self._table[:, : self._axes]
-
-    @property
-    def filled(self) -> Sequence[bool]:
-        return self._filled[: self._axes]
-
-    def column_values(self, column: Column | None) -> Array | None:
-        """Return the numbers of the time or the counter; None if there are none."""
+    def values_of(self, column: Column | None) -> Array | None:
+        """Return the numbers of a column; None if there are none."""
         if column is None:
             return None
-        place = self._axes + self._others.index(column)
-        return self._table[:, place] if self._filled[place] else None
+        place = self._columns.index(column)
+        return self.rows[:, place] if self.filled[place] else None
 
     def read_lines(self, lines: Iterable[TableLine]) -> None:
         """Read all lines.
 
-        Raises:
-            TrajectoryError: A cell is no number, or a column is empty in only some lines, or a line has
-                another number of cells.
+        Raises TrajectoryError if a cell is no number, if a column is empty in only some lines, or if a line
+        has another number of cells.
         """
         numbers, count = array("d"), 0
         for line in lines:
@@ -224,7 +186,7 @@ class _NumberTable:
                 raise TrajectoryError(Message("trajectory.too-long", limit=MAX_POINTS), line.number)
         if not count:
             raise TrajectoryError(Message("trajectory.only-titles"))
-        self._table = np.frombuffer(numbers, dtype=np.float64).reshape(count, len(self._columns)).copy()
+        self.rows = np.frombuffer(numbers, dtype=np.float64).reshape(count, len(self._columns)).copy()
 
     def _parse_row(self, line: TableLine, first: bool) -> Iterator[float]:
         cells = self._cells(line)
@@ -232,8 +194,8 @@ class _NumberTable:
             cell = cells[column.position - 1]
             full = bool(cell) and not cell.isspace()
             if first:
-                self._filled[place] = full
-            elif full is not self._filled[place]:
+                self.filled[place] = full
+            elif full is not self.filled[place]:
                 case = "trajectory.filled-later" if full else "trajectory.filled-before"
                 raise TrajectoryError(Message(case, axis=column.axis), line.number, column.position)
             yield self._parse_number(cell, line.number, column) * column.factor if full else float("nan")
@@ -251,54 +213,44 @@ class _NumberTable:
         )
 
     def _cells(self, line: TableLine) -> list[str]:
+        """Return the cells of a line, without empty ones beyond the width."""
         cells = line.cells
-        if len(cells) != self._width and len(cells) > self._width and not any(cells[self._width :]):
-            return cells[: self._width]
-        if len(cells) != self._width:
+        if len(cells) < self._width or any(cells[self._width :]):
+            columns = Count(len(cells), "column")
             raise TrajectoryError(
-                Message("trajectory.other-width", columns=Count(len(cells), "column"), width=self._width),
-                line.number,
+                Message("trajectory.other-width", columns=columns, width=self._width), line.number
             )
-        return cells
+        return cells[: self._width]
 
 
-def _without_empty(columns: tuple[Column, ...], kind: PoseType, filled: Sequence[bool]) -> tuple[Column, ...]:
-    """Return the columns before the first empty one.
-
-    Raises:
-        TrajectoryError: These columns are no pose, or a column after the empty one has numbers.
-    """
-    width = next((place for place, full in enumerate(filled) if not full), len(filled))
-    if any(filled[width:]) or width < MIN_COLUMNS[kind]:
-        raise TrajectoryError(
-            Message("trajectory.empty-column", axis=columns[width].axis), None, columns[width].position
-        )
+def _without_empty(layout: ColumnLayout, filled: Sequence[bool]) -> tuple[Column, ...]:
+    """Return the columns before the first empty one; raise if they are no pose or a later one has numbers."""
+    columns, axes_filled = layout.columns, filled[: len(layout.columns)]
+    width = axes_filled.index(False) if False in axes_filled else len(axes_filled)
+    if any(axes_filled[width:]) or width < MIN_COLUMNS[layout.kind]:
+        empty = columns[width]
+        raise TrajectoryError(Message("trajectory.empty-column", axis=empty.axis), None, empty.position)
     return columns[:width]
 
 
 def _split_parts(
-    numbers: _NumberTable, width: int, layout: ColumnLayout, source: TrajectorySource, sent: bool
+    table: _NumberTable, width: int, layout: ColumnLayout, source: TrajectorySource, is_extract: bool
 ) -> Iterator[Trajectory]:
-    points = numbers.points[:, :width]
-    times, counter = numbers.column_values(layout.time), numbers.column_values(layout.counter)
+    points = table.rows[:, :width]
+    times, counter = table.values_of(layout.time), table.values_of(layout.counter)
+    timing = SetPointTiming(None, None)
     if times is not None:
-        found = (
-            set_point_timing.timing_from_send_times(times)
-            if sent
-            else set_point_timing.timing_from_due_times(times)
-        )
-        yield _make_trajectory(layout.kind, points, source, found)
+        timing = timing_from_send_times(times) if is_extract else timing_from_due_times(times)
+    if times is not None or counter is None:
+        yield _make_trajectory(layout.kind, points, source, timing)
         return
-    if counter is None:
-        yield _make_trajectory(layout.kind, points, source, SetPointTiming(None, None))
-        return
-    runs, step = set_point_timing.find_runs(counter)
-    found = _counter_timing(layout.counter, step)
+    runs, step = find_runs(counter)
+    timing = _counter_timing(layout.counter, step)
     for start, stop in runs:
         part = Message("trajectory.part.records", first=start + 1, last=stop) if len(runs) > 1 else None
         notes = (Message("trajectory.note.counter-jumps"),) if part else ()
         piece = replace(source, part=part, notes=source.notes + notes)
-        yield _make_trajectory(layout.kind, points[start:stop].copy(), piece, found)
+        yield _make_trajectory(layout.kind, points[start:stop].copy(), piece, timing)
 
 
 def _counter_timing(column: Column | None, step: float | None) -> SetPointTiming:
@@ -308,13 +260,12 @@ def _counter_timing(column: Column | None, step: float | None) -> SetPointTiming
     if step <= 1:
         return SetPointTiming(None, None, (Message("trajectory.note.counts-records"),))
     unit, period = ("ms", step / 1e3) if step < 1000 else ("µs", step / 1e6)
-    return SetPointTiming(
-        period, None, (Message("trajectory.note.counter-grows", step=f"{step:g}", unit=unit),)
-    )
+    note = Message("trajectory.note.counter-grows", step=f"{step:g}", unit=unit)
+    return SetPointTiming(period, None, (note,))
 
 
 def _make_trajectory(
-    kind: PoseType, points: Array, source: TrajectorySource, found: SetPointTiming
+    kind: PoseType, points: Array, source: TrajectorySource, timing: SetPointTiming
 ) -> Trajectory:
-    source = replace(source, notes=(*source.notes, *found.notes))
-    return Trajectory(kind, points, source, found.period, found.times)
+    source = replace(source, notes=(*source.notes, *timing.notes))
+    return Trajectory(kind, points, source, timing.period, timing.times)

@@ -42,15 +42,10 @@ def is_project(path: Path) -> bool:
 
 
 def read_project(path: Path, read_file: FileReader) -> tuple[Trajectory, ...]:
-    """Read every control log in a project.
+    """Read every control log in a project, given as its folder or file.
 
-    Args:
-        path: Path of the project's folder or file.
-        read_file: Reads one file.
-
-    Returns: The trajectories by file. Reading stops after the file that reaches `MAX_TRAJECTORIES`. A table
-        without titles does not count as a log, because it may hold anything. Neither does a capture, which no
-        program exports here.
+    Reading stops after the file that reaches `MAX_TRAJECTORIES`. A table without titles does not count as a
+    log, because it may hold anything. Neither does a capture, which no program exports here.
 
     Raises:
         TrajectoryError: There is no control log; the message lists what there is and what to export.
@@ -63,11 +58,11 @@ def read_project(path: Path, read_file: FileReader) -> tuple[Trajectory, ...]:
     for file in _files(folder):
         seen.append(file)
         if len(found) < MAX_TRAJECTORIES and file.suffix.casefold() in _SUFFIXES:
+            name = str(file.relative_to(folder))
             try:
-                found += _with_file_name(read_file(file), str(file.relative_to(folder)))
+                found += _with_file_name(read_file(file), name)
             except (BcapError, OSError) as error:
                 reason = os_reason(error) if isinstance(error, OSError) else error.message
-                name = str(file.relative_to(folder))
                 refused.append(Message("file.not-written", path=name, reason=reason))
     if not found:
         raise TrajectoryError(_nothing_found(path, seen, refused))
@@ -92,14 +87,11 @@ def _with_file_name(trajectories: Sequence[Trajectory], name: str) -> Iterator[T
     """Yield the trajectories whose columns have names, with the file name added."""
     for trajectory in trajectories:
         source = trajectory.source
+        part = Message.from_table("text", name)
+        if source.part is not None:
+            part = Message("trajectory.part.of-file", file=name, part=source.part)
         if source.columns[0].name:
-            yield replace(trajectory, source=replace(source, part=_part(name, source.part)))
-
-
-def _part(name: str, part: Message | None) -> Message:
-    if part is None:
-        return Message.from_table("text", name)
-    return Message("trajectory.part.of-file", file=name, part=part)
+            yield replace(trajectory, source=replace(source, part=part))
 
 
 def _nothing_found(path: Path, seen: Sequence[Path], refused: Sequence[Message]) -> Message:

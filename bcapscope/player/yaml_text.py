@@ -18,11 +18,7 @@ from bcapscope.player.trajectory_documents import MAX_VALUES, TOO_MANY_VALUES
 
 
 def read_yaml(data: bytes) -> Iterator[object]:
-    """Yield the documents.
-
-    Raises:
-        TrajectoryError: The data is no YAML, or is nested too deeply.
-    """
+    """Yield the documents; raise TrajectoryError if the data is no YAML or is nested too deeply."""
     builder = _DocumentBuilder()
     try:
         for event in yaml_events(data):
@@ -37,11 +33,7 @@ def read_yaml(data: bytes) -> Iterator[object]:
 
 
 class _DocumentBuilder:
-    """Builds a document from events.
-
-    Attributes:
-        root: The document; complete after its last event.
-    """
+    """Builds a document from events; `root` is complete after the last one."""
 
     def __init__(self) -> None:
         self.root: object = None

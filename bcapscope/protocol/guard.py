@@ -33,10 +33,7 @@ _ARGUMENTS_WITH_PARAMETER = 3
 def request_effect(function_id: int, arguments: Sequence[Variant], variable: str = "") -> CallEffect:
     """Return the strongest effect that a request can have.
 
-    Args:
-        function_id: Function id of the request.
-        arguments: Arguments of the request, the handle first.
-        variable: Name of the variable behind the handle; "" if unknown.
+    `variable` is the name of the variable behind the handle; "" if unknown.
     """
     if function_id == _PUT_VALUE:
         return write_effect(variable, arguments[1]) if len(arguments) == 2 else CallEffect.MOVES
@@ -84,11 +81,7 @@ def needs_arming(function_id: int, arguments: Sequence[Variant], variable: str =
     """Return whether a client of bcapscope must be armed to send a request to a real controller.
 
     True for everything that may energise or move the robot, never for requests that stop or switch off.
-
-    Args:
-        function_id: Function id of the request.
-        arguments: Arguments of the request, the handle first.
-        variable: Name of the variable behind the handle; "" if unknown.
+    `variable` is the name of the variable behind the handle; "" if unknown.
     """
     if always_passes(function_id, arguments):
         return False

@@ -15,6 +15,7 @@ from bcapscope.messages import Message
 from bcapscope.messages.message_codec import decode_message
 from bcapscope.protocol.codec.byte_budget import ByteBudget
 from bcapscope.protocol.codec.frame import parse_datagram
+from bcapscope.protocol.codec.frame_template import FrameTemplates
 from bcapscope.protocol.codec.stream_splitter import StreamPiece, StreamSplitter
 from bcapscope.proxy.relay_session import ClientEndpoints, read_endpoints
 from bcapscope.proxy.ring_buffer import RingRecord, RingRecordKind, hole_sizes
@@ -36,23 +37,26 @@ class _DirectionStream:
         packet: Number of the last packet with bytes of the stream; 0 for none.
     """
 
-    def __init__(self, conversation: Conversation, direction: Direction, budget: ByteBudget) -> None:
-        self.flow = Flow(conversation, direction)
-        self.splitter = StreamSplitter(budget=budget)
+    def __init__(self, flow: Flow, splitter: StreamSplitter) -> None:
+        self.flow = flow
+        self.splitter = splitter
         self.size = self.packet = 0
-        self.arrival_times: list[tuple[int, int]] = [(0, 0)]
+        self.arrival_times: list[tuple[int, int]] = []
 
 
 class _Client:
-    def __init__(self, endpoints: ClientEndpoints, received_at: int, budget: ByteBudget) -> None:
+    def __init__(
+        self, endpoints: ClientEndpoints, received_at: int, budget: ByteBudget, templates: FrameTemplates
+    ) -> None:
         self.last_heard = received_at
         conversation = Conversation(endpoints.client, endpoints.controller, endpoints.transport, "the proxy")
         self.conversation = conversation
         self.is_stream = endpoints.transport is Transport.TCP
-        response, request = Direction.RESPONSE, Direction.REQUEST
-        self.directions = (
-            _DirectionStream(conversation, response, budget),
-            _DirectionStream(conversation, request, budget),
+        self.directions = tuple(
+            _DirectionStream(
+                Flow(conversation, direction), StreamSplitter(budget=budget, templates=templates)
+            )
+            for direction in (Direction.RESPONSE, Direction.REQUEST)
         )
 
     def on_end(self, up: bool, reset: bool, time: int) -> None:
@@ -71,6 +75,7 @@ class RecordDecoder:
         self.observation_count = 0
         self._clients: dict[int, _Client] = {}
         self._budget = ByteBudget()
+        self._templates = FrameTemplates()
         self._closed_clients: list[tuple[Conversation, Message]] = []
 
     @property
@@ -102,7 +107,7 @@ class RecordDecoder:
             kind, up, number, came, left, data, encoded = record
             note = decode_message(encoded) if encoded else None
             if kind is RingRecordKind.CLIENT_OPENED:
-                clients[number] = _Client(read_endpoints(record.data), came, self._budget)
+                clients[number] = _Client(read_endpoints(record.data), came, self._budget, self._templates)
                 continue
             client = clients.get(number)
             if client is None:
@@ -118,7 +123,7 @@ class RecordDecoder:
                     way.packet = packet
                     yield from self._decode_stream(way, data, time, note)
                     continue
-                for item in parse_datagram(data):
+                for item in parse_datagram(data, self._templates):
                     self.observation_count += 1
                     yield Observation(self.observation_count, time, time, way.flow, item, packet), note
             else:
@@ -142,6 +147,8 @@ class RecordDecoder:
     def _decode_stream(
         self, way: _DirectionStream, data: bytes, time: int, note: Message | None
     ) -> Iterator[NotedObservation]:
+        if not way.splitter.pending_bytes:
+            way.arrival_times.clear()  # so that the first time kept is that of the first byte of a frame
         way.arrival_times.append((way.size, time))
         way.size += len(data)
         yield from self._make_observations(way, way.splitter.feed(data), time, note)
@@ -176,7 +183,7 @@ class RecordDecoder:
                 Observation(
                     self.observation_count,
                     time,
-                    way.arrival_times[place][1] or time,
+                    way.arrival_times[place][1],
                     way.flow,
                     item,
                     way.packet,

@@ -19,10 +19,11 @@ from bcapscope.protocol.codec.frame import (
     parse_datagram,
 )
 from bcapscope.protocol.codec.frame_content import has_compressed_header, has_zlib_header
+from bcapscope.protocol.codec.frame_template import FrameTemplates
 from bcapscope.protocol.guard import always_passes, passes_read_only
 from bcapscope.protocol.tables.command_catalogue import commands_of
 from bcapscope.protocol.tables.function_table import FUNCTIONS, function_name
-from bcapscope.traffic.call_kind import COMMAND_FUNCTIONS, CallKind, call_kind_of
+from bcapscope.traffic.call_kind import COMMAND_FUNCTIONS, CallKind, CallKinds
 from bcapscope.traffic.filter.tokens import with_nearest
 
 _FUNCTIONS = {function.name.casefold(): function.id for function in FUNCTIONS.values()}
@@ -121,11 +122,13 @@ class RequestGuard:
         self.read_only = read_only
         self._block = tuple(block)
         self._allow = tuple(allow)
+        self._templates = FrameTemplates()
+        self._kinds = CallKinds()
 
     def filter_frames(self, data: bytes) -> GuardResult:
         """Judge each frame in a datagram, or in a piece of a stream that was split into frames."""
         passing, refused, dropped = [], [], 0
-        for item in parse_datagram(data):
+        for item in parse_datagram(data, self._templates):
             if not isinstance(item, Frame):
                 dropped += len(item.raw)
             elif (why := self.refusal_reason(item)) is not None:
@@ -144,7 +147,7 @@ class RequestGuard:
         """
         if _only_stops(request):
             return None
-        kind, sound = call_kind_of(request), not request.problems and _reads_one_way(request)
+        kind, sound = self._kinds.kind_of(request), not request.problems and _reads_one_way(request)
         name = _request_name(kind)
         function_id, command = kind
         if sound and any(target.may_match(function_id, command) for target in self._block):

@@ -19,6 +19,7 @@ from bcapscope.faults.wire_message import SendBytes as Sent
 from bcapscope.messages import Message
 from bcapscope.messages.places import joined_clauses
 from bcapscope.protocol.codec.frame import Frame
+from bcapscope.protocol.codec.frame_template import FrameTemplates
 from bcapscope.proxy.direction_state import (
     ClientActivity,
     ClientStates,
@@ -80,6 +81,7 @@ class RulePolicy:
         self._outbox: list[PolicyAction] = []
         self._messages = 0
         self._recent_requests = RecentRequests()
+        self._templates = FrameTemplates()
         self._tickets = 0
 
     @property
@@ -289,7 +291,9 @@ class RulePolicy:
     def _process(self, state: DirectionState, data: bytes, now: int, work: DecisionBuilder) -> None:
         if self._inspects_frames:
             self._messages += 1
-            message = WireMessage(self._messages, state.flow, data, now, now + self._epoch)
+            message = WireMessage(
+                self._messages, state.flow, data, now, now + self._epoch, templates=self._templates
+            )
             message.annotate(self._recent_requests)
             self._sender.on_message(state.flow, data)
             left = self._show_to_scripts(state, message, work)
@@ -378,7 +382,9 @@ class RulePolicy:
 
     def _message_with(self, message: WireMessage, data: bytes) -> WireMessage:
         """Return a message with other bytes that replaces the original."""
-        changed = WireMessage(message.number, message.flow, data, message.now, message.time)
+        changed = WireMessage(
+            message.number, message.flow, data, message.now, message.time, templates=self._templates
+        )
         changed.annotate(self._recent_requests)
         return changed
 

@@ -15,6 +15,7 @@ from typing import Any
 
 from bcapscope.faults.wire_message import WireMessage
 from bcapscope.messages import Message
+from bcapscope.protocol.codec.frame_template import FrameTemplates
 from bcapscope.proxy.addons import AddonClient, AddonRunner, load_addons
 from bcapscope.proxy.script_protocol import (
     MAX_SENTENCES,
@@ -48,6 +49,7 @@ class ScriptHost:
         self._addons = addons
         self._clients: dict[int, tuple[AddonClient, Conversation]] = {}
         self._recent_requests = RecentRequests()
+        self._templates = FrameTemplates()
         self._messages = 0
         self._notices: list[Message] = []
         addons.notify = self._notices.append
@@ -85,7 +87,12 @@ class ScriptHost:
         self._messages += 1
         direction = Direction.REQUEST if order.up else Direction.RESPONSE
         message = WireMessage(
-            self._messages, Flow(conversation, direction), order.data, order.now, order.time
+            self._messages,
+            Flow(conversation, direction),
+            order.data,
+            order.now,
+            order.time,
+            templates=self._templates,
         )
         message.annotate(self._recent_requests)
         passing = self._addons.run_message_hooks(client, message)

@@ -11,10 +11,9 @@ from collections.abc import Iterable, Iterator, Sequence
 from typing import NamedTuple
 
 from bcapscope.messages import Message
+from bcapscope.protocol.closing_calls import closing_calls
 from bcapscope.protocol.codec.frame import encode_frame
-from bcapscope.protocol.codec.variant import EMPTY, VT, Variant
 from bcapscope.protocol.retry.reserved_convention import ReservedConvention
-from bcapscope.protocol.tables.function_table import FUNCTIONS, ObjectClass
 from bcapscope.protocol.tables.hresult import is_failure
 from bcapscope.traffic.call import Call
 from bcapscope.traffic.handle_tracker import (
@@ -28,8 +27,6 @@ from bcapscope.traffic.observation import Conversation, Transport
 from bcapscope.traffic.pipeline import PipelineSubscriber
 from bcapscope.traffic.slave_mode_tracker import SlaveModeTracker
 
-_ROBOT_EXECUTE = next(each.id for each in FUNCTIONS.values() if each.name == "Robot_Execute")
-_RELEASES = {each.releases: each.id for each in FUNCTIONS.values() if each.releases is not None}
 _TAKE, _GIVE = "takearm", "givearm"
 
 
@@ -118,18 +115,9 @@ class SessionCloser(PipelineSubscriber):
 
 def _closing_requests(session: ServiceSession, state: _State, robots: Iterable[int]) -> Iterator[bytes]:
     """Yield the frames that close a session, with the next serials and the client's reserved convention."""
-    calls: list[tuple[int, tuple[Variant, ...]]] = []
-    for known, command, parameter in (
-        (robots, "slvChangeMode", Variant(VT.I4, 0)),
-        (state.arm_handles, "GiveArm", EMPTY),
-    ):
-        for handle in known:
-            calls.append((_ROBOT_EXECUTE, (Variant(VT.I4, handle), Variant(VT.BSTR, command), parameter)))
-    for unreleased in reversed(session.unreleased):
-        calls.append((_RELEASES[unreleased.kind], (Variant(VT.I4, unreleased.handle),)))
-    calls.append((_RELEASES[ObjectClass.SERVICE], ()))
+    objects = [(each.kind, each.handle) for each in reversed(session.unreleased)]
     serial = state.serial
-    for function_id, arguments in calls:
+    for function_id, arguments in closing_calls(robots, state.arm_handles, objects):
         serial = serial % 0xFFFF + 1
         reserved = serial if state.convention is ReservedConvention.OWN else 0
         yield encode_frame(serial, reserved, function_id, arguments)

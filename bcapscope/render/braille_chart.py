@@ -15,12 +15,7 @@ _LARGEST = 1e9
 
 
 class ChartCurve(NamedTuple):
-    """One curve.
-
-    Attributes:
-        points: pairs of x and y; what is no number below a thousand million is left out.
-        style: sequence put before its dots, such as one of a palette's.
-    """
+    """One curve: pairs of x and y, and the sequence before its dots. Values of 1e9 and more are left out."""
 
     points: Sequence[tuple[float, float]]
     style: str = ""
@@ -29,17 +24,9 @@ class ChartCurve(NamedTuple):
 def braille_chart(
     curves: Sequence[ChartCurve], width: int, height: int, palette: Palette = PLAIN, unit: str = ""
 ) -> list[str]:
-    """Draw curves in one frame, with the least and the most of y at the left and of x below.
+    """Return curves in one frame as `height` lines of `width` columns, at least two and eleven.
 
-    Args:
-        curves: later ones are drawn over earlier ones.
-        width: columns of the whole, labels included.
-        height: rows of the whole, that of x included.
-        palette: its `dim` is for labels.
-        unit: of y, written behind the most.
-
-    Returns:
-        `height` lines of at most `width` columns; of two lines and eleven columns where these are fewer.
+    The least and the most of y, with its unit, stand at the left; those of x below.
     """
     columns, rows = max(1, width - _LABEL - 1), max(1, height - 1)
     finite = [
@@ -82,7 +69,6 @@ def _place(value: float, low: float, high: float, count: int) -> int:
 
 
 def _joined(dots: Sequence[tuple[int, int]]) -> list[tuple[int, int]]:
-    """Join the dots by straight lines."""
     found = list(dots[:1])
     for (x, y), (to_x, to_y) in pairwise(dots):
         steps = max(abs(to_x - x), abs(to_y - y), 1)

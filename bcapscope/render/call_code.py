@@ -6,7 +6,7 @@ import math
 import re
 import shlex
 from collections.abc import Iterator, Sequence
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 from bcapscope.client.handle_table import ObjectHandle
 from bcapscope.protocol.codec.variant import ARRAY, EMPTY, VT, Variant
@@ -21,37 +21,25 @@ from bcapscope.protocol.tables.function_table import (
 from bcapscope.render.escape import printable
 from bcapscope.render.notation_text import typed_text
 
+if TYPE_CHECKING:  # it reaches sockets
+    from bcapscope.client.controller_target import ControllerTarget
+
 _PORT = 5007
 _PROVIDER = "CaoProv.DENSO.VRC"
 """What `bcapscope call` takes where nothing else is said."""
 
-_OWNERS_WITH_NAMES = frozenset(
-    (
-        ObjectClass.ROBOT,
-        ObjectClass.TASK,
-        ObjectClass.VARIABLE,
-        ObjectClass.FILE,
-        ObjectClass.EXTENSION,
-        ObjectClass.COMMAND,
-    )
+NAMED_OWNERS = (
+    ObjectClass.ROBOT,
+    ObjectClass.TASK,
+    ObjectClass.VARIABLE,
+    ObjectClass.FILE,
+    ObjectClass.EXTENSION,
+    ObjectClass.COMMAND,
 )
+"""Objects that `bcapscope call` opens by a name, which an option gives."""
+
 _TYPES = {"VT_I4": VT.I4, "VT_R4": VT.R4, "VT_BSTR": VT.BSTR}
 _WORD_BREAK = re.compile(r"(?<=[a-z])(?=[A-Z])")
-
-
-class CallTarget(Protocol):
-    """A controller, and how it is reached, such as `client.controller_target.ControllerTarget`."""
-
-    @property
-    def host(self) -> str: ...
-    @property
-    def port(self) -> int: ...
-    @property
-    def tcp(self) -> bool: ...
-    @property
-    def provider(self) -> str: ...
-    @property
-    def service(self) -> str: ...
 
 
 def hex_text(raw: bytes) -> str:
@@ -60,19 +48,12 @@ def hex_text(raw: bytes) -> str:
 
 
 def shell_command(
-    target: CallTarget, function_id: int, arguments: Sequence[Variant], subject: ObjectHandle | None
+    target: ControllerTarget, function_id: int, arguments: Sequence[Variant], subject: ObjectHandle | None
 ) -> str | None:
-    """Write a call as a command line of ours.
+    """Write a call as a bcapscope command line, which opens `subject` by its name.
 
-    Args:
-        target: the controller, and how it is reached.
-        function_id: what is called.
-        arguments: all of them, the handle first.
-        subject: what the handle stands for; the line opens it by its name. None to give the number.
-
-    Returns:
-        The line; None where an argument has no notation, where a terminal would obey something in it rather
-        than take it as pasted, or where there is no such function.
+    Returns None if the function is unknown, an argument has no notation, or a terminal would obey something
+    in it.
     """
     function = FUNCTIONS.get(function_id)
     if function is None or len(arguments) != len(function.params):
@@ -93,7 +74,7 @@ def _after_double_dash(texts: list[str]) -> list[str]:
     return ["--", *texts] if any(text.startswith("-") for text in texts) else texts
 
 
-def _target_options(target: CallTarget) -> Iterator[str]:
+def _target_options(target: ControllerTarget) -> Iterator[str]:
     if target.port != _PORT:
         yield from ("--port", str(target.port))
     if target.tcp:
@@ -110,7 +91,7 @@ def _is_opened_by_call(subject: ObjectHandle) -> bool:
         return True
     parent = subject.parent
     if (
-        subject.kind not in _OWNERS_WITH_NAMES
+        subject.kind not in NAMED_OWNERS
         or not subject.opened_with
         or parent is None
         or any(subject.opened_with[1:])
@@ -123,7 +104,7 @@ def _is_opened_by_call(subject: ObjectHandle) -> bool:
 
 def _name_options(subject: ObjectHandle | None) -> list[str]:
     words: list[str] = []
-    while subject is not None and subject.kind in _OWNERS_WITH_NAMES:
+    while subject is not None and subject.kind in NAMED_OWNERS:
         words += [f"--{subject.kind.lower()}", subject.opened_with[0]]
         subject = subject.parent
     return words
@@ -136,19 +117,9 @@ def _word(param: Param, argument: Variant) -> str | None:
 
 
 def python_program(
-    target: CallTarget, function_id: int, arguments: Sequence[Variant], subject: ObjectHandle | None
+    target: ControllerTarget, function_id: int, arguments: Sequence[Variant], subject: ObjectHandle | None
 ) -> str:
-    """Write a call as a program that makes it: connections first, everything let go at the end.
-
-    Args:
-        target: the controller, and how it is reached.
-        function_id: what is called; with an id that no function has, the program sends just that.
-        arguments: all of them, the handle first.
-        subject: what the handle stands for; the program opens it. None to give the number.
-
-    Returns:
-        The program, which is valid Python whatever the arguments are.
-    """
+    """Write a call as a valid Python program: it connects, opens `subject` and releases everything."""
     over = "over_tcp" if target.tcp else "over_udp"
     option = f", {_literal(target.service)}" if target.service else ""
     chain = _parents_and_self(subject)

@@ -8,12 +8,11 @@ from typing import TypeAlias
 import orjson
 
 from bcapscope.protocol.tables.function_table import function_name
-from bcapscope.protocol.tables.hresult import describe_hresult, hresult_name
-from bcapscope.render.frame_record import json_text
+from bcapscope.protocol.tables.hresult import describe_hresult
+from bcapscope.render.json_values import result_object, text_fragment, time_fragment
 from bcapscope.render.timestamp import epoch_text
 from bcapscope.traffic.call import Call, FrameObservation
 from bcapscope.traffic.call_kind import CallKind
-from bcapscope.traffic.call_verdict import CallVerdict, Outcome
 from bcapscope.traffic.handle_tracker import TrackedObject
 from bcapscope.traffic.observation import Conversation
 from bcapscope.traffic.reserved_field import ReservedConvention
@@ -24,13 +23,16 @@ MAX_TEMPLATES = 4096
 _TemplateKey: TypeAlias = "tuple[Conversation, CallKind, TrackedObject | None, int, ReservedConvention]"
 
 _MILLISECOND = 1_000_000
-_OBJECT = (
-    b'{"call":%b,%b"object":%b,"started":%b,"requests":%b,"serials":%b,"retries":%b,"replies":%b,'
-    b'"late_replies":%b,"lost_replies":%b,"executing":%b,"duplicates":%b,"outcome":"%b",%b,'
-    b'"latency_ms":%b,"rtt_ms":%b,"convention":"%b","verdict":"%b"}'
-)
-_OUTCOMES = {outcome: outcome.value.encode("ascii") for outcome in Outcome}
-_VERDICTS = {verdict: verdict.value.encode("ascii") for verdict in CallVerdict}
+_OWN_MEMBERS = {
+    "call": b"%d",
+    "started": b"%b",
+    "requests": b"[%d]",
+    "serials": b"[%d]",
+    "replies": b"[%d]",
+    "latency_ms": b"%b",
+    "rtt_ms": b"%b",
+}
+"""What differs between plain answered calls of one kind; all else is in their template."""
 
 
 class CallRecordRenderer:
@@ -47,10 +49,10 @@ class CallRecordRenderer:
         """
         request, reply = call.request, call.reply
         if reply is None or not call.is_plain:
-            return _full_record(call, subject)
+            return orjson.dumps(_call_object(call, subject))
         kind = call.conversation, call.kind, subject, reply.item.code, call.convention
         form = self._templates.get(kind) or self._make_template(kind, call)
-        latency = _duration(call.latency)
+        latency = orjson.dumps(_milliseconds(call.latency))
         started = epoch_text(request.time).encode("ascii")
         serial = request.item.serial
         return form % (call.number, started, request.number, serial, reply.number, latency, latency)
@@ -64,82 +66,48 @@ class CallRecordRenderer:
         """Make the form of plain answered calls of one kind, with places for what is their own."""
         if len(self._templates) >= MAX_TEMPLATES:
             self._templates.clear()
-        head, thing, result = _head(call), _object(kind[2]), _result(call)
-        self._templates[kind] = form = _OBJECT % (
-            b"%d",
-            head.replace(b"%", b"%%"),
-            thing.replace(b"%", b"%%"),
-            b"%b",
-            b"[%d]",
-            b"[%d]",
-            b"0",
-            b"[%d]",
-            b"[]",
-            b"[]",
-            b"0",
-            b"[]",
-            _OUTCOMES[call.outcome],
-            result.replace(b"%", b"%%"),
-            b"%b",
-            b"%b",
-            call.convention.encode("ascii"),
-            _VERDICTS[call.verdict],
+        members = (
+            b'"%b":%b' % (name.encode(), _OWN_MEMBERS.get(name) or orjson.dumps(value).replace(b"%", b"%%"))
+            for name, value in _call_object(call, kind[2]).items()
         )
+        self._templates[kind] = form = b"{" + b",".join(members) + b"}"
         return form
 
 
-def _full_record(call: Call, subject: TrackedObject | None) -> bytes:
-    """Write a call to which anything may have happened."""
-    return _OBJECT % (
-        b"%d" % call.number,
-        _head(call),
-        _object(subject),
-        epoch_text(call.request.time).encode("ascii"),
-        _numbers(call.attempts),
-        orjson.dumps(call.serials),
-        b"%d" % call.retries,
-        b"[]" if call.reply is None else b"[%d]" % call.reply.number,
-        _numbers(call.late_replies),
-        _numbers(call.lost_replies),
-        b"%d" % len(call.notices),
-        _numbers(call.duplicates),
-        _OUTCOMES[call.outcome],
-        _result(call),
-        _duration(call.latency),
-        _duration(call.rtt),
-        call.convention.encode("ascii"),
-        _VERDICTS[call.verdict],
-    )
-
-
-def _head(call: Call) -> bytes:
-    conversation, question = call.conversation, call.kind
-    values = {
-        b"function": json_text(function_name(question.function_id)),
-        b"function_id": orjson.dumps(question.function_id),
-        b"command": json_text(question.command),
-        b"transport": json_text(conversation.transport),
-        b"client": json_text(str(conversation.client)),
-        b"server": json_text(str(conversation.server)),
+def _call_object(call: Call, subject: TrackedObject | None) -> dict[str, object]:
+    conversation, code = call.conversation, call.hresult
+    text = {} if code is None else {"hresult_text": text_fragment(describe_hresult(code).text)}
+    return {
+        "call": call.number,
+        "function": function_name(call.kind.function_id),
+        "function_id": call.kind.function_id,
+        "command": text_fragment(call.kind.command),
+        "transport": conversation.transport,
+        "client": text_fragment(str(conversation.client)),
+        "server": text_fragment(str(conversation.server)),
+        "object": text_fragment(None if subject is None else subject.label),
+        "started": time_fragment(call.request.time),
+        "requests": _numbers(call.attempts),
+        "serials": call.serials,
+        "retries": call.retries,
+        "replies": [] if call.reply is None else [call.reply.number],
+        "late_replies": _numbers(call.late_replies),
+        "lost_replies": _numbers(call.lost_replies),
+        "executing": len(call.notices),
+        "duplicates": _numbers(call.duplicates),
+        "outcome": call.outcome,
+        **result_object(code),
+        **text,
+        "latency_ms": _milliseconds(call.latency),
+        "rtt_ms": _milliseconds(call.rtt),
+        "convention": call.convention,
+        "verdict": call.verdict,
     }
-    return b"".join(b'"%b":%b,' % item for item in values.items())
 
 
-def _object(subject: TrackedObject | None) -> bytes:
-    return b"null" if subject is None else json_text(subject.label)
+def _numbers(seen: Iterable[FrameObservation]) -> list[int]:
+    return [each.number for each in seen]
 
 
-def _result(call: Call) -> bytes:
-    code = call.hresult
-    if code is None:
-        return b'"hresult":null,"hresult_name":null'
-    meaning = (code, json_text(hresult_name(code)), json_text(describe_hresult(code).text))
-    return b'"hresult":%d,"hresult_name":%b,"hresult_text":%b' % meaning
-
-
-def _numbers(seen: Iterable[FrameObservation]) -> bytes:
-    return orjson.dumps([each.number for each in seen])
-
-
-def _duration(nanoseconds: int | None) -> bytes:
-    return b"null" if nanoseconds is None else orjson.dumps(nanoseconds / _MILLISECOND)
+def _milliseconds(nanoseconds: int | None) -> float | None:
+    return None if nanoseconds is None else nanoseconds / _MILLISECOND

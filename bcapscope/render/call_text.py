@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from functools import lru_cache
 
 from bcapscope.messages import ENGLISH_WORDS, Message, MessageFormatter
 from bcapscope.protocol.tables.function_table import FUNCTIONS, ObjectClass, function_name
-from bcapscope.protocol.tables.hresult import S_EXECUTING, describe_hresult, hresult_name, is_failure
 from bcapscope.protocol.text_format import display_width
 from bcapscope.render.color_palette import PLAIN, Palette
 from bcapscope.render.escape import printable, quoted
 from bcapscope.render.line_template import LONGEST_STRING
+from bcapscope.render.result_advice import result_text
 from bcapscope.render.timestamp import TimeFormat, timestamp_writer
 from bcapscope.traffic.call import Call, CallFrame, FrameRole, StrayReply
 from bcapscope.traffic.call_kind import CallKind
@@ -21,6 +22,7 @@ from bcapscope.traffic.observation import Direction, Flow
 _MILLISECOND = 1_000_000
 _PLAIN_VERDICTS = frozenset(CallVerdict[outcome.name] for outcome in Outcome)
 _MAX_NAMED = 6
+_MAX_RESULTS = 1024  # result codes whose texts are kept
 _BRACKETS = {True: "└─", False: "├─"}
 
 
@@ -37,14 +39,7 @@ class CallRenderer:
         write_endpoints: Callable[[Flow], str] | None = None,
         words: MessageFormatter = ENGLISH_WORDS,
     ) -> None:
-        """Choose the looks.
-
-        Args:
-            time_format: Format of the times, such as relative or absolute.
-            palette: colours.
-            write_endpoints: writes who spoke to whom, harmless; addresses and transport unless given.
-            words: language of the reader.
-        """
+        """Choose the looks. `write_endpoints` returns escaped text; by default addresses and transport."""
         self._write_endpoints = write_endpoints or _addresses
         self._write_time = timestamp_writer(time_format)
         self._palette = palette
@@ -54,19 +49,14 @@ class CallRenderer:
         self._labels = {name: words(f"call.label.{name}") for name in ("frame", "serial", "reserved", "at")}
         self._frame_text = words("call.frame", requests="{0}")
         self._frames_text = words("call.frames", requests="{0}", replies="{1}")
-        self._meanings: dict[int, str] = {}
+        self._result_text = lru_cache(_MAX_RESULTS)(lambda code: result_text(code, palette, words))
 
     def set_time_origin(self, time: int) -> None:
         """Count relative times from `time`, not from the first line."""
         self._write_time(time)
 
     def line(self, call: Call | StrayReply, subject: TrackedObject | None = None) -> str:
-        """Write one line: number, start, ends, function and command, how it ended and when, frames.
-
-        Args:
-            call: the call, or a reply that belongs to none.
-            subject: the object that it was asked of, where that is known.
-        """
+        """Write one line: number, start, ends, function and command, how it ended and when, frames."""
         if isinstance(call, StrayReply):
             return self._stray_line(call)
         color = self._palette
@@ -92,13 +82,7 @@ class CallRenderer:
             before = event.observation.time
 
     def event_line(self, event: CallFrame, previous_time: int, call: Call) -> str:
-        """Write a frame of a call: its role, and when it was seen.
-
-        Args:
-            event: the frame.
-            previous_time: when the frame before it was seen.
-            call: whose it is.
-        """
+        """Write a frame of a call: its role, and the time since the frame before it."""
         seen, color, labels = event.observation, self._palette, self._labels
         role = self._roles[event.role]
         since, elapsed = seen.time - previous_time, seen.time - call.request.time
@@ -129,19 +113,6 @@ class CallRenderer:
         outcome = call.outcome
         shade = color.bad if outcome is Outcome.UNANSWERED else color.dim
         return f"{shade}{self._verdict(CallVerdict[outcome.name])}{color.reset}"
-
-    def _result_text(self, code: int) -> str:
-        color = self._palette
-        name = hresult_name(code)
-        if is_failure(code):
-            return f"{color.bad}{name} ({self._meaning(code)}){color.reset}"
-        return f"{color.dim if code == S_EXECUTING else color.good}{name}{color.reset}"
-
-    def _meaning(self, code: int) -> str:
-        text = self._meanings.get(code)
-        if text is None:
-            text = self._meanings[code] = self._words.text(describe_hresult(code).meaning)
-        return text
 
     def _verdict(self, verdict: CallVerdict) -> str:
         return self._words(f"call.verdict.{verdict.replace(' ', '-')}")

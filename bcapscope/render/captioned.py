@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
 
 from bcapscope.messages import Message, MessageFormatter
 from bcapscope.messages.message import PlaceValue
@@ -19,17 +20,12 @@ TEXT_WIDTH = 62
 _FRAMES_SHOWN = 8
 
 
+@dataclass(frozen=True, slots=True)
 class CaptionWriter:
-    """Writes lines of one section after the other.
+    """Writes lines of one section after the other."""
 
-    Attributes:
-        palette: Colours.
-        words: Language of the reader.
-    """
-
-    def __init__(self, palette: Palette, words: MessageFormatter) -> None:
-        self.palette = palette
-        self.words = words
+    palette: Palette
+    words: MessageFormatter
 
     def text(self, message: Message) -> str:
         """Return a message as escaped text."""

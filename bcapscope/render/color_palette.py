@@ -7,19 +7,8 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Palette:
-    """A sequence for each kind of text; `reset` ends what any of them began.
-
-    All are empty in a palette without colours, so that renderers need not ask whether there are any.
-
-    Attributes:
-        number: values that are counted or measured.
-        name: names of functions, commands, fields.
-        hex: bytes.
-        problem: what is not as b-CAP has it.
-        good: success.
-        bad: failure.
-        dim: what matters least: offsets, addresses, captions.
-        reset: back to the terminal's own.
+    """A sequence for each kind of text; `reset` ends what any of them began. Without colours, all are
+    empty.
     """
 
     number: str = ""

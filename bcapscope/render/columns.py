@@ -18,12 +18,9 @@ _WORDS = re.compile(f" *(?:[{_WIDE}][{_CLOSING}]*|[^ {_WIDE}]+[{_CLOSING}]*| +$)
 
 
 def align_columns(rows: Sequence[Sequence[str]], alignments: str) -> Iterator[str]:
-    """Write rows with each column as wide as its widest cell.
+    """Write rows of escaped text with each column as wide as its widest cell.
 
-    Args:
-        rows: all with the same number of cells; nothing in them that a terminal would obey.
-        alignments: for each column ``>`` to set it to the right, ``<`` to the left; the last is not filled
-            up.
+    `alignments` has ``>`` for a column set to the right, ``<`` for one set to the left.
     """
     widths = [max(map(display_width, cells), default=0) for cells in zip(*rows, strict=True)]
     for row in rows:
@@ -35,9 +32,8 @@ def align_columns(rows: Sequence[Sequence[str]], alignments: str) -> Iterator[st
 
 
 def wrap_text(text: str, width: int) -> Iterator[str]:
-    """Break text into lines of at most `width` columns: at spaces, and beside wide characters.
-
-    Other words that are longer stay whole.
+    """Break text into lines of at most `width` columns: at spaces, and beside wide characters. Long words
+    stay whole.
     """
     line = ""
     for piece in _WORDS.findall(text):

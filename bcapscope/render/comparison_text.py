@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 
 import orjson
@@ -15,16 +16,15 @@ from bcapscope.analysis.capture_comparison import (
     Value,
 )
 from bcapscope.analysis.finding import Finding, Severity
-from bcapscope.analysis.statistics.call_statistics import OTHER_KINDS
 from bcapscope.messages import ENGLISH_WORDS, MessageFormatter
 from bcapscope.messages.places import Count
-from bcapscope.protocol.tables.function_table import function_name
 from bcapscope.render.color_palette import PLAIN, Palette
 from bcapscope.render.columns import align_columns, wrap_text
+from bcapscope.render.diagnosis_summary import severity_counts_text
 from bcapscope.render.escape import printable
 from bcapscope.render.finding_text import finding_sentence, words_for
-from bcapscope.render.frame_record import json_text
-from bcapscope.render.statistics_text import call_kind_text
+from bcapscope.render.json_values import text_fragment
+from bcapscope.render.statistics_text import call_kind_object, call_kind_text
 from bcapscope.traffic.call_kind import CallKind
 
 MAX_ROWS = 40
@@ -40,15 +40,7 @@ def comparison_lines(
     palette: Palette = PLAIN,
     words: MessageFormatter = ENGLISH_WORDS,
 ) -> Iterator[str]:
-    """Yield the differences between two captures as text, notable ones first.
-
-    Args:
-        comparison: of the two.
-        good: the first capture.
-        bad: the second.
-        palette: colours.
-        words: language of the reader.
-    """
+    """Yield the differences between two captures as text, notable ones first."""
     sides = (("compare.good", good), ("compare.bad", bad))
     heads = [(words(name), printable(side.name), _size(side, words)) for name, side in sides]
     yield from align_columns(heads, "<<<")
@@ -70,13 +62,10 @@ def _size(side: ComparedCapture, words: MessageFormatter) -> str:
         return words("compare.no-calls")
     seconds = f"{(statistics.end - statistics.start) / 1e9:.3f}"
     calls = Count(statistics.total.figures.calls, "call")
-    counts = {severity: 0 for severity in Severity}
-    for finding in side.findings:
-        counts[finding.severity] += 1
-    found = [words.plural(f"count.{severity.value}", count) for severity, count in counts.items() if count]
+    found = severity_counts_text(Counter(finding.severity for finding in side.findings), words)
     if not found:
         return words("compare.size.no-findings", calls=calls, seconds=seconds)
-    return words("compare.size", calls=calls, seconds=seconds, findings=words("list.comma").join(found))
+    return words("compare.size", calls=calls, seconds=seconds, findings=found)
 
 
 def _captioned_lines(caption: str, lines: Iterable[str], palette: Palette) -> Iterator[str]:
@@ -173,58 +162,58 @@ def comparison_record(comparison: CaptureComparison, good: ComparedCapture, bad:
 
     Figures are named as in the JSON of ``stats`` where that has them; shares are of 1, times in milliseconds.
     """
-    form = (
-        b'{"notable":%b,"good":%b,"bad":%b,"differences":[%b],"only_good":[%b],"only_bad":[%b],'
-        b'"findings":[%b]}'
-    )
-    return form % (
-        orjson.dumps(comparison.is_notable),
-        _side_record(good),
-        _side_record(bad),
-        b",".join(map(_difference_record, comparison.differences)),
-        b",".join(map(_one_sided_record, comparison.only_good)),
-        b",".join(map(_one_sided_record, comparison.only_bad)),
-        b",".join(_rule_record(each, good, bad) for each in comparison.rules),
+    return orjson.dumps(
+        {
+            "notable": comparison.is_notable,
+            "good": _side_object(good),
+            "bad": _side_object(bad),
+            "differences": list(map(_difference_object, comparison.differences)),
+            "only_good": list(map(_one_sided_object, comparison.only_good)),
+            "only_bad": list(map(_one_sided_object, comparison.only_bad)),
+            "findings": [_rule_object(each, good, bad) for each in comparison.rules],
+        }
     )
 
 
-def _side_record(side: ComparedCapture) -> bytes:
+def _side_object(side: ComparedCapture) -> dict[str, object]:
     statistics = side.statistics
-    calls = 0 if statistics is None else statistics.total.figures.calls
-    seconds = 0.0 if statistics is None else (statistics.end - statistics.start) / 1e9
-    counts = (calls, orjson.dumps(seconds), len(side.slave_sessions), len(side.findings))
-    return b'{"name":%b,"calls":%d,"seconds":%b,"stays":%d,"findings":%d}' % (json_text(side.name), *counts)
+    return {
+        "name": text_fragment(side.name),
+        "calls": 0 if statistics is None else statistics.total.figures.calls,
+        "seconds": 0.0 if statistics is None else (statistics.end - statistics.start) / 1e9,
+        "stays": len(side.slave_sessions),
+        "findings": len(side.findings),
+    }
 
 
-def _difference_record(each: Difference) -> bytes:
-    subject = each.subject
-    stay = subject if isinstance(subject, int) else None
-    question = None if isinstance(subject, int) else subject
-    values = {"good": each.good, "bad": each.bad, "ratio": each.ratio, "notable": each.notable}
-    figure = {"stay": stay, "figure": each.figure, **values}
-    return b"{%b,%b" % (_call_kind_members(question), orjson.dumps(figure)[1:])
+def _difference_object(each: Difference) -> dict[str, object]:
+    is_session = isinstance(each.subject, int)
+    return {
+        **call_kind_object(None if isinstance(each.subject, int) else each.subject),
+        "stay": each.subject if is_session else None,
+        "figure": each.figure,
+        "good": each.good,
+        "bad": each.bad,
+        "ratio": each.ratio,
+        "notable": each.notable,
+    }
 
 
-def _call_kind_members(call_kind: CallKind | None) -> bytes:
-    if call_kind is None:
-        return b'"function":null,"command":null'
-    name = "others" if call_kind is OTHER_KINDS else function_name(call_kind.function_id)
-    return b'"function":%b,"command":%b' % (json_text(name), json_text(call_kind.command))
+def _one_sided_object(lone: UnmatchedKind) -> dict[str, object]:
+    return {**call_kind_object(lone.call_kind), "calls": lone.call_count}
 
 
-def _one_sided_record(lone: UnmatchedKind) -> bytes:
-    return b'{%b,"calls":%d}' % (_call_kind_members(lone.call_kind), lone.call_count)
+def _rule_object(each: RuleDifference, good: ComparedCapture, bad: ComparedCapture) -> dict[str, object]:
+    return {
+        "rule": each.rule,
+        "severity": each.severity,
+        "good": len(each.good),
+        "bad": len(each.bad),
+        "good_sentences": _sentences(each.good, good),
+        "bad_sentences": _sentences(each.bad, bad),
+    }
 
 
-def _rule_record(each: RuleDifference, good: ComparedCapture, bad: ComparedCapture) -> bytes:
-    head = (json_text(each.rule), json_text(each.severity.value), len(each.good), len(each.bad))
-    return b'{"rule":%b,"severity":%b,"good":%d,"bad":%d,"good_sentences":[%b],"bad_sentences":[%b]}' % (
-        *head,
-        _sentences(each.good, good),
-        _sentences(each.bad, bad),
-    )
-
-
-def _sentences(findings: Iterable[Finding], side: ComparedCapture) -> bytes:
+def _sentences(findings: Iterable[Finding], side: ComparedCapture) -> list[orjson.Fragment]:
     words = words_for(ENGLISH_WORDS, side.totals)
-    return b",".join(json_text(printable(finding_sentence(finding, words))) for finding in findings)
+    return [text_fragment(printable(finding_sentence(finding, words))) for finding in findings]

@@ -69,12 +69,7 @@ class CsvTableRenderer:
         return self._row(COLUMNS)
 
     def row(self, observation: Observation, call_kind: CallKind | None) -> str:
-        """Write one row.
-
-        Args:
-            observation: the frame or malformed bytes.
-            call_kind: what a request asks, or a reply answers where that was seen.
-        """
+        """Write the row of a frame or of malformed bytes."""
         flow, item = observation.flow, observation.item
         head = (observation.number, epoch_text(observation.time), *_endpoint_cells(flow))
         if isinstance(item, Malformed):

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable
+from typing import Any
 
 from bcapscope.analysis.finding import Severity, TrafficTotals
 from bcapscope.messages import ENGLISH_WORDS, Message, MessageFormatter
@@ -16,29 +18,23 @@ def diagnosis_summary(
     palette: Palette = PLAIN,
     words: MessageFormatter = ENGLISH_WORDS,
 ) -> str:
-    """Return the number of findings, and the amount of traffic that they are about.
-
-    Args:
-        severities: Severity of each finding.
-        totals: Amount of traffic.
-        palette: `good` is for traffic without problems.
-        words: Language of the line.
-    """
+    """Return the number of findings by severity, and the amount of traffic that they are about."""
     if not totals.frames:
         return words("diagnosis.nothing")
-    counts = dict.fromkeys(map(str, Severity), 0)
-    for severity in severities:
-        counts[severity] += 1
-    found = words("list.comma").join(
-        words.plural(f"count.{severity}", count) for severity, count in counts.items() if count
-    )
-    size = _size_message(totals)
+    counts = Counter(severities)
+    found, size = severity_counts_text(counts, words), _size_message(totals)
     if counts[Severity.ERROR] or counts[Severity.WARNING]:
         return words("diagnosis.problems", found=found, size=size)
     none = f"{palette.good}{words('diagnosis.no-problem')}{palette.reset}"
     if found:
         return words("diagnosis.notes", none=none, size=size, found=found)
     return words("diagnosis.healthy", none=none, size=size)
+
+
+def severity_counts_text(counts: Counter[Any], words: MessageFormatter) -> str:
+    """Return the number of findings of each severity that occurs, the gravest first."""
+    found = (words.plural(f"count.{each}", counts[each]) for each in Severity if counts[each])
+    return words("list.comma").join(found)
 
 
 def _size_message(totals: TrafficTotals) -> Message:

@@ -18,14 +18,7 @@ LONGEST_STRING = 60
 def value_text(
     value: Value, vt: int, longest: int | None = LONGEST_STRING, words: MessageFormatter = ENGLISH_WORDS
 ) -> str:
-    """Write one value; "" for none, for bytes and for arrays.
-
-    Args:
-        value: the value.
-        vt: its type; the flag of an array is of no account.
-        longest: characters of a string to show; None for all.
-        words: language of the reader.
-    """
+    """Write one value; "" for none, for bytes and for arrays. A string is cut after `longest` characters."""
     if isinstance(value, str):
         return _string_text(value, longest, words)
     if isinstance(value, bool):
@@ -55,12 +48,8 @@ def _float_text(value: float, vt: int) -> str:
 def field_meaning(
     field: FrameField, longest: int | None = LONGEST_STRING, words: MessageFormatter = ENGLISH_WORDS
 ) -> str:
-    """Say in one line what a field holds; "" where its name says all.
-
-    Args:
-        field: the field.
-        longest: characters of a string to show; None for all.
-        words: language of the reader; names and what is from the wire are the same in each.
+    """Say in one line what a field holds; "" where its name says all. A string is cut after `longest`
+    characters.
     """
     text = (
         _variant_meaning(field, longest, words)

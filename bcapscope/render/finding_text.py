@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 from bcapscope.analysis.finding import Consequence, Finding, Repetition, TrafficTotals
 from bcapscope.messages import Message, MessageFormatter
 from bcapscope.messages.places import Duration, Moment, Times
+
+_DEEPEST = 4
 
 
 def words_for(words: MessageFormatter, totals: TrafficTotals) -> MessageFormatter:
@@ -17,6 +19,15 @@ def words_for(words: MessageFormatter, totals: TrafficTotals) -> MessageFormatte
 def finding_sentence(finding: Finding, words: MessageFormatter) -> str:
     """Return what happened, how often, and what followed. Strings from the wire are not escaped."""
     return words.sentences(_sentences(finding, words))
+
+
+def finding_depths(findings: Sequence[Finding]) -> list[int]:
+    """Return how many causes each finding has above it, at most 4."""
+    depths: list[int] = []
+    for finding in findings:
+        cause = finding.consequence_of
+        depths.append(0 if cause is None else min(depths[cause - 1] + 1, _DEEPEST))
+    return depths
 
 
 def _sentences(finding: Finding, words: MessageFormatter) -> Iterator[str]:

@@ -2,27 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 
 import orjson
 
 from bcapscope.analysis.finding import Finding, Severity, TrafficTotals
-from bcapscope.analysis.rules import RULES
-from bcapscope.analysis.rules.rule_checker import DiagnosisRule
 from bcapscope.messages import ENGLISH_WORDS, MessageFormatter
 from bcapscope.messages.message import message_params
 from bcapscope.render.color_palette import PLAIN, Palette
 from bcapscope.render.columns import wrap_text
 from bcapscope.render.diagnosis_summary import diagnosis_summary
 from bcapscope.render.escape import printable
-from bcapscope.render.finding_text import finding_sentence, words_for
+from bcapscope.render.finding_text import finding_depths, finding_sentence, words_for
 
 NARROWEST, WIDEST = 40, 120
 """Columns that text is wrapped to: at least, where the terminal has fewer, and at most, as longer lines are
 hard to read."""
 
 _STEP = 4
-_DEEPEST = 4
 
 
 class FindingsRenderer:
@@ -37,12 +34,9 @@ class FindingsRenderer:
 
     def lines(self, findings: Sequence[Finding], totals: TrafficTotals) -> Iterator[str]:
         """Yield the lines of all findings, in the order given, and one that sums them up."""
-        depths: list[int] = []
         words = words_for(self._words, totals)
-        for number, finding in enumerate(findings, 1):
-            cause = finding.consequence_of
-            depths.append(0 if cause is None else depths[cause - 1] + 1)
-            yield from self._finding_lines(number, finding, " " * _STEP * min(depths[-1], _DEEPEST), words)
+        for number, (finding, depth) in enumerate(zip(findings, finding_depths(findings), strict=True), 1):
+            yield from self._finding_lines(number, finding, " " * _STEP * depth, words)
             yield ""
         yield diagnosis_summary([finding.severity for finding in findings], totals, self._palette, words)
 
@@ -96,11 +90,3 @@ def finding_record(number: int, finding: Finding, totals: TrafficTotals) -> byte
             "count": 1 if finding.repetition is None else finding.repetition.count,
         }
     )
-
-
-def rule_table(rules: Iterable[DiagnosisRule] = RULES) -> str:
-    """Write the list of rules as a Markdown table, the gravest first."""
-    rank = list(Severity)
-    ordered = sorted(rules, key=lambda rule: rank.index(rule.severity))
-    rows = [f"| `{rule.id}` | {rule.severity} | {rule.title} | {rule.source} |" for rule in ordered]
-    return "\n".join(("| Rule | Severity | Finds | Source |", "|---|---|---|---|", *rows)) + "\n"

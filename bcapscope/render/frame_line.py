@@ -11,10 +11,10 @@ from bcapscope.protocol.codec.frame import Frame, Framing, Malformed
 from bcapscope.protocol.codec.frame_template import FrameTemplate, numbers_of_arguments
 from bcapscope.protocol.tables.argument_names import request_param, result_param
 from bcapscope.protocol.tables.function_table import function_name
-from bcapscope.protocol.tables.hresult import S_EXECUTING, describe_hresult, hresult_name, is_failure
 from bcapscope.render.color_palette import PLAIN, Palette
 from bcapscope.render.escape import printable
 from bcapscope.render.line_template import LONGEST_STRING, LineTemplate, LineTemplateBuilder
+from bcapscope.render.result_advice import result_text
 from bcapscope.render.timestamp import TimeFormat, timestamp_writer
 from bcapscope.traffic.call_kind import CallKind
 from bcapscope.traffic.observation import Direction, Flow, Observation
@@ -37,14 +37,9 @@ class FrameLineRenderer:
         write_endpoints: Callable[[Flow], str] | None = None,
         words: MessageFormatter = ENGLISH_WORDS,
     ) -> None:
-        """Choose the looks.
+        """Choose the looks. A brief line leaves problems and comments to `remarks`.
 
-        Args:
-            time_format: Format of the times, such as relative or absolute.
-            palette: colours.
-            brief: leave problems and comments to `remarks`.
-            write_endpoints: writes who spoke to whom, harmless; addresses, transport and kind unless given.
-            words: language of the reader.
+        `write_endpoints` returns escaped text; by default addresses, transport and direction.
         """
         self._palette = palette
         self._write_endpoints = write_endpoints or _addresses
@@ -60,13 +55,7 @@ class FrameLineRenderer:
     def line(
         self, observation: Observation, call_kind: CallKind | None, comments: tuple[str, ...] = ()
     ) -> str:
-        """Write one line, without its end.
-
-        Args:
-            observation: the frame or malformed bytes.
-            call_kind: what a request asks, or a reply answers where that was seen.
-            comments: that the capture has on it.
-        """
+        """Write one line, without its end."""
         if comments and not self._is_brief:
             remarks = "".join(f"  # {printable(comment)}" for comment in comments)
             return f"{self.line(observation, call_kind)}{self._palette.dim}{remarks}{self._palette.reset}"
@@ -107,7 +96,7 @@ class FrameLineRenderer:
         builder = LineTemplateBuilder(f"%6d %s {self._endpoints_text(flow)} %5d %5d ")
         function_id = call_kind.function_id if call_kind else None
         if flow.direction is Direction.RESPONSE:
-            builder.add_text(self._result(frame.code))
+            builder.add_text(f" {result_text(frame.code, self._palette, self._words)}")
         if call_kind is not None:
             builder.add_text(self._function(call_kind))
         role = request_param if flow.direction is Direction.REQUEST else result_param
@@ -124,13 +113,6 @@ class FrameLineRenderer:
         if call_kind.command is None:
             return name
         return f"{name} {color.name}{printable(call_kind.command[:LONGEST_STRING])}{color.reset}"
-
-    def _result(self, code: int) -> str:
-        color = self._palette
-        name = hresult_name(code)
-        if is_failure(code):
-            return f" {color.bad}{name} ({self._words.text(describe_hresult(code).meaning)}){color.reset}"
-        return f" {color.dim if code == S_EXECUTING else color.good}{name}{color.reset}"
 
     def _odd_template(self, flow: Flow, frame: Frame, call_kind: CallKind | None) -> LineTemplate:
         builder = self._template_builder(flow, frame, call_kind)

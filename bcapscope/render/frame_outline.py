@@ -1,7 +1,4 @@
-"""A frame as rows: every field with its place, its depth, its name and its meaning.
-
-What trees on paper and on screen share; how a row looks is theirs.
-"""
+"""A frame as rows, for trees on paper and on screen: every field with its place, depth, name and meaning."""
 
 from __future__ import annotations
 
@@ -36,17 +33,7 @@ class FieldRowKind(Enum):
 
 
 class FieldRow(NamedTuple):
-    """One row.
-
-    Attributes:
-        kind: what it is.
-        depth: 0 for the fields of the frame itself.
-        start: offset of its first byte in the section.
-        stop: offset behind its last byte.
-        name: of the field; "" for problems and notes.
-        text: what it means, harmless to terminals.
-        failed: for an HRESULT, whether it is a failure; None for all else.
-    """
+    """One row: offsets in the section, and escaped text. `failed` is None unless the field is an HRESULT."""
 
     kind: FieldRowKind
     depth: int
@@ -58,13 +45,7 @@ class FieldRow(NamedTuple):
 
 
 class FrameSection(NamedTuple):
-    """A run of bytes and the fields that stand in it.
-
-    Attributes:
-        caption: line above the bytes, if any.
-        body: the bytes that the offsets of the fields mean.
-        fields: its fields.
-    """
+    """A run of bytes, to which the offsets of `fields` refer, with the line above it."""
 
     caption: Message | None
     body: bytes
@@ -72,12 +53,7 @@ class FrameSection(NamedTuple):
 
 
 def frame_sections(observation: Observation, call_kind: CallKind | None) -> tuple[FrameSection, ...]:
-    """Take an item apart: one section, two for a compressed frame.
-
-    Args:
-        observation: the frame or malformed bytes.
-        call_kind: for a reply, the request that it answers, where that was seen.
-    """
+    """Take an item apart: one section, two for a compressed frame."""
     item = observation.item
     if isinstance(item, Malformed):
         # Of a hole in a stream there is nothing but the problem to show.
@@ -97,12 +73,8 @@ def frame_sections(observation: Observation, call_kind: CallKind | None) -> tupl
 def field_rows(
     section: FrameSection, full: bool = False, words: MessageFormatter = ENGLISH_WORDS
 ) -> Iterator[FieldRow]:
-    """Yield the rows of a section in the order of its bytes, lazily.
-
-    Args:
-        section: one of `frame_sections`.
-        full: every character and every element, not only the first of many.
-        words: language of the reader; names of fields are the same in each.
+    """Yield the rows of a section in the order of its bytes, lazily; with `full`, every character and
+    element.
     """
     for field in section.fields:
         yield from _rows_of_field(field, 0, full, words)

@@ -1,13 +1,11 @@
-"""One JSON object a frame, for programs.
+"""One JSON object per frame, for programs.
 
-What frames of one layout have in common is written once as bytes with places for numbers; nothing that
-comes from the wire gets into the output but through a JSON encoder.
+What frames of one layout have in common is written once, as bytes with places for numbers. Text from the wire
+always passes a JSON encoder.
 """
 
 from __future__ import annotations
 
-import json
-import math
 from collections.abc import Callable, Sequence
 from functools import partial
 from typing import TypeAlias
@@ -27,6 +25,7 @@ from bcapscope.protocol.codec.variant import ARRAY, NUMBER_FORMATS, VT, Variant,
 from bcapscope.protocol.tables.argument_names import request_param, result_param
 from bcapscope.protocol.tables.function_table import Param, function_name
 from bcapscope.protocol.tables.hresult import describe_hresult, hresult_name
+from bcapscope.render.json_values import json_number, json_text
 from bcapscope.render.number import currency_text, date_text
 from bcapscope.render.timestamp import epoch_text
 from bcapscope.traffic.call_kind import CallKind
@@ -37,32 +36,6 @@ MAX_TEMPLATES = 4096
 
 
 NumberPlace: TypeAlias = "tuple[int | slice, Callable[[object], bytes]]"
-
-
-def json_text(value: str | None) -> bytes:
-    """Write a string as JSON in which every character that is not plainly visible is escaped.
-
-    A lone surrogate comes out as its escape, which JSON allows, so that nothing is lost.
-    """
-    if value is None:
-        return b"null"
-    if value.isprintable():
-        return orjson.dumps(value)
-    return json.dumps(value).replace("\x7f", "\\u007f").encode("ascii")
-
-
-def json_number(value: object) -> bytes:
-    """Write a number, or a tuple of numbers; NaN and infinities become strings."""
-    text = orjson.dumps(value)
-    return text if b"null" not in text else orjson.dumps(_json_ready(value))
-
-
-def _json_ready(value: object) -> object:
-    if isinstance(value, tuple):
-        return [_json_ready(item) for item in value]
-    if not isinstance(value, float) or math.isfinite(value):
-        return value
-    return "NaN" if math.isnan(value) else "Infinity" if value > 0 else "-Infinity"
 
 
 class _RecordTemplate:
@@ -185,13 +158,7 @@ class FrameRecordRenderer:
     def record(
         self, observation: Observation, call_kind: CallKind | None, comments: tuple[str, ...] = ()
     ) -> bytes:
-        """Write one object, without a line end.
-
-        Args:
-            observation: the frame or malformed bytes.
-            call_kind: what a request asks, or a reply answers where that was seen.
-            comments: that the capture has on it.
-        """
+        """Write one object, without a line end."""
         if comments:
             return b'%b,"comments":[%b]}' % (
                 self.record(observation, call_kind)[:-1],

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass, field
 
 from bcapscope.messages import ENGLISH_WORDS, MessageFormatter
 from bcapscope.render.color_palette import PLAIN, Palette
@@ -19,66 +20,46 @@ _NAME_WIDTH = 20
 _INDENT = "  "
 
 
+@dataclass(frozen=True, slots=True)
 class FrameTreeRenderer:
-    """Writes frames as trees.
+    """Writes frames as trees: with `full`, every byte, character and element; with `dump`, a hex dump below.
 
     Lines stay under 100 columns unless a text from the wire, or a reason, is longer.
     """
 
-    def __init__(
-        self,
-        palette: Palette = PLAIN,
-        full: bool = False,
-        dump: bool = False,
-        words: MessageFormatter = ENGLISH_WORDS,
-    ) -> None:
-        """Choose what is shown.
-
-        Args:
-            palette: colours.
-            full: every byte, every character and every element, not only the first of many.
-            dump: a hexdump under each tree, with the bytes that have problems in the palette's style.
-            words: language of the reader.
-        """
-        self._palette = palette
-        self._full = full
-        self._dump = dump
-        self._words = words
+    palette: Palette = PLAIN
+    full: bool = False
+    dump: bool = False
+    words: MessageFormatter = ENGLISH_WORDS
 
     def lines(self, observation: Observation, call_kind: CallKind | None) -> Iterator[str]:
-        """Write the tree of one item, line by line.
-
-        Args:
-            observation: the frame or malformed bytes.
-            call_kind: for a reply, the request that it answers, where that was seen.
-        """
+        """Write the tree of one item, line by line."""
         for section in frame_sections(observation, call_kind):
             if section.caption is not None:
-                yield f"{self._palette.dim}{self._words.text(section.caption)}{self._palette.reset}"
+                yield f"{self.palette.dim}{self.words.text(section.caption)}{self.palette.reset}"
             yield from self._section(section)
 
     def _section(self, section: FrameSection) -> Iterator[str]:
-        page = _TreeSection(self._palette, self._full, section.body)
-        for row in field_rows(section, self._full, self._words):
+        page = _TreeSection(self.palette, self.full, section.body)
+        for row in field_rows(section, self.full, self.words):
             yield from page.row_lines(row)
-        if self._dump and section.body:
+        if self.dump and section.body:
             yield ""
-            yield from hexdump(section.body, page.highlights, self._palette)
+            yield from hexdump(section.body, page.highlights, self.palette)
 
 
+@dataclass(frozen=True, slots=True)
 class _TreeSection:
     """The lines of one run of bytes; remembers which of them had problems."""
 
-    def __init__(self, palette: Palette, full: bool, body: bytes) -> None:
-        self._palette = palette
-        self._full = full
-        self._body = body
-        self._digits = len(str(len(body)))
-        self.highlights: list[Highlight] = []
+    palette: Palette
+    full: bool
+    body: bytes
+    highlights: list[Highlight] = field(default_factory=list)
 
     def row_lines(self, row: FieldRow) -> Iterator[str]:
         """Write a row: a line, and for all of a long field's bytes the lines that they need."""
-        color = self._palette
+        color = self.palette
         margin = " " * (self._offsets_width + _HEX_WIDTH + 3) + _INDENT * row.depth
         if row.kind is FieldRowKind.PROBLEM:
             self.highlights.append(Highlight(row.start, row.stop, color.problem))
@@ -89,16 +70,20 @@ class _TreeSection:
             yield from self._field_lines(row)
 
     def _field_lines(self, row: FieldRow) -> Iterator[str]:
-        color = self._palette
-        shown = self._body[row.start : row.stop] if row.kind is FieldRowKind.LEAF else b""
+        color = self.palette
+        shown = self.body[row.start : row.stop] if row.kind is FieldRowKind.LEAF else b""
         name = f"{_INDENT * row.depth}{color.name}{row.name}{color.reset}"
         padding = " " * (_NAME_WIDTH - len(_INDENT) * row.depth - len(row.name) if row.text else 0)
         text = f"{' ' if row.text else ''}{colored_value(row, color)}"
         offsets = self._offsets_text(row.start, row.stop)
         yield f"{offsets}  {self._hex_text(shown)}  {name}{padding}{text}".rstrip()
-        if self._full:
+        if self.full:
             for start in range(BYTES_SHOWN, len(shown), BYTES_SHOWN):
                 yield f"{' ' * self._offsets_width}  {self._hex_text(shown[start:])}".rstrip()
+
+    @property
+    def _digits(self) -> int:
+        return len(str(len(self.body)))
 
     @property
     def _offsets_width(self) -> int:
@@ -108,13 +93,13 @@ class _TreeSection:
         """Write the offsets of the first and the last byte."""
         last = f"..{stop - 1:<{self._digits}}" if stop - start > 1 else ""
         text = f"{start:>{self._digits}}{last}" if stop > start else ""
-        return f"{self._palette.dim}{text:<{self._offsets_width}}{self._palette.reset}"
+        return f"{self.palette.dim}{text:<{self._offsets_width}}{self.palette.reset}"
 
     def _hex_text(self, data: bytes) -> str:
         text = data[:BYTES_SHOWN].hex(" ")
-        if len(data) > BYTES_SHOWN and not self._full:
+        if len(data) > BYTES_SHOWN and not self.full:
             text = data[: BYTES_SHOWN - 1].hex(" ") + " …"
-        return f"{self._palette.hex}{text}{self._palette.reset}{' ' * (_HEX_WIDTH - 1 - len(text))}"
+        return f"{self.palette.hex}{text}{self.palette.reset}{' ' * (_HEX_WIDTH - 1 - len(text))}"
 
 
 def colored_value(row: FieldRow, palette: Palette) -> str:

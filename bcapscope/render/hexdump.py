@@ -16,13 +16,7 @@ _ASCII = bytes(byte if 0x20 <= byte < 0x7F else ord(".") for byte in range(256))
 
 
 class Highlight(NamedTuple):
-    """Bytes to be shown in a style.
-
-    Attributes:
-        start: offset of the first.
-        stop: offset behind the last.
-        style: sequence put before them, such as one of a palette's.
-    """
+    """Bytes from `start` up to `stop`, with the sequence put before them."""
 
     start: int
     stop: int
@@ -36,16 +30,9 @@ def hexdump(
     first: int = 0,
     per_line: int = PER_LINE,
 ) -> Iterator[str]:
-    """Write bytes as lines, one after the other as they are asked for.
+    """Yield bytes as lines of 8 or 16. Of two highlights that overlap, the later one counts.
 
     Offsets are decimal, as in every table of b-CAP's fields, and in the trees and problems shown beside them.
-
-    Args:
-        data: the bytes.
-        highlights: in the order of their `start`; where two overlap, the later one counts.
-        palette: its `reset` ends a highlight.
-        first: offset of the first byte.
-        per_line: bytes of a line, 8 or 16.
     """
     width = max(6, len(str(first + len(data))))
     pending = list(highlights)[::-1]

@@ -1,8 +1,4 @@
-"""Arguments as one line of text, made once for all frames of a layout.
-
-A phrase is a text with places left open for numbers: the words are chosen when the first frame of a form
-is met, and each frame after it only fills its own numbers in.
-"""
+"""Arguments as one line of text, made once for all frames of a layout, with places for their numbers."""
 
 from __future__ import annotations
 
@@ -40,12 +36,7 @@ _SHOWN_BEFORE = ("bstrCommand",)
 
 
 class LineTemplate:
-    """A text with places for numbers.
-
-    Attributes:
-        text: a %-format: of its head first, then ``%s`` for each of `places`.
-        places: which numbers stand there.
-    """
+    """A text with places for numbers: a %-format of its head first, then ``%s`` for each place."""
 
     __slots__ = ("places", "text")
 

@@ -10,11 +10,11 @@ from bcapscope.messages.places import Count
 from bcapscope.protocol.codec.frame import Frame
 from bcapscope.protocol.codec.frame_template import numbers_of_arguments
 from bcapscope.protocol.tables.argument_names import result_param
-from bcapscope.protocol.tables.hresult import describe_hresult, hresult_name, is_failure
 from bcapscope.render.color_palette import PLAIN, Palette
 from bcapscope.render.escape import printable
 from bcapscope.render.frame_record import FrameRecordRenderer
 from bcapscope.render.line_template import LineTemplateBuilder
+from bcapscope.render.result_advice import result_text
 from bcapscope.traffic.call_kind import CallKind
 from bcapscope.traffic.observation import Observation
 
@@ -30,23 +30,10 @@ class ReplyRenderer:
     def line(
         self, name: str, function_id: int, reply: Frame, took_ns: int, attempts: tuple[Attempt, ...]
     ) -> str:
-        """Write a line: call, result, values, ms, retries.
-
-        Args:
-            name: of the call, such as `Robot_Execute slvMove`.
-            function_id: of the call.
-            reply: as it came.
-            took_ns: nanoseconds from the first attempt.
-            attempts: all attempts.
-        """
+        """Write a line: call, result, values, ms, retries."""
         color = self._palette
         builder = LineTemplateBuilder(f"{color.name}{printable(name)}{color.reset} ".replace("%", "%%"))
-        result = hresult_name(reply.code)
-        if is_failure(reply.code):
-            meaning = self._words.text(describe_hresult(reply.code).meaning)
-            builder.add_text(f"{color.bad}{result} ({meaning}){color.reset}")
-        else:
-            builder.add_text(f"{color.good}{result}{color.reset}")
+        builder.add_text(result_text(reply.code, color, self._words))
         builder.add_arguments(reply.arguments, partial(result_param, function_id))
         retries = len(attempts) - 1
         builder.add_text(f"  {color.dim}{took_ns / 1e6:.3f} ms{color.reset}")

@@ -32,14 +32,8 @@ _FONT = "system-ui, -apple-system, 'Segoe UI', Roboto, 'Noto Sans', 'Noto Sans J
 
 
 class Picture(NamedTuple):
-    """One picture for the page.
-
-    Attributes:
-        name: id of its element, letters, digits and hyphens.
-        title: plain text.
-        caption: what it shows and how to read it, plain text.
-        height: CSS pixels.
-        json: data and layout for plotly.js, as JSON that may stand in a script element.
+    """One picture for the page: plain text, height in CSS pixels, and JSON for plotly.js, safe in a script
+    element.
     """
 
     name: str
@@ -58,16 +52,7 @@ def plotly_label(text: str, longest: int = LONGEST_LABEL) -> str:
 def make_picture(
     name: str, title: str, caption: str, height: int, traces: Sequence[Any], **layout: Any
 ) -> Picture:
-    """Make a picture of traces.
-
-    Args:
-        name: see `Picture`.
-        title: see `Picture`.
-        caption: see `Picture`.
-        height: see `Picture`.
-        traces: of plotly.
-        layout: beyond what all pictures have.
-    """
+    """Make a picture of plotly's traces, with a layout beyond what all pictures have."""
     common: dict[str, Any] = {
         "template": "none",
         "height": height,
@@ -115,14 +100,7 @@ def rounded_numbers(values: Iterable[float], digits: int = 6) -> list[float | No
 
 
 class HistogramBars(NamedTuple):
-    """A histogram that a person can look at.
-
-    Attributes:
-        lows: where each bar begins.
-        highs: where it ends.
-        counts: how many values.
-        logarithmic: bars are equally wide on a logarithmic axis.
-    """
+    """Where the bars of a histogram begin and end, and how many values each has."""
 
     lows: list[float]
     highs: list[float]
@@ -131,9 +109,9 @@ class HistogramBars(NamedTuple):
 
 
 def histogram_bars(bins: Sequence[Bin], least: float, most: float) -> HistogramBars:
-    """Put fine bins together to bars of equal width; bars without values are left out.
+    """Combine fine bins, by their middles, into bars of equal width, if need be on a logarithmic axis.
 
-    A bin goes where its middle lies.
+    Bars without values are left out.
     """
     low, high = max(least, bins[0].low), min(most, bins[-1].high)
     spread = low > 0 and high / low > _WIDE_SPREAD

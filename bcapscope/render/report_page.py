@@ -36,14 +36,8 @@ def report_page(
     remarks: Sequence[str] = (),
     words: MessageFormatter = ENGLISH_WORDS,
 ) -> str:
-    """Write the page.
-
-    Args:
-        report_data: Findings, statistics and slave-mode sessions.
-        captures: Names of the files.
-        version: Version of bcapscope.
-        remarks: Sentences about the reading of the captures, such as that one is damaged.
-        words: Language of the page; captions of pictures are English.
+    """Write the page. `remarks` are sentences about reading the captures; captions of pictures are
+    English.
     """
     statistics, strays = report_data.statistics, report_data.stray_replies
     timeline = report_calls.timeline_picture(report_data) if report_data.timelines else None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
@@ -14,7 +15,8 @@ from bcapscope.messages import ENGLISH_WORDS, MessageFormatter
 from bcapscope.messages.places import Count, Duration, Times
 from bcapscope.protocol.tables.hresult import describe_hresult, hresult_name
 from bcapscope.render import report_slave_sessions
-from bcapscope.render.finding_text import finding_sentence, words_for
+from bcapscope.render.diagnosis_summary import severity_counts_text
+from bcapscope.render.finding_text import finding_depths, finding_sentence, words_for
 from bcapscope.render.report_figure import Picture
 from bcapscope.render.slave_session_text import slave_session_lines
 from bcapscope.render.statistics_text import call_kind_text
@@ -30,7 +32,6 @@ MAX_ROWS = 40
 MAX_SLOW = 10
 """Set points in the table of the slowest."""
 
-_DEEPEST = 4
 _FIGURE_COLUMNS = (
     *("calls", "per-s", "line-time", "median", "p99", "longest"),
     *("retried", "refused", "unanswered"),
@@ -51,14 +52,9 @@ _GOOD_EXITS = (ExitReason.LEFT, ExitReason.CAPTURE_ENDED, ExitReason.CHANGED)
 
 
 class ReportTable(NamedTuple):
-    """A table.
+    """A table with one letter of `kinds` per column.
 
-    Attributes:
-        caption: What it holds.
-        header: Names of the columns.
-        kinds: A letter per column: ``t`` text, ``n`` number, ``c`` code, ``e`` the ends of a conversation,
-            of which None means all.
-        rows: One value per column.
+    They are ``t`` for text, ``n`` number, ``c`` code, ``e`` the ends of a conversation (None means all).
     """
 
     caption: str
@@ -68,13 +64,7 @@ class ReportTable(NamedTuple):
 
 
 class OverallVerdict(NamedTuple):
-    """The verdict at the top of the page.
-
-    Attributes:
-        kind: ``error``, ``warning`` or ``good``.
-        counts: How many findings there are.
-        sentence: Sentence of the first root cause; "" without problems.
-    """
+    """The verdict at the top of the page: ``error``, ``warning`` or ``good``, and the first root cause."""
 
     kind: str
     counts: str
@@ -82,17 +72,7 @@ class OverallVerdict(NamedTuple):
 
 
 class FindingView(NamedTuple):
-    """A finding as shown.
-
-    Attributes:
-        number: Number on the page, from 1.
-        depth: Number of causes above it, at most 4.
-        sign: Sign of its severity.
-        finding: The finding.
-        sentence: What happened.
-        advice: What to do; "" for nothing.
-        severity: Name of its severity.
-    """
+    """A finding as shown. `depth` is the number of causes above it, at most 4."""
 
     number: int
     depth: int
@@ -104,15 +84,7 @@ class FindingView(NamedTuple):
 
 
 class SlaveSessionView(NamedTuple):
-    """A slave-mode session with pictures.
-
-    Attributes:
-        number: Number of the session.
-        facts: Names and values; the value is text or a conversation.
-        pictures: Those that there is something to draw for.
-        slowest: Set points with the slowest replies; None if there are none.
-        lines: Output of `bcapscope slave`.
-    """
+    """A slave-mode session with pictures. `lines` is the output of `bcapscope slave`."""
 
     number: int
     facts: Sequence[tuple[str, str | Conversation]]
@@ -145,12 +117,8 @@ def period_text(report_data: ReportData, words: MessageFormatter) -> str:
 
 def overall_verdict(report_data: ReportData, words: MessageFormatter) -> OverallVerdict:
     """Return the number of findings of each severity, and the first of them."""
-    counts = {severity: 0 for severity in Severity}
-    for finding in report_data.findings:
-        counts[finding.severity] += 1
-    listed = words("list.comma").join(
-        words.plural(f"count.{severity.value}", count) for severity, count in counts.items() if count
-    )
+    counts = Counter(finding.severity for finding in report_data.findings)
+    listed = severity_counts_text(counts, words)
     if counts[Severity.ERROR] or counts[Severity.WARNING]:
         kind = "error" if counts[Severity.ERROR] else "warning"
         sentence = finding_sentence(report_data.findings[0], words_for(words, report_data.totals))
@@ -162,15 +130,12 @@ def overall_verdict(report_data: ReportData, words: MessageFormatter) -> Overall
 
 def finding_views(report_data: ReportData, words: MessageFormatter) -> list[FindingView]:
     """Return all findings, each consequence after its cause."""
-    depths: list[int] = []
-    for finding in report_data.findings:
-        cause = finding.consequence_of
-        depths.append(0 if cause is None else depths[cause - 1] + 1)
+    depths = finding_depths(report_data.findings)
     words = words_for(words, report_data.totals)
     return [
         FindingView(
             number,
-            min(depth, _DEEPEST),
+            depth,
             _SIGNS[finding.severity],
             finding,
             finding_sentence(finding, words),

@@ -1,29 +1,39 @@
-"""A result for people who have to do something about it: code, meaning, level, and what to do."""
+"""A result code as text: in a few words, or in a few lines for people who have to do something about it."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 
 from bcapscope.messages import ENGLISH_WORDS, MessageFormatter
-from bcapscope.protocol.tables.hresult import describe_hresult, hresult_name, is_failure, level_name
+from bcapscope.protocol.tables.hresult import (
+    S_EXECUTING,
+    describe_hresult,
+    hresult_name,
+    is_failure,
+    level_name,
+)
 from bcapscope.render.color_palette import PLAIN, Palette
+
+
+def result_text(code: int, palette: Palette = PLAIN, words: MessageFormatter = ENGLISH_WORDS) -> str:
+    """Write a result in its colour, a failure with its meaning."""
+    name = hresult_name(code)
+    if is_failure(code):
+        return f"{palette.bad}{name} ({words.text(describe_hresult(code).meaning)}){palette.reset}"
+    return f"{palette.dim if code == S_EXECUTING else palette.good}{name}{palette.reset}"
 
 
 def result_advice(
     code: int, palette: Palette = PLAIN, words: MessageFormatter = ENGLISH_WORDS
 ) -> Iterator[str]:
-    """Write a result as a few lines: what it is, what it means, how bad it is, what to do.
-
-    A success is one line.
-    """
-    color = palette
+    """Yield a success as one line; a failure with its meaning, its level, and what to do."""
     found, name = describe_hresult(code), hresult_name(code)
     digits = f"0x{code & 0xFFFFFFFF:08X}"
     head = name if name == digits else f"{name} {digits}"
+    shade = palette.bad if is_failure(code) else palette.good
+    yield f"{shade}{head}{palette.reset} {words.text(found.meaning)}"
     if not is_failure(code):
-        yield f"{color.good}{head}{color.reset} {words.text(found.meaning)}"
         return
-    yield f"{color.bad}{head}{color.reset} {words.text(found.meaning)}"
     details = []
     if found.level is not None:
         details.append(words("hresult.level", level=found.level, name=level_name(found.level)))
@@ -34,6 +44,6 @@ def result_advice(
     if found.is_guess:
         details.append(words("hresult.guess"))
     if details:
-        yield f"{color.dim}{'; '.join(details)}{color.reset}"
+        yield f"{palette.dim}{'; '.join(details)}{palette.reset}"
     if found.advice is not None:
         yield words.text(found.advice)

@@ -27,12 +27,7 @@ def reply_values_text(reply: Frame, full: bool = False) -> str:
 
 
 def variant_values_text(variant: Variant, full: bool = False) -> str:
-    """Write a value; nothing in it that a terminal would obey.
-
-    Args:
-        variant: the value.
-        full: every number with all digits that it has, else five behind the point.
-    """
+    """Write a value as escaped text: numbers in full, or with five decimals."""
     vt, value = variant.vt, variant.value
     if value is None:
         return EMPTY_TEXT

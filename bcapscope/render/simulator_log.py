@@ -5,9 +5,9 @@ from __future__ import annotations
 from bcapscope.messages import ENGLISH_WORDS, MessageFormatter
 from bcapscope.protocol.codec.variant import ARRAY, VT, Variant
 from bcapscope.protocol.tables.function_table import function_name
-from bcapscope.protocol.tables.hresult import describe_hresult, hresult_name, is_failure
 from bcapscope.render.escape import printable
 from bcapscope.render.field_meaning import value_text
+from bcapscope.render.result_advice import result_text
 from bcapscope.simulator.call_executor import CallReport
 from bcapscope.simulator.simulator import Peer
 from bcapscope.traffic.observation import Endpoint
@@ -17,16 +17,10 @@ LONGEST_VALUE = 60
 
 
 def call_log_line(peer: Peer, report: CallReport, words: MessageFormatter = ENGLISH_WORDS) -> str:
-    """Return a line: client, function, arguments, result and how long it took.
-
-    Args:
-        peer: transport and address of the client.
-        report: the call.
-        words: language of the reader.
-    """
+    """Return a line: client, function, arguments, result and how long it took."""
     parts = [_peer_text(peer), function_name(report.function_id)]
     parts += [_short_value_text(argument) for argument in report.arguments]
-    parts += ["->", _result_text(report.result.hresult, words)]
+    parts += ["->", result_text(report.result.hresult, words=words)]
     if report.result.value is not None:
         parts.append(_short_value_text(report.result.value))
     took = (report.ended - report.began) / 1e6
@@ -43,11 +37,6 @@ def _peer_text(peer: Peer) -> str:
         return str(peer)
     transport, (host, port, *_) = peer
     return f"{transport} {Endpoint(host, port)}"
-
-
-def _result_text(code: int, words: MessageFormatter) -> str:
-    text = words.text(describe_hresult(code).meaning) if is_failure(code) else ""
-    return f"{hresult_name(code)} ({text})" if text else hresult_name(code)
 
 
 def _short_value_text(variant: Variant) -> str:

@@ -38,14 +38,7 @@ def axis_charts(
 ) -> Iterator[str]:
     """Draw one chart per axis, commanded over actual, each with a title that has both numbers.
 
-    Args:
-        kind: pose type.
-        history: poses in the order of their times.
-        axes: indexes of the axes to draw.
-        width: columns.
-        height: rows of all charts together.
-        palette: `number` is for commanded positions, `good` for returned ones.
-        words: language of the titles.
+    `height` is the number of rows of all charts together.
     """
     each = min(_MAX_CHART_ROWS, max(4, height // max(1, len(axes))))
     for axis in axes:
@@ -95,12 +88,8 @@ def run_figure_lines(
 ) -> Iterator[str]:
     """Write elapsed and remaining time, lateness, retries and the model of the controller's buffer.
 
-    Args:
-        progress: latest progress.
-        slack: slots, ms that a full buffer lasts, and ms that were left at the longest pause; None if the
-            buffer cannot run empty.
-        palette: colours.
-        words: language of the lines.
+    `slack` has the slots, the ms that a full buffer lasts, and the ms that were left at the longest pause. It
+    is None if the buffer cannot run empty.
     """
 
     def number(text: str) -> str:

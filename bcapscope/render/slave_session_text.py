@@ -31,10 +31,7 @@ _GOOD_EXITS = (ExitReason.LEFT, ExitReason.CHANGED, ExitReason.CAPTURE_ENDED)
 def slave_session_lines(
     slave_session: SlaveSession, palette: Palette = PLAIN, words: MessageFormatter = ENGLISH_WORDS
 ) -> Iterator[str]:
-    """Write everything about a session: start and end, timing, buffer, clock and motion.
-
-    Times after the first are in seconds since then.
-    """
+    """Write everything about a session. Times after the first are in seconds since then."""
     writer = CaptionWriter(palette, words)
     conversation = slave_session.conversation
     ends: dict[str, PlaceValue] = {

@@ -10,10 +10,7 @@ _HOLE = "·"
 
 
 def sparkline(values: Sequence[float]) -> str:
-    """Draw one character a value between the least and the most of them.
-
-    All the same height where they do not differ; NaN and infinities are holes.
-    """
+    """Draw one character per value, between the least and the most; NaN and infinities are holes."""
     finite = [value for value in values if math.isfinite(value)]
     if not finite:
         return _HOLE * len(values)

@@ -13,7 +13,6 @@ from bcapscope.analysis.statistics.call_statistics import (
     Statistics,
     StatisticsRow,
 )
-from bcapscope.analysis.statistics.distribution import DistributionSummary
 from bcapscope.messages import ENGLISH_WORDS, MessageFormatter
 from bcapscope.messages.places import Count
 from bcapscope.protocol.tables.function_table import function_name
@@ -21,9 +20,10 @@ from bcapscope.protocol.tables.hresult import hresult_name
 from bcapscope.render.color_palette import PLAIN, Palette
 from bcapscope.render.columns import align_columns
 from bcapscope.render.escape import printable
-from bcapscope.render.frame_record import json_text
-from bcapscope.render.timestamp import epoch_text, utc_text
+from bcapscope.render.json_values import percentiles_object, text_fragment, time_fragment
+from bcapscope.render.timestamp import utc_text
 from bcapscope.traffic.call_kind import CallKind
+from bcapscope.traffic.observation import Conversation
 
 MAX_ROWS = 40
 """Rows of a table for people, those that took most time; JSON has all."""
@@ -76,6 +76,11 @@ def _client_text(row: StatisticsRow, words: MessageFormatter) -> str:
         return words("stats.all-clients")
     if conversation is OTHER_CLIENTS:
         return words("stats.other-clients")
+    return conversation_text(conversation)
+
+
+def conversation_text(conversation: Conversation) -> str:
+    """Write a client, its controller and their transport."""
     return printable(f"{conversation.client} > {conversation.server} {conversation.transport}")
 
 
@@ -95,23 +100,18 @@ def _table(
 
 def _cells(figures: CallFigures) -> tuple[str, ...]:
     latency = figures.latency
-    times = (
-        ("", "", "", "", "") if latency is None else tuple(f"{value:.3f}" for value in _percentiles(latency))
-    )
+    times: tuple[str, ...] = ("",) * 5
+    if latency is not None:
+        percentiles = (latency.p50, latency.p90, latency.p99, latency.p999, latency.most)
+        times = tuple(f"{value:.3f}" for value in percentiles)
+    counts = (figures.retries, figures.late_replies, figures.refused, figures.unanswered)
     return (
         str(figures.calls),
         "" if figures.calls_per_second is None else f"{figures.calls_per_second:.1f}",
         "" if figures.line_time_share is None else f"{figures.line_time_share:.1%}",
         *times,
-        *(
-            str(count or "")
-            for count in (figures.retries, figures.late_replies, figures.refused, figures.unanswered)
-        ),
+        *(str(count or "") for count in counts),
     )
-
-
-def _percentiles(latency: DistributionSummary) -> tuple[float, ...]:
-    return latency.p50, latency.p90, latency.p99, latency.p999, latency.most
 
 
 def _refusals(statistics: Statistics, palette: Palette, words: MessageFormatter) -> Iterator[str]:
@@ -131,34 +131,36 @@ def statistics_record(statistics: Statistics) -> bytes:
 
     Times are in milliseconds, `start` and `end` in seconds since 1970, `share` is of 1.
     """
-    head = b'{"start":%b,"end":%b,"total":%b,"clients":[%b],"commands":[%b]}'
-    return head % (
-        epoch_text(statistics.start).encode("ascii"),
-        epoch_text(statistics.end).encode("ascii"),
-        _record(statistics.total),
-        b",".join(map(_record, statistics.clients)),
-        b",".join(map(_record, statistics.commands)),
+    return orjson.dumps(
+        {
+            "start": time_fragment(statistics.start),
+            "end": time_fragment(statistics.end),
+            "total": _row_object(statistics.total),
+            "clients": list(map(_row_object, statistics.clients)),
+            "commands": list(map(_row_object, statistics.commands)),
+        }
     )
 
 
-def _record(row: StatisticsRow) -> bytes:
-    parts = []
+def _row_object(row: StatisticsRow) -> dict[str, object]:
+    found: dict[str, object] = {}
     if row.conversation is not None:
-        ends = (row.conversation.client, row.conversation.server, row.conversation.transport)
-        names = (b"client", b"server", b"transport")
-        parts += [b'"%b":%b' % (name, json_text(str(end))) for name, end in zip(names, ends, strict=True)]
+        for name in ("client", "server", "transport"):
+            found[name] = text_fragment(str(getattr(row.conversation, name)))
     if row.call_kind is not None:
-        others = row.call_kind is OTHER_KINDS
-        parts.append(
-            b'"function":%b' % json_text("others" if others else function_name(row.call_kind.function_id))
-        )
-        parts.append(b'"command":%b' % json_text(row.call_kind.command))
-    parts.append(orjson.dumps(figures_object(row.figures))[1:-1])
-    return b"{" + b",".join(parts) + b"}"
+        found |= call_kind_object(row.call_kind)
+    return found | _figures_object(row.figures)
 
 
-def figures_object(figures: CallFigures) -> dict[str, object]:
-    """Say figures as JSON has them."""
+def call_kind_object(call_kind: CallKind | None) -> dict[str, object]:
+    """Return function and command as JSON has them."""
+    if call_kind is None:
+        return {"function": None, "command": None}
+    name = "others" if call_kind is OTHER_KINDS else function_name(call_kind.function_id)
+    return {"function": text_fragment(name), "command": text_fragment(call_kind.command)}
+
+
+def _figures_object(figures: CallFigures) -> dict[str, object]:
     latency = figures.latency
     return {
         "calls": figures.calls,
@@ -174,21 +176,8 @@ def figures_object(figures: CallFigures) -> dict[str, object]:
         "request_bytes": figures.request_bytes,
         "calls_per_s": figures.calls_per_second,
         "line_time_share": figures.line_time_share,
-        "latency_ms": None if latency is None else latency_object(latency),
+        "latency_ms": None if latency is None else percentiles_object(latency),
         "refusals": [
             {"hresult": code, "name": hresult_name(code), "calls": n} for code, n in figures.refusal_codes
         ],
-    }
-
-
-def latency_object(latency: DistributionSummary) -> dict[str, float]:
-    """Say a distribution as JSON has it."""
-    return {
-        "mean": latency.mean,
-        "min": latency.least,
-        "p50": latency.p50,
-        "p90": latency.p90,
-        "p99": latency.p99,
-        "p99.9": latency.p999,
-        "max": latency.most,
     }

@@ -23,9 +23,8 @@ class TimeFormat(StrEnum):
 
 
 def timestamp_writer(time_format: TimeFormat) -> Callable[[int], str]:
-    """Return a function that writes one moment after the other as `time_format` says.
-
-    Relative ones count from the first moment that it is given.
+    """Return a function that writes moments in this format; relative ones count from the first it is
+    given.
     """
     if time_format is TimeFormat.UTC:
         return utc_text

@@ -40,9 +40,8 @@ import orjson
 
 from bcapscope.analysis.slave.captured_trajectory import CapturedTrajectory, TrajectoryStep
 from bcapscope.analysis.slave.slave_session import AcceptedFormat
-from bcapscope.messages import Message
 from bcapscope.protocol.slave_mode.poses import Axis
-from bcapscope.render.frame_record import json_number, json_text
+from bcapscope.render.json_values import json_number, text_fragment, time_fragment
 from bcapscope.render.number import number_text, numbers_text
 from bcapscope.render.timestamp import epoch_text, utc_text
 
@@ -91,10 +90,7 @@ class JsonTrajectoryWriter:
 
     def head(self) -> bytes:
         """Write all that is known beforehand, and open the rows."""
-        members = b",".join(
-            b'"%b":%b' % (name.encode(), value) for name, value in _header_members(self._trajectory)
-        )
-        return b"{" + members + b',"rows":['
+        return _header(self._trajectory)[:-1] + b',"rows":['
 
     def rows(self, steps: Sequence[TrajectoryStep]) -> bytes:
         """Write one array per set point."""
@@ -136,32 +132,33 @@ def _csv_number(value: float | None) -> str:
     return "" if value is None else number_text(value)
 
 
-def _header_members(trajectory: CapturedTrajectory) -> Iterator[tuple[str, bytes]]:
+def _header(trajectory: CapturedTrajectory) -> bytes:
     conversation, mode = trajectory.conversation, trajectory.mode
-    yield "format", json_text(FORMAT)
-    yield "stay", orjson.dumps(trajectory.session_number)
-    yield "client", json_text(str(conversation.client))
-    yield "server", json_text(str(conversation.server))
-    yield "transport", json_text(conversation.transport)
-    yield "robot", orjson.dumps(trajectory.robot)
-    yield "start", epoch_text(trajectory.start).encode("ascii")
-    yield "start_utc", json_text(utc_text(trajectory.start))
-    yield "mode", orjson.dumps(mode.value)
-    yield "mode_text", json_text(None if mode.meaning is None else mode.meaning.text)
-    yield "mode_guessed", orjson.dumps(mode.guessed)
-    yield "pose_type", json_text(mode.pose_type)
-    yield "generation", json_text(mode.generation)
-    yield "generation_known_by", json_text(_text(mode.generation_known_by))
-    yield "send_format", _format(trajectory.send_format)
-    yield "receive_format", _format(trajectory.receive_format)
-    yield "interval_ms", orjson.dumps(trajectory.grid_ms)
-    yield "axes", orjson.dumps([{"name": axis.name, "unit": axis.unit} for axis in trajectory.axes])
-    yield "columns", orjson.dumps(column_names(trajectory))
+    known_by = mode.generation_known_by
+    return orjson.dumps(
+        {
+            "format": FORMAT,
+            "stay": trajectory.session_number,
+            "client": text_fragment(str(conversation.client)),
+            "server": text_fragment(str(conversation.server)),
+            "transport": conversation.transport,
+            "robot": trajectory.robot,
+            "start": time_fragment(trajectory.start),
+            "start_utc": utc_text(trajectory.start),
+            "mode": mode.value,
+            "mode_text": text_fragment(None if mode.meaning is None else mode.meaning.text),
+            "mode_guessed": mode.guessed,
+            "pose_type": mode.pose_type,
+            "generation": mode.generation,
+            "generation_known_by": text_fragment(None if known_by is None else str(known_by)),
+            "send_format": _format(trajectory.send_format),
+            "receive_format": _format(trajectory.receive_format),
+            "interval_ms": trajectory.grid_ms,
+            "axes": [{"name": axis.name, "unit": axis.unit} for axis in trajectory.axes],
+            "columns": column_names(trajectory),
+        }
+    )
 
 
-def _text(message: Message | None) -> str | None:
-    return None if message is None else str(message)
-
-
-def _format(found: AcceptedFormat | None) -> bytes:
-    return orjson.dumps(None if found is None else found.value)
+def _format(found: AcceptedFormat | None) -> int | None:
+    return None if found is None else found.value

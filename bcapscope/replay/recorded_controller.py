@@ -14,6 +14,7 @@ from typing import TypeAlias
 
 from bcapscope.errors import LocalProtocolError, TooLargeError
 from bcapscope.protocol.codec.frame import LARGEST_FRAME, LARGEST_UDP_FRAME, Frame, parse_datagram
+from bcapscope.protocol.codec.frame_template import FrameTemplates
 from bcapscope.protocol.codec.stream_splitter import StreamSplitter
 from bcapscope.protocol.codec.variant import Variant
 from bcapscope.protocol.retry.responder import RequestKind, Responder
@@ -88,7 +89,6 @@ class _ReplayClient:
 
     Attributes:
         splitter: Splits the TCP stream into frames; None on UDP.
-        last_request_at: Time of the client's last request, ns.
     """
 
     def __init__(
@@ -97,11 +97,11 @@ class _ReplayClient:
         lookup: ScriptLookup,
         responder: Responder,
         *,
-        udp: bool,
+        splitter: StreamSplitter | None,
         delays: bool,
         on_answered: _AnsweredCallback,
     ) -> None:
-        self.splitter = None if udp else StreamSplitter(limit=LARGEST_REQUEST)
+        self.splitter = splitter
         self.last_request_at = 0
         self._number = number
         self._delays = delays
@@ -115,7 +115,6 @@ class _ReplayClient:
         self._notice_offsets: deque[int] = deque()
 
     def receive(self, frame: Frame, now: int) -> list[bytes]:
-        """Process a request; return the frames to send at once."""
         self.last_request_at = now
         decision = self._responder.receive_request(frame)
         if decision.kind is RequestKind.BUSY and self._is_unanswered:
@@ -144,7 +143,6 @@ class _ReplayClient:
         return None if self._is_unanswered else self._began + took
 
     def poll(self, now: int) -> Iterator[bytes]:
-        """Yield the frames that are due."""
         while (due := self.due) is not None and due <= now:
             if self._notice_offsets:
                 self._notice_offsets.popleft()
@@ -209,8 +207,6 @@ class RecordedController:
         """Start without clients.
 
         Args:
-            script: Script to answer from.
-            report: Called with the client and each answered call.
             delays: Whether to reply after the time that the controller took, instead of at once.
         """
         self.dropped = 0
@@ -221,10 +217,11 @@ class RecordedController:
         self._delays = delays
         self._clients: dict[Peer, _ReplayClient] = {}
         self._last_client_number = 0
+        self._templates = FrameTemplates()
 
     def on_datagram(self, peer: Peer, data: bytes, now: int) -> list[SimulatorOutput]:
         """Process a UDP datagram; return what to send."""
-        items = parse_datagram(data) if len(data) <= LARGEST_UDP_FRAME else ()
+        items = parse_datagram(data, self._templates) if len(data) <= LARGEST_UDP_FRAME else ()
         frame = items[0] if len(items) == 1 else None
         if not isinstance(frame, Frame) or frame.problems:
             self.dropped += 1
@@ -255,7 +252,6 @@ class RecordedController:
         return self._outputs(peer, part, frames, now)
 
     def on_disconnect(self, peer: Peer, now: int) -> None:
-        """Forget a client that has disconnected."""
         self._clients.pop(peer, None)
 
     def reset(self, now: int) -> list[SimulatorOutput]:
@@ -265,7 +261,6 @@ class RecordedController:
         return [SimulatorOutput(peer, b"") for peer in peers]
 
     def advance(self, now: int) -> list[SimulatorOutput]:
-        """Return what to send at the time `now`."""
         return [each for peer, part in self._clients.items() for each in self._due_outputs(peer, part, now)]
 
     def due(self, now: int) -> int | None:
@@ -311,8 +306,14 @@ class RecordedController:
             expects_retries=udp, reply_reserved=self._reply_reserved, largest_answer=largest
         )
         told, prompter = partial(self._on_answered, peer), ScriptLookup(self._index)
+        splitter = None if udp else StreamSplitter(limit=LARGEST_REQUEST, templates=self._templates)
         part = _ReplayClient(
-            self._last_client_number, prompter, responder, udp=udp, delays=self._delays, on_answered=told
+            self._last_client_number,
+            prompter,
+            responder,
+            splitter=splitter,
+            delays=self._delays,
+            on_answered=told,
         )
         self._clients[peer] = part
         part.last_request_at = now

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import NamedTuple
 
-from bcapscope.protocol.codec.frame import Frame
 from bcapscope.protocol.codec.variant import Variant
 from bcapscope.protocol.retry.reserved_convention import ReplyReserved
 from bcapscope.traffic.call import Call
@@ -17,12 +16,7 @@ class ScriptCall(NamedTuple):
     """One call, without its retries.
 
     Attributes:
-        number: Number of the call in the recording.
-        kind: Function and command.
-        arguments: Arguments of the request.
         offset: Time of the first attempt, ns after the first call of the script.
-        hresult: Result code of the accepted reply; None without a reply.
-        values: Values in that reply.
         duration: Time from the answered attempt to its reply, ns; 0 without a reply.
         notice_offsets: Time of each S_EXECUTING notice, ns after the first attempt.
     """
@@ -41,7 +35,6 @@ class ReplayScript(NamedTuple):
     """All calls of one client, in the order of their first attempts.
 
     Attributes:
-        conversation: Conversation of the client.
         calls: The calls; at least one.
         reply_reserved: How the controller fills the reserved field of its replies.
     """
@@ -77,14 +70,10 @@ def _script_call(call: Call, start: int) -> ScriptCall:
     return ScriptCall(
         number=call.number,
         kind=call.kind,
-        arguments=_values(call.request.item),
+        arguments=call.request.item.variants,
         offset=asked - start,
         hresult=call.hresult,
-        values=() if reply is None else _values(reply.item),
+        values=() if reply is None else reply.item.variants,
         duration=call.rtt or 0,
         notice_offsets=tuple(notice.time - asked for notice in call.notices),
     )
-
-
-def _values(frame: Frame) -> tuple[Variant, ...]:
-    return frame.variants

@@ -19,7 +19,7 @@ from bcapscope.protocol.slave_mode.poses import pose_numbers
 from bcapscope.protocol.tables.function_table import FUNCTIONS, ObjectClass, ResultKind
 from bcapscope.protocol.tables.hresult import is_failure, is_success
 from bcapscope.replay.replay_script import ReplayScript, ScriptCall
-from bcapscope.replay.set_point_runs import command_of, mode_entered
+from bcapscope.replay.set_point_runs import mode_entered
 
 ABSOLUTE_TOLERANCE, RELATIVE_TOLERANCE = 1e-3, 1e-4
 """Numbers that differ by less, absolutely or relatively, count as equal. A robot never returns exactly the
@@ -34,31 +34,38 @@ class PlayedCall(NamedTuple):
     """A call of the script that was made again.
 
     Attributes:
-        script_call: The recorded call.
-        arguments: Arguments sent.
-        result: Outcome of the call.
         delay: Delay behind the planned time, ns, because earlier calls took longer than in the recording.
-        differs: Whether the result code differs, or only one of the two calls has a reply.
-        values_differ: Whether the values differ under the same result code; a robot is never twice in the
-            same place.
     """
 
     script_call: ScriptCall
     arguments: tuple[Variant, ...]
     result: RequesterOutcome
     delay: int
-    differs: bool
-    values_differ: bool
+
+    @property
+    def differs(self) -> bool:
+        """Whether the result code differs, or only one of the two calls has a reply."""
+        result = self.result
+        return self.script_call.hresult != (None if isinstance(result, CallTimedOut) else result.reply.code)
+
+    @property
+    def values_differ(self) -> bool:
+        """Whether the values differ under the same result code; a robot is never twice in the same place."""
+        call, result = self.script_call, self.result
+        if isinstance(result, CallTimedOut) or result.reply.code != call.hresult:
+            return False
+        function = FUNCTIONS.get(call.kind.function_id)
+        if function is not None and function.result is ResultKind.HANDLE:
+            return False
+        return not _nearly_equal(call.values, result.reply.variants)
 
     @property
     def failed(self) -> bool:
-        """Whether the recorded call succeeded and this one did not."""
         then = self.script_call.hresult is not None and is_success(self.script_call.hresult)
         return then and not isinstance(self.result, CallAnswered)
 
     @property
     def unanswered(self) -> bool:
-        """Whether the recorded call was answered and this one was not."""
         return self.script_call.hresult is not None and isinstance(self.result, CallTimedOut)
 
 
@@ -80,9 +87,6 @@ class ScriptPlayer:
         """Prepare to play; nothing is sent yet.
 
         Args:
-            script: Script to play.
-            opener: Opener of the session that makes the calls.
-            channel: Channel whose clock and waiting are used.
             longest_pause: Limit for pauses between two calls, ns; longer ones are cut to it.
             anywhere: Whether to enter slave mode wherever the robot is.
         """
@@ -118,11 +122,7 @@ class ScriptPlayer:
             late = channel.now() - start - at
             settled = await self._opener.session.perform_call(line.kind.function_id, arguments)
             self._learn_handle(line, settled)
-            if not on_played(
-                PlayedCall(
-                    line, arguments, settled, late, _differs(line, settled), _values_differ(line, settled)
-                )
-            ):
+            if not on_played(PlayedCall(line, arguments, settled, late)):
                 return
 
     def _send_times(self) -> Iterator[int]:
@@ -156,7 +156,7 @@ class ScriptPlayer:
         kind = None if mode is None else pose_type_of_mode(mode)
         if kind is None:
             return
-        moves = (line for line in self._script.calls[place + 1 :] if command_of(line) == "slvmove")
+        moves = (line for line in self._script.calls[place + 1 :] if line.kind.folded_command == "slvmove")
         first = next(moves, None)
         goal = None if first is None or len(first.arguments) < 3 else pose_numbers(first.arguments[2])
         if first is None or goal is None:
@@ -173,7 +173,6 @@ class ScriptPlayer:
         self._channel.wait_until(self._channel.now() + length)
 
     def _learn_handle(self, call: ScriptCall, result: RequesterOutcome) -> None:
-        """Record which current handle replaces a recorded one."""
         function = FUNCTIONS.get(call.kind.function_id)
         if function is None or function.creates is None or not isinstance(result, CallAnswered):
             return
@@ -186,19 +185,6 @@ class ScriptPlayer:
 def _first_number(values: Sequence[Variant]) -> int | None:
     value = values[0].value if values else None
     return value if isinstance(value, int) else None
-
-
-def _differs(call: ScriptCall, result: RequesterOutcome) -> bool:
-    return call.hresult != (None if isinstance(result, CallTimedOut) else result.reply.code)
-
-
-def _values_differ(call: ScriptCall, result: RequesterOutcome) -> bool:
-    if isinstance(result, CallTimedOut) or result.reply.code != call.hresult:
-        return False
-    function = FUNCTIONS.get(call.kind.function_id)
-    if function is not None and function.result is ResultKind.HANDLE:
-        return False
-    return not _nearly_equal(call.values, tuple(argument.variant for argument in result.reply.arguments))
 
 
 def _nearly_equal(first: object, second: object) -> bool:

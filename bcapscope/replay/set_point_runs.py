@@ -36,7 +36,6 @@ class SetPointRun(NamedTuple):
     """Set points sent without leaving slave mode in between.
 
     Attributes:
-        first_call: Number of the call with the first set point.
         trajectory: All set points, whatever the recorded controller answered, because a replay sends all of
             them.
         sent_at: Time of each set point, s after the first.
@@ -47,14 +46,9 @@ class SetPointRun(NamedTuple):
     sent_at: tuple[float, ...]
 
 
-def command_of(call: ScriptCall) -> str | None:
-    """Return the command of a call in lower case; None if it has none."""
-    return call.kind.command.casefold() if call.kind.command is not None else None
-
-
 def mode_entered(call: ScriptCall) -> int | None:
     """Return the slave mode that a call enters; None if it enters none."""
-    if command_of(call) != "slvchangemode" or len(call.arguments) < 3:
+    if call.kind.folded_command != "slvchangemode" or len(call.arguments) < 3:
         return None
     return integer_value(call.arguments[2]) or None
 
@@ -70,7 +64,7 @@ def set_point_runs(script: ReplayScript) -> Iterator[SetPointRun]:
     """
     kind, points = PoseType.J, list[ScriptCall]()
     for line in script.calls:
-        command = command_of(line)
+        command = line.kind.folded_command
         if command == "slvmove":
             points.append(line)
         elif command == "slvchangemode":

@@ -17,12 +17,7 @@ MAX_LOGGED = 128
 
 @dataclass(frozen=True, slots=True)
 class Alarm:
-    """One error.
-
-    Attributes:
-        code: HRESULT, unsigned.
-        time: Time, ns of the model's clock.
-    """
+    """One error: HRESULT, unsigned, and time, ns of the model's clock."""
 
     code: int
     time: int
@@ -41,13 +36,11 @@ class Alarms:
         self.log: deque[Alarm] = deque(maxlen=MAX_LOGGED)
 
     def add(self, code: int, now: int) -> None:
-        """Add an error to the active ones and to the log."""
         alarm = Alarm(code & 0xFFFFFFFF, now)
         self.active.appendleft(alarm)
         self.log.appendleft(alarm)
 
     def is_active(self, code: int) -> bool:
-        """Return whether an error of this code (unsigned) is active."""
         return any(alarm.code == code for alarm in self.active)
 
     def clear(self) -> None:

@@ -18,37 +18,30 @@ LARGEST_FLOAT = 3.4028234663852886e38
 
 
 def i2(number: int) -> Variant:
-    """Make a VT_I2 of the low 16 bits."""
     return Variant(VT.I2, _signed(number, 16))
 
 
 def i4(number: int) -> Variant:
-    """Make a VT_I4 of the low 32 bits."""
     return Variant(VT.I4, _signed(number, 32))
 
 
 def r4(number: float) -> Variant:
-    """Make a VT_R4; a number beyond its range becomes the largest one."""
     return Variant(VT.R4, clip_to_r4(number))
 
 
 def r8(number: float) -> Variant:
-    """Make a VT_R8."""
     return Variant(VT.R8, float(number))
 
 
 def bstr(text: str) -> Variant:
-    """Make a VT_BSTR."""
     return Variant(VT.BSTR, text)
 
 
 def boolean(value: bool) -> Variant:
-    """Make a VT_BOOL."""
     return Variant(VT.BOOL, value)
 
 
 def float_array(element: VT, values: Iterable[float]) -> Variant:
-    """Make an array of VT_R4 or VT_R8."""
     numbers = tuple(map(clip_to_r4, values)) if element == VT.R4 else tuple(map(float, values))
     return Variant.array(element, numbers)
 
@@ -58,7 +51,6 @@ def variant_array(*items: Variant) -> Variant:
 
 
 def bstr_array(items: Iterable[str]) -> Variant:
-    """Make an array of VT_BSTR."""
     return Variant.array(VT.BSTR, tuple(items))
 
 
@@ -70,16 +62,13 @@ def clip_to_r4(number: float) -> float:
 
 
 def _signed(number: int, bits: int) -> int:
+    """Return the low bits of a number as a signed number."""
     low = number & (1 << bits) - 1
     return low - (1 << bits) if low >> bits - 1 else low
 
 
 def number_of(variant: Variant) -> float | int:
-    """Read a number, a decimal text or the first number of an array.
-
-    Raises:
-        RefusedError: The value is none of these.
-    """
+    """Read a number, a decimal text or the first number of an array; anything else is refused."""
     found = _plain(variant.value)
     if isinstance(found, tuple | bytes) and found:
         found = _plain(found[0])
@@ -91,20 +80,20 @@ def number_of(variant: Variant) -> float | int:
 
 
 def integer_of(variant: Variant) -> int:
-    """Read an integer; fractions are cut off.
-
-    Raises:
-        RefusedError: The value is no number.
-    """
+    """Read an integer, as `number_of`; fractions are cut off."""
     return int(number_of(variant))
 
 
-def text_of(variant: Variant) -> str:
-    """Read a text; EMPTY and NULL give "".
+def number_within(variant: Variant, allowed: range, refusal: int) -> int:
+    """Read an integer; one that is not in `allowed` is refused with the code `refusal`."""
+    number = integer_of(variant)
+    if number not in allowed:
+        raise RefusedError(refusal)
+    return number
 
-    Raises:
-        RefusedError: The value is something else.
-    """
+
+def text_of(variant: Variant) -> str:
+    """Read a text; EMPTY and NULL give "", anything else is refused."""
     if variant.value is None:
         return ""
     if isinstance(variant.value, str):
@@ -124,20 +113,12 @@ def items_of(variant: Variant) -> tuple[Variant, ...]:
 
 
 def numbers_of(variant: Variant) -> tuple[float, ...]:
-    """Read an array of finite numbers; a scalar is an array of one, EMPTY has none.
-
-    Raises:
-        RefusedError: An element is no number.
-    """
+    """Read an array of finite numbers, as `items_of`; refused if an element is no number."""
     return tuple(float(number_of(item)) for item in items_of(variant))
 
 
 def argument_at(items: Sequence[Variant], index: int) -> Variant:
-    """Return an argument.
-
-    Raises:
-        RefusedError: There are fewer arguments.
-    """
+    """Return an argument; refused if there are fewer."""
     if index >= len(items):
         raise RefusedError(E_INVALIDARG)
     return items[index]

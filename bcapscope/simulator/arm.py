@@ -24,14 +24,7 @@ _NOWHERE: _Step = (0, ())
 
 
 class ArmMotion(NamedTuple):
-    """One ordinary motion.
-
-    Attributes:
-        start: Joints at the beginning.
-        goal: Joints at the end.
-        began: Start time, ns.
-        ends: Time, ns, at which the command arrives; the encoders arrive `ENCODER_LAG_NS` later.
-    """
+    """One ordinary motion between joints; begin and end in ns. The encoders arrive `ENCODER_LAG_NS` later."""
 
     start: Joints
     goal: Joints
@@ -54,11 +47,7 @@ def motion_duration(
 ) -> int:
     """Return the shortest time, ns, in which no axis exceeds its speed or acceleration.
 
-    Args:
-        start: Joints at the beginning.
-        goal: Joints at the end.
-        speed: Share of the highest speed, above 0 up to 1.
-        limits: Limits of the axes.
+    `speed` is the share of the highest speed, above 0 up to 1.
     """
     longest = 0.0
     for a, b, limit in zip(start, goal, limits, strict=False):
@@ -136,12 +125,9 @@ class Arm:
         self._changed = now
 
     def add_set_point(self, joints: Joints, began: int, time: int) -> None:
-        """Add a set point, reached at `time` along a straight line from the previous one.
+        """Add a set point, reached at `time` along a straight line that begins at `began`, ns.
 
-        Args:
-            joints: Joints of the set point.
-            began: Time at which the line begins, ns; until then the arm stays at the previous set point.
-            time: Time at which the line ends, ns.
+        Until `began`, the arm stays at the previous set point.
         """
         if not self._steps or joints != self._steps[-1][1]:
             self._changed = time
@@ -150,7 +136,6 @@ class Arm:
         self._steps.append((time, joints))
 
     def begin_set_points(self, now: int) -> None:
-        """Prepare for set points; the arm stands still."""
         here = self.goal
         self._forget_steps()
         self._steps.append((now, here))

@@ -7,22 +7,14 @@ from dataclasses import dataclass
 from typing import TypeAlias
 
 from bcapscope.protocol.codec.variant import Variant
-from bcapscope.simulator.call_outcome import DONE, CallOutcome
+from bcapscope.simulator.call_outcome import HandlerOutcome
 from bcapscope.simulator.machine import Machine
 from bcapscope.simulator.object_table import ControllerObject, ObjectTable
 
 
 @dataclass(slots=True)
 class CallContext:
-    """One call.
-
-    Attributes:
-        machine: The controller.
-        client: Number of the client.
-        objects: Objects that the client has opened.
-        object: Object that the client calls.
-        now: Time, ns.
-    """
+    """One call of a client, by its number, on one of its objects; `now` in ns."""
 
     machine: Machine
     client: int
@@ -31,13 +23,12 @@ class CallContext:
     now: int
 
 
-CommandHandler: TypeAlias = Callable[[CallContext, Variant], CallOutcome]
+CommandHandler: TypeAlias = Callable[[CallContext, Variant], HandlerOutcome]
 """Runs a command of an ..._Execute function, with its vntParam."""
 
 CommandTable: TypeAlias = Mapping[str, CommandHandler]
 """Commands by their names in lower case."""
 
 
-def accept_without_effect(context: CallContext, parameter: Variant) -> CallOutcome:
+def accept_without_effect(context: CallContext, parameter: Variant) -> None:
     """Accept a command whose effect the simulator does not show, such as a setting."""
-    return DONE

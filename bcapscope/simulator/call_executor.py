@@ -36,16 +36,7 @@ _FUNCTIONS_WITH_RESULT = frozenset(
 
 
 class CallReport(NamedTuple):
-    """A call with its result.
-
-    Attributes:
-        client: Number of the client.
-        function_id: Function id of the request.
-        arguments: Arguments of the request.
-        result: Result of the call.
-        began: Time of the request, ns.
-        ended: Time of the reply, ns.
-    """
+    """A call with its result; both times in ns."""
 
     client: int
     function_id: int
@@ -59,7 +50,6 @@ class CallExecutor:
     """Runs the calls of one client.
 
     Attributes:
-        session: Session of the client.
         last_heard: Time of the last request, ns.
         running: The call that is running; None if there is none.
     """
@@ -119,12 +109,12 @@ class CallExecutor:
         due = self.running.due(now)
         return due if self._next_notice is None else min(due, self._next_notice)
 
-    def close(self, now: int) -> None:
+    def close(self) -> None:
         """End the session of a client that is gone; its open requests get no reply."""
         self.running = None
         self._waiting.clear()
         self._responder.reset()
-        self.session.end(now)
+        self.session.end()
 
     def _execute(self, frame: Frame, now: int) -> list[bytes]:
         arguments = frame.variants

@@ -43,7 +43,10 @@ class RunningCall:
     due: Callable[[int], int]
 
 
-CallOutcome: TypeAlias = "CallResult | RunningCall"
+CallOutcome: TypeAlias = CallResult | RunningCall
+
+HandlerOutcome: TypeAlias = CallOutcome | Variant | None
+"""What a handler returns: an outcome; or the value of a call that succeeded, None for no value."""
 
 DONE = CallResult()
 
@@ -57,6 +60,6 @@ class RefusedError(BcapError):
         self.reason = reason
 
 
-def succeed_at(time: int, value: Variant | None = None) -> RunningCall:
+def succeed_at(time: int) -> RunningCall:
     """Return a call that succeeds at a given time, ns."""
-    return RunningCall(lambda now: CallResult(value=value) if now >= time else None, lambda now: time)
+    return RunningCall(lambda now: DONE if now >= time else None, lambda now: time)

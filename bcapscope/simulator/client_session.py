@@ -9,7 +9,6 @@ DENSORobot/denso_robot_ros.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from functools import partial
 
 from bcapscope.protocol.codec.variant import Variant
 from bcapscope.protocol.guard import always_passes
@@ -26,7 +25,14 @@ from bcapscope.protocol.tables.hresult import (
 from bcapscope.simulator.argument_values import argument_at, i4, text_of
 from bcapscope.simulator.arm import MS
 from bcapscope.simulator.call_context import CallContext
-from bcapscope.simulator.call_outcome import DONE, CallOutcome, CallResult, RefusedError
+from bcapscope.simulator.call_outcome import (
+    DONE,
+    CallOutcome,
+    CallResult,
+    HandlerOutcome,
+    RefusedError,
+    RunningCall,
+)
 from bcapscope.simulator.function_handlers import FUNCTION_HANDLERS
 from bcapscope.simulator.machine import Machine
 from bcapscope.simulator.object_table import ObjectTable
@@ -55,14 +61,12 @@ hand cannot move while slave mode moves the arm (issue 13 of DENSORobot/denso_ro
 
 
 class ClientSession:
-    """The session of one client, from its first call to its last.
+    """The session of one client, by its number, from its first call to its last.
 
     Attributes:
-        number: Number of the client, unique in this controller.
         is_started: Whether the client has called Service_Start.
         wdt: Time between two S_EXECUTING, ns; None for none.
         invoke_timeout: Longest time that a call may run, ns.
-        objects: Objects that the client has opened.
     """
 
     def __init__(self, machine: Machine, number: int) -> None:
@@ -77,11 +81,14 @@ class ClientSession:
         """Run a call; every input gives an outcome, and nothing is raised."""
         self.machine.advance(now)
         try:
-            return self._call(function_id, arguments, now)
+            outcome = self._call(function_id, arguments, now)
         except RefusedError as refusal:
             return CallResult(refusal.hresult, reason=refusal.reason)
+        if isinstance(outcome, CallResult | RunningCall):
+            return outcome
+        return DONE if outcome is None else CallResult(value=outcome)
 
-    def end(self, now: int) -> None:
+    def end(self) -> None:
         """Release everything, as the server does for a lost client; VRC parameters do not matter here."""
         self.is_started = False
         self.wdt = None
@@ -91,10 +98,10 @@ class ClientSession:
             self.machine.owner = None
             self.machine.equipment.brackets.clear()
 
-    def _call(self, function_id: int, arguments: tuple[Variant, ...], now: int) -> CallOutcome:
+    def _call(self, function_id: int, arguments: tuple[Variant, ...], now: int) -> HandlerOutcome:
         method = FUNCTION_HANDLERS.get(function_id)
         if method is None or not self.is_started:
-            return self._call_without_object(function_id, arguments, now)
+            return self._call_without_object(function_id, arguments)
         owner, handler = method
         found = self.objects.find(owner, argument_at(arguments, 0))
         if handler is None:
@@ -106,20 +113,21 @@ class ClientSession:
             machine.refuse(E_REFUSED_IN_SLAVE_MODE, now)
         return handler(CallContext(machine, self.number, self.objects, found, now), arguments[1:])
 
-    def _call_without_object(self, function_id: int, arguments: tuple[Variant, ...], now: int) -> CallOutcome:
+    def _call_without_object(self, function_id: int, arguments: tuple[Variant, ...]) -> Variant | None:
         """Run a call that needs no object, or refuse a call."""
         if function_id not in FUNCTIONS:
             raise RefusedError(E_INVALIDARG)
         if function_id == _START:
-            return self._start(arguments)
-        if not self.is_started:
+            self._start(arguments)
+        elif not self.is_started:
             raise RefusedError(E_NOT_CONNECTED)
-        if function_id == _CONNECT:
+        elif function_id == _CONNECT:
             return self._connect(arguments)
-        self.end(now)
-        return DONE
+        else:
+            self.end()
+        return None
 
-    def _start(self, arguments: tuple[Variant, ...]) -> CallOutcome:
+    def _start(self, arguments: tuple[Variant, ...]) -> None:
         options = parse_options(text_of(arguments[0]) if arguments else "")
         wdt = _milliseconds(options.get("wdt"))
         limit = _milliseconds(options.get("invoketimeout"))
@@ -127,13 +135,11 @@ class ClientSession:
         self.invoke_timeout = (DEFAULT_INVOKE_TIMEOUT if limit is None else limit) * MS
         self.is_started = True
         self.machine.open_objects[self.number] = self.objects
-        return DONE
 
-    def _connect(self, arguments: tuple[Variant, ...]) -> CallOutcome:
+    def _connect(self, arguments: tuple[Variant, ...]) -> Variant:
         """Open the controller; RC7 ignores all four strings, the others need their provider.
 
-        A name is in use while any client has it. A crashed client has it until the controller forgets that
-        client.
+        A name is in use while any client has it, also a crashed one that the controller remembers.
         """
         name, provider, _, option = (text_of(argument_at(arguments, index)) for index in range(4))
         providers = self.machine.profile.providers
@@ -142,14 +148,12 @@ class ClientSession:
         open_already = self.objects.find_by_name(ObjectClass.CONTROLLER, name, None) if name else None
         if "@ifnotmember" in option.casefold():
             if open_already:
-                return CallResult(value=i4(open_already.handle))
-        elif (
-            name
-            and providers
-            and any(map(partial(_has_controller, name), self.machine.open_objects.values()))
-        ):
-            raise RefusedError(E_CAO_COLLECTION_REGISTERED)
-        return CallResult(value=i4(self.objects.open(ObjectClass.CONTROLLER, name, None).handle))
+                return i4(open_already.handle)
+        elif name and providers:
+            for objects in self.machine.open_objects.values():
+                if objects.find_by_name(ObjectClass.CONTROLLER, name, None):
+                    raise RefusedError(E_CAO_COLLECTION_REGISTERED)
+        return i4(self.objects.open(ObjectClass.CONTROLLER, name, None).handle)
 
 
 def _provider_reason(provider: str, providers: tuple[str, ...]) -> str:
@@ -157,22 +161,13 @@ def _provider_reason(provider: str, providers: tuple[str, ...]) -> str:
     return f"Controller_Connect is refused: {asked}. This profile simulates {' or '.join(providers)}"
 
 
-def _has_controller(name: str, objects: ObjectTable) -> bool:
-    return objects.find_by_name(ObjectClass.CONTROLLER, name, None) is not None
-
-
 def is_allowed_in_slave_mode(
     function_id: int, arguments: tuple[Variant, ...], is_other: bool = False
 ) -> bool:
-    """Return whether a call is accepted while slave mode is on.
+    """Return whether a call is accepted while slave mode is on; `is_other`: another client has the arm.
 
     If no source says, calls that only read are accepted and all others refused. Unknown commands are accepted
     here, and refused elsewhere.
-
-    Args:
-        function_id: Function id of the call.
-        arguments: Arguments of the call, the handle first.
-        is_other: Whether another client has the arm.
     """
     refused = _REFUSED_COMMANDS.get(function_id)
     if refused is not None:

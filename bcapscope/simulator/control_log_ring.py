@@ -15,9 +15,6 @@ from bcapscope.protocol.slave_mode.modes import PERIOD_NS
 from bcapscope.simulator.argument_values import bstr, i4, r8, variant_array
 from bcapscope.simulator.kinematics import Joints
 
-PERIOD = PERIOD_NS
-"""Time between two records, ns."""
-
 MAX_RECORDS = 10_000
 
 
@@ -33,7 +30,6 @@ class ControlLog:
     """The ring of records; the oldest has index 0.
 
     Attributes:
-        records: The records.
         due: Time of the next record, ns; None while the log does not record.
     """
 
@@ -42,7 +38,6 @@ class ControlLog:
         self.due: int | None = None
 
     def start(self, now: int) -> None:
-        """Start or continue recording."""
         self.due = now if self.due is None else self.due
 
     def stop(self) -> None:
@@ -53,18 +48,19 @@ class ControlLog:
         due = self.due
         if due is None:
             return
-        if now - due > MAX_RECORDS * PERIOD:
-            due += (now - due) // PERIOD * PERIOD - MAX_RECORDS * PERIOD
+        if now - due > MAX_RECORDS * PERIOD_NS:
+            due += (now - due) // PERIOD_NS * PERIOD_NS - MAX_RECORDS * PERIOD_NS
         while due <= now:
             self.records.append(sample(due))
-            due += PERIOD
+            due += PERIOD_NS
         self.due = due
 
 
-def log_record_variant(record: ControlLogRecord, current: Joints, tool: int, work: int) -> Variant:
+def log_record_variant(record: ControlLogRecord, tool: int, work: int) -> Variant:
     """Return the VARIANT array of GetLogRecord."""
     values = []
-    for commanded, actual, ampere in zip(record.commanded, record.actual, current, strict=True):
-        values += [r8(commanded), r8(actual), r8(ampere), r8(abs(ampere) * 10)]
+    for commanded, actual in zip(record.commanded, record.actual, strict=True):
+        lag = commanded - actual
+        values += [r8(commanded), r8(actual), r8(lag), r8(abs(lag) * 10)]
     counter = record.time // 1_000_000
     return variant_array(*values, i4(0), i4(0), bstr(""), i4(0), i4(counter), i4(tool), i4(work))

@@ -32,7 +32,6 @@ class DatagramQueue(Generic[Sender]):
 
     @property
     def oldest_arrival(self) -> int:
-        """Arrival time of the oldest waiting datagram."""
         return min(queue[0][0] for queue in self.waiting.values())
 
     def add(self, sender: Sender, received_at: int, data: bytes) -> None:

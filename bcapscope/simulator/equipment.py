@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
 from typing import TypeAlias
 
 from bcapscope.simulator.hand import COBOTTA_HAND, TWO_FINGER_HAND, Hand
@@ -18,7 +17,6 @@ MAX_AREAS = 32
 MAX_LINES = 256
 
 
-@dataclass(slots=True)
 class Equipment:
     """The state of one controller's equipment.
 
@@ -26,28 +24,23 @@ class Equipment:
         hand: COBOTTA's electric hand, which is also the extension `Hand0`.
         gripper: The 2FG hand.
         vacuum: Power of COBOTTA's vacuum hand in percent; 0 while it is off.
-        tools: Definitions of tools by number; a missing one is all zeros.
-        works: Definitions of works by number; a missing one is all zeros.
-        areas: Numbers of the enabled areas.
+        tools: Definitions of tools by number; a missing one is all zeros. The same for works.
         lines: Numbers of the open serial and socket lines.
         brackets: Names of the open brackets around motions: `time` and `move`.
         force_control: Number of the active force control; None for none.
     """
 
-    hand: Hand
-    gripper: Hand
-    vacuum: float = 0.0
-    tools: dict[int, CoordinateFrame] = field(default_factory=dict)
-    works: dict[int, CoordinateFrame] = field(default_factory=dict)
-    areas: set[int] = field(default_factory=set)
-    lines: set[int] = field(default_factory=set)
-    brackets: set[str] = field(default_factory=set)
-    force_control: int | None = None
-
-    @classmethod
-    def with_object(cls, object_width: float | None) -> Equipment:
-        """Make equipment with an object of this width (mm) between the fingers; None for no object."""
-        return cls(Hand(COBOTTA_HAND, object_width), Hand(TWO_FINGER_HAND, object_width))
+    def __init__(self, object_width: float | None) -> None:
+        """Put an object of this width (mm) between the fingers; None for no object."""
+        self.hand = Hand(COBOTTA_HAND, object_width)
+        self.gripper = Hand(TWO_FINGER_HAND, object_width)
+        self.vacuum = 0.0
+        self.tools: dict[int, CoordinateFrame] = {}
+        self.works: dict[int, CoordinateFrame] = {}
+        self.areas: set[int] = set()
+        self.lines: set[int] = set()
+        self.brackets: set[str] = set()
+        self.force_control: int | None = None
 
     def stop(self, now: int) -> None:
         self.hand.stop(now, HAND_STOPPED)

@@ -10,10 +10,10 @@ between them.
 
 from __future__ import annotations
 
-from types import MappingProxyType
+from functools import partial
 
 from bcapscope.protocol.codec.variant import VT, Variant
-from bcapscope.protocol.tables.hresult import E_ARM_NOT_TAKEN, E_INVALIDARG
+from bcapscope.protocol.tables.hresult import E_INVALIDARG
 from bcapscope.simulator.argument_values import (
     argument_at,
     boolean,
@@ -23,12 +23,13 @@ from bcapscope.simulator.argument_values import (
     integer_of,
     items_of,
     number_of,
+    number_within,
     numbers_of,
     r8,
     variant_array,
 )
 from bcapscope.simulator.call_context import CallContext, CommandHandler, CommandTable, accept_without_effect
-from bcapscope.simulator.call_outcome import DONE, CallOutcome, CallResult, RefusedError
+from bcapscope.simulator.call_outcome import RefusedError
 from bcapscope.simulator.equipment import MAX_AREAS, MAX_LINES
 from bcapscope.simulator.result_codes import BAD_INDEX, BRACKET_IS_CLOSED, BRACKET_IS_OPEN
 
@@ -40,191 +41,135 @@ _LINE_IS_OPEN = 2
 _SIX = (0.0,) * 6
 
 
-def _open_bracket(name: str) -> CommandHandler:
-    def run(context: CallContext, parameter: Variant) -> CallOutcome:
-        brackets = context.machine.equipment.brackets
-        if name in brackets:
-            raise RefusedError(BRACKET_IS_OPEN[name])
-        brackets.add(name)
-        return DONE
-
-    return run
+def _open_bracket(context: CallContext, parameter: Variant, name: str) -> None:
+    brackets = context.machine.equipment.brackets
+    if name in brackets:
+        raise RefusedError(BRACKET_IS_OPEN[name])
+    brackets.add(name)
 
 
-def _close_bracket(name: str) -> CommandHandler:
-    def run(context: CallContext, parameter: Variant) -> CallOutcome:
-        brackets = context.machine.equipment.brackets
-        if name not in brackets:
-            raise RefusedError(BRACKET_IS_CLOSED[name])
-        brackets.remove(name)
-        return DONE
-
-    return run
+def _close_bracket(context: CallContext, parameter: Variant, name: str) -> None:
+    brackets = context.machine.equipment.brackets
+    if name not in brackets:
+        raise RefusedError(BRACKET_IS_CLOSED[name])
+    brackets.remove(name)
 
 
-def force_control(context: CallContext, parameter: Variant) -> CallOutcome:
+def _force_control(context: CallContext, parameter: Variant) -> None:
     """Run ForceCtrl: on or off, number 1..10, mode. It stays off while the motor is off."""
     items, machine = items_of(parameter), context.machine
-    if machine.profile.needs_arm and machine.owner != context.client:
-        raise RefusedError(E_ARM_NOT_TAKEN)
+    machine.check_arm(context.client)
     if integer_of(argument_at(items, 0)) == 0:
         machine.equipment.force_control = None
-        return DONE
-    number = _force_number(argument_at(items, 1))
+        return
+    number = number_within(argument_at(items, 1), _FORCE_CONTROLS, E_INVALIDARG)
     machine.equipment.force_control = number if machine.motor_is_on(context.now) else None
-    return DONE
 
 
-def force_parameters(context: CallContext, parameter: Variant) -> CallOutcome:
+def _force_parameters(context: CallContext, parameter: Variant) -> None:
     """Run ForceParam: number 1..10, coordinates 0..2, six forces, and up to eleven more values."""
     items = items_of(parameter)
-    _force_number(argument_at(items, 0))
-    if integer_of(argument_at(items, 1)) not in _COORDINATES or len(items) > _MAX_FORCE_VALUES:
+    number_within(argument_at(items, 0), _FORCE_CONTROLS, E_INVALIDARG)
+    number_within(argument_at(items, 1), _COORDINATES, E_INVALIDARG)
+    if len(items) > _MAX_FORCE_VALUES or len(numbers_of(argument_at(items, 2))) < len(_SIX):
         raise RefusedError(E_INVALIDARG)
-    if len(numbers_of(argument_at(items, 2))) < len(_SIX):
-        raise RefusedError(E_INVALIDARG)
-    return DONE
 
 
-def _force_number(part: Variant) -> int:
-    number = integer_of(part)
-    if number not in _FORCE_CONTROLS:
-        raise RefusedError(E_INVALIDARG)
-    return number
-
-
-def force_value(context: CallContext, parameter: Variant) -> CallOutcome:
+def _force_value(context: CallContext, parameter: Variant) -> Variant:
     """Run ForceValue: six zeros for any kind of data."""
     integer_of(argument_at(items_of(parameter), 0))
-    return CallResult(value=float_array(VT.R8, _SIX))
+    return float_array(VT.R8, _SIX)
 
 
-def force_sensor(context: CallContext, parameter: Variant) -> CallOutcome:
+def _force_sensor(context: CallContext, parameter: Variant) -> None:
     """Run ForceSensor: 0 resets the sensor; other values are refused."""
     if integer_of(parameter) != 0:
         raise RefusedError(E_INVALIDARG)
-    return DONE
 
 
-def force_sensor_load(context: CallContext, parameter: Variant) -> CallOutcome:
-    """Run CurForceSensorPayLoad: mass, centre and inertia, all zero."""
-    return CallResult(
-        value=variant_array(r8(0.0), float_array(VT.R8, _SIX[:3]), float_array(VT.R8, _SIX[:3]))
-    )
-
-
-def robot_info(context: CallContext, parameter: Variant) -> CallOutcome:
+def _robot_info(context: CallContext, parameter: Variant) -> Variant:
     """Run RobInfo: the type name for parameter 1, an empty text for others."""
-    return CallResult(
-        value=bstr(context.machine.initial_state.type_name if integer_of(parameter) == 1 else "")
-    )
+    return bstr(context.machine.initial_state.type_name if integer_of(parameter) == 1 else "")
 
 
-def button_state(context: CallContext, parameter: Variant) -> CallOutcome:
+def _button_state(context: CallContext, parameter: Variant) -> Variant:
     """Run GetMechaButtonState or ClearMechaButtonState: the buttons 0 to 2 are never pressed."""
-    if integer_of(parameter) not in _BUTTONS:
-        raise RefusedError(BAD_INDEX)
-    return CallResult(value=i4(0))
+    number_within(parameter, _BUTTONS, BAD_INDEX)
+    return i4(0)
 
 
-def scene_info(context: CallContext, parameter: Variant) -> CallOutcome:
+def _scene_info(context: CallContext, parameter: Variant) -> Variant:
     """Run SceneInfo: scene, sub-scene and an empty name."""
     items = items_of(parameter)
-    scene, sub_scene = (integer_of(argument_at(items, index)) for index in (0, 1))
-    if (scene, sub_scene) != (0, 0):
+    if any([integer_of(argument_at(items, index)) for index in (0, 1)]):
         raise RefusedError(BAD_INDEX)
-    return CallResult(value=variant_array(i4(0), i4(0), bstr("")))
+    return variant_array(i4(0), i4(0), bstr(""))
 
 
-def switch_area(context: CallContext, parameter: Variant) -> CallOutcome:
+def _switch_area(context: CallContext, parameter: Variant) -> None:
     """Run SetAreaEnabled: number, on or off."""
     items, areas = items_of(parameter), context.machine.equipment.areas
-    number = _area(argument_at(items, 0))
+    number = number_within(argument_at(items, 0), range(MAX_AREAS), BAD_INDEX)
     (areas.add if number_of(argument_at(items, 1)) else areas.discard)(number)
-    return DONE
 
 
-def area_state(context: CallContext, parameter: Variant) -> CallOutcome:
-    """Run GetAreaEnabled."""
-    number = _area(argument_at(items_of(parameter), 0))
-    return CallResult(value=boolean(number in context.machine.equipment.areas))
-
-
-def _area(part: Variant) -> int:
-    number = integer_of(part)
-    if not 0 <= number < MAX_AREAS:
-        raise RefusedError(BAD_INDEX)
-    return number
+def _area_state(context: CallContext, parameter: Variant) -> Variant:
+    number = number_within(argument_at(items_of(parameter), 0), range(MAX_AREAS), BAD_INDEX)
+    return boolean(number in context.machine.equipment.areas)
 
 
 def _line(parameter: Variant) -> int:
-    number = integer_of(parameter)
-    if not 0 <= number < MAX_LINES:
-        raise RefusedError(BAD_INDEX)
-    return number
+    return number_within(parameter, range(MAX_LINES), BAD_INDEX)
 
 
-def open_line(context: CallContext, parameter: Variant) -> CallOutcome:
-    """Run open of the extension Comm: every line exists, and has no device at its other end."""
-    context.machine.equipment.lines.add(_line(parameter))
-    return DONE
-
-
-def close_line(context: CallContext, parameter: Variant) -> CallOutcome:
-    """Run close of the extension Comm."""
-    context.machine.equipment.lines.discard(_line(parameter))
-    return DONE
-
-
-def line_state(context: CallContext, parameter: Variant) -> CallOutcome:
+def _line_state(context: CallContext, parameter: Variant) -> Variant:
     """Run State of the extension Comm: 2 for an open line, else 0."""
-    is_open = _line(parameter) in context.machine.equipment.lines
-    return CallResult(value=i4(_LINE_IS_OPEN if is_open else 0))
+    return i4(_LINE_IS_OPEN if _line(parameter) in context.machine.equipment.lines else 0)
 
 
 def _of_line(value: Variant | None) -> CommandHandler:
     """Make a command that checks its line number and returns `value`."""
 
-    def run(context: CallContext, parameter: Variant) -> CallOutcome:
+    def run(context: CallContext, parameter: Variant) -> Variant | None:
         _line(parameter)
-        return CallResult(value=value)
+        return value
 
     return run
 
 
-EQUIPMENT_COMMANDS: CommandTable = MappingProxyType(
-    {
-        "synctimestart": _open_bracket("time"),
-        "synctimeend": _close_bracket("time"),
-        "syncmovestart": _open_bracket("move"),
-        "syncmoveend": _close_bracket("move"),
-        "forcectrl": force_control,
-        "forceparam": force_parameters,
-        "forcevalue": force_value,
-        "forcesensor": force_sensor,
-        "curforcesensorpayload": force_sensor_load,
-        "forcewaitcondition": accept_without_effect,
-        "autocal": accept_without_effect,
-        "robinfo": robot_info,
-        "getmechabuttonstate": button_state,
-        "clearmechabuttonstate": button_state,
-        "curscene": lambda context, parameter: CallResult(value=i4(0)),
-        "cursubscene": lambda context, parameter: CallResult(value=i4(0)),
-        "sceneinfo": scene_info,
-        "setareaenabled": switch_area,
-        "getareaenabled": area_state,
-    }
-)
+EQUIPMENT_COMMANDS: CommandTable = {
+    "synctimestart": partial(_open_bracket, name="time"),
+    "synctimeend": partial(_close_bracket, name="time"),
+    "syncmovestart": partial(_open_bracket, name="move"),
+    "syncmoveend": partial(_close_bracket, name="move"),
+    "forcectrl": _force_control,
+    "forceparam": _force_parameters,
+    "forcevalue": _force_value,
+    "forcesensor": _force_sensor,
+    # Mass, centre and inertia.
+    "curforcesensorpayload": lambda context, _: variant_array(
+        r8(0.0), float_array(VT.R8, _SIX[:3]), float_array(VT.R8, _SIX[:3])
+    ),
+    "forcewaitcondition": accept_without_effect,
+    "autocal": accept_without_effect,
+    "robinfo": _robot_info,
+    "getmechabuttonstate": _button_state,
+    "clearmechabuttonstate": _button_state,
+    "curscene": lambda context, _: i4(0),
+    "cursubscene": lambda context, _: i4(0),
+    "sceneinfo": _scene_info,
+    "setareaenabled": _switch_area,
+    "getareaenabled": _area_state,
+}
 """Commands of Robot_Execute by their names in lower case."""
 
-LINE_COMMANDS: CommandTable = MappingProxyType(
-    {
-        "open": open_line,
-        "close": close_line,
-        "state": line_state,
-        "clear": _of_line(None),
-        "count": _of_line(i4(0)),
-        "input": _of_line(bstr("")),
-    }
-)
+LINE_COMMANDS: CommandTable = {
+    # Every line exists, and has no device at its other end.
+    "open": lambda context, line: context.machine.equipment.lines.add(_line(line)),
+    "close": lambda context, line: context.machine.equipment.lines.discard(_line(line)),
+    "state": _line_state,
+    "clear": _of_line(None),
+    "count": _of_line(i4(0)),
+    "input": _of_line(bstr("")),
+}
 """Commands of the extension Comm by their names in lower case."""

@@ -8,13 +8,14 @@ do not change the position that the simulated arm reports.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from types import MappingProxyType
+from collections.abc import Callable, Iterable, Mapping
+from functools import partial
+from typing import TypeAlias
 
 from bcapscope.protocol.codec.variant import Variant
 from bcapscope.protocol.slave_mode.modes import PoseType
 from bcapscope.protocol.slave_mode.poses import AXES
-from bcapscope.protocol.tables.hresult import E_ARM_NOT_TAKEN, E_INVALIDARG
+from bcapscope.protocol.tables.hresult import E_INVALIDARG
 from bcapscope.simulator.argument_values import (
     argument_at,
     float_array,
@@ -22,13 +23,14 @@ from bcapscope.simulator.argument_values import (
     integer_of,
     items_of,
     number_of,
+    number_within,
     numbers_of,
 )
-from bcapscope.simulator.call_context import CallContext, CommandHandler, CommandTable
-from bcapscope.simulator.call_outcome import DONE, CallOutcome, CallResult, RefusedError
+from bcapscope.simulator.call_context import CallContext, CommandTable
+from bcapscope.simulator.call_outcome import RefusedError
 from bcapscope.simulator.equipment import MAX_FRAMES, CoordinateFrame
 from bcapscope.simulator.kinematics import FIG, Joints, axis_beyond_limit, joints_of, pose_of
-from bcapscope.simulator.pose_notation import WrittenPose, parse_pose, parse_target
+from bcapscope.simulator.pose_notation import parse_pose, parse_target
 from bcapscope.simulator.pose_transforms import PoseNumbers, moved_in_base, moved_in_tool, relative_to
 from bcapscope.simulator.result_codes import BAD_INDEX
 
@@ -36,20 +38,20 @@ _P, _J, _T = PoseType.P, PoseType.J, PoseType.T
 ZERO_FRAME: CoordinateFrame = (0.0,) * 6
 """Definition of a tool or work that no client has defined."""
 
+FrameTable: TypeAlias = Callable[[CallContext], dict[int, CoordinateFrame]]
+"""Returns the definitions of tools, or those of works."""
+
 _UNREACHABLE = -1
 _MAX_PLACES = 32767
 """Rows, columns and layers of a pallet at most; assumed."""
 
 
-def _convert_command(from_type: PoseType, to_type: PoseType) -> CommandHandler:
-    def run(context: CallContext, parameter: Variant) -> CallOutcome:
-        return CallResult(
-            value=float_array(
-                context.machine.profile.real, pose_of(to_type, _joints(context, from_type, parameter))
-            )
-        )
+def _convert(context: CallContext, parameter: Variant, source: PoseType, target: PoseType) -> Variant:
+    return _real_array(context, pose_of(target, _joints(context, source, parameter)))
 
-    return run
+
+def _real_array(context: CallContext, numbers: Iterable[float]) -> Variant:
+    return float_array(context.machine.profile.real, numbers)
 
 
 def _joints(context: CallContext, pose_type: PoseType, parameter: Variant) -> Joints:
@@ -60,7 +62,7 @@ def _joints(context: CallContext, pose_type: PoseType, parameter: Variant) -> Jo
     return parse_target(parameter, context.machine.memory.read).joints
 
 
-def out_range(context: CallContext, parameter: Variant) -> CallOutcome:
+def _out_range(context: CallContext, parameter: Variant) -> Variant:
     """Run OutRange: 0 inside, bits of the axes beyond their limits, -1 unreachable."""
     items = items_of(parameter)
     pose = items[0] if items and not isinstance(items[0].value, int | float) else parameter
@@ -69,31 +71,28 @@ def out_range(context: CallContext, parameter: Variant) -> CallOutcome:
     except RefusedError as refusal:
         if refusal.hresult == E_INVALIDARG:
             raise
-        return CallResult(value=i4(_UNREACHABLE))
+        return i4(_UNREACHABLE)
     axis = axis_beyond_limit(joints, context.machine.initial_state.limits)
-    return CallResult(value=i4(1 << axis - 1 if axis else 0))
+    return i4(1 << axis - 1 if axis else 0)
 
 
-def check_virtual_fence(context: CallContext, parameter: Variant) -> CallOutcome:
+def _check_virtual_fence(context: CallContext, parameter: Variant) -> Variant:
     """Run CheckVirtualFence: always 0, because the simulated robot has no fences."""
-    _parse_pose(context, parameter)
-    return CallResult(value=i4(0))
+    parse_pose(parameter, context.machine.memory.read)
+    return i4(0)
 
 
-def _move_command(move: Callable[[PoseNumbers, PoseNumbers], PoseNumbers]) -> CommandHandler:
-    def run(context: CallContext, parameter: Variant) -> CallOutcome:
-        items = items_of(parameter)
-        if len(items) != 2:
-            raise RefusedError(E_INVALIDARG)
-        base, deviation = (_parse_position(context, item) for item in items)
-        return CallResult(
-            value=float_array(context.machine.profile.real, (*move(base, deviation), _fig(base)))
-        )
-
-    return run
+def _move(
+    context: CallContext, parameter: Variant, move: Callable[[PoseNumbers, PoseNumbers], PoseNumbers]
+) -> Variant:
+    items = items_of(parameter)
+    if len(items) != 2:
+        raise RefusedError(E_INVALIDARG)
+    base, deviation = (_parse_position(context, item) for item in items)
+    return _real_array(context, (*move(base, deviation), _fig(base)))
 
 
-def convert_work(context: CallContext, parameter: Variant) -> CallOutcome:
+def _convert_work(context: CallContext, parameter: Variant) -> Variant:
     """Run ConvertPosWork: convert a pose from one work to another."""
     items = items_of(parameter)
     pose = _parse_position(context, argument_at(items, 0))
@@ -101,50 +100,31 @@ def convert_work(context: CallContext, parameter: Variant) -> CallOutcome:
     source, target = (
         works.get(frame_number(integer_of(argument_at(items, index))), ZERO_FRAME) for index in (1, 2)
     )
-    values = relative_to(target, moved_in_tool(source, pose))
-    return CallResult(value=float_array(context.machine.profile.real, (*values, _fig(pose))))
+    return _real_array(context, (*relative_to(target, moved_in_tool(source, pose)), _fig(pose)))
 
 
-def tool_definition(context: CallContext, parameter: Variant) -> CallOutcome:
-    """Run GetToolDef."""
+def _tool_definition(context: CallContext, parameter: Variant) -> Variant:
     tools = context.machine.equipment.tools
-    return CallResult(
-        value=float_array(
-            context.machine.profile.real, tools.get(frame_number(integer_of(parameter)), ZERO_FRAME)
-        )
-    )
+    return _real_array(context, tools.get(frame_number(integer_of(parameter)), ZERO_FRAME))
 
 
-def _define_command(frames: Callable[[CallContext], dict[int, CoordinateFrame]]) -> CommandHandler:
-    def run(context: CallContext, parameter: Variant) -> CallOutcome:
-        items, machine = items_of(parameter), context.machine
-        if machine.profile.needs_arm and machine.owner != context.client:
-            raise RefusedError(E_ARM_NOT_TAKEN)
-        number = frame_number(integer_of(argument_at(items, 0)), first=1)
-        frames(context)[number] = _parse_position(context, argument_at(items, 1))[:6]
-        return DONE
-
-    return run
+def _define(context: CallContext, parameter: Variant, frames: FrameTable) -> None:
+    items = items_of(parameter)
+    context.machine.check_arm(context.client)
+    number = frame_number(integer_of(argument_at(items, 0)), first=1)
+    frames(context)[number] = _parse_position(context, argument_at(items, 1))[:6]
 
 
 def frame_number(number: int, first: int = 0) -> int:
-    """Check the number of a tool or work, and return it.
-
-    Raises:
-        RefusedError: The number is below `first` or too large.
-    """
+    """Return the number of a tool or work; refused if it is below `first` or too large."""
     if not first <= number < MAX_FRAMES:
         raise RefusedError(BAD_INDEX)
     return number
 
 
-def _parse_pose(context: CallContext, pose: Variant) -> WrittenPose:
-    return parse_pose(pose, context.machine.memory.read)
-
-
 def _parse_position(context: CallContext, pose: Variant) -> PoseNumbers:
     """Read a pose of any type as P type; a pose that is written as P type need not be within reach."""
-    written = _parse_pose(context, pose)
+    written = parse_pose(pose, context.machine.memory.read)
     return written.values if written.type is _P else pose_of(_P, joints_of(written.type, written.values))
 
 
@@ -152,7 +132,7 @@ def _fig(pose: PoseNumbers) -> float:
     return pose[6] if len(pose) > 6 else FIG
 
 
-def pallet_position(context: CallContext, parameter: Variant) -> CallOutcome:
+def _pallet_position(context: CallContext, parameter: Variant) -> Variant:
     """Run CalcPos of the extension Pallet.
 
     The parameter holds rows, columns, height of a layer in mm, the four corners, the number of the place and,
@@ -172,15 +152,11 @@ def pallet_position(context: CallContext, parameter: Variant) -> CallOutcome:
     far = _interpolate(corners[2], corners[3], across)
     x, y, z = _interpolate(near, far, down)
     first = corners[0]
-    values = (x, y, z + height * layer, *first[3:6], _fig(first))
-    return CallResult(value=float_array(context.machine.profile.real, values))
+    return _real_array(context, (x, y, z + height * layer, *first[3:6], _fig(first)))
 
 
 def _count(part: Variant) -> int:
-    number = integer_of(part)
-    if not 1 <= number <= _MAX_PLACES:
-        raise RefusedError(E_INVALIDARG)
-    return number
+    return number_within(part, range(1, _MAX_PLACES + 1), E_INVALIDARG)
 
 
 def _fraction(index: int, count: int) -> float:
@@ -191,25 +167,28 @@ def _interpolate(one: PoseNumbers, other: PoseNumbers, share: float) -> PoseNumb
     return tuple(a + (b - a) * share for a, b in zip(one[:3], other[:3], strict=True))
 
 
-FRAME_COMMANDS: CommandTable = MappingProxyType(
-    {
-        "j2p": _convert_command(_J, _P),
-        "j2t": _convert_command(_J, _T),
-        "p2j": _convert_command(_P, _J),
-        "p2t": _convert_command(_P, _T),
-        "t2j": _convert_command(_T, _J),
-        "t2p": _convert_command(_T, _P),
-        "outrange": out_range,
-        "checkvirtualfence": check_virtual_fence,
-        "dev": _move_command(moved_in_base),
-        "devh": _move_command(moved_in_tool),
-        "convertposwork": convert_work,
-        "gettooldef": tool_definition,
-        "settooldef": _define_command(lambda context: context.machine.equipment.tools),
-        "setworkdef": _define_command(lambda context: context.machine.equipment.works),
-    }
-)
+FRAMES: Mapping[str, FrameTable] = {
+    "TOOL": lambda context: context.machine.equipment.tools,
+    "WORK": lambda context: context.machine.equipment.works,
+}
+
+FRAME_COMMANDS: CommandTable = {
+    "j2p": partial(_convert, source=_J, target=_P),
+    "j2t": partial(_convert, source=_J, target=_T),
+    "p2j": partial(_convert, source=_P, target=_J),
+    "p2t": partial(_convert, source=_P, target=_T),
+    "t2j": partial(_convert, source=_T, target=_J),
+    "t2p": partial(_convert, source=_T, target=_P),
+    "outrange": _out_range,
+    "checkvirtualfence": _check_virtual_fence,
+    "dev": partial(_move, move=moved_in_base),
+    "devh": partial(_move, move=moved_in_tool),
+    "convertposwork": _convert_work,
+    "gettooldef": _tool_definition,
+    "settooldef": partial(_define, frames=FRAMES["TOOL"]),
+    "setworkdef": partial(_define, frames=FRAMES["WORK"]),
+}
 """Commands of Robot_Execute by their names in lower case."""
 
-PALLET_COMMANDS: Mapping[str, CommandHandler] = MappingProxyType({"calcpos": pallet_position})
+PALLET_COMMANDS: CommandTable = {"calcpos": _pallet_position}
 """Commands of the extension Pallet by their names in lower case."""

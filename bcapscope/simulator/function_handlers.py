@@ -12,7 +12,6 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Container, Mapping
 from functools import lru_cache
-from types import MappingProxyType
 from typing import TypeAlias
 
 from bcapscope.protocol.codec.variant import EMPTY, VT, Variant
@@ -27,10 +26,11 @@ from bcapscope.simulator.argument_values import (
     i4,
     integer_of,
     number_of,
+    number_within,
     text_of,
 )
 from bcapscope.simulator.call_context import CallContext, CommandHandler, CommandTable
-from bcapscope.simulator.call_outcome import DONE, CallOutcome, CallResult, RefusedError
+from bcapscope.simulator.call_outcome import CallResult, HandlerOutcome, RefusedError, RunningCall
 from bcapscope.simulator.controller_commands import CONTROLLER_COMMANDS, TASK_COMMANDS
 from bcapscope.simulator.equipment_commands import LINE_COMMANDS
 from bcapscope.simulator.frame_commands import PALLET_COMMANDS
@@ -43,7 +43,7 @@ from bcapscope.simulator.robot_commands import ROBOT_COMMANDS
 Arguments: TypeAlias = "tuple[Variant, ...]"
 """Arguments of a request, without the handle."""
 
-FunctionHandler: TypeAlias = Callable[[CallContext, Arguments], CallOutcome]
+FunctionHandler: TypeAlias = Callable[[CallContext, Arguments], HandlerOutcome]
 
 MAX_FILES = 100
 _EXTENSIONS: Mapping[str, CommandTable] = {
@@ -62,15 +62,20 @@ _KNOWN_NAMES: Mapping[ObjectClass, Callable[[CallContext], Container[str]]] = {
 """Existing names, in lower case."""
 
 
-def open_object(context: CallContext, kind: ObjectClass, arguments: Arguments) -> CallOutcome:
+def open_object(context: CallContext, kind: ObjectClass, arguments: Arguments) -> Variant:
     """Open an object by name; with @IfNotMember, return the handle of an object that is already open."""
-    name, option = text_of(argument_at(arguments, 0)), text_of(arguments[1]) if len(arguments) > 1 else ""
+    name, option = text_of(argument_at(arguments, 0)), _text_at(arguments, 1)
     _check_name(context, kind, name, option)
     if "@ifnotmember" in option.casefold():
         found = context.objects.find_by_name(kind, name, context.object)
         if found:
-            return CallResult(value=i4(found.handle))
-    return CallResult(value=i4(context.objects.open(kind, name, context.object).handle))
+            return i4(found.handle)
+    return i4(context.objects.open(kind, name, context.object).handle)
+
+
+def _text_at(arguments: Arguments, index: int) -> str:
+    """Read an optional text; "" if it is missing."""
+    return text_of(arguments[index]) if index < len(arguments) else ""
 
 
 def _check_name(context: CallContext, kind: ObjectClass, name: str, option: str) -> None:
@@ -92,14 +97,14 @@ def _create_file(context: CallContext, name: str, option: str) -> None:
     context.machine.files[name.casefold()] = name
 
 
-def get_message(context: CallContext, arguments: Arguments) -> CallOutcome:
+def _get_message(context: CallContext, arguments: Arguments) -> Variant:
     """Run Controller_GetMessage: the newest active error is the message; refused if there is none."""
     active = context.machine.alarms.active
     if not active:
         raise RefusedError(OBJECT_NOT_FOUND)
     made = context.objects.open(ObjectClass.MESSAGE, "", context.object)
     made.values = _message_values(active[0], context)
-    return CallResult(value=i4(made.handle))
+    return i4(made.handle)
 
 
 def _message_values(alarm: Alarm, context: CallContext) -> dict[str, Variant]:
@@ -114,12 +119,6 @@ def _message_values(alarm: Alarm, context: CallContext) -> dict[str, Variant]:
     }
 
 
-def release(context: CallContext, arguments: Arguments) -> CallOutcome:
-    """Run any function that releases an object."""
-    context.objects.release(context.object)
-    return DONE
-
-
 def command_runner(commands: CommandTable) -> FunctionHandler:
     """Return the handler of an ..._Execute function; it refuses commands that the profile lacks."""
 
@@ -131,10 +130,8 @@ def command_runner(commands: CommandTable) -> FunctionHandler:
             raise RefusedError(INVALID_COMMAND)
         return found
 
-    def execute(context: CallContext, arguments: Arguments) -> CallOutcome:
-        if not arguments:
-            raise RefusedError(E_INVALIDARG)
-        run = named(text_of(arguments[0]), context.machine.profile.lacks)
+    def execute(context: CallContext, arguments: Arguments) -> HandlerOutcome:
+        run = named(text_of(argument_at(arguments, 0)), context.machine.profile.lacks)
         return run(context, arguments[1] if len(arguments) > 1 else EMPTY)
 
     return execute
@@ -143,167 +140,148 @@ def command_runner(commands: CommandTable) -> FunctionHandler:
 _EXTENSION_HANDLERS = {name.casefold(): command_runner(commands) for name, commands in _EXTENSIONS.items()}
 
 
-def _extension_execute(context: CallContext, arguments: Arguments) -> CallOutcome:
+def _extension_execute(context: CallContext, arguments: Arguments) -> HandlerOutcome:
     return _EXTENSION_HANDLERS[context.object.name.casefold()](context, arguments)
 
 
-def _command_execute(context: CallContext, arguments: Arguments) -> CallOutcome:
-    parameter = context.object.values.get("parameters", EMPTY)
-    outcome = CONTROLLER_COMMANDS[context.object.name.casefold()](context, parameter)
-    if isinstance(outcome, CallResult):
-        context.object.values["result"] = outcome.value or EMPTY
-    return DONE
+def _command_execute(context: CallContext, arguments: Arguments) -> None:
+    """Run a command as its object holds it; a command that takes time leaves no result."""
+    values = context.object.values
+    outcome = CONTROLLER_COMMANDS[context.object.name.casefold()](context, values.get("parameters", EMPTY))
+    if not isinstance(outcome, RunningCall):
+        values["result"] = (outcome.value if isinstance(outcome, CallResult) else outcome) or EMPTY
 
 
-def _stored_value(key: str) -> FunctionHandler:
-    return lambda context, arguments: CallResult(value=context.object.values.get(key, EMPTY))
+def _stored_value(key: str, default: Variant = EMPTY) -> FunctionHandler:
+    return lambda context, arguments: context.object.values.get(key, default)
 
 
-def _put_parameters(context: CallContext, arguments: Arguments) -> CallOutcome:
+def _put_parameters(context: CallContext, arguments: Arguments) -> None:
     context.object.values["parameters"] = check_storable(argument_at(arguments, 0))
-    return DONE
 
 
-def _put_timeout(context: CallContext, arguments: Arguments) -> CallOutcome:
+def _put_timeout(context: CallContext, arguments: Arguments) -> None:
     context.object.values["timeout"] = i4(integer_of(argument_at(arguments, 0)))
-    return DONE
 
 
-def _robot_move(context: CallContext, arguments: Arguments) -> CallOutcome:
-    option = arguments[2] if len(arguments) > 2 else Variant(VT.BSTR, "")
+def _robot_move(context: CallContext, arguments: Arguments) -> HandlerOutcome:
+    option = arguments[2] if len(arguments) > 2 else bstr("")
     return move(context, argument_at(arguments, 0), argument_at(arguments, 1), option)
 
 
-def _robot_drive(context: CallContext, arguments: Arguments) -> CallOutcome:
+def _robot_drive(context: CallContext, arguments: Arguments) -> HandlerOutcome:
     way = integer_of(argument_at(arguments, 0)), float(number_of(argument_at(arguments, 1)))
-    return drive(context, [way], False, text_of(arguments[2]) if len(arguments) > 2 else "")
+    return drive(context, [way], False, _text_at(arguments, 2))
 
 
-def _robot_speed(context: CallContext, arguments: Arguments) -> CallOutcome:
+def _robot_speed(context: CallContext, arguments: Arguments) -> None:
     speed = float(number_of(argument_at(arguments, 1)))
     if not 0 < speed <= 100:
         raise RefusedError(E_INVALIDARG)
     context.machine.speeds.internal = speed
-    return DONE
 
 
-def _robot_accelerate(context: CallContext, arguments: Arguments) -> CallOutcome:
+def _robot_accelerate(context: CallContext, arguments: Arguments) -> None:
+    """Run Robot_Accelerate: the second and third number are percent; -1 keeps."""
     pair = float(number_of(argument_at(arguments, 1))), float(number_of(argument_at(arguments, 2)))
     if not all(value == -1 or 0 < value <= 100 for value in pair):
         raise RefusedError(E_INVALIDARG)
     speeds = context.machine.speeds
     speeds.acceleration = speeds.acceleration if pair[0] == -1 else pair[0]
     speeds.deceleration = speeds.deceleration if pair[1] == -1 else pair[1]
-    return DONE
 
 
-def _robot_change(context: CallContext, arguments: Arguments) -> CallOutcome:
+def _robot_change(context: CallContext, arguments: Arguments) -> None:
     match = re.fullmatch(r"(tool|work)([0-9]{1,2})", text_of(argument_at(arguments, 0)).strip().casefold())
     if match is None:
         raise RefusedError(E_INVALIDARG)
     setattr(context.machine, match[1], int(match[2]))
-    return DONE
 
 
-def _task_start(context: CallContext, arguments: Arguments) -> CallOutcome:
-    if integer_of(argument_at(arguments, 0)) not in (1, 2, 3):
-        raise RefusedError(E_INVALIDARG)
+def _task_start(context: CallContext, arguments: Arguments) -> None:
+    number_within(argument_at(arguments, 0), range(1, 4), E_INVALIDARG)
     context.machine.start_task(context.object.name)
-    return DONE
 
 
-def _task_stop(context: CallContext, arguments: Arguments) -> CallOutcome:
-    if integer_of(argument_at(arguments, 0)) not in range(5):
-        raise RefusedError(E_INVALIDARG)
+def _task_stop(context: CallContext, arguments: Arguments) -> None:
+    number_within(argument_at(arguments, 0), range(5), E_INVALIDARG)
     context.machine.stop_task(context.object.name, context.now)
-    return DONE
 
 
-def _date(context: CallContext, arguments: Arguments) -> CallOutcome:
-    return CallResult(value=Variant(VT.DATE, context.machine.date(context.now)))
+def _date(context: CallContext, arguments: Arguments) -> Variant:
+    return Variant(VT.DATE, context.machine.date(context.now))
 
 
-def _put_tag(context: CallContext, arguments: Arguments) -> CallOutcome:
+def _put_tag(context: CallContext, arguments: Arguments) -> None:
     context.object.tag = check_storable(argument_at(arguments, 0))
-    return DONE
 
 
-def _put_id(context: CallContext, arguments: Arguments) -> CallOutcome:
+def _put_id(context: CallContext, arguments: Arguments) -> None:
     context.object.id = check_storable(argument_at(arguments, 0))
-    return DONE
+
+
+def _variable_names(context: CallContext, arguments: Arguments) -> Variant:
+    generation = context.machine.profile.generation
+    return bstr_array(system_variables.variable_names(context.object.kind, generation))
 
 
 _SHARED_HANDLERS: Mapping[str, FunctionHandler] = {
-    "GetAttribute": lambda context, arguments: CallResult(value=i4(0)),
-    "GetHelp": lambda context, arguments: CallResult(value=bstr("")),
-    "GetName": lambda context, arguments: CallResult(value=bstr(context.object.name)),
-    "GetTag": lambda context, arguments: CallResult(value=context.object.tag),
+    "GetAttribute": lambda context, _: i4(0),
+    "GetHelp": lambda context, _: bstr(""),
+    "GetName": lambda context, _: bstr(context.object.name),
+    "GetTag": lambda context, _: context.object.tag,
     "PutTag": _put_tag,
-    "GetID": lambda context, arguments: CallResult(value=context.object.id),
+    "GetID": lambda context, _: context.object.id,
     "PutID": _put_id,
-    "Release": release,
-    "Disconnect": release,
-    "GetVariableNames": lambda context, arguments: CallResult(
-        value=bstr_array(
-            system_variables.variable_names(context.object.kind, context.machine.profile.generation)
-        )
-    ),
+    "Release": lambda context, _: context.objects.release(context.object),
+    "Disconnect": lambda context, _: context.objects.release(context.object),
+    "GetVariableNames": _variable_names,
 }
 """Handlers by verb, for functions that several classes have."""
 
 _OWN_HANDLERS: Mapping[str, FunctionHandler] = {
-    "Controller_GetMessage": get_message,
+    "Controller_GetMessage": _get_message,
     "Controller_Execute": command_runner(CONTROLLER_COMMANDS),
-    "Controller_GetExtensionNames": lambda context, arguments: CallResult(value=bstr_array(_EXTENSIONS)),
-    "Controller_GetFileNames": lambda context, arguments: CallResult(
-        value=bstr_array(context.machine.files.values())
-    ),
-    "Controller_GetRobotNames": lambda context, arguments: CallResult(value=bstr_array(("Arm0",))),
-    "Controller_GetTaskNames": lambda context, arguments: CallResult(
-        value=bstr_array(context.machine.initial_state.tasks)
-    ),
-    "Controller_GetCommandNames": lambda context, arguments: CallResult(
-        value=bstr_array(CONTROLLER_COMMANDS)
-    ),
+    "Controller_GetExtensionNames": lambda context, _: bstr_array(_EXTENSIONS),
+    "Controller_GetFileNames": lambda context, _: bstr_array(context.machine.files.values()),
+    "Controller_GetRobotNames": lambda context, _: bstr_array(("Arm0",)),
+    "Controller_GetTaskNames": lambda context, _: bstr_array(context.machine.initial_state.tasks),
+    "Controller_GetCommandNames": lambda context, _: bstr_array(CONTROLLER_COMMANDS),
     "File_GetDateCreated": _date,
     "File_GetDateLastAccessed": _date,
     "File_GetDateLastModified": _date,
-    "File_GetPath": lambda context, arguments: CallResult(value=bstr(context.object.name)),
-    "File_GetSize": lambda context, arguments: CallResult(value=i4(0)),
-    "File_GetType": lambda context, arguments: CallResult(value=bstr(context.object.name.rpartition(".")[2])),
-    "File_GetValue": lambda context, arguments: CallResult(value=bstr("")),
+    "File_GetPath": lambda context, _: bstr(context.object.name),
+    "File_GetSize": lambda context, _: i4(0),
+    "File_GetType": lambda context, _: bstr(context.object.name.rpartition(".")[2]),
+    "File_GetValue": lambda context, _: bstr(""),
     "Extension_Execute": _extension_execute,
     "Robot_Execute": command_runner(ROBOT_COMMANDS),
     "Robot_Accelerate": _robot_accelerate,
     "Robot_Change": _robot_change,
     "Robot_Drive": _robot_drive,
-    "Robot_Halt": lambda context, arguments: halt(context),
-    "Robot_Hold": lambda context, arguments: hold(context),
+    "Robot_Halt": lambda context, _: halt(context),
+    "Robot_Hold": lambda context, _: hold(context),
     "Robot_Move": _robot_move,
     "Robot_Speed": _robot_speed,
-    "Robot_Unhold": lambda context, arguments: unhold(context),
+    "Robot_Unhold": lambda context, _: unhold(context),
     "Task_Execute": command_runner(TASK_COMMANDS),
     "Task_Start": _task_start,
     "Task_Stop": _task_stop,
-    "Task_GetFileName": lambda context, arguments: CallResult(value=bstr(f"{context.object.name}.pac")),
+    "Task_GetFileName": lambda context, _: bstr(f"{context.object.name}.pac"),
     "Variable_GetDateTime": _date,
-    "Variable_GetValue": lambda context, arguments: CallResult(value=system_variables.read_variable(context)),
+    "Variable_GetValue": lambda context, _: system_variables.read_variable(context),
     "Variable_PutValue": lambda context, arguments: system_variables.write_variable(
         context, argument_at(arguments, 0)
     ),
-    "Variable_GetMicrosecond": lambda context, arguments: CallResult(
-        value=i4(context.now // 1000 % 1_000_000)
-    ),
+    "Variable_GetMicrosecond": lambda context, _: i4(context.now // 1000 % 1_000_000),
     "Command_Execute": _command_execute,
-    "Command_GetTimeout": lambda context, arguments: CallResult(
-        value=context.object.values.get("timeout", i4(0))
-    ),
+    "Command_GetTimeout": _stored_value("timeout", i4(0)),
     "Command_PutTimeout": _put_timeout,
-    "Command_GetState": lambda context, arguments: CallResult(value=i4(_STATE_DONE)),
+    "Command_GetState": lambda context, _: i4(_STATE_DONE),
     "Command_GetParameters": _stored_value("parameters"),
     "Command_PutParameters": _put_parameters,
     "Command_GetResult": _stored_value("result"),
-    "Message_Clear": lambda context, arguments: DONE,
+    "Message_Clear": lambda context, _: None,
 }
 
 
@@ -317,8 +295,8 @@ def _handler(function: Function) -> FunctionHandler | None:
     return _OWN_HANDLERS.get(function.name) or _SHARED_HANDLERS.get(verb)
 
 
-FUNCTION_HANDLERS: Mapping[int, tuple[ObjectClass, FunctionHandler | None]] = MappingProxyType(
-    {function.id: (function.owner, _handler(function)) for function in FUNCTIONS.values() if function.id > 3}
-)
+FUNCTION_HANDLERS: Mapping[int, tuple[ObjectClass, FunctionHandler | None]] = {
+    function.id: (function.owner, _handler(function)) for function in FUNCTIONS.values() if function.id > 3
+}
 """By function id: the class of object that it is called on, and its handler; None if it is not
 implemented."""

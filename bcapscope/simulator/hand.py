@@ -18,17 +18,12 @@ SECOND = 1_000_000_000
 
 
 class HandLimits(NamedTuple):
-    """Limits of a hand.
+    """Limits of a hand: widths in mm, speeds in mm/s, acceleration in mm/s², forces in N.
 
     Attributes:
-        narrowest: Width of the closed hand, mm.
-        widest: Width of the open hand, mm.
-        speed: Speed at 100 %, mm/s.
-        acceleration: Acceleration, mm/s².
-        grip_speed: Speed of a grip without speed parameter, mm/s.
+        speed: Speed at 100 %.
+        grip_speed: Speed of a grip without speed parameter.
         slowest: Lowest speed in percent.
-        weakest: Lowest force, N.
-        strongest: Highest force, N.
     """
 
     narrowest: float
@@ -49,11 +44,7 @@ class HandMotion(NamedTuple):
     """A motion that accelerates, keeps its speed and brakes.
 
     Attributes:
-        start: Width at the beginning.
-        goal: Width at the end.
-        began: Time of the beginning.
         speed: Highest speed reached.
-        acceleration: Acceleration, mm/s².
     """
 
     start: float
@@ -69,11 +60,9 @@ class HandMotion(NamedTuple):
 
     @property
     def ends(self) -> int:
-        """Time of the end."""
         return self.time_at_distance(abs(self.goal - self.start))
 
     def at(self, time: int) -> float:
-        """Return the width at a time."""
         if time >= self.ends:
             return self.goal
         way = self._distance_after(max(0, time - self.began) / SECOND)
@@ -109,7 +98,6 @@ class Hand:
     """The fingers, and an object that may be between them.
 
     Attributes:
-        limits: Limits of the hand.
         object_width: Width of the object between the open fingers, mm; None if there is none.
         motion_count: Number of motions and stops so far.
         stopped_by: Result of the last stop.
@@ -128,11 +116,9 @@ class Hand:
         self._touches_object = False
 
     def width(self, now: int) -> float:
-        """Return the width between the fingers, mm."""
         return self._final_width if now >= self.ends else self._motion.at(now)
 
     def is_moving(self, now: int) -> bool:
-        """Return whether the fingers move."""
         return now < self.ends
 
     def is_gripping(self, now: int) -> bool:
@@ -149,13 +135,9 @@ class Hand:
         return self.ends if self._touches_object and not self._force else None
 
     def move(self, goal: float, speed: float, now: int, force: float = 0.0) -> int:
-        """Begin a motion; return the time of its end.
+        """Begin a motion to `goal` mm at `speed` mm/s; return the time of its end.
 
-        Args:
-            goal: Width at the end, mm.
-            speed: Highest speed, mm/s.
-            now: Current time, ns.
-            force: Force of a grip, N; 0 to move without gripping.
+        With a `force` (N), the motion is a grip.
         """
         start, thing = self.width(now), self.object_width
         self._touches_object = thing is not None and goal < thing <= start

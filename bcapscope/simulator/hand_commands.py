@@ -12,7 +12,8 @@ it.
 
 from __future__ import annotations
 
-from types import MappingProxyType
+from collections.abc import Callable
+from functools import partial
 
 from bcapscope.protocol.codec.variant import Variant
 from bcapscope.simulator.argument_values import (
@@ -26,7 +27,7 @@ from bcapscope.simulator.argument_values import (
     text_of,
 )
 from bcapscope.simulator.call_context import CallContext, CommandHandler, CommandTable
-from bcapscope.simulator.call_outcome import DONE, CallOutcome, CallResult, RefusedError, RunningCall
+from bcapscope.simulator.call_outcome import DONE, CallResult, HandlerOutcome, RefusedError, RunningCall
 from bcapscope.simulator.hand import Hand
 from bcapscope.simulator.result_codes import (
     GRIP_BEYOND_LIMIT,
@@ -38,8 +39,8 @@ from bcapscope.simulator.result_codes import (
     RELATIVE_GRIP_BEYOND_LIMIT,
 )
 
-_CHUCK_SPEED, _CHUCK_FORCE = 50.0, 10.0
-"""Speed in percent and force in N of a grip whose data the controller stores; assumed."""
+_CHUCK_SHARE, _CHUCK_FORCE = 0.5, 10.0
+"""Share of the top speed, and force in N, of a grip whose data the controller stores; assumed."""
 
 _WEAKEST_SUCTION = 40.0
 """Percent: DENSORobot/denso_cobotta_ros denso_cobotta_gripper/config/gripper_vacuum.yaml."""
@@ -51,33 +52,25 @@ _SUCTION, _SUCTION_LOAD = -0.5, 50.0
 """Pressure in kPa per percent of power, and load in percent, of the vacuum hand; assumed."""
 
 
-def _move_to(relative: bool) -> CommandHandler:
-    """Make HandMoveA or HandMoveR: width or distance [mm], speed [%]."""
-
-    def run(context: CallContext, parameter: Variant) -> CallOutcome:
-        items, hand = items_of(parameter), context.machine.equipment.hand
-        goal = _goal(context, argument_at(items, 0), relative)
-        speed = _speed(hand, argument_at(items, 1))
-        _check_width(hand, goal, HAND_SETTING)
-        return _begin_motion(context, goal, speed, 0.0, _has_next_option(items[2:]))
-
-    return run
+def _move_to(context: CallContext, parameter: Variant, relative: bool = False) -> HandlerOutcome:
+    """Run HandMoveA or HandMoveR: width or distance [mm], speed [%]."""
+    items, hand = items_of(parameter), context.machine.equipment.hand
+    goal = _goal(context, argument_at(items, 0), relative)
+    speed = _speed(hand, argument_at(items, 1))
+    _check_width(hand, goal, HAND_SETTING)
+    return _begin_motion(context, goal, speed, 0.0, _has_next_option(items[2:]))
 
 
-def _move_and_grip(relative: bool) -> CommandHandler:
-    """Make HandMoveAH or HandMoveRH: width or distance [mm], speed [%], force [N]."""
-
-    def run(context: CallContext, parameter: Variant) -> CallOutcome:
-        items, hand = items_of(parameter), context.machine.equipment.hand
-        goal = _goal(context, argument_at(items, 0), relative)
-        speed, force = _speed(hand, argument_at(items, 1)), _force(hand, argument_at(items, 2))
-        _check_width(hand, goal, RELATIVE_GRIP_BEYOND_LIMIT if relative else GRIP_BEYOND_LIMIT)
-        return _begin_motion(context, goal, speed, force, _has_next_option(items[3:]))
-
-    return run
+def _move_and_grip(context: CallContext, parameter: Variant, relative: bool = False) -> HandlerOutcome:
+    """Run HandMoveAH or HandMoveRH: width or distance [mm], speed [%], force [N]."""
+    items, hand = items_of(parameter), context.machine.equipment.hand
+    goal = _goal(context, argument_at(items, 0), relative)
+    speed, force = _speed(hand, argument_at(items, 1)), _force(hand, argument_at(items, 2))
+    _check_width(hand, goal, RELATIVE_GRIP_BEYOND_LIMIT if relative else GRIP_BEYOND_LIMIT)
+    return _begin_motion(context, goal, speed, force, _has_next_option(items[3:]))
 
 
-def grip(context: CallContext, parameter: Variant) -> CallOutcome:
+def _grip(context: CallContext, parameter: Variant) -> HandlerOutcome:
     """Run HandMoveH: force [N], whether to close."""
     items, hand = items_of(parameter), context.machine.equipment.hand
     force = _force(hand, argument_at(items, 0))
@@ -86,19 +79,19 @@ def grip(context: CallContext, parameter: Variant) -> CallOutcome:
     return _begin_motion(context, goal, hand.limits.grip_speed, force, _has_next_option(items[2:]))
 
 
-def chuck(context: CallContext, parameter: Variant) -> CallOutcome:
+def _chuck(context: CallContext, parameter: Variant) -> HandlerOutcome:
     """Run HandChuck, or Chuck of Hand0: close with the force that the controller stores."""
     limits = context.machine.equipment.hand.limits
-    return _begin_motion(context, limits.narrowest, limits.speed * _CHUCK_SPEED / 100, _CHUCK_FORCE)
+    return _begin_motion(context, limits.narrowest, limits.speed * _CHUCK_SHARE, _CHUCK_FORCE)
 
 
-def unchuck(context: CallContext, parameter: Variant) -> CallOutcome:
+def _unchuck(context: CallContext, parameter: Variant) -> HandlerOutcome:
     """Run HandUnChuck, or UnChuck of Hand0: open."""
     limits = context.machine.equipment.hand.limits
-    return _begin_motion(context, limits.widest, limits.speed * _CHUCK_SPEED / 100, 0.0)
+    return _begin_motion(context, limits.widest, limits.speed * _CHUCK_SHARE, 0.0)
 
 
-def suck(context: CallContext, parameter: Variant) -> CallOutcome:
+def _suck(context: CallContext, parameter: Variant) -> None:
     """Run HandMoveVH of the vacuum hand: power [%], whether to draw in. HandStop ends it."""
     items = items_of(parameter)
     power = float(number_of(argument_at(items, 0)))
@@ -107,33 +100,27 @@ def suck(context: CallContext, parameter: Variant) -> CallOutcome:
     if not _WEAKEST_SUCTION <= power <= 100:
         raise RefusedError(HAND_SETTING)
     context.machine.equipment.vacuum = power if draws else 0.0
-    return DONE
 
 
-def stop(context: CallContext, parameter: Variant) -> CallOutcome:
+def _stop(context: CallContext, parameter: Variant) -> None:
     """Run HandStop: a running motion answers 835002FF, and the vacuum goes off."""
     equipment = context.machine.equipment
     equipment.hand.stop(context.now, HAND_STOPPED)
     equipment.vacuum = 0.0
-    return DONE
 
 
 def _begin_motion(
     context: CallContext, goal: float, speed: float, force: float, is_next: bool = False
-) -> CallOutcome:
-    """Begin a motion of COBOTTA's hand.
-
-    Raises:
-        RefusedError: The controller's state forbids motion, the motor is off, or the hand moves already.
-    """
+) -> RunningCall | None:
+    """Begin a motion of COBOTTA's hand, unless the state forbids it, the motor is off or the hand moves."""
     hand = context.machine.equipment.hand
     _check_ready(context)
     _check_not_moving(context, hand)
     hand.move(goal, speed, context.now, force)
-    return DONE if is_next else _running(context, hand)
+    return None if is_next else _running(hand)
 
 
-def _running(context: CallContext, hand: Hand, last: CallResult = DONE) -> RunningCall:
+def _running(hand: Hand, last: CallResult = DONE) -> RunningCall:
     run, ends = hand.motion_count, hand.ends
 
     def poll(now: int) -> CallResult | None:
@@ -186,7 +173,7 @@ def _has_next_option(rest: tuple[Variant, ...]) -> bool:
     return any("next" in text_of(item).casefold().replace(",", " ").split() for item in rest)
 
 
-def _two_finger_grip(context: CallContext, parameter: Variant) -> CallOutcome:
+def _two_finger_grip(context: CallContext, parameter: Variant) -> HandlerOutcome:
     """Run TwofgGrip: width [mm], force [N], speed [%], whether to wait; a wait without grip fails."""
     items, hand = items_of(parameter), context.machine.equipment.gripper
     width = float(number_of(argument_at(items, 0)))
@@ -196,109 +183,81 @@ def _two_finger_grip(context: CallContext, parameter: Variant) -> CallOutcome:
     return _two_finger_move(context, width, speed, force, waits)
 
 
-def _two_finger_release(context: CallContext, parameter: Variant) -> CallOutcome:
+def _two_finger_release(context: CallContext, parameter: Variant) -> HandlerOutcome:
     """Run TwofgRelease: width [mm], whether to wait."""
     items, hand = items_of(parameter), context.machine.equipment.gripper
     width = float(number_of(argument_at(items, 0)))
     _check_width(hand, width, HAND_SETTING)
-    return _two_finger_move(
-        context, width, hand.limits.speed, 0.0, len(items) < 2 or integer_of(items[1]) != 0
-    )
+    waits = len(items) < 2 or integer_of(items[1]) != 0
+    return _two_finger_move(context, width, hand.limits.speed, 0.0, waits)
 
 
 def _two_finger_move(
-    context: CallContext, width: float, speed: float, force: float, waits: bool
-) -> CallOutcome:
+    context: CallContext, width: float, speed: float, force: float, waits: bool = False
+) -> RunningCall | None:
     hand = context.machine.equipment.gripper
     context.machine.check_state()
     _check_not_moving(context, hand)
     ends = hand.move(width, speed, context.now, force)
     missed = force > 0 and not hand.is_gripping(ends)
-    return _running(context, hand, CallResult(NOTHING_GRIPPED) if missed else DONE) if waits else DONE
+    return _running(hand, CallResult(NOTHING_GRIPPED) if missed else DONE) if waits else None
 
 
-def _hand_grip(context: CallContext, parameter: Variant) -> CallOutcome:
+def _hand_grip(context: CallContext, parameter: Variant) -> HandlerOutcome:
     """Run HandGrip: close the 2FG hand with the data that the controller stores."""
     limits = context.machine.equipment.gripper.limits
-    return _two_finger_move(
-        context, limits.narrowest, limits.speed * _CHUCK_SPEED / 100, limits.weakest, False
-    )
+    return _two_finger_move(context, limits.narrowest, limits.speed * _CHUCK_SHARE, limits.weakest)
 
 
-def _hand_release(context: CallContext, parameter: Variant) -> CallOutcome:
+def _hand_release(context: CallContext, parameter: Variant) -> HandlerOutcome:
     """Run HandRelease: open the 2FG hand."""
     limits = context.machine.equipment.gripper.limits
-    return _two_finger_move(context, limits.widest, limits.speed * _CHUCK_SPEED / 100, 0.0, False)
+    return _two_finger_move(context, limits.widest, limits.speed * _CHUCK_SHARE, 0.0)
 
 
-def _two_finger_stop(context: CallContext, parameter: Variant) -> CallOutcome:
-    context.machine.equipment.gripper.stop(context.now, HAND_STOPPED)
-    return DONE
+def _width(context: CallContext, parameter: Variant) -> Variant:
+    return r8(context.machine.equipment.hand.width(context.now))
 
 
-def current_width(context: CallContext, parameter: Variant) -> CallOutcome:
-    """Run HandCurPos, or CurPos of Hand0: the width between the fingers, mm."""
-    return CallResult(value=r8(context.machine.equipment.hand.width(context.now)))
+def _of_gripper(read: Callable[[Hand, int], Variant]) -> CommandHandler:
+    """Make a command that reads the 2FG hand; `read` also takes the time in ns."""
+    return lambda context, parameter: read(context.machine.equipment.gripper, context.now)
 
 
-HAND_COMMANDS: CommandTable = MappingProxyType(
-    {
-        "handmovea": _move_to(relative=False),
-        "handmover": _move_to(relative=True),
-        "handmoveh": grip,
-        "handmoveah": _move_and_grip(relative=False),
-        "handmoverh": _move_and_grip(relative=True),
-        "handmovevh": suck,
-        "handchuck": chuck,
-        "handunchuck": unchuck,
-        "handstop": stop,
-        "handholdstate": lambda context, parameter: CallResult(
-            value=boolean(context.machine.equipment.hand.is_gripping(context.now))
-        ),
-        "handcurpos": current_width,
-        "handcurpressure": lambda context, parameter: CallResult(
-            value=r8(context.machine.equipment.vacuum * _SUCTION)
-        ),
-        "handcurload": lambda context, parameter: CallResult(
-            value=r8(_SUCTION_LOAD if context.machine.equipment.vacuum else 0.0)
-        ),
-    }
-)
+HAND_COMMANDS: CommandTable = {
+    "handmovea": _move_to,
+    "handmover": partial(_move_to, relative=True),
+    "handmoveh": _grip,
+    "handmoveah": _move_and_grip,
+    "handmoverh": partial(_move_and_grip, relative=True),
+    "handmovevh": _suck,
+    "handchuck": _chuck,
+    "handunchuck": _unchuck,
+    "handstop": _stop,
+    "handholdstate": lambda context, _: boolean(context.machine.equipment.hand.is_gripping(context.now)),
+    "handcurpos": _width,
+    "handcurpressure": lambda context, _: r8(context.machine.equipment.vacuum * _SUCTION),
+    "handcurload": lambda context, _: r8(_SUCTION_LOAD if context.machine.equipment.vacuum else 0.0),
+}
 """Commands of Controller_Execute by their names in lower case."""
 
-GRIPPER_COMMANDS: CommandTable = MappingProxyType(
-    {
-        "handgrip": _hand_grip,
-        "handrelease": _hand_release,
-        "twofggrip": _two_finger_grip,
-        "twofgrelease": _two_finger_release,
-        "twofgstop": _two_finger_stop,
-        "twofgisconn": lambda context, parameter: CallResult(value=i4(1)),
-        "twofgisbusy": lambda context, parameter: CallResult(
-            value=i4(int(context.machine.equipment.gripper.is_moving(context.now)))
-        ),
-        "twofgisgrip": lambda context, parameter: CallResult(
-            value=i4(int(context.machine.equipment.gripper.is_gripping(context.now)))
-        ),
-        "twofggeterrorcode": lambda context, parameter: CallResult(value=i4(0)),
-        "twofggetmode": lambda context, parameter: CallResult(value=i4(_EXTERNAL_GRIP)),
-        "twofggetwidth": lambda context, parameter: CallResult(
-            value=r8(context.machine.equipment.gripper.width(context.now))
-        ),
-        "twofggetminwidth": lambda context, parameter: CallResult(
-            value=r8(context.machine.equipment.gripper.limits.narrowest)
-        ),
-        "twofggetmaxwidth": lambda context, parameter: CallResult(
-            value=r8(context.machine.equipment.gripper.limits.widest)
-        ),
-        "twofggetforce": lambda context, parameter: CallResult(
-            value=r8(context.machine.equipment.gripper.force(context.now))
-        ),
-    }
-)
+GRIPPER_COMMANDS: CommandTable = {
+    "handgrip": _hand_grip,
+    "handrelease": _hand_release,
+    "twofggrip": _two_finger_grip,
+    "twofgrelease": _two_finger_release,
+    "twofgstop": lambda context, _: context.machine.equipment.gripper.stop(context.now, HAND_STOPPED),
+    "twofgisconn": lambda context, _: i4(1),
+    "twofgisbusy": _of_gripper(lambda hand, now: i4(int(hand.is_moving(now)))),
+    "twofgisgrip": _of_gripper(lambda hand, now: i4(int(hand.is_gripping(now)))),
+    "twofggeterrorcode": lambda context, _: i4(0),
+    "twofggetmode": lambda context, _: i4(_EXTERNAL_GRIP),
+    "twofggetwidth": _of_gripper(lambda hand, now: r8(hand.width(now))),
+    "twofggetminwidth": _of_gripper(lambda hand, now: r8(hand.limits.narrowest)),
+    "twofggetmaxwidth": _of_gripper(lambda hand, now: r8(hand.limits.widest)),
+    "twofggetforce": _of_gripper(lambda hand, now: r8(hand.force(now))),
+}
 """Commands of Robot_Execute by their names in lower case."""
 
-HAND_EXTENSION_COMMANDS: CommandTable = MappingProxyType(
-    {"curpos": current_width, "chuck": chuck, "unchuck": unchuck}
-)
+HAND_EXTENSION_COMMANDS: CommandTable = {"curpos": _width, "chuck": _chuck, "unchuck": _unchuck}
 """Commands of the extension Hand0 by their names in lower case."""

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from math import acos, asin, atan2, cos, degrees, hypot, radians, sin
-from types import MappingProxyType
 from typing import NamedTuple, TypeAlias
 
 from bcapscope.protocol.slave_mode.modes import PoseType
@@ -129,11 +128,7 @@ def trans(joints: Joints) -> tuple[float, ...]:
 
 
 def joints_of_trans(values: tuple[float, ...]) -> Joints:
-    """Compute the joints that reach a pose of T type.
-
-    Raises:
-        RefusedError: The position is out of reach.
-    """
+    """Compute the joints that reach a pose of T type; raises as `joints_of_position`."""
     ox, oy, oz, ax, ay, az = values[3:9]
     nx, ny, nz = oy * az - oz * ay, oz * ax - ox * az, ox * ay - oy * ax
     pitch = asin(max(-1.0, min(1.0, -nz)))
@@ -142,11 +137,7 @@ def joints_of_trans(values: tuple[float, ...]) -> Joints:
 
 
 def joints_of(pose_type: PoseType, values: tuple[float, ...]) -> Joints:
-    """Compute the joints of any pose.
-
-    Args:
-        pose_type: Type of the pose.
-        values: Finite numbers, at least six, for T type at least nine.
+    """Compute the joints of any pose of finite numbers.
 
     Raises:
         RefusedError: There are too few numbers, or the position is out of reach.
@@ -164,10 +155,10 @@ def pose_of(pose_type: PoseType, joints: Joints) -> tuple[float, ...]:
     return position(joints) if pose_type is _P else trans(joints)
 
 
-FEWEST_NUMBERS: Mapping[PoseType, int] = MappingProxyType({_P: 6, _J: 6, _T: 9})
+FEWEST_NUMBERS: Mapping[PoseType, int] = {_P: 6, _J: 6, _T: 9}
 """Fewest numbers of a pose."""
 
-POSE_LENGTHS: Mapping[PoseType, range] = MappingProxyType(
-    {pose_type: range(FEWEST_NUMBERS[pose_type], len(axes) + 2) for pose_type, axes in AXES.items()}
-)
+POSE_LENGTHS: Mapping[PoseType, range] = {
+    pose_type: range(FEWEST_NUMBERS[pose_type], len(axes) + 2) for pose_type, axes in AXES.items()
+}
 """Allowed numbers of values in a set point: Fig may be missing, and one more value may follow."""

@@ -52,22 +52,16 @@ class InitialState:
 
     Attributes:
         joints: Eight joints, degrees.
-        limits: Limits of the six axes.
         mode: 1 manual, 2 teach check, 3 automatic.
         token: Whether Ethernet has the executable token.
-        motor: Whether the motor is on.
         motor_time: Time that the motor takes to go on, ns.
         speed: External speed in percent, as set on the pendant.
-        type_name: Type name of the robot.
-        tasks: Names of the loaded programs.
-        running: Names of those that run.
+        tasks: Names of the loaded programs, of which `running` run.
         errors: Active errors, oldest first.
         empty: Names of variables of the robot that answer EMPTY, in capitals.
-        emergency: Whether the emergency stop is pressed.
         arm_taken: Whether a client outside this network has the arm.
         object_width: Width of an object between the fingers of the hands, mm; None for no object.
-        udp_clients: Places on UDP that half-open clients hold.
-        tcp_clients: Places on TCP that half-open clients hold.
+        udp_clients: Places on UDP that half-open clients hold; `tcp_clients` are those on TCP.
         epoch: Time 0 of the model's clock, ns since 1970.
     """
 
@@ -105,8 +99,7 @@ class Speeds:
     def effective_share(self, speed: float | None) -> float:
         """Return a motion's share of the highest speed, at least 0.001 and at most 1.
 
-        Args:
-            speed: Internal speed in percent; None for the robot's own setting.
+        `speed` is the internal speed in percent; None for the robot's own setting.
         """
         internal = self.internal if speed is None else speed
         return max(0.001, min(1.0, self.external * internal / 10_000))
@@ -147,7 +140,7 @@ class Machine:
         self.stop_count = 0
         self.stopped_by = 0
         self.current_move: TimedMove | None = None
-        self.equipment = Equipment.with_object(self.initial_state.object_width)
+        self.equipment = Equipment(self.initial_state.object_width)
         self._motor_at: int | None = now if self.initial_state.motor else None
         for code in (*self.initial_state.errors, *((EMERGENCY_STOP,) if self.emergency else ())):
             self.alarms.add(code, now)
@@ -163,19 +156,13 @@ class Machine:
 
     @property
     def is_held(self) -> bool:
-        """Whether a motion is paused."""
         return self.current_move is not None and self.current_move.is_held
 
     def motor_is_on(self, now: int) -> bool:
-        """Return whether the motor is on."""
         return self._motor_at is not None and now >= self._motor_at
 
     def switch_motor(self, on: bool, now: int) -> int:
-        """Switch the motor; return the time at which that is done, ns.
-
-        Raises:
-            RefusedError: The motor cannot go on; as for `check_state`.
-        """
+        """Switch the motor; return the time at which that is done, ns. Refused as by `check_state`."""
         if not on:
             self._lose_power()
             self.stop(now, MOTOR_IS_OFF, is_reported=False)
@@ -186,11 +173,7 @@ class Machine:
         return self._motor_at
 
     def check_state(self) -> None:
-        """Refuse a call if the state of the controller forbids motion.
-
-        Raises:
-            RefusedError: Emergency stop, an active error, not in automatic mode, or no executable token.
-        """
+        """Refuse a call on emergency stop or error, outside automatic mode, or without executable token."""
         if self.emergency:
             raise RefusedError(EMERGENCY_STOP)
         if self.alarms.active:
@@ -201,36 +184,28 @@ class Machine:
             raise RefusedError(NO_TOKEN)
 
     def check_motion(self, client: int, now: int) -> None:
-        """Refuse a motion unless everything is ready for it.
-
-        Raises:
-            RefusedError: As for `check_state`, or the motor is off, or this client does not have the arm.
-        """
+        """Refuse a motion unless everything is ready: `check_state`, the motor, the arm."""
         self.check_state()
         if not self.motor_is_on(now):
             raise RefusedError(MOTOR_IS_OFF)
+        self.check_arm(client)
+
+    def check_arm(self, client: int) -> None:
+        """Refuse a call that needs the arm, unless this client has it or the controller has no TakeArm."""
         if self.profile.needs_arm and self.owner != client:
             raise RefusedError(E_ARM_NOT_TAKEN)
 
     def check_slave_mode(self, client: int, now: int) -> None:
-        """Refuse slave mode unless everything is ready for it.
+        """Refuse slave mode unless a motion could begin and, on RC7, RobSlave runs.
 
-        RC7 needs the program RobSlave (DENSO Wave 2009, How to use the Slave mode). The answer without it is
-        not documented.
-
-        Raises:
-            RefusedError: As for `check_motion`, or RobSlave does not run.
+        RC7 needs this program (DENSO Wave 2009, How to use the Slave mode). Its answer is not documented.
         """
         self.check_motion(client, now)
         if self.profile.needs_robslave and self.tasks.get(ROBSLAVE.casefold()) != RUNNING:
             raise RefusedError(E_FAIL)
 
     def check_reach(self, joints: Joints) -> None:
-        """Refuse joints beyond their limits.
-
-        Raises:
-            RefusedError: The code is the software limit of the first such axis.
-        """
+        """Refuse joints beyond their limits, with the software limit of the first such axis."""
         axis = axis_beyond_limit(joints, self.initial_state.limits)
         if axis:
             raise RefusedError(SOFTWARE_LIMIT + axis)
@@ -264,8 +239,7 @@ class Machine:
             self._lose_power()
 
     def refuse(self, code: int, now: int) -> NoReturn:
-        """Refuse a call with an error that stays active until ClearError; the effects are as in
-        `raise_error`.
+        """Refuse a call with an error that stays active until ClearError, as in `raise_error`.
 
         The error is listed once, however often the client repeats the call. Otherwise 32 set points in a row
         would push the error that ended slave mode out of the list.
@@ -273,9 +247,6 @@ class Machine:
         A real RC8 lists 83500121 and 83501032 as current errors (DENSORobot/denso_robot_ros issue 42). That
         an RC7 does the same is assumed from DENSO Wave 2009, How to use the Slave mode: any result other than
         S_OK stops RobSlave and ends slave mode.
-
-        Raises:
-            RefusedError: Always, with `code`.
         """
         if not self.alarms.is_active(code):
             self.raise_error(code, now, is_reported=True)
@@ -294,11 +265,7 @@ class Machine:
             self.stop(now, NOT_AUTOMATIC, is_reported=False)
 
     def start_task(self, name: str) -> None:
-        """Start a program.
-
-        Raises:
-            RefusedError: As for `check_state`.
-        """
+        """Start a program; refused as by `check_state`."""
         self.check_state()
         self.tasks[name.casefold()] = RUNNING
 
@@ -314,7 +281,6 @@ class Machine:
         self.raise_error(EMERGENCY_STOP, now)
 
     def advance(self, now: int) -> None:
-        """Advance the state to `now`."""
         slave, log = self.slave, self.log
         if slave.mode is not None and slave.next_tick <= now:
             fault = slave.advance(now)

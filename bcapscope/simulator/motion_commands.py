@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import re
 from functools import partial
-from types import MappingProxyType
 from typing import NamedTuple
 
 from bcapscope.protocol.codec.variant import Variant
@@ -18,7 +17,7 @@ from bcapscope.protocol.tables.hresult import E_INVALIDARG, E_ROBOTISBUSY
 from bcapscope.simulator.argument_values import argument_at, bstr, integer_of, items_of, number_of, text_of
 from bcapscope.simulator.arm import MS
 from bcapscope.simulator.call_context import CallContext, CommandTable
-from bcapscope.simulator.call_outcome import DONE, CallOutcome, CallResult, RefusedError, RunningCall
+from bcapscope.simulator.call_outcome import DONE, CallResult, HandlerOutcome, RefusedError, RunningCall
 from bcapscope.simulator.kinematics import AXIS_COUNT, Joints, joints_of_position, position, trans
 from bcapscope.simulator.pose_notation import (
     END_OF_ENCODERS,
@@ -46,12 +45,8 @@ _AXES = re.compile(
 _PAIR = re.compile(r"\(\s*([0-9]{1,2})\s*,\s*([^(),\s]+)\s*\)")
 
 
-def move(context: CallContext, interpolation: Variant, pose: Variant, option: Variant) -> CallOutcome:
-    """Run Robot_Move. Here, lines and circles are followed like PTP, and free curves hold no points.
-
-    Raises:
-        RefusedError: The interpolation is unknown, or the motion is refused.
-    """
+def move(context: CallContext, interpolation: Variant, pose: Variant, option: Variant) -> HandlerOutcome:
+    """Run Robot_Move. Here, lines and circles are followed like PTP, and free curves hold no points."""
     kind, read = integer_of(interpolation), context.machine.memory.read
     if kind == _CIRCLE:
         targets = [parse_target(each, read) for each in _poses(pose)]
@@ -81,14 +76,8 @@ def drive(
     absolute: bool,
     option: str,
     passing: int | None = None,
-) -> CallOutcome:
-    """Move single axes (1..6) by, or to, angles in degrees.
-
-    If `passing` is None, the option holds the pass.
-
-    Raises:
-        RefusedError: There is no such axis, or the motion is refused.
-    """
+) -> HandlerOutcome:
+    """Move single axes (1..6) by, or to, angles in degrees; `passing` None takes the pass from the option."""
     joints = list(context.machine.arm.goal)
     for axis, way in axis_moves:
         if not 1 <= axis <= AXIS_COUNT:
@@ -98,38 +87,27 @@ def drive(
     return run_motion(context, MotionTarget(tuple(joints), passing), option)
 
 
-def halt(context: CallContext) -> CallOutcome:
+def halt(context: CallContext) -> None:
     """Stop the arm at once; a running motion answers 83201404, and slave mode ends."""
     context.machine.stop(context.now, IS_STOPPING)
-    return DONE
 
 
-def hold(context: CallContext) -> CallOutcome:
+def hold(context: CallContext) -> None:
     """Pause the running motion, if any; its call keeps waiting."""
     if context.machine.current_move:
         context.machine.current_move.hold(context.now)
-    return DONE
 
 
-def unhold(context: CallContext) -> CallOutcome:
-    """Resume a paused motion of any client.
-
-    Raises:
-        RefusedError: The controller's state forbids motion, for example because of an error.
-    """
+def unhold(context: CallContext) -> None:
+    """Resume a paused motion of any client, unless the controller's state forbids motion."""
     machine = context.machine
     if machine.current_move and machine.is_held:
         machine.check_state()
         machine.current_move.resume(context.now)
-    return DONE
 
 
-def run_motion(context: CallContext, target: MotionTarget, option: str = "") -> CallOutcome:
-    """Begin a motion.
-
-    Raises:
-        RefusedError: The robot is busy, is not ready, or cannot reach the target.
-    """
+def run_motion(context: CallContext, target: MotionTarget, option: str = "") -> HandlerOutcome:
+    """Begin a motion; refused if the robot is busy or not ready, or cannot reach the target."""
     machine, now = context.machine, context.now
     machine.check_motion(context.client, now)
     if now < machine.free_at:
@@ -137,21 +115,15 @@ def run_motion(context: CallContext, target: MotionTarget, option: str = "") -> 
     machine.check_reach(target.joints)
     manner = _parse_options(option, machine.memory.read)
     speed = machine.speeds.effective_share(manner.speed)
-    journey = TimedMove(
+    motion = TimedMove(
         machine.arm, target.joints, now, speed, passing=target.passing, min_duration=manner.time
     )
-    machine.current_move = journey
-    return DONE if manner.next else _running(context, journey)
+    machine.current_move = motion
+    return None if manner.next else _running(context, motion)
 
 
 class _MotionOptions(NamedTuple):
-    """Options of a motion.
-
-    Attributes:
-        speed: Internal speed in percent; None to use the robot's current setting.
-        time: Minimum duration, ns.
-        next: Whether the call returns before the motion ends.
-    """
+    """Internal speed in percent or None, least duration in ns, and whether the call answers at once."""
 
     speed: float | None
     time: int
@@ -177,15 +149,15 @@ def _option_number(text: str, read: ReadVariable) -> float:
     return number_of(read(variable[1], int(variable[2])) if variable else bstr(text))
 
 
-def _running(context: CallContext, journey: TimedMove) -> RunningCall:
+def _running(context: CallContext, motion: TimedMove) -> RunningCall:
     machine, stops = context.machine, context.machine.stop_count
 
     def poll(now: int) -> CallResult | None:
         if machine.stop_count != stops:
             return CallResult(machine.stopped_by)
-        return DONE if now >= journey.done_at else None
+        return DONE if now >= motion.done_at else None
 
-    return RunningCall(poll, lambda now: journey.done_at)
+    return RunningCall(poll, lambda now: motion.done_at)
 
 
 def _parse_passing(option: str) -> int:
@@ -210,7 +182,7 @@ def _distance(part: Variant) -> tuple[float, int]:
     return float(number_of(part)), passing
 
 
-def approach(context: CallContext, parameter: Variant) -> CallOutcome:
+def _approach(context: CallContext, parameter: Variant) -> HandlerOutcome:
     """Run Approach: interpolation, pose, distance."""
     items = items_of(parameter)
     target = parse_target(argument_at(items, 1), context.machine.memory.read)
@@ -220,7 +192,7 @@ def approach(context: CallContext, parameter: Variant) -> CallOutcome:
     )
 
 
-def depart(context: CallContext, parameter: Variant) -> CallOutcome:
+def _depart(context: CallContext, parameter: Variant) -> HandlerOutcome:
     """Run Depart: interpolation, distance."""
     items = items_of(parameter)
     distance, passing = _distance(argument_at(items, 1))
@@ -232,7 +204,7 @@ def _option(items: tuple[Variant, ...], index: int) -> str:
     return text_of(items[index]) if index < len(items) else ""
 
 
-def _drive_many(context: CallContext, parameter: Variant, absolute: bool) -> CallOutcome:
+def _drive_many(context: CallContext, parameter: Variant, absolute: bool) -> HandlerOutcome:
     """Run DriveEx or DriveAEx: axes and angles as text or as pairs, then an option."""
     items = items_of(parameter)
     axes = argument_at(items, 0)
@@ -264,21 +236,18 @@ def _axis_moves_of_pairs(axes: Variant) -> tuple[list[tuple[int, float]], int | 
     return ways, passing
 
 
-def motion_skip(context: CallContext, parameter: Variant) -> CallOutcome:
+def _motion_skip(context: CallContext, parameter: Variant) -> None:
     """Run MotionSkip: the running motion ends where the arm is, and its call succeeds."""
     machine, now = context.machine, context.now
     if machine.current_move and now < machine.free_at:
         machine.current_move.skip(now)
-    return DONE
 
 
-MOTION_COMMANDS: CommandTable = MappingProxyType(
-    {
-        "approach": approach,
-        "depart": depart,
-        "driveex": partial(_drive_many, absolute=False),
-        "driveaex": partial(_drive_many, absolute=True),
-        "motionskip": motion_skip,
-    }
-)
+MOTION_COMMANDS: CommandTable = {
+    "approach": _approach,
+    "depart": _depart,
+    "driveex": partial(_drive_many, absolute=False),
+    "driveaex": partial(_drive_many, absolute=True),
+    "motionskip": _motion_skip,
+}
 """Commands of Robot_Execute by their names in lower case."""

@@ -25,12 +25,9 @@ _HANDLE_TYPES = (VT.I4, VT.UI4, VT.I2)  # types that the C server accepts
 
 @dataclass(slots=True)
 class ControllerObject:
-    """One object.
+    """One object of a client.
 
     Attributes:
-        handle: Handle that the client uses.
-        kind: Class of the object.
-        name: Name that the client gave.
         parent: Object from which this one was opened; None for a controller.
         tag: Any value that the client stored.
         id: Any value that the client stored; the number of a variable whose name ends in `*`.
@@ -57,11 +54,7 @@ class ObjectTable:
         return len(self._by_handle)
 
     def open(self, kind: ObjectClass, name: str, parent: ControllerObject | None) -> ControllerObject:
-        """Open an object.
-
-        Raises:
-            RefusedError: The client has 1000 objects already, or the name is too long.
-        """
+        """Open an object; refused if the client has 1000 already, or if the name is too long."""
         if len(self._by_handle) >= MAX_OBJECTS:
             raise RefusedError(E_MAX_OBJECT)
         if len(name) > LONGEST_NAME:
@@ -72,11 +65,7 @@ class ObjectTable:
         return made
 
     def find(self, kind: ObjectClass, handle: Variant) -> ControllerObject:
-        """Return the object of a handle.
-
-        Raises:
-            RefusedError: The handle is unknown, or belongs to an object of another class.
-        """
+        """Return the object of a handle; refused if the handle is unknown or belongs to another class."""
         value = handle.value
         found = self._by_handle.get(value) if handle.vt in _HANDLE_TYPES and isinstance(value, int) else None
         if found is None or found.kind is not kind:
@@ -100,7 +89,6 @@ class ObjectTable:
             del self._by_handle[handle]
 
     def clear(self) -> None:
-        """Release all objects."""
         self._by_handle.clear()
 
 
@@ -111,11 +99,7 @@ def _belongs_to(each: ControllerObject | None, owner: ControllerObject) -> bool:
 
 
 def check_storable(value: Variant) -> Variant:
-    """Return a value that a client wants to store, if it is allowed.
-
-    Raises:
-        RefusedError: The value is too large, or has a type that cannot be sent back.
-    """
+    """Return a value to store; refused if it is too large, or of a type that cannot be sent back."""
     try:
         size = len(encode_variant(value))
     except LocalProtocolError:

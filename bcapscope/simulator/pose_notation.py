@@ -38,25 +38,14 @@ ReadVariable = Callable[[str, int], Variant]
 
 
 class MotionTarget(NamedTuple):
-    """Target of a motion.
-
-    Attributes:
-        joints: Eight joints, degrees.
-        passing: -1 for @P, -2 for @E, else the distance of @n; 0 by default.
-    """
+    """Target of a motion: eight joints in degrees; passing -1 for @P, -2 for @E, else the distance of @n."""
 
     joints: Joints
     passing: int
 
 
 class WrittenPose(NamedTuple):
-    """A pose as a client wrote it.
-
-    Attributes:
-        type: Pose type.
-        values: Numbers of the pose, at least six.
-        passing: As in `MotionTarget`.
-    """
+    """A pose as a client wrote it, with at least six numbers; `passing` as in `MotionTarget`."""
 
     type: PoseType
     values: tuple[float, ...]
@@ -64,21 +53,13 @@ class WrittenPose(NamedTuple):
 
 
 def parse_target(pose: Variant, read: ReadVariable) -> MotionTarget:
-    """Read the target of a motion; `read` returns the values of P, J and T variables.
-
-    Raises:
-        RefusedError: The pose is invalid, or the arm cannot reach it.
-    """
+    """Read the target of a motion, as `parse_pose`; refused if the arm cannot reach it."""
     written = parse_pose(pose, read)
     return MotionTarget(joints_of(written.type, written.values), written.passing)
 
 
 def parse_pose(pose: Variant, read: ReadVariable) -> WrittenPose:
-    """Read a pose in any notation; `read` returns the values of P, J and T variables.
-
-    Raises:
-        RefusedError: The pose is invalid.
-    """
+    """Read a pose in any notation, or refuse it; `read` returns the values of P, J and T variables."""
     if isinstance(pose.value, str):
         return _from_text(pose.value, read)
     items = argument_values.items_of(pose)

@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from enum import StrEnum
-from types import MappingProxyType
 
 from bcapscope.protocol.codec.variant import VT
 from bcapscope.protocol.retry.reserved_convention import ReplyReserved
@@ -57,11 +56,9 @@ class Profile:
     """One kind of controller.
 
     Attributes:
-        name: Name for `--profile`.
-        title: Title for people.
+        name: Name for `--profile`; the title is for people.
         generation: Generation, which decides the meaning of slave-mode numbers.
         replies: What replies carry in reserved.
-        no_argument: Replies without a value that carry no argument instead of EMPTY.
         mode_type: Type of slvGetMode's result.
         real: Element type of poses.
         providers: Names that Controller_Connect accepts, in upper or lower case; () if it ignores the name.
@@ -70,8 +67,6 @@ class Profile:
         async_detector: Whether a late set point is an error in RC7's Async modes; a setting of the pendant.
         running_result: Result of slvChangeMode if the robot did not stand still in time.
         lacks: Commands that the controller does not know, in lower case.
-        version: Value of @VERSION.
-        defects: Defects of the C server that the simulator imitates.
     """
 
     name: str
@@ -141,7 +136,5 @@ _CSERVER = replace(
     defects=Defect.FORGETS_FIRST | Defect.SERIAL_ZERO,
 )
 
-PROFILES: Mapping[str, Profile] = MappingProxyType(
-    {profile.name: profile for profile in (_RC7, _RC8, _RC9, _CSERVER)}
-)
+PROFILES: Mapping[str, Profile] = {profile.name: profile for profile in (_RC7, _RC8, _RC9, _CSERVER)}
 """Every profile by its name."""

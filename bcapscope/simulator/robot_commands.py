@@ -6,8 +6,6 @@ nkawa/Denso_CobottaPro900_MQTT_Control. Results that no source printed are infer
 
 from __future__ import annotations
 
-from types import MappingProxyType
-
 from bcapscope.protocol.codec.variant import VT, Variant
 from bcapscope.protocol.slave_mode.modes import PoseType
 from bcapscope.protocol.tables.hresult import E_ARM_NOT_TAKEN, E_INVALIDARG
@@ -24,7 +22,7 @@ from bcapscope.simulator.argument_values import (
 )
 from bcapscope.simulator.arm import MS
 from bcapscope.simulator.call_context import CallContext, CommandHandler, CommandTable, accept_without_effect
-from bcapscope.simulator.call_outcome import DONE, CallOutcome, CallResult, RefusedError, succeed_at
+from bcapscope.simulator.call_outcome import RefusedError, RunningCall, succeed_at
 from bcapscope.simulator.control_log_ring import log_record_variant
 from bcapscope.simulator.equipment_commands import EQUIPMENT_COMMANDS
 from bcapscope.simulator.frame_commands import FRAME_COMMANDS
@@ -38,7 +36,7 @@ _P, _J, _T = PoseType.P, PoseType.J, PoseType.T
 _KEEP, _SQUARE = -1, -2
 
 
-def take_arm(context: CallContext, parameter: Variant) -> CallOutcome:
+def _take_arm(context: CallContext, parameter: Variant) -> None:
     """Run TakeArm; refused while another client has the arm.
 
     Unless the second number is 1, it resets the internal speed, tool and work.
@@ -51,30 +49,24 @@ def take_arm(context: CallContext, parameter: Variant) -> CallOutcome:
     if not keeps:
         machine.speeds.internal = 100.0
         machine.tool = machine.work = 0
-    return DONE
 
 
-def give_arm(context: CallContext, parameter: Variant) -> CallOutcome:
+def _give_arm(context: CallContext, parameter: Variant) -> None:
     """Run GiveArm; has no effect if another client has the arm."""
     if context.machine.owner == context.client:
         context.machine.owner = None
-    return DONE
 
 
-def take_arm_state(context: CallContext, parameter: Variant) -> CallOutcome:
-    return CallResult(value=i4(int(context.machine.owner == context.client)))
-
-
-def motor(context: CallContext, parameter: Variant) -> CallOutcome:
+def motor(context: CallContext, parameter: Variant) -> RunningCall | None:
     """Run Motor; the call lasts until the motor is on unless the second number says not to wait."""
     items = items_of(parameter)
     on = integer_of(argument_at(items, 0)) != 0
     done = context.machine.switch_motor(on, context.now)
     waits = len(items) < 2 or integer_of(items[1]) == 0
-    return succeed_at(done) if waits and done > context.now else DONE
+    return succeed_at(done) if waits and done > context.now else None
 
 
-def ext_speed(context: CallContext, parameter: Variant) -> CallOutcome:
+def _ext_speed(context: CallContext, parameter: Variant) -> None:
     """Run ExtSpeed: speed, acceleration, deceleration in percent; -1 keeps, -2 is speed squared / 100."""
     numbers = numbers_of(parameter)
     if not numbers:
@@ -89,115 +81,83 @@ def ext_speed(context: CallContext, parameter: Variant) -> CallOutcome:
     if not all(0 < value <= 100 for value in (speed, *rest)):
         raise RefusedError(E_INVALIDARG)
     speeds.external, speeds.external_acceleration, speeds.external_deceleration = speed, *rest
-    return DONE
 
 
 def _current_pose(pose_type: PoseType, timed: bool = False) -> CommandHandler:
-    def run(context: CallContext, parameter: Variant) -> CallOutcome:
+    def run(context: CallContext, parameter: Variant) -> Variant:
         values = pose_of(pose_type, context.machine.arm.actual(context.now))
         time = ((context.now - context.machine.started_at) / MS,) if timed else ()
-        return CallResult(value=float_array(context.machine.profile.real, (*time, *values)))
+        return float_array(context.machine.profile.real, (*time, *values))
 
     return run
 
 
-def destination(context: CallContext, parameter: Variant) -> CallOutcome:
-    """Run DestPos."""
-    return CallResult(value=float_array(context.machine.profile.real, pose_of(_P, context.machine.arm.goal)))
+def _destination(context: CallContext, parameter: Variant) -> Variant:
+    return float_array(context.machine.profile.real, pose_of(_P, context.machine.arm.goal))
 
 
-def motion_complete(context: CallContext, parameter: Variant) -> CallOutcome:
+def _motion_complete(context: CallContext, parameter: Variant) -> Variant:
     """Run MotionComplete: by the command, or by the encoders if the second number is 1."""
     items = items_of(parameter)
-    by_encoders = len(items) > 1 and integer_of(items[1]) == 1
-    machine = context.machine
-    done = machine.arm.is_at_rest(context.now) if by_encoders else context.now >= machine.free_at
-    return CallResult(value=boolean(done))
+    if len(items) > 1 and integer_of(items[1]) == 1:
+        return boolean(context.machine.arm.is_at_rest(context.now))
+    return boolean(context.now >= context.machine.free_at)
 
 
-def servo_data(context: CallContext, parameter: Variant) -> CallOutcome:
+def _servo_data(context: CallContext, parameter: Variant) -> Variant:
     """Run GetSrvData: the lag of the encoders in degrees, for any number as parameter."""
     integer_of(parameter)
-    return CallResult(value=float_array(VT.R8, currents(context)))
+    return float_array(VT.R8, currents(context))
 
 
-def log_count(context: CallContext, parameter: Variant) -> CallOutcome:
-    """Run GetLogCount."""
-    return CallResult(value=i4(len(context.machine.log.records)))
-
-
-def log_record(context: CallContext, parameter: Variant) -> CallOutcome:
+def _log_record(context: CallContext, parameter: Variant) -> Variant:
     """Run GetLogRecord; index 0 is the oldest."""
     index, machine = integer_of(parameter), context.machine
     if not 0 <= index < len(machine.log.records):
         raise RefusedError(BAD_INDEX)
-    record = machine.log.records[index]
-    lag = tuple(a - b for a, b in zip(record.commanded, record.actual, strict=True))
-    return CallResult(value=log_record_variant(record, lag, machine.tool, machine.work))
-
-
-def clear_log(context: CallContext, parameter: Variant) -> CallOutcome:
-    context.machine.log.records.clear()
-    return DONE
-
-
-def start_log(context: CallContext, parameter: Variant) -> CallOutcome:
-    context.machine.log.start(context.now)
-    return DONE
-
-
-def stop_log(context: CallContext, parameter: Variant) -> CallOutcome:
-    context.machine.log.stop()
-    return DONE
-
-
-def type_name(context: CallContext, parameter: Variant) -> CallOutcome:
-    """Run GetRobotTypeName."""
-    return CallResult(value=bstr(context.machine.initial_state.type_name))
+    return log_record_variant(machine.log.records[index], machine.tool, machine.work)
 
 
 def _current_speed(name: str) -> CommandHandler:
-    return lambda context, parameter: CallResult(value=r8(getattr(context.machine.speeds, name)))
+    return lambda context, _: r8(getattr(context.machine.speeds, name))
 
 
-ROBOT_COMMANDS: CommandTable = MappingProxyType(
-    {
-        **SLAVE_COMMANDS,
-        **MOTION_COMMANDS,
-        **FRAME_COMMANDS,
-        **GRIPPER_COMMANDS,
-        **EQUIPMENT_COMMANDS,
-        "takearm": take_arm,
-        "givearm": give_arm,
-        "takearmstate": take_arm_state,
-        "motor": motor,
-        "extspeed": ext_speed,
-        "curpos": _current_pose(_P),
-        "curposex": _current_pose(_P, timed=True),
-        "curjnt": _current_pose(_J),
-        "curtrn": _current_pose(_T),
-        "highcurjntex": _current_pose(_J, timed=True),
-        "destpos": destination,
-        "curspd": _current_speed("internal"),
-        "curacc": _current_speed("acceleration"),
-        "curextspd": _current_speed("external"),
-        "curextacc": _current_speed("external_acceleration"),
-        "curtool": lambda context, parameter: CallResult(value=i4(context.machine.tool)),
-        "motioncomplete": motion_complete,
-        "getsrvdata": servo_data,
-        "getrobottypename": type_name,
-        "clearlog": clear_log,
-        "startlog": start_log,
-        "stoplog": stop_log,
-        "getlogcount": log_count,
-        "getlogrecord": log_record,
-        "payload": accept_without_effect,
-        "speedmode": accept_without_effect,
-        "highpathaccuracy": accept_without_effect,
-        "grvoffset": accept_without_effect,
-        "manualresetpreparation": accept_without_effect,
-        "motionpreparation": accept_without_effect,
-        "getmotionpreparationstate": lambda context, parameter: CallResult(value=boolean(True)),
-    }
-)
+ROBOT_COMMANDS: CommandTable = {
+    **SLAVE_COMMANDS,
+    **MOTION_COMMANDS,
+    **FRAME_COMMANDS,
+    **GRIPPER_COMMANDS,
+    **EQUIPMENT_COMMANDS,
+    "takearm": _take_arm,
+    "givearm": _give_arm,
+    "takearmstate": lambda context, _: i4(int(context.machine.owner == context.client)),
+    "motor": motor,
+    "extspeed": _ext_speed,
+    "curpos": _current_pose(_P),
+    "curposex": _current_pose(_P, timed=True),
+    "curjnt": _current_pose(_J),
+    "curtrn": _current_pose(_T),
+    "highcurjntex": _current_pose(_J, timed=True),
+    "destpos": _destination,
+    "curspd": _current_speed("internal"),
+    "curacc": _current_speed("acceleration"),
+    "curextspd": _current_speed("external"),
+    "curextacc": _current_speed("external_acceleration"),
+    "curtool": lambda context, _: i4(context.machine.tool),
+    "motioncomplete": _motion_complete,
+    "getsrvdata": _servo_data,
+    "getrobottypename": lambda context, _: bstr(context.machine.initial_state.type_name),
+    "clearlog": lambda context, _: context.machine.log.records.clear(),
+    "startlog": lambda context, _: context.machine.log.start(context.now),
+    "stoplog": lambda context, _: context.machine.log.stop(),
+    "getlogcount": lambda context, _: i4(len(context.machine.log.records)),
+    "getlogrecord": _log_record,
+    "payload": accept_without_effect,
+    "speedmode": accept_without_effect,
+    "highpathaccuracy": accept_without_effect,
+    "grvoffset": accept_without_effect,
+    "manualresetpreparation": accept_without_effect,
+    "motionpreparation": accept_without_effect,
+    "getmotionpreparationstate": lambda context, _: boolean(True),
+}
 """Commands of Robot_Execute by their names in lower case."""

@@ -50,7 +50,6 @@ VariableSetting: TypeAlias = bool | int | float | str | tuple[Finite, ...]
 FaultsAndEvents: TypeAlias = Annotated[tuple[AnyFault | AnyEvent, ...], Meta(max_length=1000)]
 
 _VARIABLE = re.compile(r"(IO[BWDF]?|[IFDVPJTS])([0-9]{1,9})")
-_SHIPPED = "scenarios"
 
 
 class ProfileName(StrEnum):
@@ -59,21 +58,12 @@ class ProfileName(StrEnum):
     RC9 = "rc9"
     CSERVER = "cserver"
 
-    @property
-    def profile(self) -> Profile:
-        return PROFILES[self.value]
-
 
 class ServerDefect(StrEnum):
     """Defects of DENSO's C server."""
 
     FORGETS_FIRST = "forgets-first"
     SERIAL_ZERO = "serial-zero"
-
-    @property
-    def defect(self) -> Defect:
-        """The defect as the responder names it."""
-        return Defect[self.name]
 
 
 class ScenarioTransport(StrEnum):
@@ -98,14 +88,7 @@ class ClientProgram(StrEnum):
 
 
 class ScenarioClient(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The client that a scenario is made for.
-
-    Attributes:
-        session: What the client does.
-        over: Its transport.
-        mode: Slave mode for slvChangeMode.
-        options: Options of Service_Start.
-    """
+    """The client that a scenario is made for: its slave mode, and its options of Service_Start."""
 
     session: ClientProgram = ClientProgram.SLAVE
     over: ScenarioTransport = ScenarioTransport.UDP
@@ -114,23 +97,9 @@ class ScenarioClient(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class InitialSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """State of the controller when it is switched on.
+    """State of the controller when it is switched on, as in `machine.InitialState`.
 
-    Attributes:
-        joints: Position of the arm, six angles in degrees.
-        mode: Position of the mode switch.
-        token: Whether Ethernet has the executable token.
-        motor: Whether the motor is on.
-        motor_time: Time that the motor takes to go on.
-        speed: External speed in percent, as set on the pendant.
-        type_name: Type name of the robot.
-        errors: Active errors, oldest first.
-        empty: Names of variables of the robot that answer EMPTY, such as @CURRENT_ANGLE.
-        emergency: Whether the emergency stop is pressed.
-        arm_taken: Whether a client outside this network has the arm.
-        object_width: Width in mm of an object between the fingers of the hands; None for no object.
-        udp_clients: Places on UDP that half-open clients hold, of 20.
-        tcp_clients: The same on TCP.
+    `joints` are six angles in degrees, `empty` are names in upper or lower case.
     """
 
     joints: Joints6 = HOME[:6]
@@ -159,12 +128,7 @@ class InitialSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class TaskSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Programs of the controller.
-
-    Attributes:
-        loaded: Names of all programs.
-        running: Names of those that run.
-    """
+    """Programs of the controller: the names of all, and of those that run."""
 
     loaded: Names = (ROBSLAVE, "Pro1")
     running: Names = ()
@@ -177,14 +141,7 @@ class TaskSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class AxisLimitSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Limits of one axis; a missing limit keeps its usual value.
-
-    Attributes:
-        low: Lowest angle, degrees.
-        high: Highest angle, degrees.
-        speed: Highest speed, degrees a second.
-        acceleration: Highest acceleration, degrees a second squared.
-    """
+    """Limits of one axis in degrees and seconds; a missing limit keeps its usual value."""
 
     low: Annotated[float, Meta(ge=-360, le=360)] | None = None
     high: Annotated[float, Meta(ge=-360, le=360)] | None = None
@@ -196,7 +153,6 @@ class AxisLimitSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True)
             raise FieldError(("low",), Message("scenario.above-high"))
 
     def applied_to(self, usual: AxisLimit) -> AxisLimit:
-        """Return the limits of an axis, with missing ones from `usual`."""
         given = {name: value for name, value in msgspec.structs.asdict(self).items() if value is not None}
         return usual._replace(**given)
 
@@ -226,16 +182,11 @@ class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         shows: Rule that `bcapscope diagnose` reports as the root cause; None if that is left open.
         then: Other rules that it reports, among those that depend on the client.
         client: Client that the scenario is made for.
-        profile: Kind of controller.
         defects: Defects of DENSO's C server that it has; None for those of the profile.
         no_argument: Replies without a value that carry no argument; None for those of the profile.
-        start: Initial state.
         variables: Values by name, such as ``I1``, ``P3`` or ``IO128``.
-        tasks: Programs.
-        limits: Limits of the axes.
         faults: Faults and events from the start on.
         in_slave_mode: Faults and events from the first time that slave mode is entered.
-        seed: Random seed.
     """
 
     title: Text
@@ -274,10 +225,10 @@ class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     @property
     def controller_profile(self) -> Profile:
         """The profile, with the changes of the scenario."""
-        profile = self.profile.profile
+        profile = PROFILES[self.profile]
         if self.defects is not None:
             profile = replace(
-                profile, defects=reduce(or_, (each.defect for each in self.defects), Defect.NONE)
+                profile, defects=reduce(or_, (Defect[each.name] for each in self.defects), Defect.NONE)
             )
         if self.no_argument is not None:
             profile = replace(profile, no_argument=self.no_argument)
@@ -285,34 +236,17 @@ class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     def initial_state(self, epoch: int = 0) -> InitialState:
         """Return the initial state of the controller; `epoch` is as in `InitialState`."""
-        start = self.start
-        return InitialState(
-            joints=pad_joints(start.joints),
-            limits=self.limits.axis_limits,
-            mode=start.mode.number,
-            token=start.token,
-            motor=start.motor,
-            motor_time=start.motor_time,
-            speed=start.speed,
-            type_name=start.type_name,
-            tasks=self.tasks.loaded,
-            running=self.tasks.running,
-            errors=start.errors,
-            empty=tuple(name.upper() for name in start.empty),
-            emergency=start.emergency,
-            arm_taken=start.arm_taken,
-            object_width=start.object_width,
-            udp_clients=start.udp_clients,
-            tcp_clients=start.tcp_clients,
-            epoch=epoch,
-        )
+        start = msgspec.structs.asdict(self.start)
+        start |= {
+            "joints": pad_joints(self.start.joints),
+            "mode": self.start.mode.number,
+            "empty": tuple(name.upper() for name in self.start.empty),
+        }
+        limits, tasks = self.limits.axis_limits, self.tasks
+        return InitialState(**start, limits=limits, tasks=tasks.loaded, running=tasks.running, epoch=epoch)
 
     def write_variables(self, memory: VariableMemory) -> None:
-        """Write the variables of the scenario.
-
-        Raises:
-            FieldError: A variable does not exist, or its value does not fit.
-        """
+        """Write the variables of the scenario; a wrong one raises FieldError."""
         for name, value in self.variables.items():
             match = _VARIABLE.fullmatch(name.upper())
             if match is None:
@@ -334,7 +268,7 @@ def _variant(value: VariableSetting) -> Variant:
 
 def bundled_scenarios() -> Mapping[str, str]:
     """Return the YAML of the bundled scenarios by name, in alphabetical order."""
-    files = [each for each in resources.files("bcapscope.simulator").joinpath(_SHIPPED).iterdir()]
+    files = resources.files("bcapscope.simulator").joinpath("scenarios").iterdir()
     found = {each.name.removesuffix(".yaml"): each for each in files if each.name.endswith(".yaml")}
     return {name: found[name].read_text(encoding="utf-8") for name in sorted(found)}
 
@@ -347,11 +281,12 @@ def load_scenario(name_or_path: str) -> Scenario:
         LookupError: There is no bundled scenario of that name.
         OSError: The file cannot be read.
     """
-    if name_or_path in bundled_scenarios():
-        return read_scenario(bundled_scenarios()[name_or_path])
+    bundled = bundled_scenarios()
+    if name_or_path in bundled:
+        return read_scenario(bundled[name_or_path])
     if not name_or_path.endswith((".yaml", ".yml")):
         unknown = Message("scenario.unknown", name=f"{name_or_path!r}")
-        reason = with_nearest(unknown, name_or_path, bundled_scenarios())
+        reason = with_nearest(unknown, name_or_path, bundled)
         raise LookupError(f"{reason}{'.' if reason is unknown else ''}")
     try:
         with Path(name_or_path).open(encoding="utf-8") as file:
@@ -362,9 +297,5 @@ def load_scenario(name_or_path: str) -> Scenario:
 
 
 def read_scenario(text: str) -> Scenario:
-    """Read a scenario from YAML.
-
-    Raises:
-        DocumentError: The scenario is invalid; the error names line and field.
-    """
+    """Read a scenario from YAML, or raise DocumentError with line and field."""
     return read_document(text, Scenario)

@@ -38,22 +38,15 @@ class OperatingMode(StrEnum):
 
     @property
     def number(self) -> int:
-        return {
-            OperatingMode.MANUAL: MANUAL,
-            OperatingMode.TEACH_CHECK: TEACH_CHECK,
-            OperatingMode.AUTOMATIC: AUTOMATIC,
-        }[self]
+        """The mode as in `Machine.mode`."""
+        return {"manual": MANUAL, "teach-check": TEACH_CHECK, "automatic": AUTOMATIC}[self]
 
 
 class ScenarioEvent(Fault, frozen=True, kw_only=True):
     """Fields of all events.
 
-    An event with a condition or an attempt number happens just before the controller gets a matching request.
-    Any other event happens automatically, once.
-
-    Attributes:
-        direction: Direction of the messages that can trigger the event.
-        times: How often the event happens at most.
+    An event with a condition or an attempt number happens just before the controller gets a matching request,
+    at most `times` times. Any other event happens automatically, once.
     """
 
     direction: Direction | None = Direction.REQUEST
@@ -62,13 +55,15 @@ class ScenarioEvent(Fault, frozen=True, kw_only=True):
     def __post_init__(self) -> None:
         if self.direction is not Direction.REQUEST:
             raise FieldError(("direction",), Message("scenario.requests-only"))
+        if not self.is_timed:
+            return
         needless = {
             "times": self.times != 1,
             "probability": self.probability < 1,
             "for": self.lasts is not None,
         }
-        for name, given in needless.items():
-            if given and self.is_timed:
+        for name, is_given in needless.items():
+            if is_given:
                 raise FieldError((name,), Message("scenario.needs-if"))
 
     @property
@@ -80,33 +75,26 @@ class ScenarioEvent(Fault, frozen=True, kw_only=True):
 class EmergencyStop(ScenarioEvent, frozen=True, kw_only=True, tag="emergency-stop"):
     """Somebody presses the emergency stop, which stays pressed."""
 
-    def apply(self, simulator: Simulator, now: int) -> list[SimulatorOutput]:
+    def apply(self, simulator: Simulator, now: int) -> None:
         simulator.machine.press_emergency_stop(now)
-        return []
 
 
 class ReleaseEmergencyStop(ScenarioEvent, frozen=True, kw_only=True, tag="let-go"):
     """Somebody releases the emergency stop; its error stays active until ClearError."""
 
-    def apply(self, simulator: Simulator, now: int) -> list[SimulatorOutput]:
+    def apply(self, simulator: Simulator, now: int) -> None:
         simulator.machine.emergency = False
-        return []
 
 
 class MotorOff(ScenarioEvent, frozen=True, kw_only=True, tag="motor-off"):
     """Somebody switches the motor off, or opens a door that does."""
 
-    def apply(self, simulator: Simulator, now: int) -> list[SimulatorOutput]:
+    def apply(self, simulator: Simulator, now: int) -> None:
         simulator.machine.switch_motor(False, now)
-        return []
 
 
 class RaiseError(ScenarioEvent, frozen=True, kw_only=True, tag="error"):
-    """An error occurs: motions and slave mode end, and the error stays active until ClearError.
-
-    Attributes:
-        code: Code of the error.
-    """
+    """An error occurs: motions and slave mode end, and the error stays active until ClearError."""
 
     code: HresultQuantity
 
@@ -115,63 +103,45 @@ class RaiseError(ScenarioEvent, frozen=True, kw_only=True, tag="error"):
         if not is_failure(self.code):
             raise FieldError(("code",), Message("scenario.no-error", code=self.code.text))
 
-    def apply(self, simulator: Simulator, now: int) -> list[SimulatorOutput]:
+    def apply(self, simulator: Simulator, now: int) -> None:
         simulator.machine.raise_error(self.code, now)
-        return []
 
 
 class SwitchMode(ScenarioEvent, frozen=True, kw_only=True, tag="mode"):
-    """Somebody turns the mode switch of the pendant.
-
-    Attributes:
-        to: New position.
-    """
+    """Somebody turns the mode switch of the pendant."""
 
     to: OperatingMode
 
-    def apply(self, simulator: Simulator, now: int) -> list[SimulatorOutput]:
+    def apply(self, simulator: Simulator, now: int) -> None:
         simulator.machine.switch_mode(self.to.number, now)
-        return []
 
 
 class StopTask(ScenarioEvent, frozen=True, kw_only=True, tag="stop-task"):
-    """Somebody stops a program on the pendant.
-
-    Attributes:
-        task: Name of the program.
-    """
+    """Somebody stops a program on the pendant."""
 
     task: Annotated[str, Meta(min_length=1, max_length=LONGEST_NAME)]
 
-    def apply(self, simulator: Simulator, now: int) -> list[SimulatorOutput]:
+    def apply(self, simulator: Simulator, now: int) -> None:
         simulator.machine.stop_task(self.task, now)
-        return []
 
 
 class TakeArm(ScenarioEvent, frozen=True, kw_only=True, tag="take-arm"):
     """A client on another network, or the pendant, takes the arm."""
 
-    def apply(self, simulator: Simulator, now: int) -> list[SimulatorOutput]:
+    def apply(self, simulator: Simulator, now: int) -> None:
         simulator.machine.owner = OTHER_CLIENT
-        return []
 
 
 class MoveArm(ScenarioEvent, frozen=True, kw_only=True, tag="move"):
-    """Somebody else moves the arm, unless slave mode is on or a motion is held.
-
-    Attributes:
-        joints: Target, six angles in degrees.
-        speed: Percent of the highest speed.
-    """
+    """Somebody else moves the arm, unless slave mode is on or a motion is held; `speed` in percent."""
 
     joints: Joints6
     speed: Percent = 100.0
 
-    def apply(self, simulator: Simulator, now: int) -> list[SimulatorOutput]:
+    def apply(self, simulator: Simulator, now: int) -> None:
         machine = simulator.machine
         if machine.slave.mode is None and not machine.is_held:
             machine.current_move = TimedMove(machine.arm, pad_joints(self.joints), now, self.speed / 100)
-        return []
 
 
 class ResetController(ScenarioEvent, frozen=True, kw_only=True, tag="reset"):

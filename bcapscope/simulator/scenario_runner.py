@@ -19,6 +19,7 @@ from bcapscope.faults.wire_message import CloseConnection, SendBytes, WireMessag
 from bcapscope.faults.wire_message import FaultOutput as Verdict
 from bcapscope.messages import Message
 from bcapscope.messages.message import foreign_text
+from bcapscope.protocol.codec.frame_template import FrameTemplates
 from bcapscope.protocol.codec.stream_splitter import StreamSplitter
 from bcapscope.simulator.scenario import FaultsAndEvents, Scenario
 from bcapscope.simulator.scenario_event import AnyEvent, ScenarioEvent
@@ -41,22 +42,8 @@ class _ClientLine(NamedTuple):
     splitter: StreamSplitter | None
 
 
-class _TriggeredEvent(NamedTuple):
-    event: AnyEvent
-    striker: FaultMatcher
-
-
-def _ignore(news: Message) -> None:
-    """Ignore the news."""
-
-
 class ScenarioRunner:
-    """A simulator with the faults and events of a scenario.
-
-    Attributes:
-        simulator: The controller.
-        shaper: Applies the faults to messages.
-    """
+    """A simulator with the faults and events of a scenario; `shaper` applies the faults to messages."""
 
     def __init__(
         self,
@@ -65,16 +52,12 @@ class ScenarioRunner:
         now: int,
         *,
         seed: int | None = None,
-        on_news: Callable[[Message], None] = _ignore,
+        on_news: Callable[[Message], None] = lambda news: None,
     ) -> None:
-        """Begin to play.
+        """Begin to play; `simulator` has the scenario's profile and initial state.
 
-        Args:
-            scenario: The faults and events.
-            simulator: A simulator with the scenario's profile and initial state.
-            now: Current time of the simulator's clock, ns.
-            seed: Random seed; None for that of the scenario.
-            on_news: Called with the name of each event and fault that acts.
+        Without a `seed`, that of the scenario counts. `on_news` gets the name of each event and fault that
+        acts.
         """
         self.simulator = simulator
         self._scenario = scenario
@@ -86,7 +69,8 @@ class ScenarioRunner:
         self._lines: dict[Peer, _ClientLine] = {}
         self._peers: dict[Conversation, Peer] = {}
         self._timed: list[tuple[int, int, AnyEvent]] = []
-        self._triggered: list[_TriggeredEvent] = []
+        self._triggered: list[tuple[AnyEvent, FaultMatcher]] = []
+        self._templates = FrameTemplates()
         self._recent_requests, self._attempts = RecentRequests(), AttemptCounter()
         self._messages = self._counted = 0
         self._was_in_slave_mode = False
@@ -94,12 +78,10 @@ class ScenarioRunner:
         self._schedule(scenario.faults, now)
 
     def on_datagram(self, peer: Peer, data: bytes, now: int) -> list[SimulatorOutput]:
-        """Process a UDP datagram; return what to send."""
-        outputs = self._advance_to(now)
+        outputs = self.advance(now)
         return outputs + self._on_client_message(self._line_of(peer, Transport.UDP), data, now)
 
     def on_connect(self, peer: Peer, now: int, is_stop: bool = False) -> bool:
-        """Accept a TCP connection; return False if there are too many, so that the caller closes it."""
         self._line_of(peer, Transport.TCP)
         taken = self.simulator.on_connect(peer, now, is_stop)
         if not taken:
@@ -107,8 +89,7 @@ class ScenarioRunner:
         return taken
 
     def on_segment(self, peer: Peer, data: bytes, now: int) -> list[SimulatorOutput]:
-        """Process bytes of a connection; return what to send."""
-        outputs = self._advance_to(now)
+        outputs = self.advance(now)
         line = self._lines.get(peer)
         if line is None or line.splitter is None:
             return outputs
@@ -125,26 +106,18 @@ class ScenarioRunner:
         self._remove_client(peer)
 
     def reset(self, now: int) -> list[SimulatorOutput]:
-        """Press the pendant's Reset button; return what to send."""
         return self._send_to_clients(self.simulator.reset(now), now)
 
-    def advance(self, now: int) -> list[SimulatorOutput]:
-        """Advance the model to `now`; return what to send."""
-        return self._advance_to(now)
-
     def due(self, now: int) -> int | None:
-        """Return the latest time for the next `advance`, ns; None if nothing is under way."""
         times = (self.simulator.due(now), self.shaper.due(), self._timed[0][0] if self._timed else None)
         return min((time for time in times if time is not None), default=None)
 
     @property
     def runs_in_real_time(self) -> bool:
-        """Whether the model's time continues while the process gets no processor time."""
         return self.simulator.runs_in_real_time
 
     @property
     def has_running_calls(self) -> bool:
-        """Whether a call waits for time to pass."""
         return self.simulator.has_running_calls
 
     # faults and events
@@ -159,13 +132,13 @@ class ScenarioRunner:
             else:
                 self._counted += 1
                 name = each.name or f"{each.action} {self._counted}"
-                self._triggered.append(_TriggeredEvent(each, FaultMatcher(each, name, self._seed, now)))
+                self._triggered.append((each, FaultMatcher(each, name, self._seed, now)))
 
     def _apply_event(self, event: AnyEvent, now: int) -> list[SimulatorOutput]:
         self._on_news(foreign_text(event.name or event.action))
-        return self._send_to_clients(event.apply(self.simulator, now), now)
+        return self._send_to_clients(event.apply(self.simulator, now) or (), now)
 
-    def _advance_to(self, now: int) -> list[SimulatorOutput]:
+    def advance(self, now: int) -> list[SimulatorOutput]:
         """Run everything that is due by `now`, in order of time."""
         outputs: list[SimulatorOutput] = []
         while self._timed and self._timed[0][0] <= now:
@@ -185,21 +158,26 @@ class ScenarioRunner:
     # messages
 
     def _on_client_message(self, line: _ClientLine, data: bytes, now: int) -> list[SimulatorOutput]:
-        """Process one message of a client; return what to send."""
         outputs = self._trigger_events(line, data, now) if self._triggered else []
-        taken = self.shaper.process_message(line.up, data, now)
-        self._report_touched(taken.fault_notes)
-        return outputs + self._carry_out(taken.outputs, now)
+        return outputs + self._shape(line.up, data, now)
+
+    def _shape(self, flow: Flow, data: bytes, now: int) -> list[SimulatorOutput]:
+        """Pass one message through the faults; return what to send."""
+        taken = self.shaper.process_message(flow, data, now)
+        for note in taken.fault_notes:
+            self._on_news(note)
+        return self._carry_out(taken.outputs, now)
 
     def _trigger_events(self, line: _ClientLine, data: bytes, now: int) -> list[SimulatorOutput]:
-        """Apply the events that this message triggers."""
         self._messages += 1
-        message = WireMessage(self._messages, line.up, data, now, now + self._epoch)
+        message = WireMessage(
+            self._messages, line.up, data, now, now + self._epoch, templates=self._templates
+        )
         message.annotate_with_attempts(self._recent_requests, self._attempts)
         outputs: list[SimulatorOutput] = []
-        for event, striker in self._triggered:
-            if striker.matches(message) and striker.draw():
-                striker.count_hit()
+        for event, matcher in self._triggered:
+            if matcher.matches(message) and matcher.draw():
+                matcher.count_hit()
                 outputs += self._apply_event(event, now)
         return outputs
 
@@ -228,19 +206,15 @@ class ScenarioRunner:
 
     def _send_to_clients(self, outputs: Iterable[SimulatorOutput], now: int) -> list[SimulatorOutput]:
         """Pass the controller's replies through the faults."""
-        said: list[SimulatorOutput] = []
+        passed: list[SimulatorOutput] = []
         for output in outputs:
             line = self._lines.get(output.peer)
-            if line is None:
-                said.append(output)
-            elif not output.data:
+            if line is None or not output.data:
                 self._remove_client(output.peer)
-                said.append(output)
+                passed.append(output)
             else:
-                taken = self.shaper.process_message(line.down, output.data, now)
-                self._report_touched(taken.fault_notes)
-                said += self._carry_out(taken.outputs, now)
-        return said
+                passed += self._shape(line.down, output.data, now)
+        return passed
 
     def _close_connection(self, closing: CloseConnection, now: int) -> list[SimulatorOutput]:
         peer = self._peers.get(closing.conversation)
@@ -248,10 +222,6 @@ class ScenarioRunner:
             return []
         self.on_disconnect(peer, now)
         return [SimulatorOutput(peer, ResetMarker() if closing.how is CloseMode.RESET else b"")]
-
-    def _report_touched(self, touched: Iterable[Message]) -> None:
-        for each in touched:
-            self._on_news(each)
 
     # clients
 
@@ -262,9 +232,8 @@ class ScenarioRunner:
 
     def _new_line(self, peer: Peer, transport: Transport) -> _ClientLine:
         if len(self._lines) >= MAX_LINES:
-            self._remove_client(
-                next((each.peer for each in self._lines.values() if each.splitter is None), None)
-            )
+            datagram_lines = (each.peer for each in self._lines.values() if each.splitter is None)
+            self._remove_client(next(datagram_lines, None))
         conversation = Conversation(_endpoint(peer), _HERE, transport, "we are the server")
         self._peers[conversation] = peer
         splitter = StreamSplitter(limit=LARGEST_REQUEST) if transport is Transport.TCP else None

@@ -13,6 +13,7 @@ from typing import NamedTuple, TypeAlias
 
 from bcapscope.protocol.codec.frame import LARGEST_UDP_FRAME, Frame
 from bcapscope.protocol.codec.frame_content import EOT, SMALLEST_FRAME, SOH
+from bcapscope.protocol.codec.frame_template import FrameTemplates
 from bcapscope.protocol.codec.stream_splitter import StreamSplitter
 from bcapscope.protocol.guard import always_passes
 from bcapscope.simulator.call_executor import CallExecutor, CallReport
@@ -41,12 +42,7 @@ class ResetMarker(bytes):
 
 
 class SimulatorOutput(NamedTuple):
-    """Something to send.
-
-    Attributes:
-        peer: The client to send to.
-        data: One frame; empty to close the connection.
-    """
+    """One frame to send to a client; empty data closes the connection."""
 
     peer: Peer
     data: bytes
@@ -57,19 +53,15 @@ class _Link(NamedTuple):
     splitter: StreamSplitter | None
 
 
-def _sound_frame(data: bytes) -> Frame | None:
+def _sound_frame(data: bytes, templates: FrameTemplates) -> Frame | None:
     """Return the frame if a datagram is exactly one sound frame, else None; fast, because of floods."""
     size = len(data)
     if not SMALLEST_FRAME <= size <= LARGEST_UDP_FRAME or data[0] != SOH or data[-1] != EOT:
         return None
-    frame = Frame(data)
+    frame = Frame(data, None, templates)
     if frame.template_match is not None:  # a frame that matches a template is sound
         return frame
     return frame if frame.length == size and not frame.problems else None
-
-
-def _ignore(peer: Peer, report: CallReport) -> None:
-    """Ignore the call."""
 
 
 class Simulator:
@@ -86,20 +78,17 @@ class Simulator:
         profile: Profile,
         initial_state: InitialState | None = None,
         now: int = 0,
-        report: Callable[[Peer, CallReport], None] = _ignore,
+        report: Callable[[Peer, CallReport], None] = lambda peer, report: None,
     ) -> None:
-        """Switch the controller on.
+        """Switch the controller on at `now`, ns; all later times use the same clock.
 
-        Args:
-            profile: Kind of controller.
-            initial_state: State at the beginning.
-            now: Current time, ns; all later times use the same clock.
-            report: Called with the client and each answered call.
+        `report` is called with the client and each answered call.
         """
         self.machine = Machine(profile, initial_state, now)
         self.dropped = 0
         self.refused = 0
         self._report = report
+        self._templates = FrameTemplates()
         self._links: dict[Peer, _Link] = {}
         self._running: dict[Peer, CallExecutor] = {}
         self._stops: dict[Peer, None] = {}  # UDP clients in the places kept for stops, oldest first
@@ -107,11 +96,10 @@ class Simulator:
         for place in range(self.machine.initial_state.udp_clients):
             self._add_client(("half-open", "udp", place), None, now)
         for place in range(self.machine.initial_state.tcp_clients):
-            self._add_client(("half-open", "tcp", place), StreamSplitter(limit=LARGEST_REQUEST), now)
+            self._add_client(("half-open", "tcp", place), self._new_splitter(), now)
 
     def on_datagram(self, peer: Peer, data: bytes, now: int) -> list[SimulatorOutput]:
-        """Process a UDP datagram; return what to send."""
-        frame = _sound_frame(data)
+        frame = _sound_frame(data, self._templates)
         if frame is None:
             self.dropped += 1
             return []
@@ -124,15 +112,12 @@ class Simulator:
     def on_connect(self, peer: Peer, now: int, is_stop: bool = False) -> bool:
         """Accept a TCP connection; return False if there are too many, so that the caller closes it.
 
-        Args:
-            peer: The client.
-            now: Time, ns.
-            is_stop: Its first request is a stop, which is accepted beyond the usual limit.
+        A client whose first request is a stop (`is_stop`) is accepted beyond the usual limit.
         """
         if self._client_count(udp=False) >= MAX_CLIENTS + STOP_CLIENTS * is_stop:
             self.refused += 1
             return False
-        self._add_client(peer, StreamSplitter(limit=LARGEST_REQUEST), now)
+        self._add_client(peer, self._new_splitter(), now)
         return True
 
     def on_segment(self, peer: Peer, data: bytes, now: int) -> list[SimulatorOutput]:
@@ -162,7 +147,7 @@ class Simulator:
         self._running.pop(peer, None)
         self._stops.pop(peer, None)
         if link is not None:
-            link.executor.close(now)
+            link.executor.close()
 
     def reset(self, now: int) -> list[SimulatorOutput]:
         """Press the pendant's Reset button: the controller forgets every client (DENSO Wave 2009)."""
@@ -172,7 +157,6 @@ class Simulator:
         return [SimulatorOutput(peer, b"") for peer in peers]
 
     def advance(self, now: int) -> list[SimulatorOutput]:
-        """Advance the model to `now`; return what to send."""
         self.machine.advance(now)
         return self._poll(now) if self._running else []
 
@@ -241,6 +225,9 @@ class Simulator:
             return False
         self.on_disconnect(peer, now)
         return True
+
+    def _new_splitter(self) -> StreamSplitter:
+        return StreamSplitter(limit=LARGEST_REQUEST, templates=self._templates)
 
     def _add_client(self, peer: Peer, splitter: StreamSplitter | None, now: int) -> _Link:
         self._number += 1

@@ -50,12 +50,10 @@ class SimulatorClock:
         self._monotonic = monotonic
         self._wall = wall
         self._updated_at = monotonic()
-        self._pause_began = self._pause_ended = self._paused_at = (
-            0  # the last pause: begin and end by the machine's clock, and the model's time meanwhile
-        )
+        # The last pause: begin and end by the machine's clock, and the model's time meanwhile.
+        self._pause_began = self._pause_ended = self._paused_at = 0
 
     def now(self) -> int:
-        """Return the model's time."""
         return self._monotonic() - self.paused_ns
 
     def update(self) -> int:
@@ -87,11 +85,8 @@ class SimulatorClock:
         if now - time_then > STALL_NS and not (
             self._model.runs_in_real_time or self._model.has_running_calls
         ):
-            self._pause(
-                self._pause_began if self._pause_began <= moment < self._pause_ended else moment,
-                ours,
-                time_then,
-            )
+            is_in_pause = self._pause_began <= moment < self._pause_ended
+            self._pause(self._pause_began if is_in_pause else moment, ours, time_then)
         return time_then
 
     def _pause(self, since: int, until: int, at: int) -> None:

@@ -82,16 +82,10 @@ class SimulatorServer:
     Attributes:
         address: Host and port that the server listens on.
         tap: Receives all traffic; None for none.
-        datagram_queue: Datagrams that wait.
     """
 
     def __init__(self, simulator: ControllerModel, host: str, port: int) -> None:
-        """Listen on UDP and TCP.
-
-        Args:
-            simulator: The model; its clock is that of `now`, which begins as `time.monotonic_ns`.
-            host: Address or name of this machine.
-            port: Port; 0 for any that is free on both transports.
+        """Listen on UDP and TCP; port 0 chooses one that is free on both.
 
         Raises:
             SimulatorListenError: The port cannot be listened on.
@@ -119,7 +113,6 @@ class SimulatorServer:
         self.address: tuple[str, int] = self._tcp.getsockname()[:2]
 
     def now(self) -> int:
-        """Return the model's time, ns."""
         return self._clock.now()
 
     def close(self) -> None:
@@ -130,14 +123,9 @@ class SimulatorServer:
         self._spares.close()
 
     def step(self, until: float = LONGEST_WAIT, extra: Sequence[int] = ()) -> list[int]:
-        """Wait for one thing to do, and do it.
+        """Wait up to `until` seconds for one thing to do, and do it.
 
-        Args:
-            until: Longest wait in seconds.
-            extra: Other file descriptors to wait for.
-
-        Returns:
-            Those of `extra` that are readable.
+        `extra` are other file descriptors to wait for; those that are readable are returned.
         """
         now = self._clock.now()
         self._tidy()
@@ -235,11 +223,9 @@ class SimulatorServer:
 
     def _arrival_time(self, control: AncillaryData) -> int:
         """Return the model's time at which the bytes just read arrived."""
-        return (
-            self._clock.arrival_time(kernel_timestamp(control, 0))
-            if self._may_be_more
-            else self._polled_empty_at
-        )
+        if not self._may_be_more:
+            return self._polled_empty_at
+        return self._clock.arrival_time(kernel_timestamp(control, 0))
 
     def _accept(self) -> None:
         """Accept connections; each becomes a client of the controller with its first frame."""
@@ -306,10 +292,8 @@ class SimulatorServer:
         connections = self._connections.items()
         writers = [number for number, each in connections if each.is_blocked]
         own = (number for number, each in connections if not each.is_blocked)
-        listeners = (
-            [self._udp_descriptor] if self._is_paused else [self._udp_descriptor, self._tcp_descriptor]
-        )
-        self._selector = SocketSelector([*listeners, *own, *self._extra], writers)
+        listeners = () if self._is_paused else (self._tcp_descriptor,)
+        self._selector = SocketSelector([self._udp_descriptor, *listeners, *own, *self._extra], writers)
 
     def _read_segment(self, number: int) -> None:
         connection = self._connections.get(number)
@@ -420,11 +404,8 @@ def serve(
 ) -> None:
     """Serve until interrupted.
 
-    Args:
-        server: A listening server.
-        idle: Called after each step; returns whether it has more to do.
-        on_readable: Called with each of `extra` that is readable.
-        extra: File descriptors; `on_readable` may change the list.
+    `idle` is called after each step and returns whether it has more to do. `on_readable` is called with each
+    of the descriptors in `extra` that is readable, and may change that list.
     """
     is_busy = False
     while True:

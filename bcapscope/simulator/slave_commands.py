@@ -8,14 +8,12 @@ paper says so.
 from __future__ import annotations
 
 from math import hypot
-from types import MappingProxyType
 
 from bcapscope.protocol.codec.variant import ARRAY, VT, Variant, integer_value
 from bcapscope.protocol.slave_mode.formats import ReceiveFormat, SendFormat, parse_format_parameter
 from bcapscope.protocol.slave_mode.modes import PoseType, SlaveMode, slave_mode_by_number
 from bcapscope.protocol.slave_mode.slvmove_values import SetPoint, UserIO, parse_set_point
 from bcapscope.protocol.tables.hresult import (
-    E_ARM_NOT_TAKEN,
     E_INVALIDARG,
     E_NOT_IN_SLAVE_MODE,
     E_REFUSED_IN_SLAVE_MODE,
@@ -25,7 +23,14 @@ from bcapscope.protocol.tables.hresult import (
 from bcapscope.simulator.argument_values import float_array, i2, i4, variant_array
 from bcapscope.simulator.arm import MS
 from bcapscope.simulator.call_context import CallContext, CommandTable
-from bcapscope.simulator.call_outcome import DONE, CallOutcome, CallResult, RefusedError, RunningCall
+from bcapscope.simulator.call_outcome import (
+    DONE,
+    CallOutcome,
+    CallResult,
+    HandlerOutcome,
+    RefusedError,
+    RunningCall,
+)
 from bcapscope.simulator.kinematics import POSE_LENGTHS, Joints, axis_beyond_limit, joints_of, pose_of
 from bcapscope.simulator.result_codes import POSITION_LIMIT
 from bcapscope.simulator.variable_memory import IO_BYTES
@@ -42,8 +47,7 @@ HAND_IO, MINI_IO = 48, 0
 HAND_MASK, MINI_MASK = 0x00FF0000, 0xFF000000
 
 
-def change_mode(context: CallContext, parameter: Variant) -> CallOutcome:
-    """Run slvChangeMode."""
+def change_mode(context: CallContext, parameter: Variant) -> HandlerOutcome:
     value = integer_value(parameter)
     mode = None if value is None else slave_mode_by_number(value, context.machine.profile.generation)
     if mode is None:
@@ -74,21 +78,19 @@ def _enter(context: CallContext, mode: SlaveMode) -> CallOutcome:
     return poll(began) or RunningCall(poll, due)
 
 
-def _leave(context: CallContext) -> CallOutcome:
+def _leave(context: CallContext) -> RunningCall | None:
     machine = context.machine
     slave, run = machine.slave, machine.slave.run_number
     if slave.mode is None:
         slave.unreported_result = 0
-        return DONE
+        return None
     slave.drain()
 
     def poll(now: int) -> CallResult | None:
         if slave.run_number != run:
             return DONE
         if slave.mode is None:
-            slave.unreported_result = (
-                0  # this reply already reports the end of slave mode, so slvMove need not report its cause
-            )
+            slave.unreported_result = 0  # this reply reports the end already, so slvMove need not
             return DONE
         if not slave.is_empty or not machine.arm.is_at_rest(now):
             return None
@@ -100,35 +102,29 @@ def _leave(context: CallContext) -> CallOutcome:
     )
 
 
-def get_mode(context: CallContext, parameter: Variant) -> CallOutcome:
-    """Run slvGetMode."""
+def get_mode(context: CallContext, parameter: Variant) -> Variant:
     mode = context.machine.slave.mode
     value = mode.value if mode else 0
-    return CallResult(value=i2(value) if context.machine.profile.mode_type == VT.I2 else i4(value))
+    return i2(value) if context.machine.profile.mode_type == VT.I2 else i4(value)
 
 
-def send_format(context: CallContext, parameter: Variant) -> CallOutcome:
-    """Run slvSendFormat."""
+def send_format(context: CallContext, parameter: Variant) -> None:
     found = parse_format_parameter(parameter)
     form = SendFormat.parse(found.value) if found else None
     if form is None or not form.is_known:
         raise RefusedError(E_INVALIDARG)
     context.machine.slave.send_format = form
-    return DONE
 
 
-def receive_format(context: CallContext, parameter: Variant) -> CallOutcome:
-    """Run slvRecvFormat."""
+def receive_format(context: CallContext, parameter: Variant) -> None:
     found = parse_format_parameter(parameter)
     form = ReceiveFormat.parse(found.value, found.microseconds) if found else None
     if form is None or not form.is_known:
         raise RefusedError(E_INVALIDARG)
     context.machine.slave.receive_format = form
-    return DONE
 
 
 def slave_move(context: CallContext, parameter: Variant) -> CallOutcome:
-    """Run slvMove."""
     machine, slave = context.machine, context.machine.slave
     mode = slave.mode
     if mode is None or mode.pose_type is None:
@@ -136,8 +132,7 @@ def slave_move(context: CallContext, parameter: Variant) -> CallOutcome:
         if owed:
             raise RefusedError(owed)
         machine.refuse(E_NOT_IN_SLAVE_MODE, context.now)
-    if machine.profile.needs_arm and machine.owner != context.client:
-        raise RefusedError(E_ARM_NOT_TAKEN)
+    machine.check_arm(context.client)
     point = parse_set_point(parameter, mode.pose_type, slave.send_format, slave.receive_format)
     joints = _joints(context, mode.pose_type, point)
     needed = slave.push(joints)
@@ -249,13 +244,11 @@ def currents(context: CallContext) -> tuple[float, ...]:
     return tuple(a - b for a, b in zip(arm.commanded(now), arm.actual(now), strict=True))
 
 
-SLAVE_COMMANDS: CommandTable = MappingProxyType(
-    {
-        "slvchangemode": change_mode,
-        "slvgetmode": get_mode,
-        "slvmove": slave_move,
-        "slvsendformat": send_format,
-        "slvrecvformat": receive_format,
-    }
-)
+SLAVE_COMMANDS: CommandTable = {
+    "slvchangemode": change_mode,
+    "slvgetmode": get_mode,
+    "slvmove": slave_move,
+    "slvsendformat": send_format,
+    "slvrecvformat": receive_format,
+}
 """Commands of Robot_Execute by their names in lower case."""

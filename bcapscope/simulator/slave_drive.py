@@ -19,7 +19,6 @@ from bcapscope.simulator.call_outcome import RefusedError
 from bcapscope.simulator.kinematics import AXIS_COUNT, AXIS_LIMITS, AxisLimit, Joints
 from bcapscope.simulator.result_codes import ACCELERATION_LIMIT, SPEED_LIMIT
 
-PERIOD = PERIOD_NS
 MOVING_THRESHOLD = 0.01
 """Degrees in 8 ms."""
 
@@ -28,12 +27,7 @@ _TOLERANCE = 1.000001  # single-precision set points are rounded; rounding is no
 
 @dataclass(frozen=True, slots=True)
 class SlaveModeFault:
-    """The error that ended slave mode.
-
-    Attributes:
-        code: HRESULT, unsigned.
-        time: Time of the error, ns.
-    """
+    """The code (HRESULT) of the error that ended slave mode, and its time, ns."""
 
     code: int
     time: int
@@ -48,7 +42,6 @@ class SlaveDrive:
         consumed: Set points consumed in this slave-mode session.
         next_tick: Time at which the next set point is due, ns.
         async_detector: Whether a late set point is an error in modes that leave this to the pendant.
-        send_format: What slvMove carries, as set by slvSendFormat.
         receive_format: What slvMove returns, as set by slvRecvFormat; None before that.
         unreported_result: Result that ended slave mode and that no client has received yet; 0 if none.
     """
@@ -73,7 +66,6 @@ class SlaveDrive:
 
     @property
     def waiting(self) -> int:
-        """Set points in the buffer."""
         return len(self._queue)
 
     @property
@@ -87,7 +79,7 @@ class SlaveDrive:
         self.run_number += 1
         self.unreported_result = 0
         self.consumed = 0
-        self.next_tick = now + PERIOD
+        self.next_tick = now + PERIOD_NS
         self._queue.clear()
         self._clear_speed()
         self._leaving = False
@@ -127,22 +119,20 @@ class SlaveDrive:
         """Consume the set points due by `now`; return the first error, or None."""
         while self.mode is not None and self.next_tick <= now:
             if self.is_empty:
-                self._skip_periods(now)
+                self.next_tick += ((now - self.next_tick) // PERIOD_NS + 1) * PERIOD_NS
                 break
             code = self._tick(self.mode, self.next_tick)
             if code:
                 return SlaveModeFault(code, self.next_tick)
-            self.next_tick += PERIOD
+            self.next_tick += PERIOD_NS
         return None
-
-    def _skip_periods(self, now: int) -> None:
-        self.next_tick += ((now - self.next_tick) // PERIOD + 1) * PERIOD
 
     def _tick(self, mode: SlaveMode, time: int) -> int:
         here = self._arm.goal
         if not self._queue:
             self._clear_speed()
-            return 0 if self._leaving or not self._detects_underflow(mode) else E_SLAVE_UNDERFLOW
+            detects = self.async_detector if mode.underflow_is_error is None else mode.underflow_is_error
+            return E_SLAVE_UNDERFLOW if detects and not self._leaving else 0
         goal = tuple(map(float, self._queue.popleft()))  # clients also send integers
         self.consumed += 1
         speed = tuple(b - a for a, b in zip(here, goal, strict=True))
@@ -150,20 +140,16 @@ class SlaveDrive:
         self._speed = speed
         self._moving = any(abs(each) > MOVING_THRESHOLD for each in speed)
         if not code:
-            self._arm.add_set_point(goal, time - PERIOD, time)
+            self._arm.add_set_point(goal, time - PERIOD_NS, time)
         return code
 
     def _clear_speed(self) -> None:
         self._speed = (0.0,) * 8
         self._moving = False
 
-    def _detects_underflow(self, mode: SlaveMode) -> bool:
-        detects = mode.underflow_is_error
-        return self.async_detector if detects is None else detects
-
     def _limit_violation(self, speed: Joints) -> int:
         """Return the result for the first axis that would be too fast or accelerate too much; else 0."""
-        seconds = PERIOD / 1e9
+        seconds = PERIOD_NS / 1e9
         for axis in range(AXIS_COUNT):
             limit = self._limits[axis]
             if abs(speed[axis]) > limit.speed * seconds * _TOLERANCE:

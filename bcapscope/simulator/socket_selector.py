@@ -15,10 +15,6 @@ class SocketSelector:
 
     `epoll`, which the proxy's relay uses, refuses regular files. It also needs two steps to wait with
     microsecond precision.
-
-    Attributes:
-        readers: Descriptors to watch for reading.
-        writers: Descriptors to watch for writing.
     """
 
     def __init__(self, readers: Sequence[int], writers: Sequence[int]) -> None:
@@ -46,8 +42,7 @@ class SocketSelector:
     def wait(self, seconds: float) -> ReadyDescriptors:
         """Return what is ready, after `seconds` at the latest.
 
-        `select` waits with microsecond precision, `poll` with milliseconds only. This precision sends the
-        replies of modes that wait for the 8 ms grid on time.
+        `select` waits with the microsecond precision that modes on the 8 ms grid need; `poll` does not.
         """
         readable, writable, _ = select.select(self.readers, self.writers, (), seconds)
         return readable, writable

@@ -9,8 +9,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping
-from types import MappingProxyType
-from typing import NamedTuple
 
 from bcapscope import __version__
 from bcapscope.protocol.codec.variant import EMPTY, VT, Variant
@@ -20,9 +18,8 @@ from bcapscope.protocol.tables.hresult import E_REFUSED_IN_SLAVE_MODE
 from bcapscope.protocol.tables.simulator_marker import SIMULATOR_TEXT, SIMULATOR_VARIABLE
 from bcapscope.simulator.argument_values import boolean, bstr, float_array, i4, integer_of, number_of, r4
 from bcapscope.simulator.call_context import CallContext, CommandHandler
-from bcapscope.simulator.call_outcome import DONE, CallOutcome, RefusedError
-from bcapscope.simulator.equipment import CoordinateFrame
-from bcapscope.simulator.frame_commands import ZERO_FRAME, frame_number
+from bcapscope.simulator.call_outcome import HandlerOutcome, RefusedError
+from bcapscope.simulator.frame_commands import FRAMES, ZERO_FRAME, frame_number
 from bcapscope.simulator.kinematics import pose_of
 from bcapscope.simulator.machine import READY, RUNNING
 from bcapscope.simulator.object_table import ControllerObject
@@ -32,10 +29,6 @@ from bcapscope.simulator.variable_memory import LETTERS, VARIABLES_PER_LETTER, v
 
 _NUMBERED = re.compile(r"(IO[BWDF]?|[IFDVPJTS]|TOOL|WORK)([0-9]{1,9}|\*)")
 _ONLY_ON_RC7 = frozenset(("TOOL", "WORK", "_ITP"))
-_FRAMES: Mapping[str, Callable[[CallContext], dict[int, CoordinateFrame]]] = {
-    "TOOL": lambda context: context.machine.equipment.tools,
-    "WORK": lambda context: context.machine.equipment.works,
-}
 
 VariableReader = Callable[[CallContext], Variant]
 
@@ -44,11 +37,7 @@ TYPE_NUMBER = 999
 
 
 def check_exists(owner: ObjectClass, name: str, generation: Generation) -> None:
-    """Refuse a variable that the object does not have on a controller of this generation.
-
-    Raises:
-        RefusedError: There is no variable of that name.
-    """
+    """Refuse a variable that the object does not have on a controller of this generation."""
     upper = name.strip().upper()
     match = _NUMBERED.fullmatch(upper) if owner is ObjectClass.CONTROLLER else None
     is_known = match is not None or (owner, upper) in _READERS
@@ -61,9 +50,8 @@ def _exists_on(generation: Generation, name: str) -> bool:
 
 
 def read_variable(context: CallContext) -> Variant:
-    """Read the variable of `context.object`."""
     place = _numbered_variable(context.object)
-    if place and place[0] in _FRAMES:
+    if place and place[0] in FRAMES:
         return _read_frame(context, *place)
     if place:
         return context.machine.memory.read(*place)
@@ -73,30 +61,27 @@ def read_variable(context: CallContext) -> Variant:
     return _READERS[owner, name](context)
 
 
-def write_variable(context: CallContext, value: Variant) -> CallOutcome:
-    """Write the variable of `context.object`; if it acts as a command, the call lasts as long as the command.
-
-    Raises:
-        RefusedError: It cannot be written, the value does not fit, or the command is refused.
-    """
+def write_variable(context: CallContext, value: Variant) -> HandlerOutcome:
+    """Write the variable of `context.object`; if it acts as a command, the call lasts as long as that."""
     place = _numbered_variable(context.object)
-    if place and place[0] in _FRAMES:
-        return _write_frame(context, *place, value)
     if place:
-        context.machine.memory.write(*place, value)
-        return DONE
+        if place[0] in FRAMES:
+            _write_frame(context, *place, value)
+        else:
+            context.machine.memory.write(*place, value)
+        return None
     name = context.object.name.strip().upper()
-    act = _WRITE_ACTIONS.get((_owner_kind(context.object), name))
-    if act is None:
+    command = _WRITE_COMMANDS.get((_owner_kind(context.object), name))
+    if command is None:
         raise RefusedError(NOT_WRITABLE)
-    if context.machine.slave.mode is not None and not act.in_slave_mode:
+    if context.machine.slave.mode is not None and name in _REFUSED_IN_SLAVE_MODE:
         context.machine.refuse(E_REFUSED_IN_SLAVE_MODE, context.now)
-    return act.command(context, value)
+    return command(context, value)
 
 
 def variable_names(owner: ObjectClass, generation: Generation) -> tuple[str, ...]:
     """Return the names of an object's variables; numbered ones appear as number 0."""
-    letters = (*LETTERS, *_FRAMES) if owner is ObjectClass.CONTROLLER else ()
+    letters = (*LETTERS, *FRAMES) if owner is ObjectClass.CONTROLLER else ()
     named = (name for kind, name in _READERS if kind is owner)
     return (
         *(f"{letter}0" for letter in letters if _exists_on(generation, letter)),
@@ -105,15 +90,14 @@ def variable_names(owner: ObjectClass, generation: Generation) -> tuple[str, ...
 
 
 def _read_frame(context: CallContext, kind: str, number: int) -> Variant:
-    frame = _FRAMES[kind](context).get(frame_number(number), ZERO_FRAME)
+    frame = FRAMES[kind](context).get(frame_number(number), ZERO_FRAME)
     return float_array(context.machine.profile.real, frame)
 
 
-def _write_frame(context: CallContext, kind: str, number: int, value: Variant) -> CallOutcome:
+def _write_frame(context: CallContext, kind: str, number: int, value: Variant) -> None:
     """Define a tool or work; a seventh number, the Fig of a position, is dropped."""
     frame = vector_of(value, 7, context.machine.profile.real)[:6]
-    _FRAMES[kind](context)[frame_number(number, first=1)] = frame
-    return DONE
+    FRAMES[kind](context)[frame_number(number, first=1)] = frame
 
 
 def _numbered_variable(variable: ControllerObject) -> tuple[str, int] | None:
@@ -167,24 +151,13 @@ _SPEEDS: Mapping[str, str] = {
 
 
 def _put_speed(field: str) -> CommandHandler:
-    def run(context: CallContext, value: Variant) -> CallOutcome:
+    def run(context: CallContext, value: Variant) -> None:
         speed = float(number_of(value))
         if not 0 < speed <= 100:
             raise RefusedError(NOT_WRITABLE)
         setattr(context.machine.speeds, field, speed)
-        return DONE
 
     return run
-
-
-def _start_task(context: CallContext, value: Variant) -> CallOutcome:
-    context.machine.start_task(_task_name(context))
-    return DONE
-
-
-def _stop_task(context: CallContext, value: Variant) -> CallOutcome:
-    context.machine.stop_task(_task_name(context), context.now)
-    return DONE
 
 
 def _task_name(context: CallContext) -> str:
@@ -192,30 +165,18 @@ def _task_name(context: CallContext) -> str:
     return task.name if task else ""
 
 
-class _WriteAction(NamedTuple):
-    """The effect of writing a variable.
+_WRITE_COMMANDS: Mapping[tuple[ObjectClass, str], CommandHandler] = {
+    (ObjectClass.ROBOT, "@SERVO_ON"): motor,
+    (ObjectClass.TASK, "@START"): lambda context, _: context.machine.start_task(_task_name(context)),
+    (ObjectClass.TASK, "@STOP"): lambda context, _: context.machine.stop_task(
+        _task_name(context), context.now
+    ),
+    **{(ObjectClass.ROBOT, name): _put_speed(field) for name, field in _SPEEDS.items()},
+}
+"""Variables whose writing acts like a command or function, such as Motor, Task_Start and ExtSpeed."""
 
-    Attributes:
-        command: Command to run, with the written value as its parameter.
-        in_slave_mode: Whether slave mode allows it, as it allows the equivalent function or command.
-    """
-
-    command: CommandHandler
-    in_slave_mode: bool
-
-
-_WRITE_ACTIONS: Mapping[tuple[ObjectClass, str], _WriteAction] = MappingProxyType(
-    {
-        (ObjectClass.ROBOT, "@SERVO_ON"): _WriteAction(motor, False),
-        (ObjectClass.TASK, "@START"): _WriteAction(_start_task, False),
-        (ObjectClass.TASK, "@STOP"): _WriteAction(_stop_task, True),
-        **{
-            (ObjectClass.ROBOT, name): _WriteAction(_put_speed(field), not name.startswith("@EXT"))
-            for name, field in _SPEEDS.items()
-        },
-    }
-)
-"""Variables whose writing acts like a command or function: Motor, Task_Start, ExtSpeed."""
+_REFUSED_IN_SLAVE_MODE = frozenset(("@SERVO_ON", "@START", "@EXTSPEED", "@EXTACCEL", "@EXTDECEL"))
+"""Those of which slave mode refuses the equivalent command or function."""
 
 
 def _speed(field: str) -> VariableReader:
@@ -261,14 +222,12 @@ _ROBOT: dict[str, VariableReader] = {
 
 _TASK: dict[str, VariableReader] = {"@STATUS": _task_state, "@START": _task_state, "@STOP": _task_state}
 
-_READERS: Mapping[tuple[ObjectClass, str], VariableReader] = MappingProxyType(
-    {
-        (owner, name): reader
-        for owner, readers in (
-            (ObjectClass.CONTROLLER, _CONTROLLER),
-            (ObjectClass.ROBOT, _ROBOT),
-            (ObjectClass.TASK, _TASK),
-        )
-        for name, reader in readers.items()
-    }
-)
+_READERS: Mapping[tuple[ObjectClass, str], VariableReader] = {
+    (owner, name): reader
+    for owner, readers in (
+        (ObjectClass.CONTROLLER, _CONTROLLER),
+        (ObjectClass.ROBOT, _ROBOT),
+        (ObjectClass.TASK, _TASK),
+    )
+    for name, reader in readers.items()
+}

@@ -27,15 +27,9 @@ class TimedMove:
     def __init__(
         self, arm: Arm, goal: Joints, now: int, speed: float, *, passing: int = 0, min_duration: int = 0
     ) -> None:
-        """Begin the motion.
+        """Begin the motion; `passing` is as in `MotionTarget`, `min_duration` in ns.
 
-        Args:
-            arm: The arm to move.
-            goal: Eight joints, degrees.
-            now: Current time, ns.
-            speed: Share of the highest speed, above 0 up to 1.
-            passing: -1 for @P, -2 for @E.
-            min_duration: Least duration, ns.
+        `speed` is the share of the highest speed, above 0 up to 1.
         """
         self._arm = arm
         self._goal = goal
@@ -47,7 +41,6 @@ class TimedMove:
 
     @property
     def is_held(self) -> bool:
-        """Whether the motion waits for `resume`."""
         return self.done_at == NEVER
 
     def hold(self, now: int) -> None:

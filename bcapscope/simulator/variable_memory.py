@@ -45,11 +45,7 @@ class VariableMemory:
         self.io = bytearray(IO_BYTES)
 
     def read(self, letter: str, index: int) -> Variant:
-        """Read a variable.
-
-        Args:
-            letter: `I`, `F`, `D`, `V`, `P`, `J`, `T`, `S`, `IO`, `IOB`, `IOW`, `IOD` or `IOF`.
-            index: Number of the variable; for I/O, that of its first bit.
+        """Read a variable; the index of I/O is that of its first bit.
 
         Raises:
             RefusedError: There is no such variable.
@@ -139,11 +135,7 @@ def _checked_text(value: Variant) -> str:
 
 
 def vector_of(value: Variant, length: int, real: VT) -> tuple[float, ...]:
-    """Convert an array to `length` numbers; missing ones are 0.
-
-    Raises:
-        RefusedError: The value is no array of numbers, or it is empty or too long.
-    """
+    """Convert an array to `length` numbers; missing ones are 0. Anything else is refused."""
     if not value.vt & ARRAY:
         raise RefusedError(TYPE_MISMATCH)
     numbers = argument_values.numbers_of(value)

@@ -85,8 +85,6 @@ class Call:
 
     Attributes:
         number: 1 for the call that started first in the traffic, then counting up.
-        conversation: Conversation of the call.
-        kind: Function and command of the request.
         request: First attempt, or the first attempt captured.
         reply: Reply that the client accepted; None if none was captured.
         last_attempt: Latest attempt. The client accepts a reply only if it answers this attempt.
@@ -144,7 +142,6 @@ class Call:
         return f"Call({self.number}, {self.kind.function_id}, {self.kind.command!r}: {events})"
 
     def add_frame(self, role: FrameRole, observation: FrameObservation) -> None:
-        """Append a frame to `other_frames`."""
         if self.other_frames:
             self.other_frames.append(CallFrame(role, observation))
         else:
@@ -191,12 +188,10 @@ class Call:
 
     @property
     def notices(self) -> tuple[FrameObservation, ...]:
-        """S_EXECUTING notices."""
         return self._frames_with_role(FrameRole.NOTICE)
 
     @property
     def duplicates(self) -> tuple[FrameObservation, ...]:
-        """Exact copies of requests and replies."""
         return self._frames_with_role(FrameRole.DUPLICATE)
 
     @property
@@ -237,12 +232,10 @@ class Call:
 
     @property
     def convention(self) -> ReservedConvention:
-        """How the client uses the reserved field."""
         return self.reserved_usage.convention
 
     @property
     def reply_reserved(self) -> ReplyReserved:
-        """How the controller uses the reserved field."""
         return self.reserved_usage.reply_reserved
 
     @property
@@ -252,12 +245,10 @@ class Call:
 
     @property
     def outcome(self) -> Outcome:
-        """How the call ended for the client."""
         return outcome_of(self)
 
     @property
     def verdict(self) -> CallVerdict:
-        """What happened to the call."""
         return verdict_of(self)
 
     def _frames_with_role(self, role: FrameRole) -> tuple[FrameObservation, ...]:
@@ -271,7 +262,6 @@ class StrayReply:
     """A reply or notice that belongs to no open call.
 
     Attributes:
-        observation: The frame.
         call_number: Number of the settled call that had this serial; None if the request was never captured
             or is too old.
         may_answer_evicted: Whether it may answer a call that was evicted from memory. It is then reported

@@ -52,48 +52,59 @@ class CallKind(NamedTuple):
     function_id: int
     command: str | None
 
+    @property
+    def folded_command(self) -> str:
+        """The command in lower case, since controllers ignore case; empty without one."""
+        return (self.command or "").casefold()
+
 
 _BY_ID: dict[int, CallKind] = {function_id: CallKind(function_id, None) for function_id in FUNCTIONS}
-_BY_PREFIX: dict[bytes, CallKind] = {}
-_KNOWN: dict[CallKind, CallKind] = {}
 
 
 def call_kind_of(request: Frame) -> CallKind:
     """Return the function and command of a request."""
-    code = request.code
-    if code not in COMMAND_FUNCTIONS:
-        return _BY_ID.get(code) or CallKind(code, None)
-    raw = request.raw
-    if request.reserved == 1 or len(raw) <= _BSTR_START:
-        return _read_kind(request)
-    # Nearly all requests begin with a VT_I4 handle of 14 bytes, then the command with its length in bytes.
-    # The slice holds all that determines the command, and no parameter. It is not kept if one byte cannot
-    # hold the string's length, or if the handle has another type. It includes the byte after the string: if
-    # that byte is missing, the frame ends inside the string.
-    beginning = raw[_FUNCTION_ID : _BSTR_DATA + raw[_BSTR_START] + 1]
-    return _BY_PREFIX.get(beginning) or _learn_kind(request, beginning)
-
-
-def _learn_kind(request: Frame, prefix: bytes) -> CallKind:
-    question = _read_kind(request)
-    arguments = request.arguments
-    if (
-        len(arguments) > 1
-        and arguments[1].start == _BSTR_START
-        and arguments[1].stop + 1 == _FUNCTION_ID + len(prefix)
-        and arguments[1].variant.vt == VT.BSTR
-    ):
-        if len(_BY_PREFIX) >= MAX_KINDS:
-            _BY_PREFIX.clear()
-            _KNOWN.clear()
-        question = _BY_PREFIX[prefix] = _KNOWN.setdefault(question, question)
-    return question
-
-
-def _read_kind(request: Frame) -> CallKind:
+    if request.code not in COMMAND_FUNCTIONS:
+        return _BY_ID.get(request.code) or CallKind(request.code, None)
     arguments = request.arguments
     value = arguments[1].variant.value if len(arguments) > 1 else None
     return CallKind(request.code, shortened(value, LONGEST_NAME) if isinstance(value, str) else None)
+
+
+class CallKinds:
+    """Finds the kinds of many requests, each of which begins like one before; equal kinds are one object."""
+
+    __slots__ = ("_by_prefix", "_known")
+
+    def __init__(self) -> None:
+        self._by_prefix: dict[bytes, CallKind] = {}
+        self._known: dict[CallKind, CallKind] = {}
+
+    def kind_of(self, request: Frame) -> CallKind:
+        """Return what `call_kind_of` returns."""
+        raw = request.raw
+        if request.code not in COMMAND_FUNCTIONS or request.reserved == 1 or len(raw) <= _BSTR_START:
+            return call_kind_of(request)
+        # Nearly all requests begin with a VT_I4 handle of 14 bytes, then the command with its length in
+        # bytes. The slice holds all that determines the command, and no parameter. It is not kept if one byte
+        # cannot hold the string's length, or if the handle has another type. It includes the byte after the
+        # string: if that byte is missing, the frame ends inside the string.
+        prefix = raw[_FUNCTION_ID : _BSTR_DATA + raw[_BSTR_START] + 1]
+        return self._by_prefix.get(prefix) or self._learn(request, prefix)
+
+    def _learn(self, request: Frame, prefix: bytes) -> CallKind:
+        kind = call_kind_of(request)
+        arguments = request.arguments
+        if (
+            len(arguments) > 1
+            and arguments[1].start == _BSTR_START
+            and arguments[1].stop + 1 == _FUNCTION_ID + len(prefix)
+            and arguments[1].variant.vt == VT.BSTR
+        ):
+            if len(self._by_prefix) >= MAX_KINDS:
+                self._by_prefix.clear()
+                self._known.clear()
+            kind = self._by_prefix[prefix] = self._known.setdefault(kind, kind)
+        return kind
 
 
 class RecentRequests:
@@ -103,6 +114,7 @@ class RecentRequests:
     """
 
     def __init__(self) -> None:
+        self._kind_of = CallKinds().kind_of
         self._conversations: dict[Conversation, _KindsBySerial] = {}
         self._current_conversation: Conversation | None = None
         self._current = _KindsBySerial()
@@ -121,14 +133,13 @@ class RecentRequests:
         asked = self._current
         if flow.direction is not _REQUEST:
             return asked.latest.get(frame.serial) or asked.earlier.get(frame.serial)
-        question = call_kind_of(frame)
-        asked.latest[frame.serial] = question
+        kind = self._kind_of(frame)
+        asked.latest[frame.serial] = kind
         if len(asked.latest) >= MAX_SERIALS:
             asked.earlier, asked.latest = asked.latest, {}
-        return question
+        return kind
 
     def close_conversation(self, conversation: Conversation) -> None:
-        """Forget a conversation that has ended."""
         self._conversations.pop(conversation, None)
         if self._current_conversation is conversation:
             self._current_conversation, self._current = None, _KindsBySerial()
@@ -144,8 +155,6 @@ class RecentRequests:
 class _KindsBySerial:
     """Kinds of one conversation's requests by serial. Two generations let old ones expire without a
     search."""
-
-    __slots__ = ("earlier", "latest")
 
     def __init__(self) -> None:
         self.latest: dict[int, CallKind] = {}

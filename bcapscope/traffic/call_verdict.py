@@ -64,7 +64,6 @@ _VERDICT_OF_OUTCOME = {outcome: CallVerdict[outcome.name] for outcome in Outcome
 
 
 def outcome_of(call: Call) -> Outcome:
-    """Return how a call ended for the client."""
     reply = call.reply
     if reply is not None:
         return Outcome.REFUSED if is_failure(reply.item.code) else Outcome.ANSWERED

@@ -14,7 +14,7 @@ from bcapscope.protocol.codec.variant import VT
 from bcapscope.protocol.tables.function_table import FUNCTIONS, ResultKind
 from bcapscope.protocol.tables.hresult import E_BUSY, S_EXECUTING, is_failure
 from bcapscope.traffic.call import Call, CallFrame, CallState, FrameObservation, FrameRole, StrayReply
-from bcapscope.traffic.call_kind import call_kind_of
+from bcapscope.traffic.call_kind import CallKinds
 from bcapscope.traffic.frame_index import FrameIndex
 from bcapscope.traffic.observation import Conversation, Transport
 from bcapscope.traffic.pairing_states import TRANSITIONS, CallEvent
@@ -57,9 +57,7 @@ call."""
 _FRAME_COST = 512  # bytes of overhead per frame
 _LARGE_CALL = 64 * 1024  # bytes; a larger settled call is not kept in memory as the newest call
 
-_OPENERS = frozenset(
-    (SERVICE_START, *(f.id for f in FUNCTIONS.values() if f.result is ResultKind.HANDLE)),
-)
+_OPENERS = frozenset((SERVICE_START, *(f.id for f in FUNCTIONS.values() if f.result is ResultKind.HANDLE)))
 _WAITING, _ANSWERED, _SETTLED = CallState.WAITING, CallState.ANSWERED, CallState.SETTLED
 _EXPIRY, _EVICTION = CallEvent.EXPIRY, CallEvent.EVICTION
 _AWAITING_REPLY = frozenset(state for state, event in TRANSITIONS if event is CallEvent.NEXT_CALL)
@@ -69,49 +67,29 @@ class ConversationPairing:
     """Pairs the frames of one conversation; returns its calls in the order in which they started.
 
     Attributes:
-        open_calls: Calls that have not settled, in starting order.
         memory_bytes: Bytes that the open calls hold.
     """
 
-    __slots__ = (
-        "_answered_early",
-        "_budget",
-        "_by_serial",
-        "_conversation",
-        "_extra_frames",
-        "_first_reserved",
-        "_frame_indexes",
-        "_is_tcp",
-        "_last_handle",
-        "_latest_answered",
-        "_latest_evicted",
-        "_latest_overfull",
-        "_newest_call",
-        "_release_serial",
-        "_reserved_usage",
-        "_reused_serials",
-        "_serials",
-        "_session_call",
-        "memory_bytes",
-        "open_calls",
-    )
-
     def __init__(
-        self, conversation: Conversation, latest_evicted: int = 0, budget: ByteBudget | None = None
+        self,
+        conversation: Conversation,
+        latest_evicted: int = 0,
+        budget: ByteBudget | None = None,
+        kinds: CallKinds | None = None,
     ) -> None:
         """Start without calls.
 
         Args:
-            conversation: Conversation to pair.
+            latest_evicted: Number of the latest evicted call that may belong to it; 0 if there is none.
             budget: Byte count shared by the open calls of all conversations.
-            latest_evicted: Number of the latest evicted call that may belong to this conversation; 0 if
-                there is none.
+            kinds: Shared by all conversations.
         """
         self.open_calls: deque[Call] = deque()
         self.memory_bytes = 0
         self._budget = budget or ByteBudget()
         self._conversation = conversation
         self._latest_evicted = latest_evicted
+        self._kind_of = (kinds or CallKinds()).kind_of
         self._is_tcp = conversation.transport is Transport.TCP
         self._reserved_usage = ReservedFieldUsage()
         self._first_reserved = -1  # reserved field of the latest first attempt; on UDP 0 or 1 for zero or not
@@ -254,7 +232,7 @@ class ConversationPairing:
             if observation.time - since >= SHORTEST_TIMEOUT_NS:
                 newest.abandoned_at = observation.time
                 newest.state = TRANSITIONS[newest.state, CallEvent.NEXT_CALL].state
-        call = Call(number, self._conversation, call_kind_of(frame), observation, self._reserved_usage)
+        call = Call(number, self._conversation, self._kind_of(frame), observation, self._reserved_usage)
         if frame.code == SERVICE_START:
             self._session_call = number
         if self._is_tcp:

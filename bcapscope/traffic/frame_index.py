@@ -14,10 +14,7 @@ class FrameIndex:
         reply_bytes: Bytes of all replies, accepted or not, without notices.
     """
 
-    __slots__ = ("reply_bytes", "reserved_by_serial", "sent_at")
-
     def __init__(self, call: Call) -> None:
-        """Index the frames that the call already has."""
         self.sent_at: dict[bytes, int] = {}
         self.reserved_by_serial: dict[int, int] = {}
         self.reply_bytes: set[bytes] = set()
@@ -28,7 +25,6 @@ class FrameIndex:
             self.add_frame(FrameRole.REPLY, call.reply)
 
     def add_frame(self, role: FrameRole, observation: FrameObservation) -> None:
-        """Index one more frame of the call."""
         frame = observation.item
         if role in (FrameRole.REQUEST, FrameRole.RETRY):
             self.sent_at[frame.raw] = observation.time

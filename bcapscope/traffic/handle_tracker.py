@@ -31,11 +31,8 @@ class TrackedObject:
     """An object of the controller for which a client has, or had, a handle.
 
     Attributes:
-        kind: Class of the object.
-        handle: Number that the controller gave.
         name: Name in the opening call, such as `Arm`; "" without one.
         parent: Label of the object through which it was opened; "" for controllers and if unknown.
-        created_by_call: Number of the call that created it.
         known_to_client: Whether the client received the handle. False if the call was executed more than
             once, or if its reply came too late.
     """
@@ -69,17 +66,13 @@ class ServiceSession:
     """A client's session from Service_Start to Service_Stop.
 
     Attributes:
-        conversation: Conversation of the client.
         started_by_call: Number of the Service_Start call; None if the capture began later.
-        ended_by_call: Number of the call that ended the session; None while it is open.
-        ending: How the session ended.
         unreleased: Objects that the client did not release, in creation order; objects unknown to the client
             come first.
     """
 
     conversation: Conversation
     started_by_call: int | None
-    ended_by_call: int | None
     ending: SessionEnding
     unreleased: tuple[TrackedObject, ...]
 
@@ -125,7 +118,7 @@ class HandleTracker:
             parent = "" if target is None else target.label
             client.add_created(call, function.creates, requested_name(call, function), parent)
         elif function.releases is not None and (_succeeded(call) or call.evicted):
-            self._release_object(client, call.number, function.releases, target)
+            self._release_object(client, function.releases, target)
         return target
 
     def sessions(self) -> tuple[ServiceSession, ...]:
@@ -134,13 +127,13 @@ class HandleTracker:
         In an open session, `unreleased` lists what the client has not released so far.
         """
         begun = [client for client in self._clients.values() if client.has_session]
-        return (*self._ended_sessions, *(client.to_session(None, SessionEnding.OPEN) for client in begun))
+        return (*self._ended_sessions, *(client.to_session(SessionEnding.OPEN) for client in begun))
 
     def close_conversation(self, conversation: Conversation) -> None:
         """Forget a client that has disconnected; its open session joins the ended ones."""
         client = self._clients.pop(conversation, None)
         if client is not None and client.has_session:
-            self._ended_sessions.append(client.to_session(None, SessionEnding.OPEN))
+            self._ended_sessions.append(client.to_session(SessionEnding.OPEN))
         if client is self._current_client:
             self._current_client = None
 
@@ -149,24 +142,20 @@ class HandleTracker:
         while len(self._clients) >= MAX_CONVERSATIONS:
             silent = self._clients.pop(next(iter(self._clients)))
             if silent.has_session:
-                self._ended_sessions.append(silent.to_session(None, SessionEnding.OPEN))
+                self._ended_sessions.append(silent.to_session(SessionEnding.OPEN))
         self._clients[conversation] = self._current_client = client
         return client
 
     def _start_session(self, client: _ClientObjects, call_number: int) -> None:
         if client.has_session:
-            self._ended_sessions.append(client.to_session(call_number, SessionEnding.RESTARTED))
+            self._ended_sessions.append(client.to_session(SessionEnding.RESTARTED))
         client.start_session(call_number)
 
     def _release_object(
-        self,
-        client: _ClientObjects,
-        call_number: int,
-        object_class: ObjectClass,
-        target: TrackedObject | None,
+        self, client: _ClientObjects, object_class: ObjectClass, target: TrackedObject | None
     ) -> None:
         if object_class is ObjectClass.SERVICE:
-            self._ended_sessions.append(client.to_session(call_number, SessionEnding.STOPPED))
+            self._ended_sessions.append(client.to_session(SessionEnding.STOPPED))
             client.start_session(None)
         elif target is not None:
             del client.objects[object_class, target.handle]
@@ -179,8 +168,6 @@ class _ClientObjects:
         objects: Objects by class and handle, in creation order.
         orphans: Objects whose handle the client never received.
     """
-
-    __slots__ = ("conversation", "objects", "orphans", "started_by_call")
 
     def __init__(self, conversation: Conversation) -> None:
         self.conversation = conversation
@@ -195,9 +182,9 @@ class _ClientObjects:
     def has_session(self) -> bool:
         return self.started_by_call is not None or bool(self.objects or self.orphans)
 
-    def to_session(self, ended_by_call: int | None, ending: SessionEnding) -> ServiceSession:
+    def to_session(self, ending: SessionEnding) -> ServiceSession:
         left = (*self.orphans, *self.objects.values())
-        return ServiceSession(self.conversation, self.started_by_call, ended_by_call, ending, left)
+        return ServiceSession(self.conversation, self.started_by_call, ending, left)
 
     def find(self, kind: ObjectClass, handle: int | None) -> TrackedObject | None:
         thing = self.objects.get((kind, handle))

@@ -66,15 +66,10 @@ class Conversation:
     conversation.
 
     Attributes:
-        client: Endpoint that sends requests.
-        server: Endpoint that replies.
-        transport: UDP or TCP.
         server_known_by: Why `server` counts as the server, as text for the user: "port 5007", or the
             evidence in the traffic.
         connection_end: End of the TCP connection as far as seen; None while it is open, and for UDP.
     """
-
-    __slots__ = ("client", "connection_end", "server", "server_known_by", "transport")
 
     def __init__(
         self, client: Endpoint, server: Endpoint, transport: Transport, server_known_by: str
@@ -99,8 +94,6 @@ class Conversation:
 class Flow:
     """One direction of a conversation, with its endpoints as ready-made text for output."""
 
-    __slots__ = ("conversation", "direction", "dst", "dst_text", "src", "src_text")
-
     def __init__(self, conversation: Conversation, direction: Direction) -> None:
         ends = (conversation.client, conversation.server)
         self.conversation = conversation
@@ -119,8 +112,6 @@ class Observation(NamedTuple):
         number: 1 for the first item of the traffic; damaged items are numbered as well.
         time: Time of the last byte, ns since 1970-01-01 UTC.
         first_byte_time: Time of the first byte; differs from `time` only if a stream split the frame.
-        flow: Conversation and direction.
-        item: The frame, or the bytes that are no frame.
         packet: Number of the captured packet that completed it, from 1 over all packets of the source; 0
             without a capture.
     """

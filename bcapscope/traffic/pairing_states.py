@@ -44,7 +44,6 @@ class Transition(NamedTuple):
     """What an event leads to.
 
     Attributes:
-        state: The next state.
         role: Role of the frame; None for an event without a frame.
         reply_becomes: New role of the reply that was accepted before; None if nothing changes.
     """

@@ -6,8 +6,8 @@ and statistics subscribe to its events.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import ClassVar
+from collections.abc import Callable, Iterable, Sequence
+from typing import ClassVar, Concatenate, ParamSpec, TypeVar
 
 from bcapscope.traffic.alike_set_points import AlikeSetPoints
 from bcapscope.traffic.call import Call, PairingResult, StrayReply
@@ -16,6 +16,18 @@ from bcapscope.traffic.handle_tracker import HandleTracker, TrackedObject
 from bcapscope.traffic.observation import Conversation, Observation
 from bcapscope.traffic.slave_mode_tracker import SlaveModeChange, SlaveModeTracker
 from bcapscope.traffic.tracker import Tracker
+
+_Owner = TypeVar("_Owner")
+_Parameters = ParamSpec("_Parameters")
+_Result = TypeVar("_Result")
+
+
+def overriding_methods(
+    objects: Iterable[_Owner], method: Callable[Concatenate[_Owner, _Parameters], _Result]
+) -> list[Callable[_Parameters, _Result]]:
+    """Return a method of a base class as bound to each of the objects that override it."""
+    name = method.__name__
+    return [getattr(each, name) for each in objects if getattr(type(each), name) is not method]
 
 
 class PipelineSubscriber:
@@ -53,11 +65,7 @@ class PipelineSubscriber:
 
 
 class CallCollector(PipelineSubscriber):
-    """Collects completed calls.
-
-    Attributes:
-        calls: The calls; a reader may remove them.
-    """
+    """Collects completed calls in `calls`, from which a reader may remove them."""
 
     def __init__(self, is_selected: Callable[[Call], bool] | None = None) -> None:
         """Collect the calls for which `is_selected` returns True, by default all."""
@@ -65,7 +73,6 @@ class CallCollector(PipelineSubscriber):
         self._is_selected = is_selected
 
     def on_call(self, call: Call, target: TrackedObject | None) -> None:
-        """Keep a call if it is selected."""
         if self._is_selected is None or self._is_selected(call):
             self.calls.append(call)
 
@@ -74,9 +81,6 @@ class Pipeline:
     """Turns observations into events for its subscribers, in bounded memory.
 
     Observations come in capture order. The only clock is their time; see `Tracker`.
-
-    Attributes:
-        add: Adds the next observation.
     """
 
     def __init__(
@@ -88,7 +92,6 @@ class Pipeline:
         """Create a pipeline.
 
         Args:
-            subscribers: Receive the events, in this order.
             handles: Handle tracker to update, for a caller that reads it. Without one, the pipeline follows
                 handles only if a subscriber needs targets.
             slave_mode: Slave-mode tracker to update. Without one, the pipeline follows slave mode only if a
@@ -97,19 +100,17 @@ class Pipeline:
         self._tracker = Tracker()
         self._observe = self._tracker.observe
         self._runs: dict[Conversation, AlikeSetPoints] = {}
-        self._frame_handlers = [each.on_frame for each in _overriding(subscribers, "on_frame")]
+        self._frame_handlers = overriding_methods(subscribers, PipelineSubscriber.on_frame)
         self.add: Callable[[Observation], None] = self._add_and_show if self._frame_handlers else self._add
-        self._call_handlers = [each.on_call for each in _overriding(subscribers, "on_call")]
-        run_subscribers = _overriding(subscribers, "on_set_points")
-        self._run_handlers = [each.on_set_points for each in run_subscribers]
-        self._single_handlers = [
-            each.on_call for each in _overriding(subscribers, "on_call") if each not in run_subscribers
-        ]
-        self._stray_handlers = [each.on_stray_reply for each in _overriding(subscribers, "on_stray_reply")]
-        self._mode_handlers = [each.on_slave_mode for each in _overriding(subscribers, "on_slave_mode")]
-        self._closed_handlers = [
-            each.on_conversation_closed for each in _overriding(subscribers, "on_conversation_closed")
-        ]
+        self._call_handlers = overriding_methods(subscribers, PipelineSubscriber.on_call)
+        self._run_handlers = overriding_methods(subscribers, PipelineSubscriber.on_set_points)
+        self._single_handlers = overriding_methods(
+            [each for each in subscribers if type(each).on_set_points is PipelineSubscriber.on_set_points],
+            PipelineSubscriber.on_call,
+        )
+        self._stray_handlers = overriding_methods(subscribers, PipelineSubscriber.on_stray_reply)
+        self._mode_handlers = overriding_methods(subscribers, PipelineSubscriber.on_slave_mode)
+        self._closed_handlers = overriding_methods(subscribers, PipelineSubscriber.on_conversation_closed)
         needs_targets = any(each.needs_targets for each in subscribers)
         self._handles = handles or (HandleTracker(max_ended=0) if needs_targets else None)
         self._slave_mode = slave_mode or (SlaveModeTracker() if self._mode_handlers else None)
@@ -210,9 +211,3 @@ class Pipeline:
                 del self._runs[next(iter(self._runs))]
             run = self._runs[conversation] = AlikeSetPoints()
         return run
-
-
-def _overriding(subscribers: Sequence[PipelineSubscriber], method: str) -> list[PipelineSubscriber]:
-    """Return the subscribers that override `method`."""
-    default = getattr(PipelineSubscriber, method)
-    return [each for each in subscribers if getattr(type(each), method) is not default]

@@ -13,7 +13,6 @@ class ReservedFieldUsage(NamedTuple):
     """What is known so far about both ends.
 
     Attributes:
-        convention: Convention of the client.
         reply_reserved: Reserved field in the controller's replies.
     """
 
@@ -49,7 +48,6 @@ class ReservedFieldUsage(NamedTuple):
         Args:
             origin: Serial of the first attempt, as captured or as its retries name it.
             previous: Serial of the preceding attempt.
-            reserved: Reserved field of this retry.
             starts_with_zero: Whether a first attempt of this client with reserved 0 was captured.
         """
         if origin == previous or reserved not in (origin, previous):

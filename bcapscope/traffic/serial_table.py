@@ -20,8 +20,6 @@ class SerialTable:
             oldest first; a number stands for a call that has settled.
     """
 
-    __slots__ = ("_older_settled", "_settled", "open_calls", "reused")
-
     def __init__(self) -> None:
         self.open_calls: dict[int, Call] = {}
         self.reused: dict[int, list[Call | int]] = {}

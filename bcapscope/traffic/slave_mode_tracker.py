@@ -85,8 +85,7 @@ def execute_parameter(request: Frame) -> Variant | None:
 
 def requested_mode(call: Call) -> int | None:
     """Return the mode that slvChangeMode requests; None for other calls and for an unreadable mode."""
-    command = call.kind.command
-    if command is None or command.casefold() != "slvchangemode":
+    if call.kind.folded_command != "slvchangemode":
         return None
     parameter = execute_parameter(call.request.item)
     return None if parameter is None else integer_value(parameter)
@@ -97,7 +96,6 @@ class SlaveModeChange:
     """A call that changed, or set again, the slave mode of its client.
 
     Attributes:
-        call: The call.
         effect: How the call changed it.
         mode: Value of the slave mode from now on, 0 for off; None if unreadable.
     """
@@ -113,7 +111,6 @@ class OpenSlaveMode(NamedTuple):
     Attributes:
         mode: Value of the slave mode, 0 for off; None if unknown.
         robots: Handles of the robots for which the client entered slave mode and did not leave it.
-        set_points_refused: Whether the controller refused the latest set point.
     """
 
     mode: int | None = None
@@ -149,7 +146,6 @@ class SlaveModeTracker:
         return SlaveModeChange(call, effect, updated.mode)
 
     def find(self, conversation: Conversation) -> OpenSlaveMode:
-        """Return the slave mode of a client."""
         return self._clients.get(conversation, _NOTHING_KNOWN)
 
     def clients_in_slave_mode(self) -> Iterator[Conversation]:

@@ -8,7 +8,7 @@ from operator import attrgetter
 from bcapscope.protocol.codec.byte_budget import ByteBudget
 from bcapscope.protocol.codec.frame import Frame
 from bcapscope.traffic.call import Call, PairingResult
-from bcapscope.traffic.call_kind import MAX_CONVERSATIONS
+from bcapscope.traffic.call_kind import MAX_CONVERSATIONS, CallKinds
 from bcapscope.traffic.conversation_pairing import ConversationPairing
 from bcapscope.traffic.observation import Conversation, Direction, Observation
 
@@ -47,6 +47,7 @@ class Tracker:
         self._current_conversation: Conversation | None = None
         self._pairing: ConversationPairing
         self._budget = ByteBudget(MAX_BYTES)
+        self._kinds = CallKinds()
         self._calls_started = 0
         self._calls_settled = 0
         self._latest_evicted = 0  # the latest call that may have been evicted with its conversation
@@ -106,7 +107,7 @@ class Tracker:
 
     def _select_pairing(self, conversation: Conversation) -> None:
         pairing = self._pairings.pop(conversation, None) or ConversationPairing(
-            conversation, self._latest_evicted, self._budget
+            conversation, self._latest_evicted, self._budget, self._kinds
         )
         while len(self._pairings) >= MAX_CONVERSATIONS:
             silent = self._pairings.pop(next(iter(self._pairings)))

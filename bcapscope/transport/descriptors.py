@@ -40,9 +40,7 @@ def accept_connection(
 ) -> tuple[socket.socket, Any] | None:
     """Accept a connection and return its socket and address; None if no connection is pending.
 
-    Args:
-        listener: Listening socket in non-blocking mode.
-        free_descriptor: Closes a file descriptor and returns whether it could; called when none is free.
+    If no file descriptor is free, `free_descriptor` closes one and returns whether it could.
 
     Raises:
         OSError: No connection can be accepted now.

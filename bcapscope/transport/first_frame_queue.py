@@ -39,8 +39,6 @@ class _PendingConnection:
         first_byte_at: Time of the first byte, ns; 0 before it.
     """
 
-    __slots__ = ("data", "first_byte_at", "source")
-
     def __init__(self, source: str) -> None:
         self.source = source
         self.data = bytearray()
@@ -73,17 +71,10 @@ class FirstFrameQueue(Generic[Key]):
         return dropped
 
     def feed_bytes(self, key: Key, data: bytes, now: int) -> bytes | None:
-        """Add bytes that a connection sent.
+        """Add bytes that a connection sent at the time `now`, ns.
 
-        Args:
-            key: The connection.
-            data: The bytes.
-            now: Current time, ns.
-
-        Returns:
-            All bytes of the connection once its first frame is complete, or once they cannot begin a frame.
-            The
-            connection then leaves the queue. None before that.
+        Once its first frame is complete, or its bytes cannot begin a frame, the connection leaves the queue,
+        and all its bytes are returned; None before that.
         """
         newcomer = self._waiting[key]
         newcomer.first_byte_at = newcomer.first_byte_at or now

@@ -20,7 +20,6 @@ class LoopClock:
         return round(self._loop.time() * 1e9)
 
     def since_1970(self, now: int) -> int:
-        """Convert a time that `now` returned to ns since 1970-01-01 UTC."""
         return now + self._epoch
 
     def call_at(self, when: int, callback: Callable[[], None]) -> asyncio.TimerHandle:

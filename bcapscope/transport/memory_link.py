@@ -15,7 +15,6 @@ NetworkModel: TypeAlias = Callable[[bytes], Iterable[float]]
 
 
 def perfect_network(_: bytes) -> Iterable[float]:
-    """Deliver each packet once, without delay."""
     return (0.0,)
 
 
@@ -74,10 +73,7 @@ def memory_link_pair(
 ) -> tuple[MemoryLink, MemoryLink]:
     """Return the client's and the controller's end of a link; the caller sets the `receiver` of each.
 
-    Args:
-        to_server: Network model for what the client sends.
-        to_client: Network model for what the controller sends.
-        datagrams: True for datagrams as over UDP, False for a stream as over TCP.
+    The network models are those of each direction. Without `datagrams`, the link is a stream as over TCP.
     """
     client_address, server_address = ("memory", 1), ("memory", 5007)
     client = MemoryLink(client_address, server_address, to_server, datagrams)

@@ -31,7 +31,6 @@ class SocketLink(asyncio.BaseProtocol, Generic[T]):
 
     @property
     def peer(self) -> Address:
-        """Address of the other end."""
         return self._address("peername")
 
     def close(self) -> None:

@@ -18,7 +18,6 @@ class TcpLink(SocketLink[asyncio.Transport], asyncio.Protocol):
     end_reason = "connection.closed-by-peer"
 
     def send(self, data: bytes) -> None:
-        """Send the next bytes of the stream."""
         if self._transport is not None and not self._transport.is_closing():
             self._transport.write(data)
 
@@ -32,13 +31,7 @@ class TcpLink(SocketLink[asyncio.Transport], asyncio.Protocol):
 
 
 async def open_tcp(host: str, port: int, receiver: LinkReceiver, timeout: float = 5.0) -> TcpLink:
-    """Connect to `host` and return the link.
-
-    Args:
-        host: Host name or IP address.
-        port: TCP port.
-        receiver: Receives the data and the end of the link.
-        timeout: Timeout of the connection attempt, s.
+    """Connect to `host` within `timeout` s and return the link.
 
     Raises:
         OSError: The host is unknown or unreachable, or nothing listens on the port; TimeoutError is a
@@ -51,7 +44,6 @@ async def open_tcp(host: str, port: int, receiver: LinkReceiver, timeout: float 
 
 
 def close_with_reset(sock: socket.socket) -> None:
-    """Close a TCP socket with RST."""
     with suppress(OSError):
         sock.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("@ii", 1, 0))
     sock.close()

@@ -56,14 +56,7 @@ Closer = Callable[[], Awaitable[None]]
 
 
 class ScreenEntry(NamedTuple):
-    """A screen that the user can open.
-
-    Attributes:
-        mode: Name of the Textual mode.
-        key: Key that opens the screen.
-        name: Key of its label in the catalogue of words.
-        create: Factory, called when the screen is first opened.
-    """
+    """A screen that the user can open; `name` is the id of its label."""
 
     mode: str
     key: str
@@ -75,9 +68,7 @@ class BcapApp(KeyOrderApp):
     """The application.
 
     Attributes:
-        settings: What the user chose; `save_settings` writes it.
         status: Texts at the right of the top bar, each with the name of its ink or "".
-        text_styles: Styles of rendered lines under the current theme.
     """
 
     CSS_PATH = ["bcapscope.tcss", "tester.tcss"]  # noqa: RUF012 - as Textual has it
@@ -85,12 +76,10 @@ class BcapApp(KeyOrderApp):
     ENABLE_COMMAND_PALETTE = False
     """Off: `BaseScreen` opens a palette that lists the actions of bcapscope instead of Textual's."""
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("ctrl+q", "quit", "shell.quit", id="quit", priority=True, tooltip="shell.quit.tip"),
-        Binding(HALT_KEYS[0], "halt", "shell.halt", id="halt", priority=True, tooltip="shell.halt.tip"),
+        Binding("ctrl+q", "quit", "shell.quit", priority=True),
+        Binding(HALT_KEYS[0], "halt", "shell.halt", priority=True),
         *(Binding(key, "halt", "", show=False, priority=True) for key in HALT_KEYS[1:]),
-        Binding(
-            "ctrl+t", "next_theme", "shell.next_theme", id="theme", show=False, tooltip="shell.theme.tip"
-        ),
+        Binding("ctrl+t", "next_theme", "shell.next_theme", show=False, tooltip="shell.theme.tip"),
     ]
     status: reactive[tuple[tuple[str, str], ...]] = reactive((), init=False)
 
@@ -103,7 +92,6 @@ class BcapApp(KeyOrderApp):
         """Register the screens; the first one is shown first.
 
         Args:
-            screen_entries: All screens that the user can open.
             settings_path: Settings file; None selects the platform's default.
             language: Language of the labels; None uses the settings, then the environment.
         """
@@ -120,7 +108,7 @@ class BcapApp(KeyOrderApp):
             apply_saved_language(self.settings.language)
         else:
             set_language(language)
-        self._closers: list[Closer] = []
+        self._closers = AsyncExitStack()
         self._is_ending = False
         self._gc_thresholds = gc.get_threshold()
         for theme in THEMES:
@@ -146,7 +134,6 @@ class BcapApp(KeyOrderApp):
         self._update_text_styles()
 
     def watch_theme(self) -> None:
-        """Use the text styles of the new theme."""
         self._update_text_styles()
 
     def _update_text_styles(self) -> None:
@@ -207,7 +194,7 @@ class BcapApp(KeyOrderApp):
 
     def add_closer(self, closer: Closer) -> None:
         """Register a coroutine function that always runs before the screen closes; the last runs first."""
-        self._closers.append(closer)
+        self._closers.push_async_callback(closer)
 
     def get_line_filters(self) -> Sequence[LineFilter]:
         """Return the filters that every line passes before it reaches the terminal."""
@@ -255,7 +242,6 @@ class BcapApp(KeyOrderApp):
         self.show_message(label("shell.halted" if was_there else "shell.halt.nothing"), "warning")
 
     async def action_quit(self) -> None:
-        """Run the closers, then close the screen."""
         if self._is_ending:
             return
         self._is_ending = True
@@ -267,17 +253,11 @@ class BcapApp(KeyOrderApp):
     async def _run_closers(self) -> None:
         """Run all closers within `CLOSE_TIMEOUT`; an error in one does not skip the others."""
         with suppress(TimeoutError):
-            async with asyncio.timeout(CLOSE_TIMEOUT), AsyncExitStack() as stack:
-                for closer in self._closers:
-                    stack.push_async_callback(closer)
-                self._closers.clear()
+            async with asyncio.timeout(CLOSE_TIMEOUT):
+                await self._closers.aclose()
 
     def run_until_closed(self) -> None:
-        """Run the screen until it is closed.
-
-        Raises:
-            SystemExit: A bug ended the screen; the traceback is on the terminal.
-        """
+        """Run the screen until it is closed; after a bug, print the traceback and raise `SystemExit`."""
         self.run()
         if self.return_code:
             raise SystemExit(self.return_code)
@@ -290,7 +270,6 @@ class BcapApp(KeyOrderApp):
             await self._run_closers()
 
     def save_settings(self) -> None:
-        """Write the settings, or report why that failed."""
         try:
             write_settings(self.settings, self._settings_path)
         except OSError as error:
@@ -315,7 +294,6 @@ class BcapApp(KeyOrderApp):
         self.action_theme(names[(names.index(self.theme) + 1) % len(names)])
 
     def action_theme(self, name: str) -> None:
-        """Switch to a theme and remember it."""
         self._select_theme(name)
         self.settings.theme = self.theme
         self.save_settings()
@@ -328,5 +306,4 @@ class BcapApp(KeyOrderApp):
 
 
 def app_of(node: DOMNode) -> BcapApp:
-    """Return the application that shows a widget."""
     return cast(BcapApp, node.app)

@@ -19,7 +19,6 @@ def make_server_safe_driver(driver: type[Driver], on_end: Callable[[], object]) 
     Textual's own browser driver raises when it writes to a server that has gone, or keeps running unseen.
 
     Args:
-        driver: The driver that Textual chose.
         on_end: Ends the program in order. Runs in the event loop when the viewer or the server has gone.
     """
     if not issubclass(driver, WebDriver):

@@ -26,7 +26,6 @@ class ControlCharFilter(LineFilter):
     """
 
     def __init__(self, earlier_filters: Sequence[LineFilter] = ()) -> None:
-        """Wrap the filters that run before this one."""
         super().__init__()
         self.earlier_filters = tuple(earlier_filters)
 

@@ -19,12 +19,7 @@ HALT_KEYS = ("f12", "ctrl+backslash")
 
 
 def make_halt_driver(driver: type[Driver], halt: Callable[[], object]) -> type[Driver]:
-    """Return a driver that calls `halt` as soon as it reads a HALT key.
-
-    Args:
-        driver: The platform's driver.
-        halt: Called in the thread that reads the keys; returns at once and must not raise.
-    """
+    """Return a driver that calls `halt`, in its reading thread, as soon as it reads a HALT key."""
 
     class HaltDriver(make_resumable_driver(driver)):  # type: ignore[misc]  # the platform decides which
         def __init__(self, *arguments: Any, **options: Any) -> None:

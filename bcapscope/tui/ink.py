@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping
-from types import MappingProxyType
+from dataclasses import fields
 
 from rich.segment import Segment
 from rich.style import Style
@@ -26,27 +26,15 @@ LIT, CURSOR = "\x0f", "\x10"
 byte."""
 
 _STYLE_MARKS = re.compile("[\x01-\x07\x0e-\x10]")
-_STYLE_NAMES: Mapping[str, str] = MappingProxyType(
-    {
-        INK.number: "number",
-        INK.name: "name",
-        INK.hex: "hex",
-        INK.problem: "problem",
-        INK.good: "good",
-        INK.bad: "bad",
-        INK.dim: "dim",
-        LIT: "lit",
-        CURSOR: "cursor",
-    }
-)
+STYLE_NAMES: Mapping[str, str] = {
+    **{getattr(INK, each.name): each.name for each in fields(INK) if each.name != "reset"},
+    LIT: "lit",
+    CURSOR: "cursor",
+}
+"""The style of the text after each mark."""
 
 Styles = Mapping[str, Style]
-"""A style for each name in `style_names`."""
-
-
-def style_names() -> tuple[str, ...]:
-    """Return the names of the styles that a theme defines."""
-    return tuple(_STYLE_NAMES.values())
+"""A style for each name in `STYLE_NAMES`."""
 
 
 def styled_pieces(text: str) -> Iterator[tuple[str, str]]:
@@ -55,24 +43,17 @@ def styled_pieces(text: str) -> Iterator[tuple[str, str]]:
     for mark in _STYLE_MARKS.finditer(text):
         if mark.start() > at:
             yield name, text[at : mark.start()]
-        name, at = _STYLE_NAMES.get(mark.group(), ""), mark.end()
+        name, at = STYLE_NAMES.get(mark.group(), ""), mark.end()
     if at < len(text):
         yield name, text[at:]
 
 
 def styled_segments(text: str, styles: Styles) -> list[Segment]:
-    """Return the Rich segments of a rendered line."""
     return [Segment(piece, styles.get(name)) for name, piece in styled_pieces(text)]
 
 
 def styled_text(text: str, styles: Styles) -> Text:
-    """Return the Rich text of one or more rendered lines."""
     made = Text()
     for name, piece in styled_pieces(text):
         made.append(piece, styles.get(name))
     return made
-
-
-def strip_styles(text: str) -> str:
-    """Return the text without ink marks."""
-    return _STYLE_MARKS.sub("", text)

@@ -8,6 +8,7 @@ packet. All of them would then go to the list, and none to the field that `/` op
 from __future__ import annotations
 
 from collections import deque
+from dataclasses import dataclass
 from functools import partial
 
 from textual import on
@@ -25,16 +26,15 @@ _MOUNT_POLL_INTERVAL = 0.02
 """Seconds between two checks whether a new screen is mounted."""
 
 
+@dataclass
 class KeyHandled(Message):
-    """Follows a key along the same path. When it reaches the application, the key has been handled."""
+    """Follows a key along the same path. When it reaches the application, the key has been handled.
 
-    def __init__(self, target: MessagePump, is_second: bool = False) -> None:
-        """Store the key's target, and whether this marker takes the path for the second time.
+    A second marker covers events that the key itself caused there, such as a button press.
+    """
 
-        The second pass covers events that the key itself caused there, such as a button press.
-        """
-        super().__init__()
-        self.target, self.is_second = target, is_second
+    target: MessagePump
+    is_second: bool = False
 
 
 class KeyOrderApp(App[None]):
@@ -44,7 +44,6 @@ class KeyOrderApp(App[None]):
     _watched_key: KeyHandled | None = None
 
     def __init__(self) -> None:
-        """Start without a pending key."""
         super().__init__()
         self._queued_events: deque[Event] = deque()
         self._urgent_keys = {each.key for each in Binding.make_bindings(self.BINDINGS) if each.priority}

@@ -21,11 +21,8 @@ class Settings(msgspec.Struct, omit_defaults=True):
     """What the user chose, and recent files and hosts.
 
     Attributes:
-        theme: Name of a theme.
         language: ``en`` or ``ja``; empty to use LANG.
         captures: Recently opened captures, latest first.
-        hosts: Recently connected controllers, latest first.
-        trajectories: Recently played files, latest first.
     """
 
     theme: str = "dark"
@@ -36,16 +33,11 @@ class Settings(msgspec.Struct, omit_defaults=True):
 
 
 def default_settings_path() -> Path:
-    """Return the platform's path of the settings file."""
     return platformdirs.user_config_path("bcapscope", appauthor=False) / "screen.yaml"
 
 
 def read_settings(path: Path) -> tuple[Settings, Message | None]:
-    """Read the settings.
-
-    Returns:
-        The settings, or the defaults if there are none, and why they could not be read (None if they could).
-    """
+    """Return the settings, or the defaults if there are none, and why they could not be read (else None)."""
     try:
         return read_document(path.read_text(encoding="utf-8"), Settings), None
     except FileNotFoundError:
@@ -57,11 +49,7 @@ def read_settings(path: Path) -> tuple[Settings, Message | None]:
 
 
 def write_settings(settings: Settings, path: Path) -> None:
-    """Write the settings atomically.
-
-    Raises:
-        OSError: The file cannot be written.
-    """
+    """Write the settings atomically; raises `OSError` if that fails."""
     write_atomically(path, msgspec.yaml.encode(settings))
 
 

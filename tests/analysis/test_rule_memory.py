@@ -11,10 +11,11 @@ from bcapscope.analysis.rules.object_rules import ObjectChecker
 from bcapscope.analysis.rules.rule_checker import Occurrence
 from bcapscope.analysis.slave.slave_session import ExitReason
 from bcapscope.traffic.call import Call
+from bcapscope.traffic.call_kind import LONGEST_NAME
 from bcapscope.traffic.handle_tracker import HandleTracker
 from bcapscope.traffic.pipeline import Pipeline
 from tests.analysis.driving import ENTER, Plan, i4
-from tests.traffic.playbook import GET_VARIABLE, text
+from tests.traffic.playbook import GET_VARIABLE, VARIABLE_RELEASE, run_pipeline, text
 
 
 def opened(watcher: ObjectChecker, clients: ClientRegistry, names: list[str]) -> None:
@@ -48,6 +49,19 @@ def test_a_leak_is_found_among_many_names(monkeypatch: pytest.MonkeyPatch) -> No
     opened(watcher, clients, names)
     assert {occurrence.rule.id for occurrence in found} == {"handle-leak"}
     assert [occurrence.is_update for occurrence in found] == [False] + [True] * 10
+
+
+def test_an_object_with_a_long_name_that_is_released_is_no_leak() -> None:
+    plan = Plan()
+    driver = plan.driver()
+    for number in range(40):
+        arguments = i4(1), text("I" * (LONGEST_NAME + 1)), text("")
+        driver.call(number * 20.0, GET_VARIABLE, *arguments, results=(i4(number + 2),))
+        driver.call(number * 20.0 + 10, VARIABLE_RELEASE, i4(number + 2))
+    plan.track()
+    diagnosis = Diagnosis()
+    run_pipeline(plan.script.seen, diagnosis)
+    assert "handle-leak" not in [finding.rule for finding in diagnosis.findings()]
 
 
 def left_on(until: float) -> Plan:

@@ -102,9 +102,9 @@ def test_the_advice_on_bytes_that_are_no_frame_is_for_their_transport() -> None:
             client.network.up(START + (number * 100 + 50) * MS, b"\x01\x02" + request(9, 0, "Service_Stop"))
 
     first, second = stage(play).of("malformed-request")
-    assert "can stop the official server" in sentence_of(first)
+    assert "can stop DENSO's C server" in sentence_of(first)
     assert "stops the UDP service" in str(first.advice)
-    assert "stop the official server" not in sentence_of(second)
+    assert "stop DENSO's C server" not in sentence_of(second)
     assert "UDP" not in str(second.advice)
     assert "Over TCP" in str(second.advice)
 

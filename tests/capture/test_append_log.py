@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -11,7 +12,7 @@ from bcapscope.capture.append_log import AppendLogReader, AppendLogWriter, Cache
 
 def test_nothing_is_there_before_flush(tmp_path: Path) -> None:
     appender = AppendLogWriter(tmp_path / "a")
-    with AppendLogReader(tmp_path / "a") as records:
+    with closing(AppendLogReader(tmp_path / "a")) as records:
         appender.add(b"one")
         assert (appender.count, records.refresh()) == (1, 0)
         with pytest.raises(IndexError):
@@ -32,7 +33,7 @@ def test_records_that_are_not_there(tmp_path: Path, number: int) -> None:
     appender = AppendLogWriter(tmp_path / "a")
     appender.add(b"one")
     appender.flush()
-    with AppendLogReader(tmp_path / "a") as records, pytest.raises(IndexError):
+    with closing(AppendLogReader(tmp_path / "a")) as records, pytest.raises(IndexError):
         records.offset_of(number)
     appender.close()
 

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
+from typing import cast
 
 import pytest
 
@@ -13,7 +15,7 @@ from bcapscope.capture.capture_file import open_capture
 from bcapscope.capture.observation_store import ObservationStore, ObservationStoreWriter
 from bcapscope.capture.packet_decoder import PacketDecoder
 from bcapscope.render.call_text import CallRenderer
-from bcapscope.traffic.call import Call, PairingResult, StrayReply
+from bcapscope.traffic.call import Call, FrameObservation, PairingResult, StrayReply
 from bcapscope.traffic.call_kind import RecentRequests
 from bcapscope.traffic.handle_tracker import HandleTracker, TrackedObject
 from bcapscope.traffic.tracker import Tracker
@@ -113,3 +115,23 @@ def test_links_are_seen_when_they_were_written_later(stack: ExitStack, tmp_path:
     assert calls.index_of_frame(1) == 0
     calls.refresh()
     assert calls.index_of_frame(1) == len(rows) - 1
+
+
+def test_memory_does_not_grow_with_frame_numbers(stack: ExitStack, tmp_path: Path) -> None:
+    """A proxy that is watched for days numbers hundreds of millions of frames."""
+    rows = CallStoreWriter(tmp_path)
+    stack.callback(rows.close)
+    with open_capture(CAPTURES / "exchanges.pcap") as capture:
+        reply = next(seen for seen in PacketDecoder().decode(capture) if seen.flow.direction == "response")
+    tracemalloc.start()
+    stack.callback(tracemalloc.stop)
+    for number in range(1, 40_000_001, 200_000):
+        rows.add(StrayReply(cast(FrameObservation, reply._replace(number=number)), None), None)
+        rows.flush()
+    assert tracemalloc.get_traced_memory()[1] < 1_000_000
+    ObservationStoreWriter(tmp_path).close()
+    observations = ObservationStore(tmp_path)
+    stack.callback(observations.close)
+    calls = CallStore(tmp_path, observations)
+    stack.callback(calls.close)
+    assert [calls.index_of_frame(number) for number in (1, 2, 200_001, 39_800_001)] == [0, None, 1, 199]

@@ -34,9 +34,15 @@ def test_reads_a_file_to_its_end(tmp_path: Path, content: bytes, compressed: boo
     ("content", "why"),
     [
         (b"", "the file is empty"),
-        (b"\xd4", "this is no capture: it begins with d4, neither pcap nor pcapng"),
-        (b"hello world", "this is no capture: it begins with 68 65 6c 6c, neither pcap nor pcapng"),
-        (b"\x00" * 100, "this is no capture: it begins with 00 00 00 00, neither pcap nor pcapng"),
+        (b"\xd4", "this is not a capture: it begins with d4, so it is neither pcap nor pcapng"),
+        (
+            b"hello world",
+            "this is not a capture: it begins with 68 65 6c 6c, so it is neither pcap nor pcapng",
+        ),
+        (
+            b"\x00" * 100,
+            "this is not a capture: it begins with 00 00 00 00, so it is neither pcap nor pcapng",
+        ),
         (
             b"\x28\xb5\x2f\xfd....",
             "compressed by zstd, which bcapscope does not read; it reads pcap and pcapng",
@@ -49,7 +55,7 @@ def test_reads_a_file_to_its_end(tmp_path: Path, content: bytes, compressed: boo
         (gzip.compress(b"", mtime=0), "the file is empty"),
         (
             gzip.compress(b"text", mtime=0),
-            "this is no capture: it begins with 74 65 78 74, neither pcap nor pcapng",
+            "this is not a capture: it begins with 74 65 78 74, so it is neither pcap nor pcapng",
         ),
         (gzip.compress(pcap(), mtime=0)[:5], "the compressed file ends in the middle"),
     ],

@@ -133,14 +133,14 @@ def test_a_buffer_as_large_as_allowed_will_do(monkeypatch: pytest.MonkeyPatch) -
 
 
 def test_an_unknown_interface_is_told_with_those_that_there_are() -> None:
-    with pytest.raises(CaptureError, match=r"^there is no interface nowhere0; there are: .*lo"):
+    with pytest.raises(CaptureError, match=r"^no interface is named nowhere0. Choose one of these: .*lo"):
         open_live_capture("nowhere0")
 
 
 @pytest.mark.parametrize(
     ("platform", "how"),
     [
-        ("linux", "capturing on lo needs rights: run as root, or once: sudo setcap"),
+        ("linux", "capturing on lo needs permission. Run as root, or run this once: sudo setcap"),
         ("darwin", "administrator"),
     ],
 )

@@ -81,6 +81,19 @@ def test_the_end_is_that_of_all_packets() -> None:
     assert observer.end_time == 3
 
 
+def test_the_end_is_known_while_more_packets_are_awaited() -> None:
+    observer = PacketDecoder()
+    seen = []
+
+    def arriving() -> Iterator[Packet]:
+        for packet in captured(from_client(request(1)), b"not b-CAP", from_server(reply(1))):
+            yield packet
+            seen.append(observer.end_time)
+
+    assert [(each.time, observer.end_time) for each in observer.decode(arriving())] == [(1, 1), (3, 3)]
+    assert seen == [1, 2, 3]
+
+
 def variants() -> dict[str, bytes]:
     """The same frame in packets of every form that is not the most common one."""
     datagram = udp(request(2))

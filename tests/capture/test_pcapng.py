@@ -172,7 +172,7 @@ def _with_length(data: bytes, length: int) -> bytes:
         (block(1, b""), "the block is too small, with 0 bytes"),
         (interface(options=option(14, b"tiny")), "the block is too small, with 4 bytes"),
         (block(0x0A0D0D0A, b"nonsense"), "a section header block lacks its byte-order magic"),
-        (section(version=2), "a section has pcapng version 2.0; only 1 is known"),
+        (section(version=2), "a section has pcapng version 2.0; bcapscope reads only version 1"),
         (section() + simple(b""), "a packet names interface 0, which the capture does not describe"),
     ],
 )

@@ -283,7 +283,7 @@ def test_a_refusal() -> None:
 def test_no_answer_lists_the_tries() -> None:
     ran, _ = _call("Robot_GetName", "--timeout", "400", "--retries", "1")
     assert ran.code == ExitCode.UNANSWERED
-    assert "Robot_GetName was not answered in time, 2 attempts:" in ran.err
+    assert "Robot_GetName got no reply in time, 2 attempts:" in ran.err
     first, second = map(int, re.findall(r"serial (\d+), reserved", ran.err))
     assert second == first + 1
     assert f"serial {second}, reserved {first}, sent at" in ran.err

@@ -301,7 +301,7 @@ def test_one_source_at_a_time() -> None:
 def test_an_unknown_interface_is_said() -> None:
     done = run_here("decode", "-i", "nosuch0")
     assert done.code == ExitCode.UNREADABLE
-    assert "there is no interface nosuch0" in done.err
+    assert "no interface is named nosuch0" in done.err
 
 
 @pytest.mark.lifecycle

@@ -134,7 +134,7 @@ def test_after_a_long_wait_calls_do_not_hurry() -> None:
 def test_nobody_is_there() -> None:
     ran = run_here("ping", "127.0.0.1", "--port", "1", "--timeout", "5", "--retries", "1")
     assert ran.code == ExitCode.UNANSWERED
-    assert "Service_Start was not answered in time, 2 attempts" in ran.err
+    assert "Service_Start got no reply in time, 2 attempts" in ran.err
     assert ran.out == ""
 
 

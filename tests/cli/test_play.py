@@ -106,7 +106,7 @@ def test_limits_of_the_simulated_arm_hold_for_it(port: int, tmp_path: Path) -> N
     ("words", "reason"),
     [
         (("--mode", "0x999"), "is not a mode. Give sync, async, or a number"),
-        (("--limit", "J1=fast"), "is no range"),
+        (("--limit", "J1=fast"), "is not a range"),
     ],
 )
 def test_a_command_line_without_sense(words: tuple[str, ...], reason: str) -> None:
@@ -146,7 +146,7 @@ def test_whoever_is_no_simulator_needs_arming() -> None:
         (peer,) = server.peers.values()
     assert ran.code == 10, ran.out + ran.err
     assert "A robot will move: " in ran.err
-    assert "not played: this is not the simulator, and nobody confirmed that a robot may move" in ran.out
+    assert "not played: this is not the simulator, and you did not confirm that a robot may move" in ran.out
     assert "Robot_Execute" not in peer.functions
     assert peer.functions[-1] == "Service_Stop"
 

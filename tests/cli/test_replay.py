@@ -50,7 +50,7 @@ def test_as_client_to_the_simulator() -> None:
     assert [record["command"] for record in records].count("slvChangeMode") == 2
     assert len(records) == 17
     assert not any(record["differs"] for record in records)
-    assert "17 calls made, all as recorded; at most" in done.err
+    assert "17 calls made, all results as recorded; at most" in done.err
 
 
 def test_as_client_and_as_server_at_once() -> None:
@@ -73,7 +73,7 @@ def test_armed_calls_are_logged(tmp_path: Path) -> None:
     words = ("replay", SESSION, "127.0.0.1", "--as", "client", "--anywhere", "--arm", "--tcp")
     with recorded_controller(SESSION, "--no-delay", "-q") as (_, port):
         done = run(*words, "--port", str(port), XDG_STATE_HOME=str(tmp_path))
-    assert "all as recorded" in done.err, done.err
+    assert "all results as recorded" in done.err, done.err
     paths = (tmp_path / "bcapscope").rglob("actions-*.jsonl")
     lines = [json.loads(line) for path in paths for line in path.read_bytes().splitlines()]
     assert {(line["program"], line["port"]) for line in lines} == {("replay", port)}
@@ -126,7 +126,7 @@ def test_set_points_that_are_not_fit_to_be_played_are_not_sent() -> None:
     assert (done.code, done.lines) == (ExitCode.UNFIT, [])
     assert "J1 reaches" in done.err
     assert "not fit to play" in done.err
-    assert (wrong.code, "is no limit" in wrong.err) == (ExitCode.USAGE, True)
+    assert (wrong.code, "is not a limit" in wrong.err) == (ExitCode.USAGE, True)
 
 
 def test_nobody_there() -> None:

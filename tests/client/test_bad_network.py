@@ -26,7 +26,7 @@ from bcapscope.protocol.retry.requester import (
 )
 from bcapscope.protocol.retry.reserved_convention import ReservedConvention
 from bcapscope.simulator.call_context import CallContext
-from bcapscope.simulator.call_outcome import CallOutcome
+from bcapscope.simulator.call_outcome import HandlerOutcome
 from bcapscope.simulator.function_handlers import FUNCTION_HANDLERS, Arguments, FunctionHandler
 from bcapscope.simulator.profile import PROFILES
 from bcapscope.simulator.simulator import Simulator, SimulatorOutput
@@ -101,7 +101,7 @@ class BadNetwork(RuleBasedStateMachine):
     def counting(self, run: FunctionHandler) -> FunctionHandler:
         """Return the same function, which counts how often it runs for each number."""
 
-        def counted(context: CallContext, arguments: Arguments) -> CallOutcome:
+        def counted(context: CallContext, arguments: Arguments) -> HandlerOutcome:
             self.ran[_number(arguments)] += 1
             return run(context, arguments)
 

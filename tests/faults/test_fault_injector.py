@@ -187,11 +187,38 @@ def test_an_answer_has_the_reserved_that_the_server_would_send() -> None:
         assert Frame(output.data).reserved == echoed
 
 
+def test_a_client_that_comes_again_is_answered_as_a_new_one() -> None:
+    flows, machine = talk(), shaper("answer=E_FAIL if serial == 11")
+    machine.process_message(flows.up, request(10, reserved=9), 0)
+    machine.process_message(flows.down, reply(10, reserved=9), 0)
+    machine.close_conversation(flows.up.conversation)
+    (output,) = machine.process_message(flows.up, request(11, reserved=9), 0).outputs
+    assert isinstance(output, SendBytes)
+    assert Frame(output.data).reserved == 0
+
+
+def test_attempts_of_a_client_that_comes_again_are_counted_anew() -> None:
+    for is_closed in (False, True):
+        flows, machine = talk(), shaper("drop try 3")
+        for serial, reserved in ((5, 0), (6, 5)):
+            assert machine.process_message(flows.up, request(serial, reserved=reserved), 0).forwarded
+        if is_closed:
+            machine.close_conversation(flows.up.conversation)
+        assert machine.process_message(flows.up, request(7, reserved=6), 0).forwarded is is_closed
+
+
+def test_messages_are_counted_from_one() -> None:
+    left = through(shaper("drop if frame == 1", "drop if frame == 3"), talk(), *range(1, 6))
+    assert [Frame(raw).serial for raw in left] == [2, 4, 5]
+
+
 def test_a_reply_is_replaced_by_a_result() -> None:
     flows, machine = talk(), shaper("answer=E_FAIL reply")
     assert sent(machine.process_message(flows.up, request(3), 0).outputs) == [request(3)]
-    (raw,) = sent(machine.process_message(flows.down, reply(3), 0).outputs)
+    taken = machine.process_message(flows.down, reply(3), 0)
+    (raw,) = sent(taken.outputs)
     assert (Frame(raw).serial, Frame(raw).code, Frame(raw).argc) == (3, E_FAIL, 0)
+    assert notes_of(taken) == ("answer: answer replaced by E_FAIL",)
 
 
 def test_a_wrong_serial_changes_nothing_else() -> None:
@@ -278,7 +305,9 @@ def test_a_half_open_conversation_is_dead_both_ways_and_others_live() -> None:
     machine = shaper("half-open times 1 if command == slvMove")
     assert not machine.holds(flows.up)
     assert machine.process_message(flows.up, request(1), 0).forwarded is False
-    assert machine.process_message(flows.down, reply(1), 0).forwarded is False
+    taken = machine.process_message(flows.down, reply(1), 0)
+    assert (taken.outputs, taken.forwarded) == ([], False)
+    assert notes_of(taken) == ("half-open: dropped, the conversation is dead",)
     assert machine.process_message(other.up, request(1), 0).forwarded is True
     assert machine.holds(flows.down)
     assert not machine.passes_close(flows.up.conversation)

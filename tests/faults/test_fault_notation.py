@@ -90,11 +90,43 @@ TABLE: list[tuple[str, AnyFault]] = [
     ("rewrite set arg[0]=true set arg[1]=r4:1.5", RewriteFault(set={"arg[0]": True, "arg[1]": "r4:1.5"})),
 ]
 
+DEFAULTS: list[tuple[str, AnyFault]] = [
+    ("drop", DropFault(name="", probability=Share(1), after=DurationQuantity(0))),
+    ("burst=1%/25%", BurstFault(enter=Share(0.01), leave=Share(0.25), bad=Share(1), good=Share(0))),
+    (
+        "delay=3ms",
+        DelayFault(
+            time=DurationQuantity(3 * MS), jitter=DurationQuantity(0), distribution=JitterDistribution.UNIFORM
+        ),
+    ),
+    ("duplicate", DuplicateFault(copies=1, time=DurationQuantity(0))),
+    ("reorder", ReorderFault(by=1, time=DurationQuantity(100 * MS))),
+    ("corrupt", CorruptFault(bits=1, offset=None)),
+    ("garbage", GarbageFault(direction=Direction.RESPONSE, size=None)),
+    ("serial", SerialFault(direction=Direction.RESPONSE, by=1)),
+    ("answer=E_FAIL", AnswerFault(direction=Direction.REQUEST, hresult=HresultQuantity(0x80004005))),
+    (
+        "executing=1s",
+        ExecutingFault(
+            direction=Direction.RESPONSE,
+            time=DurationQuantity(1000 * MS),
+            every=DurationQuantity(100 * MS),
+        ),
+    ),
+    ("close", CloseFault(how=CloseMode.RESET)),
+    ("bandwidth=64kbit/s", BandwidthFault(rate=Rate(8000), queue=256 * 1024)),
+]
+
 
 @pytest.mark.parametrize(("text", "fault"), TABLE, ids=[text for text, _ in TABLE])
 def test_reading_and_writing(text: str, fault: AnyFault) -> None:
     assert read_fault(text) == fault
     assert read_fault(write_fault(fault)) == fault
+
+
+@pytest.mark.parametrize(("text", "fault"), DEFAULTS, ids=[text for text, _ in DEFAULTS])
+def test_what_a_fault_does_unless_it_says_otherwise(text: str, fault: AnyFault) -> None:
+    assert read_fault(text) == fault
 
 
 def test_words_that_mean_something_else_are_quoted() -> None:

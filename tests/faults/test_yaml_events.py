@@ -30,10 +30,10 @@ def test_what_is_deep_enough_is_read() -> None:
 @pytest.mark.parametrize(
     ("data", "problem", "place"),
     [
-        ("a: b: c", "this is no YAML: mapping values are not allowed", (1, 5)),
-        ("a:\n  - [1, 2\n", "this is no YAML: ", (3, 1)),
-        (b"\xff\xfe\x00", "this is no YAML: ", (0, 0)),
-        ("\x07", "this is no YAML: ", (0, 0)),
+        ("a: b: c", "this is not YAML: mapping values are not allowed", (1, 5)),
+        ("a:\n  - [1, 2\n", "this is not YAML: ", (3, 1)),
+        (b"\xff\xfe\x00", "this is not YAML: ", (0, 0)),
+        ("\x07", "this is not YAML: ", (0, 0)),
     ],
 )
 def test_what_is_no_yaml(data: bytes | str, problem: str, place: tuple[int, int]) -> None:

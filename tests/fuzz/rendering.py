@@ -5,10 +5,9 @@ from __future__ import annotations
 import csv
 import json
 from collections.abc import Iterator
-from contextlib import contextmanager
 
-from bcapscope.protocol.codec import frame_template as layouts
 from bcapscope.protocol.codec.frame import Frame, Malformed, parse_datagram
+from bcapscope.protocol.codec.frame_template import FrameTemplates
 from bcapscope.protocol.codec.variant import VT, vt_name
 from bcapscope.render.csv_table import COLUMNS, CsvTableRenderer
 from bcapscope.render.frame_line import FrameLineRenderer
@@ -31,20 +30,22 @@ def render(data: bytes) -> None:
     """
     if not data:
         return
-    observations = list(observed(data[0], data[1:]))
-    shown = written(observations)
-    with nothing_shared():
-        assert written(list(observed(data[0], data[1:]))) == shown
+    shared = FrameTemplates()
+    shown = written(list(observed(data[0], data[1:], shared)))
+    assert written(list(observed(data[0], data[1:], shared))) == shown
+    assert written(list(observed(data[0], data[1:], None))) == shown
     for line in shown:
         assert all(char.isprintable() or char == "\u3000" for char in line)
 
 
-def observed(head: int, raw: bytes) -> Iterator[tuple[Observation, CallKind | None]]:
+def observed(
+    head: int, raw: bytes, templates: FrameTemplates | None
+) -> Iterator[tuple[Observation, CallKind | None]]:
     """Tell what is seen and what it is about."""
     about = RecentRequests().kind_of
     flow = _FLOWS[head & 1]
-    for number, item in enumerate(parse_datagram(raw), 1):
-        noted = Frame(item.raw, _NOTE) if head & 2 and isinstance(item, Frame) else item
+    for number, item in enumerate(parse_datagram(raw, templates), 1):
+        noted = Frame(item.raw, _NOTE, templates) if head & 2 and isinstance(item, Frame) else item
         seen = Observation(number, number, number, flow, noted, number)
         question = about(seen)
         if isinstance(noted, Frame) and flow.direction is Direction.REQUEST:
@@ -90,15 +91,3 @@ def check_record(record: str, seen: Observation) -> None:
     for said, argument in zip(told["args"], item.arguments, strict=True):
         if argument.variant.vt in (VT.BSTR, VT.I4, VT.BOOL, VT.UI8):
             assert said["value"] == argument.variant.value
-
-
-@contextmanager
-def nothing_shared() -> Iterator[None]:
-    """Forget for a while what is known about frames of one form."""
-    kept = layouts._STORE, layouts._FINDERS
-    fresh = layouts._TemplateStore()
-    layouts._STORE, layouts._FINDERS = fresh, fresh.finders
-    try:
-        yield
-    finally:
-        layouts._STORE, layouts._FINDERS = kept

@@ -31,7 +31,7 @@ LOOK = 0.05
 LINUX = pytest.mark.skipif(sys.platform != "linux", reason="Linux can be asked")
 
 
-class Scene:
+class Scene(CpuLatencyLimit):
     """A relay that looks twenty times a second, and processors that are watched."""
 
     def __init__(self, *, refused: bool = False) -> None:

@@ -41,16 +41,16 @@ def interrupt() -> int:
 
 
 def test_a_wait_that_is_left_alone(interrupts: DeferredInterrupts) -> None:
-    assert interrupts.read_or_stop(lambda: 1, 0) == 1
+    assert interrupts.read_or_stop(lambda: 1) == 1
 
 
 def test_ctrl_c_ends_a_wait(interrupts: DeferredInterrupts) -> None:
-    assert interrupts.read_or_stop(interrupt, 0) == 0
+    assert interrupts.read_or_stop(interrupt) is None
 
 
 def test_ctrl_c_meanwhile_waits_for_the_next_wait(interrupts: DeferredInterrupts) -> None:
     interrupt()
-    assert interrupts.read_or_stop(lambda: 1, 0) == 0
+    assert interrupts.read_or_stop(lambda: 1) is None
 
 
 def test_ctrl_c_twice_ends_the_work_as_well(interrupts: DeferredInterrupts) -> None:
@@ -64,9 +64,9 @@ def test_what_a_wait_raises_gets_through(interrupts: DeferredInterrupts) -> None
         raise OSError("gone")
 
     with pytest.raises(OSError, match="gone"):
-        interrupts.read_or_stop(fails, 0)
+        interrupts.read_or_stop(fails)
     interrupt()
-    assert interrupts.read_or_stop(lambda: 1, 0) == 0
+    assert interrupts.read_or_stop(lambda: 1) is None
 
 
 @unix

@@ -19,7 +19,7 @@ from bcapscope.live import proxy_supervisor
 from bcapscope.live.proxy_options import ProxyOptions, ViewOptions
 from bcapscope.live.proxy_supervisor import ProxySupervisor, _shared_memory
 from bcapscope.messages import Message
-from bcapscope.player.realtime import RealtimeGrant
+from bcapscope.player.realtime import RealtimeReport
 from bcapscope.proxy.addons import AddonClient
 from bcapscope.proxy.listener_spec import parse_listener_specs
 from bcapscope.proxy.rule_policy import RulePolicy
@@ -109,7 +109,7 @@ def test_scripts_are_told_of_the_end_after_all_clients_have_gone(monkeypatch: py
     monkeypatch.setattr(
         proxy_supervisor,
         "realtime_priority",
-        lambda: nullcontext(RealtimeGrant(True, True, Message("play.realtime.off"))),
+        lambda: nullcontext(RealtimeReport(True, True, Message("play.realtime.off"))),
     )
     diary = Diary()
     here, there = socket.socketpair()

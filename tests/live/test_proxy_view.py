@@ -13,6 +13,7 @@ from bcapscope.protocol.tables.hresult import S_EXECUTING
 from bcapscope.proxy.record_decoder import RecordDecoder
 from bcapscope.render.color_palette import PLAIN
 from bcapscope.render.timestamp import TimeFormat
+from bcapscope.traffic.call import Call, PairingResult
 from bcapscope.traffic.filter.compiler import FilterError
 from bcapscope.traffic.filter.field_table import RecordKind
 from bcapscope.traffic.tracker import Tracker
@@ -29,14 +30,16 @@ RECORDS = [
 def shown(look: ViewOptions) -> list[str]:
     """Return all lines of some traffic."""
     view, tracker = ProxyView(look, PLAIN), Tracker()
-    lines: list[str | bytes] = []
+    results: list[PairingResult] = []
     for seen, note in RecordDecoder().decode(RECORDS):
-        lines += view.frame_lines(seen, note)
-        for settled in tracker.observe(seen):
-            lines += view.call_lines(settled, None)
-    for settled in tracker.close():
-        lines += view.call_lines(settled, None)
-    return [line.decode() if isinstance(line, bytes) else line for line in lines]
+        view.add_frame(seen, note)
+        results += tracker.observe(seen)
+    for settled in (*results, *tracker.close()):
+        if isinstance(settled, Call):
+            view.on_call(settled, None)
+        else:
+            view.on_stray_reply(settled)
+    return [line.decode() if isinstance(line, bytes) else line for line in view.lines]
 
 
 def test_frames() -> None:

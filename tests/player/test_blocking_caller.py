@@ -119,7 +119,7 @@ def test_a_stream_in_pieces_and_its_end() -> None:
         server.sendall(reply[7:])
         assert isinstance(exchanger.wait_for_outcome(sent + 10_000 * MS), CallAnswered)
         server.close()
-        with pytest.raises(ConnectionResetError, match="the peer closed the connection"):
+        with pytest.raises(ConnectionResetError, match="the other end closed the connection"):
             run_blocking(exchanger.perform_call(19, (), SLOW))
         exchanger.close()
 

@@ -90,7 +90,7 @@ def test_a_stream_that_ends_is_told(listening: socket.socket) -> None:
     server.sendall(b"def")
     assert channel.receive(channel.now() + 10_000_000_000) == b"def"
     server.close()
-    with pytest.raises(ConnectionResetError, match="the peer closed the connection"):
+    with pytest.raises(ConnectionResetError, match="the other end closed the connection"):
         channel.receive(channel.now() + 10_000_000_000)
     channel.close()
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import pytest
 
 from bcapscope.player.player_messages import (
-    Aftermath,
     CleanupTask,
     Order,
     PendingCleanup,
@@ -102,10 +101,9 @@ def test_another_player_ends_what_one_has_left(profile: str) -> None:
     assert machine.slave.mode is not None
     owed = [message for message in stage.desk.told if isinstance(message, PendingCleanup)][-1]
     last = max(frame.serial for _, frame in stage.channel.sent)
-    aftermath = Aftermath(owed.debts, owed.generation, owed.port, last + 1000)
     after = Stage(profile)
     after.channel = SimulatedChannel(stage.simulator, began=stage.channel.now())
-    ended = after.play(plan(0x102, points=(), aftermath=aftermath))
+    ended = after.play(plan(0x102, points=(), aftermath=owed, first_serial=last + 1000))
     assert (ended.outcome, ended.left) == (PlayOutcome.DONE, True)
     assert machine.slave.mode is None
     assert not machine.motor_is_on(after.channel.now())
@@ -131,7 +129,7 @@ def test_a_motion_to_the_first_point_is_halted_by_another_player() -> None:
     assert not arm.is_at_rest(now)
     after = Stage()
     after.channel = SimulatedChannel(stage.simulator, began=now)
-    ended = after.play(plan(0x202, points=(), aftermath=Aftermath(owed[-1].debts, "RC8", 50000, 9999)))
+    ended = after.play(plan(0x202, points=(), aftermath=owed[-1], first_serial=9999))
     assert (ended.outcome, ended.left) == (PlayOutcome.DONE, True)
     assert after.said[3:6] == ["Robot_Halt", "Motor", "GiveArm"]
     assert arm.is_at_rest(after.channel.now() + 100 * MS)
@@ -140,7 +138,12 @@ def test_a_motion_to_the_first_point_is_halted_by_another_player() -> None:
 def test_what_the_controller_shows_after_a_player_was_killed_is_told() -> None:
     stage = Stage(start=InitialState(errors=(0x84201482,)))
     ended = stage.play(
-        plan(0x202, points=(), aftermath=Aftermath((CleanupTask.SLAVE_MODE,), Generation.RC8, 1, 9))
+        plan(
+            0x202,
+            points=(),
+            aftermath=PendingCleanup((CleanupTask.SLAVE_MODE,), Generation.RC8, 1),
+            first_serial=9,
+        )
     )
     assert ended.outcome is PlayOutcome.DONE
     (trouble,) = [message for message in stage.desk.told if isinstance(message, PlayerProblem)]

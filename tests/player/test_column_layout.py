@@ -71,16 +71,16 @@ def test_what_the_counter_is() -> None:
 def test_other_types_in_the_file_are_told() -> None:
     layout = layout_of_titles([*JOINTS, *POSITION], ReadOptions())
     assert layout is not None
-    assert texts(layout.notes) == ("type J was chosen; type P is there too",)
+    assert texts(layout.notes) == ("type J was chosen; the file also has type P",)
 
 
 def test_values_that_may_be_measured_are_told() -> None:
     layout = layout_of_titles([*LOG, *POSITION], ReadOptions(PoseType.P))
     assert layout is not None
-    assert texts(layout.notes)[0] == "these values are not marked as commanded, and may be measured"
+    assert texts(layout.notes)[0] == "the file does not mark these values as commanded; they may be measured"
     layout = layout_of_titles(["J1 actual", "J2 actual"], ReadOptions())
     assert layout is not None
-    assert texts(layout.notes) == ("these are measured values: there are no commanded ones",)
+    assert texts(layout.notes) == ("these are measured values, because the file has no commanded ones",)
 
 
 @pytest.mark.parametrize(
@@ -128,13 +128,13 @@ def test_bare_numbers_are_joints(count: int) -> None:
 @pytest.mark.parametrize(
     ("rows", "reason"),
     [
-        ([[1.0] * 5], "5 numbers a line and no titles, where 6 to 8"),
-        ([[1.0] * 39], "39 numbers a line"),
+        ([[1.0] * 5], "5 numbers per line and no titles, where 6 to 8"),
+        ([[1.0] * 39], "39 numbers per line"),
         ([[300.0, 0, 200, 0, 90, 0, 5.0]] * 3, "which may be X to Fig"),
         ([[k * 0.008, 1, 2, 3, 4, 5, 6.5] for k in range(4)], "the first of which may be a time"),
         ([[k * 0.008, 1, 2, 3, 4, 5] for k in range(4)], "the first of which may be a time"),
         ([[12.5 + k * 0.008, 1, 2, 3, 4, 5, 6.5] for k in range(4)], "the first of which may be a time"),
-        ([[k + 1.0, 1, 2, 3, 4, 5] for k in range(4)], "or count the records"),
+        ([[k + 1.0, 1, 2, 3, 4, 5] for k in range(4)], "or a record number"),
     ],
 )
 def test_bare_numbers_that_may_be_something_else(rows: list[list[float]], reason: str) -> None:
@@ -150,7 +150,7 @@ def test_six_bare_numbers_may_begin_on_the_way() -> None:
 def test_bare_numbers_of_a_type_that_was_told() -> None:
     assert layout_of_numbers([[300.0, 0, 200, 0, 90, 0, 5]] * 3, ReadOptions(PoseType.P)).kind is PoseType.P
     assert len(layout_of_numbers([[1.0] * 10], ReadOptions(PoseType.T)).columns) == 10
-    with pytest.raises(TrajectoryError, match="where 7 numbers a line are expected"):
+    with pytest.raises(TrajectoryError, match="where 7 numbers per line are expected"):
         layout_of_numbers([[1.0] * 8], ReadOptions(PoseType.P))
 
 
@@ -169,17 +169,17 @@ def test_columns_as_told() -> None:
 @pytest.mark.parametrize(
     ("text", "reason"),
     [
-        ("", "names no column"),
-        ("J1", "names no column"),
-        ("J1=x", "names no column"),
+        ("", "is not a list of columns"),
+        ("J1", "is not a list of columns"),
+        ("J1=x", "is not a list of columns"),
         ("J1=0", "columns are counted from 1"),
-        ("J9=1", "names are"),
+        ("J9=1", "Names are"),
         ("J3..J1=1..3", "J1 does not come after J3"),
         ("J1..J3=1..2", "3 names for 2 columns"),
         ("J1=3..1", "columns are counted from 1"),
         ("J1=1,J1=2", "given twice"),
-        ("J1=1,", "names no column"),
-        ("J1=99999", "names no column"),
+        ("J1=1,", "is not a list of columns"),
+        ("J1=99999", "is not a list of columns"),
     ],
 )
 def test_columns_that_make_no_sense(text: str, reason: str) -> None:
@@ -191,8 +191,8 @@ def test_columns_that_make_no_sense(text: str, reason: str) -> None:
     ("told", "reason"),
     [
         ("J1=7", "there are 6 columns, so none for J1=7"),
-        ("time=1", "no whole pose"),
-        ("J2=1", "no whole pose"),
+        ("time=1", "not a complete pose"),
+        ("J2=1", "not a complete pose"),
         ("J1=1,J3=2", "J3 do not belong to J1 to J1"),
         ("J1=1,X=2", "X do not belong to J1 to J1"),
     ],

@@ -22,7 +22,7 @@ from bcapscope.player.control_log import read_log_records
 from bcapscope.player.frame_recorder import FrameRecorder, open_recording
 from bcapscope.player.player_messages import Order, PlayEnded, PlayOutcome, PlayPlan
 from bcapscope.player.player_pipe import PARENT_GONE
-from bcapscope.player.realtime import RealtimeGrant
+from bcapscope.player.realtime import RealtimeReport
 from bcapscope.protocol.retry.reserved_convention import ReservedConvention
 from tests.player.simulated import TARGET, ScriptedPipe, Stage
 
@@ -34,10 +34,10 @@ def test_files_are_written_without_priority(tmp_path: Path, monkeypatch: pytest.
     written: list[bool] = []
 
     @contextmanager
-    def undisturbed(wanted: bool) -> Iterator[RealtimeGrant]:
+    def undisturbed(wanted: bool) -> Iterator[RealtimeReport]:
         nonlocal urgent
         urgent = True
-        yield RealtimeGrant(True, True, Message("play.realtime.off"))
+        yield RealtimeReport(True, True, Message("play.realtime.off"))
         urgent = False
 
     def flush(recording: RotatingRecording) -> None:

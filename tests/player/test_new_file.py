@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from bcapscope.player.new_file import open_new_file
+from bcapscope.player.control_log import open_new_file
 
 pytestmark = pytest.mark.lifecycle
 

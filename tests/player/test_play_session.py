@@ -108,7 +108,7 @@ def test_a_robot_that_somebody_else_moves_is_left_alone() -> None:
     stage.simulator.machine.slave.enter(taken, stage.channel.now())
     ended = stage.play(plan(0x102))
     assert ended.outcome is PlayOutcome.DECLINED
-    assert str(ended.reason or "").startswith("the robot is in slave mode 0x202 already")
+    assert str(ended.reason or "").startswith("the robot is already in slave mode 0x202")
     assert stage.said[2:] == ["Controller_GetRobot", "Robot_Release", "Controller_Disconnect", "Service_Stop"]
     assert stage.simulator.machine.slave.mode is taken
     assert not stage.simulator.machine.alarms.active
@@ -364,7 +364,7 @@ def test_an_error_on_the_way_to_the_first_point_is_read_and_clearing_offered() -
     ended = stage.play(plan(0x202, may_approach=True))
     assert ended.outcome is PlayOutcome.REFUSED
     assert str(ended.reason or "").startswith(
-        "Robot_Move was refused: 0x8150101A, emergency stop is on; the robot stands"
+        "Robot_Move was refused: 0x8150101A, emergency stop is on; the robot is"
     )
     (trouble,) = [message for message in stage.desk.told if isinstance(message, PlayerProblem)]
     assert [code for code, _ in trouble.errors] == [0x8150101A]
@@ -457,7 +457,7 @@ def test_a_mode_that_the_controller_lacks_is_said() -> None:
 
 def test_a_mode_of_another_pose_type_is_said() -> None:
     ended = Stage().play(plan(0x201))
-    assert str(ended.reason or "") == "slave mode 0x201 takes P type, the set points are of J type"
+    assert str(ended.reason or "") == "slave mode 0x201 takes P type, but the set points are of J type"
 
 
 @pytest.mark.parametrize(
@@ -480,7 +480,7 @@ def test_nobody_at_the_other_end() -> None:
     ended = stage.play(plan(0x202))
     assert isinstance(ended, PlayEnded)
     assert ended.outcome is PlayOutcome.UNANSWERED
-    assert "Service_Start was not answered in time, 5 attempts" in str(ended.reason or "")
+    assert "Service_Start got no reply in time, 5 attempts" in str(ended.reason or "")
 
 
 def test_the_log_of_the_controller_runs_during_the_motion() -> None:

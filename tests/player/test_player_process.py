@@ -24,9 +24,9 @@ from bcapscope.player.player_messages import (
     PlayOutcome,
     PlayPlan,
     PlayProgress,
-    RealtimeReport,
 )
 from bcapscope.player.player_process import PlayerProcess
+from bcapscope.player.realtime import RealtimeReport
 from bcapscope.simulator.machine import Machine
 from bcapscope.simulator.profile import PROFILES
 from bcapscope.simulator.simulator import Simulator
@@ -292,12 +292,15 @@ def test_what_a_player_had_begun_that_is_killed_is_ended_by_another(sim: Sim, tc
         assert player.pid != first
         player.halt()
         until_ended(player)
-    assert str(trouble.text) == "the player ended with signal 9. What it had begun is being ended"
+    assert (
+        str(trouble.text)
+        == "the player ended with signal 9. Another process is ending what the player had begun"
+    )
     assert player.ended is not None
     assert (player.ended.outcome, player.ended.left) == (PlayOutcome.FAILED, True)
     assert (
         str(player.ended.reason or "")
-        == "the player ended with signal 9. What it had begun was ended in order"
+        == "the player ended with signal 9. Another process ended what the player had begun"
     )
     all_is_let_go(sim)
 
@@ -312,7 +315,7 @@ def test_a_player_that_is_killed_beside_its_controller_is_told_too(sim: Sim) -> 
     assert player.ended is not None
     assert not player.ended.left
     assert str(player.ended.reason or "").startswith(
-        "the player ended with signal 9. What it had begun could not be"
+        "the player ended with signal 9. What the player had begun could not be"
     )
 
 

@@ -98,7 +98,7 @@ FAULTS = [
     Fault(
         "mode",
         ERROR,
-        "slave mode 0x101 takes P type, the set points are of J type",
+        "slave mode 0x101 takes P type, but the set points are of J type",
         (),
         0,
         run_preflight(way(JOINTS), PERIOD, mode=slave_mode_by_number(0x101, Generation.RC7)),
@@ -114,7 +114,7 @@ FAULTS = [
     Fault(
         "axes",
         NOTE,
-        "not in the file, so kept where the robot is now: J7 and J8",
+        "not in the file, so these axes keep their present position: J7 and J8",
         (),
         0,
         run_preflight(way(JOINTS), PERIOD, ArmLimits(Message("arm.unknown"), axis_count=8)),
@@ -122,7 +122,7 @@ FAULTS = [
     Fault(
         "axes",
         NOTE,
-        "not in the file, so kept where the robot is now: Fig",
+        "not in the file, so these axes keep their present position: Fig",
         (),
         0,
         run_preflight(way(positions()[:, :6], PoseType.P), PERIOD),
@@ -138,7 +138,7 @@ FAULTS = [
     Fault(
         "first-point",
         WARNING,
-        "the first point has Fig 1, the robot has 5 now",
+        "the first point has Fig 1, but the robot has 5 now",
         (1,),
         1,
         run_preflight(way(positions(), PoseType.P), PERIOD, current_pose=(*position(HOME)[:6], 5.0)),
@@ -146,7 +146,7 @@ FAULTS = [
     Fault(
         "fig",
         ERROR,
-        "Fig is no whole number in 251 set points",
+        "Fig is not a whole number in 251 set points",
         tuple(range(1, MAX_NUMBERS + 1)),
         251,
         run_preflight(way(changed(positions(), slice(None), 6, 1.5), PoseType.P), PERIOD),
@@ -154,7 +154,7 @@ FAULTS = [
     Fault(
         "directions",
         ERROR,
-        "orientation and approach are no unit vectors at a right angle in 1 set point",
+        "orientation and approach are not unit vectors at a right angle in 1 set point",
         (8,),
         1,
         run_preflight(way(changed(TURNED, 7, 3, 2.0), PoseType.T), PERIOD),
@@ -179,7 +179,7 @@ FAULTS = [
     Fault(
         "interval",
         ERROR,
-        "the set points are 10 ms apart, and slvMove is sent every 8 ms. The robot would move at 1.25 times "
+        "the set points are 10 ms apart, but slvMove is sent every 8 ms. The robot would move at 1.25 times "
         "the speed",
         (),
         0,
@@ -196,7 +196,7 @@ FAULTS = [
     Fault(
         "interval",
         ERROR,
-        "the times are 10 ms to 12 ms apart, and slvMove is sent every 8 ms",
+        "the set points are 10 ms to 12 ms apart, but slvMove is sent every 8 ms",
         (),
         0,
         run_preflight(way([[0]] * 3, period=None, times=[0, 0.01, 0.022]), PERIOD),
@@ -204,7 +204,7 @@ FAULTS = [
     Fault(
         "gap",
         WARNING,
-        "1 gap in the times, the longest of 40 ms where 8 ms are usual",
+        "1 gap in the times; the longest is 40 ms, and 8 ms are usual",
         (4,),
         1,
         run_preflight(way([[0]] * 6, period=None, times=[0, 0.008, 0.016, 0.056, 0.064, 0.072]), PERIOD),
@@ -220,7 +220,7 @@ FAULTS = [
     Fault(
         "range",
         ERROR,
-        "J1 goes from 0 to 30 deg, its limits are -10 and 20: 51 set points",
+        "J1 goes from 0 to 30 deg, but its limits are -10 and 20: 51 set points",
         tuple(range(101, 109)),
         51,
         run_preflight(way(JOINTS), PERIOD, with_limits(UNKNOWN_ARM, ["J1=-10..20"])),
@@ -228,7 +228,7 @@ FAULTS = [
     Fault(
         "speed",
         ERROR,
-        "J1 reaches 20 deg/s, its limit is 15: 1 set point",
+        "J1 reaches 20 deg/s, but its limit is 15: 1 set point",
         (3,),
         1,
         run_preflight(FAST, 0.1, with_limits(UNKNOWN_ARM, ["J1.speed=15"])),
@@ -236,7 +236,7 @@ FAULTS = [
     Fault(
         "speed",
         ERROR,
-        "J1 reaches 1.25e+04 deg/s, more than any arm does: 2 set points",
+        "J1 reaches 1.25e+04 deg/s, more than any arm reaches: 2 set points",
         (3, 4),
         2,
         run_preflight(way([[0], [0], [100], [0], [0]]), PERIOD),
@@ -244,7 +244,7 @@ FAULTS = [
     Fault(
         "speed",
         ERROR,
-        "Ox..Az reaches 2.25e+04 deg/s, more than any arm does: 1 set point",
+        "Ox..Az reaches 2.25e+04 deg/s, more than any arm reaches: 1 set point",
         (3,),
         1,
         run_preflight(way([FACING, FACING, TURNED_ROUND], PoseType.T), PERIOD),
@@ -252,7 +252,7 @@ FAULTS = [
     Fault(
         "acceleration",
         ERROR,
-        "J1 accelerates by 50 deg/s², its limit is 40: 1 set point",
+        "J1 accelerates by 50 deg/s², but its limit is 40: 1 set point",
         (1,),
         1,
         run_preflight(RETURNING, 0.1, with_limits(UNKNOWN_ARM, ["J1.acceleration=40"]), loop=True),
@@ -260,7 +260,7 @@ FAULTS = [
     Fault(
         "acceleration",
         ERROR,
-        "J1 accelerates by 100 deg/s², its limit is 99: 4 set points",
+        "J1 accelerates by 100 deg/s², but its limit is 99: 4 set points",
         (1, 2, 3, 4),
         4,
         run_preflight(FAST, 0.1, with_limits(UNKNOWN_ARM, ["J1.acceleration=99"])),
@@ -300,7 +300,7 @@ FAULTS = [
     Fault(
         "first-point",
         WARNING,
-        "the first point is away from where the robot is: J1 -12 deg, J3 +0.1 deg",
+        "the first point is away from the robot's position: J1 -12 deg, J3 +0.1 deg",
         (1,),
         1,
         run_preflight(way(JOINTS), PERIOD, current_pose=(12, 0, 89.9, 0, 90, 0.01, 0, 0)),
@@ -308,7 +308,7 @@ FAULTS = [
     Fault(
         "first-point",
         WARNING,
-        "the first point is away from where the robot is: Ox..Az +180 deg",
+        "the first point is away from the robot's position: Ox..Az +180 deg",
         (1,),
         1,
         run_preflight(way([FACING] * 3, PoseType.T), PERIOD, current_pose=TURNED_ROUND),
@@ -324,7 +324,7 @@ FAULTS = [
     Fault(
         "loop",
         ERROR,
-        "the last point is away from the first, to which it returns in one step: J1 -1 deg",
+        "the last point is away from the first, and a loop returns there in one step: J1 -1 deg",
         (251, 1),
         2,
         run_preflight(way(JOINTS + np.linspace(0, 1, 251)[:, None] * [1, 0, 0, 0, 0, 0]), PERIOD, loop=True),
@@ -348,7 +348,7 @@ FAULTS = [
     Fault(
         "still",
         NOTE,
-        "nothing moves: 5 set points, all the same",
+        "the robot does not move: 5 set points, all the same",
         (),
         0,
         run_preflight(way([[1]] * 5), PERIOD),

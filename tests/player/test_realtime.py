@@ -82,4 +82,4 @@ def test_a_kernel_that_throttles_is_told(
     monkeypatch.setattr("bcapscope.player.realtime._THROTTLE_FILES", (runtime, period))
     monkeypatch.setattr(os, "sched_setscheduler", lambda *_: None)
     with realtime_priority() as grade:
-        assert ("allows it only 100000 of 1000000 µs" in str(grade.text)) is throttled
+        assert ("allows it only for 100000 of every 1000000 µs" in str(grade.text)) is throttled

@@ -96,7 +96,9 @@ def test_what_was_done_is_noted() -> None:
     found = resample(way(swing()), PERIOD, speed=0.5)
     assert texts(found.source.notes) == ("resampled to 8 ms at 0.5 of the speed, 0.25 s to start and stop",)
     found = resample(way([[0]] * 5, period=None, times=[0, 0.01, 0.02, 0.5, 0.51]), PERIOD)
-    assert texts(found.source.notes)[-1] == "1 gap in the times, the longest of 480 ms, drawn smoothly across"
+    assert (
+        texts(found.source.notes)[-1] == "1 gap in the times; the longest is 480 ms, filled by a smooth curve"
+    )
 
 
 def test_an_interval_that_was_assumed_is_noted() -> None:

@@ -7,7 +7,6 @@ import pytest
 
 from bcapscope.player.set_point_timing import (
     MAX_PARTS,
-    RecordRun,
     find_runs,
     timing_from_due_times,
     timing_from_send_times,
@@ -66,9 +65,9 @@ def test_points_sent_at_another_pace_keep_their_times() -> None:
 def test_where_records_follow_each_other(
     counter: list[float], parts: list[tuple[int, int]], step: float | None
 ) -> None:
-    assert find_runs(np.array(counter, dtype=float)) == (tuple(RecordRun(*part) for part in parts), step)
+    assert find_runs(np.array(counter, dtype=float)) == (tuple(map(tuple, parts)), step)
 
 
 def test_a_counter_that_jumps_all_the_time_says_nothing() -> None:
     counter = np.cumsum([1, 1, 1, 9] * (MAX_PARTS + 1)).astype(float)
-    assert find_runs(counter) == ((RecordRun(0, len(counter)),), None)
+    assert find_runs(counter) == (((0, len(counter)),), None)

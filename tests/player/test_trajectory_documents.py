@@ -113,22 +113,22 @@ def test_what_extract_wrote() -> None:
         ([1, 2], "there is no trajectory in it"),
         ("text", "there is no trajectory in it"),
         ({"foo": 1}, "there is no trajectory in it: no joint_names with points, only foo"),
-        (message([]), "joint_names is no list of names"),
-        (message([1]), "joint_names is no list of names"),  # type: ignore[list-item]
-        (message(["a"]), "0 points are no trajectory"),
+        (message([]), "joint_names is not a list of names"),
+        (message([1]), "joint_names is not a list of names"),  # type: ignore[list-item]
+        (message(["a"]), "0 points are not a trajectory"),
         (message(["a"], ([1, 2], 0)), "point 1 has no positions for 1 joints"),
         (message(["a"], ([1], 0), (None, 0)), "point 2 has no positions for 1 joints"),
-        (message(["a"], ([1], 0), ([1], None), ([1], 2)), "point 2 has no time_from_start, and others have"),
-        (message(["joint_3", "joint_4"], ([0, 0], 0)), "the joints are named J3, J4, but J1 on are"),
-        (message(["a"], ([[]], 0)), "set point 1: list is no number for J1"),
-        (message(["a"], (["x" * 90], 0)), f"set point 1: '{'x' * 40}' is no number for J1"),
-        (message(["a"], ([True], 0)), "set point 1: bool is no number for J1"),
+        (message(["a"], ([1], 0), ([1], None), ([1], 2)), "point 2 has no time_from_start, but others have"),
+        (message(["joint_3", "joint_4"], ([0, 0], 0)), "the joints are named J3, J4, but must be numbered"),
+        (message(["a"], ([[]], 0)), "set point 1: list is not a number for J1"),
+        (message(["a"], (["x" * 90], 0)), f"set point 1: '{'x' * 40}' is not a number for J1"),
+        (message(["a"], ([True], 0)), "set point 1: bool is not a number for J1"),
         (message(list("abcdefghi"), ([0] * 9, 0)), "9 joints, and no numbers in their names"),
-        (own(columns=None), "columns is no list of names"),
+        (own(columns=None), "columns is not a list of names"),
         (own(columns=["a"]), "no columns of a pose among these: a"),
-        (own(rows=[]), "rows is no list of set points"),
-        (own(rows=[[0]]), "set point 1 is no list of 5 values"),
-        (own(rows=[[0, None, 1, 1, 1]]), "set point 1: NoneType is no number for J1"),
+        (own(rows=[]), "rows is not a list of set points"),
+        (own(rows=[[0]]), "set point 1 is not a list of 5 values"),
+        (own(rows=[[0, None, 1, 1, 1]]), "set point 1: NoneType is not a number for J1"),
     ],
 )
 def test_what_is_none(document: object, error: str) -> None:
@@ -138,7 +138,7 @@ def test_what_is_none(document: object, error: str) -> None:
 
 
 def test_joints_are_no_positions() -> None:
-    with pytest.raises(TrajectoryError, match="no type P"):
+    with pytest.raises(TrajectoryError, match="not type P"):
         read(message(["a"], ([1], 0)), wishes=ReadOptions(PoseType.P))
 
 

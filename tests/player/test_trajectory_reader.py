@@ -116,22 +116,26 @@ def test_way_points_of_ros() -> None:
     ("name", "content", "error"),
     [
         ("way.csv", "", "the file is empty"),
-        ("way.csv", b"\x00\x01\x02", "this is a binary file of an unknown kind"),
-        ("way.csv", b"\xff\xfe\x00", "this is no text in UTF-16"),
-        ("way.csv", "J1,J2\n1,é\n".encode("latin-1"), "this is no text in UTF-8 or Shift-JIS (cp932)"),
-        ("way.xlsx", b"PK\x03\x04....", "this is a ZIP archive or an Excel workbook: save the sheet as CSV"),
-        ("bag.mcap", b"\x89MCAP0\r\n", "this is an MCAP recording"),
-        ("way.gz", gzip.compress(TABLE.encode(), mtime=0), "this is no capture"),
+        ("way.csv", b"\x00\x01\x02", "the file is binary, of an unknown kind"),
+        ("way.csv", b"\xff\xfe\x00", "this is not text in UTF-16"),
+        ("way.csv", "J1,J2\n1,é\n".encode("latin-1"), "this is not text in UTF-8 or Shift-JIS (cp932)"),
+        (
+            "way.xlsx",
+            b"PK\x03\x04....",
+            "the file is a ZIP archive or an Excel workbook: save the sheet as CSV",
+        ),
+        ("bag.mcap", b"\x89MCAP0\r\n", "the file is an MCAP recording"),
+        ("way.gz", gzip.compress(TABLE.encode(), mtime=0), "this is not a capture"),
         ("way.gz", b"\x1f\x8b\x08", ""),
         (
             "way.pcap",
             struct.pack("<IHHiIII", 0xA1B2C3D4, 2, 4, 0, 0, 65535, 1),
             "there are no set points (slvMove)",
         ),
-        ("way.json", "[1, 2", "line 1, column 6: this is no JSON: "),
-        ("way.json", "[" * 10_000, "line 1, column 1026: this is no JSON: "),
+        ("way.json", "[1, 2", "line 1, column 6: this is not JSON: "),
+        ("way.json", "[" * 10_000, "line 1, column 1026: this is not JSON: "),
         ("way.yaml", "[" * 100_000, "line 1, column 65: more than 64 levels"),
-        ("way.yaml", "a: [", "line 2, column 1: this is no YAML: "),
+        ("way.yaml", "a: [", "line 2, column 1: this is not YAML: "),
         ("way.csv", "1," * LONGEST_LINE, f"line 1: the line is longer than {LONGEST_LINE} characters"),
         ("way.csv", TABLE + "5," + "6" * LONGEST_LINE, "line 4: the line is longer"),
     ],
@@ -180,9 +184,9 @@ def test_what_cannot_be_opened(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe")
     for path, error in (
         (tmp_path / "nothing.csv", "cannot be read: no such file or directory"),
-        (tmp_path / "pipe", "this is no file"),
-        (Path("/dev/zero"), "this is no file"),
-        (Path("a\0b"), "this is no name of a file"),
+        (tmp_path / "pipe", "this is not a regular file"),
+        (Path("/dev/zero"), "this is not a regular file"),
+        (Path("a\0b"), "this is not a file name"),
         (Path("x" * 5000), "cannot be read: file name too long"),
     ):
         with pytest.raises(TrajectoryError) as caught:

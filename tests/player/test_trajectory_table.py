@@ -59,7 +59,7 @@ def test_the_same_numbers_in_many_forms(text: str) -> None:
 def test_numbers_alone() -> None:
     (trajectory,) = read("1 2 3 4 5 6\n7 8 9 10 11 12\n")
     assert trajectory.points.shape == (2, 6)
-    assert texts(trajectory.source.notes) == ("no titles: 6 numbers a line are read as J1 to J6",)
+    assert texts(trajectory.source.notes) == ("no titles: 6 numbers per line are read as J1 to J6",)
 
 
 def test_columns_are_told() -> None:
@@ -117,7 +117,7 @@ def test_a_log_with_records_missing_is_taken_apart() -> None:
 def test_axes_that_are_empty_are_left_out() -> None:
     (trajectory,) = read("J1,J2,J3\n1,2,\n3,4,\n")
     assert trajectory.points.shape == (2, 2)
-    assert texts(trajectory.source.notes) == ("J3 and on are empty",)
+    assert texts(trajectory.source.notes) == ("J3 and all axes after it are empty",)
 
 
 def test_nan_is_left_to_the_pre_flight() -> None:
@@ -134,29 +134,29 @@ def test_columns_that_the_user_told() -> None:
 @pytest.mark.parametrize(
     ("text", "error"),
     [
-        ("", "there is nothing in it"),
-        ("\n\n# only a comment\n", "there is nothing in it"),
+        ("", "the file contains no lines"),
+        ("\n\n# only a comment\n", "the file contains no lines"),
         ("J1,J2\n", "there are titles, but no numbers under them"),
-        ("a,b\n1,2\n", "line 1: no columns for J1 on, or X to Rz among these: a, b"),
-        ("J1,J2\n1,2\n3\n", "line 3: 1 column where the lines before have 2"),
-        ("J1,J2\n1,2\n3,4,5\n", "line 3: 3 columns where the lines before have 2"),
-        ("J1,J2\n1,2\n\n3,x\n", "line 4, column 2: 'x' is no number for J2"),
-        ("J1,J2\n1,2\n3,1_0\n", "line 3, column 2: '1_0' is no number for J2"),
-        ("J1,J2\n1,2\n3,\n", "line 3, column 2: J2 is empty here and not before"),
-        ("J1,J2\n1,\n3,4\n", "line 3, column 2: J2 is not empty here, but before"),
+        ("a,b\n1,2\n", "line 1: no columns for J1 and following, or X to Rz among these: a, b"),
+        ("J1,J2\n1,2\n3\n", "line 3: 1 column, but the lines before have 2"),
+        ("J1,J2\n1,2\n3,4,5\n", "line 3: 3 columns, but the lines before have 2"),
+        ("J1,J2\n1,2\n\n3,x\n", "line 4, column 2: 'x' is not a number for J2"),
+        ("J1,J2\n1,2\n3,1_0\n", "line 3, column 2: '1_0' is not a number for J2"),
+        ("J1,J2\n1,2\n3,\n", "line 3, column 2: J2 is empty here, but not in an earlier line"),
+        ("J1,J2\n1,\n3,4\n", "line 3, column 2: J2 is not empty here, but in an earlier line"),
         ("J1,J2,J3\n1,,3\n1,,3\n", "column 2: J2 is empty throughout"),
         ("J1,J2\n,2\n,2\n", "column 1: J1 is empty throughout"),
         (
             "1 2 3\n4 5 6\n",
-            "line 1: 3 numbers a line and no titles, where 6 to 8 numbers a line are expected",
+            "line 1: 3 numbers per line and no titles, where 6 to 8 numbers per line are expected",
         ),
-        ("1,2,3,4,5,6\n1,2,3,4,5\n", "line 2: 5 columns where the lines before have 6"),
+        ("1,2,3,4,5,6\n1,2,3,4,5\n", "line 2: 5 columns, but the lines before have 6"),
         (
             'J1,J2\n1,"2\n' + "3,4\n" * 50_000,
-            "line 32770: this is no table: field larger than field limit (131072)",
+            "line 32770: this is not a table: field larger than field limit (131072)",
         ),
-        ('"a\nb",c\n', "line 2: no columns for J1 on, or X to Rz among these: a b, c"),
-        ("\0,\0\n", "line 1: no columns for J1 on, or X to Rz among these: \0, \0"),
+        ('"a\nb",c\n', "line 2: no columns for J1 and following, or X to Rz among these: a b, c"),
+        ("\0,\0\n", "line 1: no columns for J1 and following, or X to Rz among these: \0, \0"),
     ],
 )
 def test_what_is_no_table(text: str, error: str) -> None:

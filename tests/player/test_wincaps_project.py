@@ -49,7 +49,8 @@ def test_what_was_seen_is_told(tmp_path: Path) -> None:
     assert str(caught.value) == (
         "this WINCAPS III project holds no control log that can be read, only 5 files "
         "(2 .pac, 1 .wpj, 1 .dat, 1 .csv): get the control log in WINCAPS III, export it as CSV, "
-        "and give that file. Not read: way.csv: line 1: no columns for J1 on, or X to Rz among these: a, b"
+        "and give that file. Not read: way.csv: line 1: no columns for J1 and following, or X to Rz "
+        "among these: a, b"
     )
 
 

@@ -44,11 +44,11 @@ def test_no_depth_breaks_it(opening: str) -> None:
 @pytest.mark.parametrize(
     ("data", "error"),
     [
-        (b"a: [1, 2\nb: 3", "line 2, column 2: this is no YAML: "),
-        (b"a: *b", "line 1: this is no YAML: *b refers to nothing"),
-        (b"\xff\xfe\x00", "this is no YAML: "),
-        (b"a: \x01", "this is no YAML: "),
-        (b"a: b: c", "line 1, column 5: this is no YAML: "),
+        (b"a: [1, 2\nb: 3", "line 2, column 2: this is not YAML: "),
+        (b"a: *b", "line 1: this is not YAML: *b refers to nothing"),
+        (b"\xff\xfe\x00", "this is not YAML: "),
+        (b"a: \x01", "this is not YAML: "),
+        (b"a: b: c", "line 1, column 5: this is not YAML: "),
     ],
 )
 def test_what_is_no_yaml(data: bytes, error: str) -> None:

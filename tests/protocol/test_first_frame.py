@@ -38,14 +38,14 @@ def test_a_long_frame_is_not_waited_for_to_its_end() -> None:
 
 @pytest.mark.parametrize("data", [HALT, LEAVE, HALT + MOVE, HALT + b"\x01"])
 def test_stops(data: bytes) -> None:
-    assert first_frame_stops(data)
+    assert first_frame_stops(data) is True
 
 
 @pytest.mark.parametrize(
     "data", [b"", START, MOVE, ENTER, MOVE + HALT, HALT[:-1], HALT[:-1] + b"\x05", b"\x01"]
 )
 def test_no_stops(data: bytes) -> None:
-    assert not first_frame_stops(data)
+    assert first_frame_stops(data) is False
 
 
 def test_nothing_is_unpacked_to_find_a_stop() -> None:

@@ -37,8 +37,9 @@ def test_a_submodule_loads_none_of_the_others() -> None:
 
 def test_programs_copied_earlier_still_run_and_are_warned() -> None:
     old = importlib.import_module("bcapscope.protocol.variant")
-    with pytest.warns(DeprecationWarning, match=r"import VT and Variant from bcapscope\.protocol$"):
+    with pytest.warns(DeprecationWarning, match=r"import VT and Variant from bcapscope\.protocol$") as warned:
         assert old.Variant is variant.Variant
+    assert [each.filename for each in warned] == [__file__]
 
 
 def test_no_submodule_imports_from_the_front_door() -> None:

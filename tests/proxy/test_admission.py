@@ -28,9 +28,11 @@ class Client:
         self.number = number
         self.source = source
         self.silence: int | None = None
+        self.asked: list[int] = []
         self._world = world
 
     def evictable_idle_ns(self, now: int) -> int | None:
+        self.asked.append(now)
         return self.silence
 
     def close(self, reset: bool, why: Message) -> None:
@@ -117,6 +119,19 @@ def test_what_was_in_vain_is_tried_again_later() -> None:
     world.clients[7].silence = 10**10
     world.now += 1
     assert world.come(THIRD) is ClientSlot.REGULAR
+
+
+def test_a_search_in_vain_is_not_repeated_at_the_same_time() -> None:
+    world = World()
+    world.fill()
+    asked: list[int] = []
+    world.clients[7].asked = asked
+    for _ in range(5):
+        assert world.come(THIRD) is ClientSlot.NONE
+    assert asked == [world.now]
+    world.now += 1
+    assert world.come(THIRD) is ClientSlot.NONE
+    assert asked == [world.now - 1, world.now]
 
 
 def test_stops_always_get_in_and_the_newest_of_them_stay() -> None:

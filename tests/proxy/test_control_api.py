@@ -128,6 +128,11 @@ def test_figures_are_given() -> None:
     assert (stats["refused"], stats["guard"], stats["held"], stats["scripts"]) == (0, False, 0, None)
 
 
+def test_figures_that_nobody_has_given_yet_are_zero() -> None:
+    stats = ask(ControlApi(rules()), do="stats")
+    assert {*stats["delays_ns"].values(), *stats["held_up_ns"].values()} == {0}
+
+
 def test_each_figure_of_the_relay_has_its_field() -> None:
     fields = ProxyStats.__struct_fields__
     assert {count.name.lower() for count in RelayCounter} <= set(fields)

@@ -15,6 +15,8 @@ from bcapscope.proxy.control_api import ControlApi
 from bcapscope.proxy.control_client import ControlClient, ControlRefused
 from bcapscope.proxy.control_messages import LONGEST_LINE
 from bcapscope.proxy.control_socket import ControlError, ControlServer
+from bcapscope.transport.tcp_link import close_with_reset
+from tests.proxy.relaying import PATIENCE
 from tests.proxy.test_control_socket import Watcher
 from tests.proxy.test_rule_policy import rules
 
@@ -61,6 +63,26 @@ def test_somebody_else_is_there(answer: bytes, reason: str) -> None:
         for _ in range(2):  # and it goes on: the proxy may come back
             with pytest.raises(ControlError, match=reason):
                 client.request(control.GetStats(), control.ProxyStats)
+
+
+def test_after_a_reset_it_connects_again() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        server.settimeout(PATIENCE)
+
+        def reset_twice() -> None:
+            for _ in range(2):
+                connection, _address = server.accept()
+                connection.recv(1000)
+                close_with_reset(connection)
+
+        thread = threading.Thread(target=reset_twice, daemon=True)
+        thread.start()
+        with closing(ControlClient(f"127.0.0.1:{server.getsockname()[1]}")) as client:
+            for _ in range(2):
+                with pytest.raises(ControlError, match=r"has ended$"):
+                    client.request(control.GetStats(), control.ProxyStats)
+        thread.join(PATIENCE)
+        assert not thread.is_alive()
 
 
 @contextmanager

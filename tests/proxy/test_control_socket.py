@@ -251,9 +251,9 @@ def test_the_file_of_a_proxy_that_was_killed_is_taken_over(tmp_path: Path) -> No
 @pytest.mark.parametrize(
     ("address", "reason"),
     [
-        ("0.0.0.0:5999", "0.0.0.0 is not loopback"),
-        ("192.168.0.1:5999", "192.168.0.1 is not loopback"),
-        ("localhost:5999", "localhost is no IP address"),
+        ("0.0.0.0:5999", "0.0.0.0 is not on loopback"),
+        ("192.168.0.1:5999", "192.168.0.1 is not on loopback"),
+        ("localhost:5999", "localhost is not an IP address"),
         ("127.0.0.1:99999", "cannot listen for control on 127.0.0.1:99999: "),
         ("/no/such/folder/ctl.sock", "no such file|No such file"),
         ("x" * 200, "cannot listen for control"),
@@ -266,7 +266,7 @@ def test_an_address_that_will_not_do_is_refused(address: str, reason: str) -> No
 def test_another_file_is_not_taken_away(tmp_path: Path) -> None:
     path = tmp_path / "notes.txt"
     path.write_text("mine")
-    refused(str(path), "is there already, and no socket")
+    refused(str(path), "exists and is not a socket")
     assert path.read_text() == "mine"
 
 

@@ -23,19 +23,19 @@ def test_pairs_in_their_order() -> None:
 @pytest.mark.parametrize(
     ("listen", "to", "wrong"),
     [
-        ([], [], "nothing to listen on"),
-        (["127.0.0.1:1"], [], "1 and 0"),
+        ([], [], "no address to listen on"),
+        (["127.0.0.1:1"], [], "1 --listen and 0 --to"),
         (["127.0.0.1"], ["a:1"], "--listen 127.0.0.1: the port is missing"),
         (["127.0.0.1:x"], ["a:1"], "'x' is not a port"),
         (["127.0.0.1:65536"], ["a:1"], "'65536' is not a port"),
         (["127.0.0.1:²"], ["a:1"], "'²' is not a port"),
-        (["robot:1"], ["a:1"], "'robot' is no IP address"),
+        (["robot:1"], ["a:1"], "'robot' is not an IP address"),
         (["::1:5008"], ["a:1"], "brackets"),
-        (["upd:127.0.0.1:1"], ["a:1"], "'upd:127.0.0.1' is no host"),
-        (["127.0.0.1:1"], ["tcp:a:1"], "'tcp:a' is no host"),
+        (["upd:127.0.0.1:1"], ["a:1"], "'upd:127.0.0.1' is not a host name or address"),
+        (["127.0.0.1:1"], ["tcp:a:1"], "'tcp:a' is not a host name or address"),
         (["5008"], ["a:1"], "the port is missing, as in 127.0.0.1:5008"),
-        (["127.0.0.1:1"], [":5007"], "--to :5007: '' is no host"),
-        (["127.0.0.1:1"], ["a b:5007"], "'a b' is no host"),
+        (["127.0.0.1:1"], [":5007"], "--to :5007: '' is not a host name or address"),
+        (["127.0.0.1:1"], ["a b:5007"], "'a b' is not a host name or address"),
         (["127.0.0.1:1"], ["a:0"], "port 0"),
         (["127.0.0.1:1", "udp:127.0.0.1:1"], ["a:1", "b:1"], "given twice for UDP"),
         (["127.0.0.1:1"], ["127.0.0.1:1"], "to itself"),
@@ -58,5 +58,5 @@ def test_who_is_allowed() -> None:
     hosts = ("10.1.2.3", "192.168.0.7", "192.168.0.8", "fe80::1%eth0", "::1")
     allowed = [host for host in hosts if listener.allows(host)]
     assert allowed == ["10.1.2.3", "192.168.0.7", "fe80::1%eth0"]
-    with pytest.raises(ListenerSpecError, match=r"--allow 10\.0\.0\.1/8: no address and no network"):
+    with pytest.raises(ListenerSpecError, match=r"--allow 10\.0\.0\.1/8: neither an address nor a network"):
         parse_listener_specs(["[::1]:1"], ["a:1"], "udp", ["10.0.0.1/8"])

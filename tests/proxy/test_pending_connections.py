@@ -16,6 +16,7 @@ from bcapscope.proxy.pending_connections import PendingConnections
 from bcapscope.proxy.ring_buffer import RelayCounter, RingRecordKind
 from bcapscope.proxy.sockets import SocketAddress
 from bcapscope.traffic.observation import Endpoint
+from bcapscope.transport import first_frame_queue
 from bcapscope.transport.first_frame_queue import FIRST_FRAME_TIMEOUT, MAX_PENDING
 from tests.proxy.relaying import PATIENCE, Running, eventually, listening, port_of, running
 
@@ -144,6 +145,14 @@ def test_a_first_frame_that_takes_too_long_ends_the_connection() -> None:
             silent.recv(1)
         scene.entrance.close()
         assert not scene.handlers
+
+
+def test_the_relay_looks_for_first_frames_that_take_too_long(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(first_frame_queue, "FIRST_FRAME_TIMEOUT", 1)
+    with entering() as (_, proxy, stack):
+        client = connect(proxy, stack)
+        client.sendall(START[:3])
+        assert is_cut_off(client)
 
 
 def test_what_was_sent_with_the_connection_is_read_at_once() -> None:

@@ -8,6 +8,7 @@ import struct
 import pytest
 
 from bcapscope.protocol.codec.frame import Malformed, encode_frame
+from bcapscope.protocol.codec.variant import VT, Variant
 from bcapscope.proxy.record_decoder import RecordDecoder
 from bcapscope.proxy.relay_session import ClientEndpoints, read_endpoints
 from bcapscope.proxy.ring_buffer import RingRecord, RingRecordKind
@@ -123,6 +124,21 @@ def test_long_streams_keep_few_times() -> None:
         list(witness.decode([data(True, start + 1, start + 2, large[start : start + 100])]))
     way = witness._clients[1].directions[1]
     assert len(way.arrival_times) <= 1025
+
+
+@pytest.mark.parametrize("before", [[], [data(True, 5, 6, REQUEST)]], ids=["first", "later"])
+def test_a_frame_of_many_pieces_keeps_the_time_of_its_first_byte(before: list[RingRecord]) -> None:
+    large = encode_frame(8, 0, 64, (Variant.array(VT.UI1, bytes(3000)),))
+    pieces = [data(True, 10 + at, 11 + at, large[at : at + 2]) for at in range(0, len(large), 2)]
+    *_, (found, _) = seen(opened("tcp"), *before, *pieces)
+    assert not isinstance(found.item, Malformed)
+    assert (found.item.raw, found.first_byte_time) == (large, 10)
+
+
+def test_what_is_lost_before_the_first_byte_belongs_to_no_packet() -> None:
+    hole = RingRecord(RingRecordKind.HOLE, True, 1, 20, 21, struct.pack("=QQ", 5, 5), b"")
+    ((found, _),) = seen(opened("tcp"), hole)
+    assert (found.time, found.first_byte_time, found.packet) == (20, 20, 0)
 
 
 def test_clients_are_known_until_they_are_gone() -> None:

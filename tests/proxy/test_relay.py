@@ -116,6 +116,35 @@ def test_drop_answer_and_pass() -> None:
     assert policy.clients == ["1 127.0.0.1 udp", "1 gone"]
 
 
+def test_what_still_waits_is_recorded_before_what_overtakes_it() -> None:
+    def decide(client: int, direction: Direction, data: bytes) -> PolicyDecision:
+        if data == b"waits":
+            return PolicyDecision(None, (), 1)
+        return PolicyDecision(None, (SendAction(client, direction, data),))
+
+    with (
+        datagrams() as server,
+        running(port_of(server), "udp", policy=Say(decide)) as proxy,
+        datagrams(to=proxy.address) as client,
+    ):
+        client.send(b"waits")
+        client.send(b"stop")
+        assert server.recv(100) == b"stop"
+        eventually(lambda: len(proxy.of(RingRecordKind.DATA)) == 2)
+        assert [(record.data, bool(record.sent_at)) for record in proxy.of(RingRecordKind.DATA)] == [
+            (b"waits", False),
+            (b"stop", True),
+        ]
+
+
+@pytest.mark.skipif(not os.path.isdir("/proc/self/fd"), reason="only Linux lists open files")
+def test_a_relay_that_has_ended_leaves_no_file_open() -> None:
+    before = len(os.listdir("/proc/self/fd"))
+    with datagrams() as server, running(port_of(server)):
+        pass
+    assert len(os.listdir("/proc/self/fd")) <= before
+
+
 def test_what_is_held_goes_out_when_it_is_due() -> None:
     def decide(client: int, direction: Direction, data: bytes) -> PolicyDecision:
         policy.hold(SendAction(client, direction, b"second"), 60)

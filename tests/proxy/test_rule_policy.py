@@ -173,9 +173,11 @@ def test_nothing_goes_on_of_a_half_open_conversation() -> None:
     made = rules("delay=60s", "half-open if serial == 5")
     made.receive(1, UP, HALT, 0)
     assert not made.hides_end(1)
+    made.receive(1, DOWN, reply(7), 0)
     made.receive(1, UP, request(5), 0)
     assert made.hides_end(1)
     assert made.release_held(1, 1) == []
+    assert made.due() is None
 
 
 def test_retries_of_an_edited_message_are_edited_likewise() -> None:

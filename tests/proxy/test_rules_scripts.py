@@ -14,7 +14,7 @@ from bcapscope.proxy.policy import LateDecision, PolicyDecision, SendAction
 from bcapscope.proxy.request_guard import RequestGuard, read_target
 from bcapscope.proxy.rule_policy import RulePolicy
 from bcapscope.proxy.script_protocol import FinishScripts, ScriptAnswer, pack
-from bcapscope.proxy.script_queue import MAX_WAITING
+from bcapscope.proxy.script_queue import MAX_BYTES_IN_ALL, MAX_WAITING
 from bcapscope.traffic.observation import Conversation, Direction, Endpoint, Transport
 from tests.english import collects, english
 from tests.faults.traffic import CLIENT, MS, reply, request
@@ -334,6 +334,19 @@ def test_streams_are_read_on_where_scripts_are_only_shown_what_passes() -> None:
         assert sent(made.receive(1, UP, raw, 0).actions) == raw
         assert not made.is_full(1)
     assert made.receive(1, UP, HALT, 0).actions == [SendAction(1, UP, HALT)]
+
+
+def test_what_scripts_are_only_shown_is_bounded() -> None:
+    here = Here(Listener())
+    made = rules(scripts=here)
+    raw = encode_frame(1, 0, ID["Robot_Execute"], (Variant.array(VT.UI1, bytes(60_000)),))
+    most = MAX_BYTES_IN_ALL // len(raw) + 1
+    for _ in range(most + 5):
+        assert sent(made.receive(1, UP, raw, 0).actions) == raw
+    assert here.waiting == most
+    here.answer(made, 0)
+    made.receive(1, UP, raw, 0)
+    assert here.waiting == 1
 
 
 def test_what_a_client_that_has_gone_left_takes_no_room() -> None:

@@ -11,7 +11,14 @@ import time
 import pytest
 
 from bcapscope.messages.os_errors import os_reason
-from bcapscope.proxy.sockets import dropped_datagrams, keep_alive, prepare_datagrams
+from bcapscope.proxy.sockets import (
+    ProxyListenError,
+    dropped_datagrams,
+    keep_alive,
+    listen_on,
+    prepare_datagrams,
+)
+from bcapscope.traffic.observation import Endpoint, Transport
 from bcapscope.transport.receive_timestamps import ANCILLARY_SIZE, kernel_timestamp, receive_function
 from tests.proxy.relaying import datagrams
 
@@ -41,6 +48,12 @@ def test_datagrams_have_times_and_lost_ones_are_counted() -> None:
 )
 def test_reasons(error: Exception, words: str) -> None:
     assert str(os_reason(error)) == words
+
+
+@pytest.mark.parametrize("transport", Transport)
+def test_a_name_is_no_address_to_listen_on(transport: Transport) -> None:
+    with pytest.raises(ProxyListenError, match="localhost"):
+        listen_on(Endpoint("localhost", 0), transport)
 
 
 def test_a_peer_that_has_vanished_is_noticed_within_minutes() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import os
 import socket
 import time
 from collections.abc import Iterator
@@ -10,6 +11,7 @@ from contextlib import ExitStack, contextmanager, suppress
 
 import pytest
 
+from bcapscope.messages import Message
 from bcapscope.protocol.codec.frame import encode_frame
 from bcapscope.protocol.codec.variant import VT, Variant
 from bcapscope.proxy import relay as relay_module
@@ -20,6 +22,7 @@ from bcapscope.proxy.ring_buffer import RelayCounter, RingRecordKind
 from bcapscope.proxy.sockets import listen_on, local_address_for
 from bcapscope.traffic.observation import Endpoint, Transport
 from tests.proxy.relaying import Running, datagrams, eventually, port_of, running
+from tests.proxy.test_rule_policy import rules
 
 
 def test_each_client_has_its_own_way_and_bytes_pass_unchanged() -> None:
@@ -128,6 +131,42 @@ def test_after_a_long_standstill_clients_may_speak_before_they_are_called_silent
         assert relay.sessions
         relay._sweep()
         assert not relay.sessions
+
+
+def test_a_stop_that_is_held_is_sent_before_its_client_is_forgotten() -> None:
+    halt = encode_frame(9, 0, 70, (Variant(VT.I4, 1), Variant(VT.BSTR, "")))
+    with (
+        datagrams() as server,
+        running(port_of(server), "udp", policy=rules("delay=1000s", clients=0)) as proxy,
+        datagrams(to=proxy.address) as client,
+    ):
+        client.send(halt)
+        eventually(lambda: proxy.passed(True))
+        (session,) = proxy.relay.sessions.values()
+        proxy.stop()
+        session.close(False, Message("client.silent", seconds=1))
+        assert server.recv(100) == halt
+
+
+@pytest.mark.skipif(not os.path.isdir("/proc/self/fd"), reason="only Linux lists open files")
+def test_file_descriptors_kept_for_stops_are_opened_again_after_their_use() -> None:
+    with stopped_behind_a_client() as (relay, _):
+        assert relay.free_descriptor()
+        opened = len(os.listdir("/proc/self/fd"))
+        relay._sweep()
+        assert len(os.listdir("/proc/self/fd")) == opened + 1
+
+
+def test_a_datagram_that_is_refused_twice_was_not_sent(monkeypatch: pytest.MonkeyPatch) -> None:
+    with stopped_behind_a_client() as (relay, _):
+        (session,) = relay.sessions.values()
+        monkeypatch.setattr(session, "_send_up", refuse)
+        assert session.send(True, b"two") == 0
+        assert relay.counts[RelayCounter.FULL] == 1
+
+
+def refuse(_: bytes) -> int:
+    raise ConnectionRefusedError
 
 
 def test_strangers_are_told_once_and_dropped() -> None:

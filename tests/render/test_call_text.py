@@ -119,7 +119,7 @@ def test_what_was_not_followed_is_not_said_to_be_unanswered_or_late() -> None:
     assert CallRenderer().line(call).endswith("Robot_Execute slvMove  not followed  frame 1")
     for found in (stray, replace(stray, call_number=1)):
         line = CallRenderer().line(replace(found, may_answer_evicted=True))
-        assert "serial 9 may answer a call that was not followed to the end  S_OK" in line
+        assert "serial 9 may belong to a call that was not followed to the end  S_OK" in line
 
 
 def test_the_object_is_named() -> None:
@@ -159,7 +159,7 @@ def test_times_count_from_what_is_given() -> None:
 
 def session(ending: SessionEnding, *names: str) -> ServiceSession:
     left = tuple(TrackedObject(ObjectClass.VARIABLE, n, name, "", n, True) for n, name in enumerate(names, 1))
-    return ServiceSession(script().client(1, Transport.TCP).conversation, 1, None, ending, left)
+    return ServiceSession(script().client(1, Transport.TCP).conversation, 1, ending, left)
 
 
 @pytest.mark.parametrize(

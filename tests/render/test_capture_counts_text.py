@@ -28,8 +28,9 @@ def test_everything_that_can_be_met() -> None:
         unknown_links=Counter({147: 5}),
     )
     assert capture_counts_text(counts) == (
-        "47 frames in 100 packets; 2 malformed; 1 gap of 7 bytes in all; 5 packets of other protocols; "
+        "47 frames in 100 packets; 2 malformed; 1 gap, 7 bytes missing; 5 packets of other protocols; "
         "1 packet cut short by the capture; 3 packets with damaged headers; "
         "2 datagrams with missing fragments; "
-        "1 TCP segment sent again with other bytes; 5 packets of link type 147, which bcapscope does not know"
+        "1 TCP segment sent again with different bytes; "
+        "5 packets of link type 147, which bcapscope does not know"
     )

@@ -94,7 +94,7 @@ def test_malformed_bytes_keep_their_row() -> None:
 
 def test_damaged_frame_tells_its_problems() -> None:
     found = row(encode_frame(5, 0, 2)[:-1] + b"\x05")
-    assert found["problems"] == "eot at 15: last byte is 05, a frame ends with 04"
+    assert found["problems"] == "eot at 15: last byte is 05, but a frame ends with 04"
     assert found["raw"] == (encode_frame(5, 0, 2)[:-1] + b"\x05").hex()
 
 

@@ -8,9 +8,10 @@ from pathlib import Path
 import pytest
 
 from bcapscope.analysis.finding import Finding, Severity, TrafficTotals
+from bcapscope.analysis.rules import RULES as DIAGNOSIS_RULES
 from bcapscope.protocol.text_format import display_width
 from bcapscope.render.color_palette import ANSI
-from bcapscope.render.findings import NARROWEST, FindingsRenderer, finding_record, rule_table
+from bcapscope.render.findings import NARROWEST, FindingsRenderer, finding_record
 from tests.samples.findings import make_finding
 
 RULES = Path(__file__).parents[2] / "docs" / "rules.md"
@@ -126,6 +127,14 @@ def test_json_has_exactly_these_keys() -> None:
         "count",
     ]
     assert json.loads(finding_record(1, CAUSE, SEEN))["consequence_of"] is None
+
+
+def rule_table() -> str:
+    """Write the list of rules as a Markdown table, the gravest first."""
+    rank = list(Severity)
+    ordered = sorted(DIAGNOSIS_RULES, key=lambda rule: rank.index(rule.severity))
+    rows = [f"| `{rule.id}` | {rule.severity} | {rule.title} | {rule.source} |" for rule in ordered]
+    return "\n".join(("| Rule | Severity | Finds | Source |", "|---|---|---|---|", *rows)) + "\n"
 
 
 def test_the_documentation_lists_the_rules() -> None:

@@ -117,7 +117,7 @@ def test_a_result_has_the_name_that_its_function_gives_it() -> None:
 def test_problems_stand_at_the_end() -> None:
     line = text_of(encode_frame(13, 0, 4, (ROBOT,))[:-1])
     assert line.startswith("Controller_Disconnect hController=1 !! ")
-    assert "length is 30, there are 29 bytes (at 1)" in line
+    assert "length is 30, but there are 29 bytes (at 1)" in line
 
 
 def test_malformed_bytes_are_shown() -> None:

@@ -99,7 +99,7 @@ def test_malformed_bytes_keep_the_same_keys() -> None:
     assert value["kind"] == "malformed"
     assert value["raw"] == b"GET /".hex()
     assert value["problems"] == [
-        {"offset": 0, "code": "soh", "reason": "first byte is 47, a frame begins with 01"}
+        {"offset": 0, "code": "soh", "reason": "first byte is 47, but a frame begins with 01"}
     ]
 
 

@@ -59,7 +59,7 @@ def test_colours_change_nothing_else() -> None:
 def test_problem_stands_under_the_field_it_belongs_to() -> None:
     lines = tree(b"\x01\x20" + encode_frame(5, 0, 2)[2:])
     assert lines[1].split()[5:] == ["length", "32"]
-    assert lines[2].split() == ["!!", "length", "is", "32,", "there", "are", "16", "bytes"]
+    assert lines[2].split() == ["!!", "length", "is", "32,", "but", "there", "are", "16", "bytes"]
 
 
 def test_every_problem_is_shown_once() -> None:

@@ -79,7 +79,7 @@ def test_the_summary() -> None:
         "lateness, ms: p50 0.001, p99 0.020, p99.9 0.300, max 2.500, with real-time priority",
         "from one set point to the next, ms: p50 0.001, p99 0.020, p99.9 0.300, max 2.500",
         "12 records of the controller's log saved",
-        "the player could not leave in order: the controller may hold this session, its arm or slave mode",
+        "the player could not leave in order: its session, its arm or slave mode may still be active",
     ]
 
 

@@ -69,10 +69,10 @@ def test_a_pre_flight_that_is_not() -> None:
     preflight = run_preflight(way(swing(degrees=40), period=0.01), PERIOD, current_pose=(9.0,) * 8)
     shown = list(PreflightRenderer(width=80).lines(preflight))
     assert shown[shown.index("") + 1 :] == [
-        "error interval: the set points are 10 ms apart, and slvMove is sent every 8",
+        "error interval: the set points are 10 ms apart, but slvMove is sent every 8",
         "  ms. The robot would move at 1.25 times the speed",
         "  what to do: resample it, which also gives it a smooth start and stop",
-        "warning first-point: the first point is away from where the robot is: J1 -9",
+        "warning first-point: the first point is away from the robot's position: J1 -9",
         "  deg, J2 -9 deg, J3 -9 deg, J4 -9 deg, J5 -9 deg, J6 -9 deg (set point 1)",
         "  what to do: move there slowly first",
         "note limits: the limits of this arm are unknown: speeds are shown but not",

@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 from bcapscope.messages import Language, MessageFormatter
 from bcapscope.protocol.codec.variant import VT, Variant
 from bcapscope.render.color_palette import ANSI
-from bcapscope.render.slave_session_record import distribution_object, json_ready_number, slave_session_record
+from bcapscope.render.json_values import json_ready
+from bcapscope.render.slave_session_record import slave_session_record
 from bcapscope.render.slave_session_text import slave_session_lines
 from tests.analysis.driving import (
     ENTER,
@@ -160,11 +161,7 @@ def test_colours_change_no_character() -> None:
     [(1.5, 1.5), (None, None), (math.nan, "NaN"), (math.inf, "Infinity"), (-math.inf, "-Infinity")],
 )
 def test_numbers_of_all_kinds(value: float | None, written: object) -> None:
-    assert json_ready_number(value) == written
-
-
-def test_no_distribution() -> None:
-    assert distribution_object(None) is None
+    assert json_ready(value) == written
 
 
 def test_json_keeps_what_the_stay_knows() -> None:

@@ -150,6 +150,6 @@ def test_a_recorded_refusal_is_no_failure() -> None:
 def test_slave_mode_is_not_entered_far_from_the_first_set_point(empty: tuple[str, ...]) -> None:
     script = recorded(motion)
     simulator = Simulator(PROFILES["rc8"], InitialState(joints=(10.0, *HOME[1:]), empty=empty))
-    with pytest.raises(NotAtStartError, match=r"call \d+, the first set point, is 10 "):
+    with pytest.raises(NotAtStartError, match=r"the first set point \(call \d+\) is 10 "):
         perform(script, simulator)
     assert simulator.machine.slave.consumed == 0

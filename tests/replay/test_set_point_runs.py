@@ -75,5 +75,5 @@ def test_a_pause_is_told() -> None:
     ],
 )
 def test_a_set_point_that_cannot_be_read_is_not_sent(asked: tuple[str, Variant | None, int]) -> None:
-    with pytest.raises(UnreadableSetPointError, match="call 3, a set point"):
+    with pytest.raises(UnreadableSetPointError, match="call 3 is a set point"):
         list(set_point_runs(script(mode(0x202), point(0), asked)))

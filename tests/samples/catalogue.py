@@ -14,10 +14,9 @@ _HEAD = """\
 # Sample captures and trajectories
 
 Each file shows one situation. None was recorded in a plant. "Guide" is DENSO Wave 2009, *How to use the Slave
-mode/b-CAP*. Frames and values from the guide are original; addresses, ports and times are made up.
+mode/b-CAP*. Frames and values from the guide are unchanged; addresses, ports and times are made up.
 
-`python -m tests.samples` makes all files, including this page. A test checks that the same code gives the
-same bytes.
+`python -m tests.samples` makes all files and this page. A test checks that the code makes the same bytes.
 
 | File | Shows | Format | Origin |
 |---|---|---|---|
@@ -85,8 +84,8 @@ SAMPLES: tuple[Sample, ...] = (
     ),
     Sample(
         "tcp-segments.pcap",
-        "frames that TCP cut in their header, cut into three segments with one sent twice, joined, and "
-        "swapped; sequence numbers wrap; nothing is missing",
+        "frames in unusual TCP segments: cut inside the header, cut into three segments of which one is sent "
+        "twice, several in one segment, and in the wrong order; sequence numbers wrap; no byte is missing",
         "pcap, ns; TCP",
         f"{_OWN}; serials as in DENSO's Python library",
         tcp.segments,
@@ -135,15 +134,15 @@ SAMPLES: tuple[Sample, ...] = (
         "swing-joints.csv",
         "joints that swing out and back in 4 s, from the start position of the simulator's arm and within "
         "its limits; begins and ends at rest",
-        "CSV of `bcapscope extract`, 8 ms",
+        "CSV table with titles, 8 ms",
         _OWN,
         ways.joints,
     ),
     Sample(
         "half-circle-positions.csv",
-        "positions on half a circle, there and back in 4 s, within the simulator's limits, away from the "
-        "start position of its arm",
-        "CSV of `bcapscope extract`, 8 ms",
+        "positions on half a circle, there and back in 4 s, within the limits of the simulator's arm, away "
+        "from its start position",
+        "CSV table with titles, 8 ms",
         _OWN,
         ways.positions,
     ),

@@ -82,7 +82,7 @@ class Performance:
             self.deliver(self.desk.wait(float(number)))
         elif step.subject == "controller":
             event: AnyEvent = read_document(step.words[0], AnyEvent)  # type: ignore[arg-type]  # a union
-            self.deliver(event.apply(self.desk.simulator, self.desk.now))
+            self.deliver(event.apply(self.desk.simulator, self.desk.now) or [])
         else:
             for repetition in range(step.times):
                 self._speak(step, repetition)

@@ -106,7 +106,7 @@ def _in(what: str) -> str:
     [
         ("", "line 1: Expected object, got null"),
         ("- 1", "line 1: Expected object, got array"),
-        ("title: x: y", "line 1: this is no YAML: mapping values are not allowed"),
+        ("title: x: y", "line 1: this is not YAML: mapping values are not allowed"),
         ("shows: retried", "line 1: title is missing"),
         ("title: ''", "line 1: title: Expected str of length >= 1"),
         (_in("titel: y"), "line 2: there is no field 'titel', did you mean 'title'?"),

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from bcapscope.capture.socket_recording import SocketRecording
 from bcapscope.client import over_link
 from bcapscope.client.session import LinkOpener
+from bcapscope.simulator.profile import PROFILES
 from bcapscope.simulator.scenario import Scenario, ScenarioTransport
 from bcapscope.simulator.scenario_runner import ScenarioRunner
 from bcapscope.simulator.server_interfaces import ControllerModel
@@ -40,7 +41,7 @@ def perform(scenario: Scenario, seed: int | None = None) -> bytes:
 
 def rehearse(scenario: Scenario) -> bytes:
     """Let the scenario's client meet a controller of the same profile with which nothing is wrong."""
-    return _perform(lambda: Simulator(scenario.profile.profile), scenario)
+    return _perform(lambda: Simulator(PROFILES[scenario.profile]), scenario)
 
 
 def _perform(make: Callable[[], ControllerModel], scenario: Scenario) -> bytes:
@@ -58,7 +59,7 @@ def _perform(make: Callable[[], ControllerModel], scenario: Scenario) -> bytes:
             return over_link(near)
 
         async with asyncio.timeout(LONGEST):
-            await play(scenario.client, scenario.profile.profile, reach)
+            await play(scenario.client, PROFILES[scenario.profile], reach)
         await asyncio.sleep(STRAGGLERS)
 
     run_in_virtual_time(run())

@@ -9,7 +9,7 @@ import pytest
 
 from bcapscope.protocol.codec.frame import Frame, encode_frame
 from bcapscope.protocol.codec.variant import VT, Variant
-from bcapscope.traffic.alike_set_points import MAX_KNOWN, MAX_LEARNED, AlikeSetPoints
+from bcapscope.traffic.alike_set_points import AlikeSetPoints
 from bcapscope.traffic.call import Call
 from bcapscope.traffic.observation import Direction
 from tests.samples.problems import problem_of
@@ -146,14 +146,3 @@ def test_nothing_is_learnt_from_damaged_frames(direction: Direction) -> None:
     odd = call(lambda client: damaged(client, direction))
     alike.on_other_call(odd)
     assert not alike.continues(odd)
-
-
-def test_the_number_of_learnt_forms_is_bounded() -> None:
-    alike = AlikeSetPoints()
-    forms = [point(slv_move(*map(float, range(count)))) for count in range(1, MAX_LEARNED + 3)]
-    continued = []
-    for each in forms:
-        alike.on_other_call(each)
-        continued.append(alike.continues(each))
-    assert continued == [True] * MAX_LEARNED + [False] * 2
-    assert len(alike._known) == MAX_KNOWN

@@ -8,12 +8,12 @@ from hypothesis import strategies as st
 
 from bcapscope.protocol.codec.frame import Frame, Framing, Malformed, encode_frame
 from bcapscope.protocol.codec.variant import VT, Variant
-from bcapscope.traffic import call_kind as module
 from bcapscope.traffic.call_kind import (
     MAX_CONVERSATIONS,
     MAX_KINDS,
     MAX_SERIALS,
     CallKind,
+    CallKinds,
     RecentRequests,
     call_kind_of,
 )
@@ -63,18 +63,21 @@ def execute(command: str, function_id: int = 64, handle: int = 1, serial: int = 
     ],
 )
 def test_a_request_tells_what_it_asks(request_frame: Frame, expected: CallKind) -> None:
+    kinds = CallKinds()
     assert call_kind_of(request_frame) == expected
-    assert call_kind_of(request_frame) == expected  # what is remembered says the same
+    assert kinds.kind_of(request_frame) == expected
+    assert kinds.kind_of(request_frame) == expected  # what is remembered says the same
 
 
 def test_equal_questions_are_one_object() -> None:
-    assert call_kind_of(execute("slvMove", handle=1)) is call_kind_of(execute("slvMove", handle=2, serial=7))
+    kind_of = CallKinds().kind_of
+    assert kind_of(execute("slvMove", handle=1)) is kind_of(execute("slvMove", handle=2, serial=7))
 
 
 def test_a_command_that_is_cut_off_is_told_as_far_as_it_goes() -> None:
-    whole = execute("slvMove")
-    assert call_kind_of(Frame(whole.raw[:-20])) == CallKind(64, "slvMov")
-    assert call_kind_of(whole) == SLV_MOVE
+    kinds, whole = CallKinds(), execute("slvMove")
+    assert kinds.kind_of(Frame(whole.raw[:-20])) == CallKind(64, "slvMov")
+    assert kinds.kind_of(whole) == SLV_MOVE
 
 
 @given(
@@ -82,29 +85,28 @@ def test_a_command_that_is_cut_off_is_told_as_far_as_it_goes() -> None:
     st.lists(st.tuples(st.integers(9, 59), st.integers(0, 255)), max_size=3),
 )
 def test_what_is_remembered_never_changes_an_answer(tail: bytes, changes: list[tuple[int, int]]) -> None:
-    raw = bytearray(execute("slvMove").raw[:60] + tail)
+    kinds, whole = CallKinds(), execute("slvMove")
+    raw = bytearray(whole.raw[:60] + tail)
     for position, value in changes:
         raw[position] = value
     frame = Frame(bytes(raw))
-    before = call_kind_of(frame)
-    module._BY_PREFIX.clear()
-    assert call_kind_of(frame) == before
+    assert [kinds.kind_of(each) for each in (whole, frame, frame)] == [SLV_MOVE, *[call_kind_of(frame)] * 2]
 
 
 def test_a_frame_that_breaks_off_in_its_command_is_not_taken_for_a_whole_one() -> None:
-    whole = execute("CurPosѥ")
+    kinds, whole = CallKinds(), execute("CurPosѥ")
     broken = Frame(whole.raw[: 33 + whole.raw[29]])  # its last byte, which ends each frame, is the command's
-    module._BY_PREFIX.clear()
-    alone = call_kind_of(broken)
-    assert call_kind_of(whole) == CallKind(64, "CurPosѥ")
-    assert call_kind_of(broken) == alone == CallKind(64, "CurPos")
+    assert kinds.kind_of(broken) == CallKind(64, "CurPos")
+    assert kinds.kind_of(whole) == CallKind(64, "CurPosѥ")
+    assert kinds.kind_of(broken) == call_kind_of(broken) == CallKind(64, "CurPos")
 
 
 def test_kinds_are_forgotten_in_time() -> None:
+    kinds = CallKinds()
     for handle in range(MAX_KINDS + 10):
-        call_kind_of(execute("slvMove", handle=handle))
-    assert len(module._BY_PREFIX) <= MAX_KINDS
-    assert len(module._KNOWN) <= MAX_KINDS
+        kinds.kind_of(execute("slvMove", handle=handle))
+    assert len(kinds._by_prefix) <= MAX_KINDS
+    assert len(kinds._known) <= MAX_KINDS
 
 
 def ask(questions: RecentRequests, client: Conversation, frame: Frame) -> CallKind | None:

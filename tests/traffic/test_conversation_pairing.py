@@ -114,6 +114,14 @@ PLAYBOOKS: dict[str, tuple[list[str], list[tuple[object, ...]]]] = {
             (3, -3, 0, POSE),
         ],
     ),
+    "a client that asked again after 2 ms had waited for its reply": (
+        ["1: >1 late<3 unanswered, reply late", "2: >2 <4 answered, answered"],
+        [(0, 1, 0, MOVE), (2, 2, 0, OTHER), (2.5, -1, 0, POSE), (3, -2, 0, POSE)],
+    ),
+    "a client that asked again just before 2 ms had not waited": (
+        ["1: >1 <3 answered, answered", "2: >2 <4 answered, answered"],
+        [(0, 1, 0, MOVE), (1.999999, 2, 0, OTHER), (2.5, -1, 0, POSE), (3, -2, 0, POSE)],
+    ),
     "a client that asks without waiting loses one": (
         ["1: >1 unanswered, unanswered", "2: >2 <3 answered, answered", "3: >4 <5 answered, answered"],
         [(0, 1, 0, MOVE), (1, 2, 0, OTHER), (2.5, -2, 0, POSE), (200, 3, 0, MOVE), (201, -3, 0, POSE)],

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import gc
+
 import pytest
 
 from bcapscope.protocol.codec.frame import Malformed
@@ -14,8 +16,8 @@ from bcapscope.traffic.conversation_pairing import (
     COPIES_WITHIN_NS,
     EXECUTION_NS,
     LATE_WITHIN_NS,
-    RETRY_WITHIN_NS,
 )
+from bcapscope.traffic.frame_index import FrameIndex
 from bcapscope.traffic.observation import Direction, Transport
 from bcapscope.traffic.tracker import MAX_OPEN, Tracker
 from tests.samples.problems import problem_of
@@ -23,6 +25,7 @@ from tests.traffic.playbook import (
     MOVE,
     MS,
     OTHER,
+    POSE,
     START,
     Script,
     calls_of,
@@ -48,8 +51,8 @@ def test_calls_settle_by_time_alone() -> None:
     assert [call.number for call in tracker.open_calls] == [1]
     assert tracker.open_calls[0].outcome is Outcome.CAPTURE_ENDED
     assert list(tracker.observe(reply)) == []
-    assert list(tracker.expire(reply.time + RETRY_WITHIN_NS - 1)) == []
-    assert summaries(tracker.expire(reply.time + RETRY_WITHIN_NS)) == ["1: >1 <2 answered, answered"]
+    assert list(tracker.expire(reply.time + 5000 * MS - 1)) == []
+    assert summaries(tracker.expire(reply.time + 5000 * MS)) == ["1: >1 <2 answered, answered"]
     assert tracker.open_calls == []
     silent = client.ask(6000, 2, 2, MOVE)
     assert list(tracker.observe(silent)) == []
@@ -122,6 +125,38 @@ def test_a_clock_that_is_set_back_stops_nothing() -> None:
         client.reply(3_600_000 - 120_000 * step + 1, step)
     calls = calls_of(script.track())
     assert [call.verdict for call in calls] == [CallVerdict.ANSWERED] * 59
+
+
+def test_a_call_takes_as_much_memory_in_whichever_order_its_attempts_come() -> None:
+    found = []
+    for first, second in (((5, 0), (6, 5)), ((6, 5), (5, 0))):
+        script = Script()
+        client = script.client()
+        client.ask(0, *first, MOVE)
+        client.ask(1, *second, MOVE)
+        client.reply(2, 6, 0, 0, POSE)
+        (call,) = calls_of(script.track())
+        assert (len(call.attempts), call.request.item.serial) == (2, 5)
+        found.append(call.memory_bytes)
+    assert found[0] == found[1] > sum(len(observation.item.raw) for observation in script.seen)
+
+
+def frame_indexes() -> int:
+    gc.collect()
+    return sum(isinstance(each, FrameIndex) for each in gc.get_objects())
+
+
+def test_nothing_is_kept_of_retries_that_have_settled() -> None:
+    script = Script()
+    client = script.client()
+    for start in range(0, 200_000, 1000):
+        client.ask(start, 1, 0, MOVE)
+        client.ask(start + 2, 2, 1, MOVE)
+        client.reply(start + 3, 2, 0, 0, POSE)
+    before, tracker = frame_indexes(), Tracker()
+    settled = [item for observation in script.seen for item in tracker.observe(observation)]
+    assert len(settled) > 180
+    assert frame_indexes() - before < 20
 
 
 def test_open_calls_are_bounded_and_the_busiest_makes_room() -> None:

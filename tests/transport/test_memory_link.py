@@ -43,7 +43,7 @@ def test_closing_one_end_of_a_stream_is_told_at_the_other() -> None:
     client.close()
     client.close()
     server.send(b"late")
-    assert notes.told.get_nowait() == ("lost", "the peer closed the connection")
+    assert notes.told.get_nowait() == ("lost", "the other end closed the connection")
     assert own.told.empty()
 
 

@@ -28,7 +28,7 @@ def test_bytes_go_both_ways_until_the_peer_closes() -> None:
                 assert peer.recv(99) == b"one"
                 peer.sendall(b"two")
                 assert await notes.told.get() == ("received", b"two")
-            assert await notes.told.get() == ("lost", "the peer closed the connection")
+            assert await notes.told.get() == ("lost", "the other end closed the connection")
             link.send(b"nobody reads that")
             link.close()
 

@@ -19,9 +19,10 @@ from textual.widgets import Select
 
 from bcapscope.tui.halt_driver import HALT_KEYS, make_halt_driver
 from bcapscope.tui.screens.help_screen import HelpScreen
+from bcapscope.tui.screens.prompt import Prompt
 from bcapscope.tui.screens.slave_screen import SlaveScreen
 from bcapscope.tui.screens.tester_screen import TesterScreen as Window
-from bcapscope.tui.tester.dialogs import ArmDialog, ChoiceDialog, NameDialog
+from bcapscope.tui.tester.dialogs import ArmDialog, ChoiceDialog
 from bcapscope.tui.tester.file_picker import FilePicker
 from bcapscope.tui.tester.list_pickers import CommandPicker, FunctionPicker
 from bcapscope.tui.tester.recovery_dialog import RecoveryDialog
@@ -76,7 +77,7 @@ PLACES: tuple[tuple[Open, type[object]], ...] = (
     (functions, FunctionPicker),
     (put(lambda: ArmDialog([])), ArmDialog),  # type: ignore[arg-type, return-value]  # it answers
     (put(lambda: ChoiceDialog([], ("no", "yes"))), ChoiceDialog),  # type: ignore[arg-type, return-value]
-    (put(lambda: NameDialog("", "")), NameDialog),  # type: ignore[arg-type, return-value]
+    (put(lambda: Prompt("", "")), Prompt),  # type: ignore[arg-type, return-value]
 )
 
 

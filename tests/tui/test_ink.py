@@ -14,13 +14,13 @@ from bcapscope.tui.ink import (
     CURSOR,
     INK,
     LIT,
-    strip_styles,
-    style_names,
+    STYLE_NAMES,
     styled_pieces,
     styled_segments,
     styled_text,
 )
 from bcapscope.tui.themes import THEMES, theme_styles
+from tests.tui.marks import strip_styles
 
 
 def test_a_line_falls_into_pieces() -> None:
@@ -45,7 +45,7 @@ def test_no_text_from_the_wire_is_a_mark(text: str) -> None:
 def test_every_mark_is_a_style_of_every_theme() -> None:
     marks = {getattr(INK, each.name) for each in fields(INK)}
     assert len(marks) == len(fields(INK))
-    assert len(style_names()) == len(marks) - 1 + 2
+    assert len(STYLE_NAMES) == len(marks) - 1 + 2
     assert all(getattr(PLAIN, each.name) == "" for each in fields(PLAIN))
     for theme in THEMES:
-        assert set(theme_styles(theme)) == set(style_names())
+        assert set(theme_styles(theme)) == set(STYLE_NAMES.values())

@@ -11,12 +11,11 @@ from textual.events import Paste
 from textual.pilot import Pilot
 from textual.widgets import Button, Input, Select
 
+from bcapscope.live.controller.error_recovery import RecoveryStep
+from bcapscope.live.controller.history_record import RecordOutcome
 from bcapscope.player.player_messages import PlayOutcome
 from bcapscope.protocol.codec.variant import VT, Variant
 from bcapscope.tui.controller_access.builtin_simulator import START_JOINTS
-from bcapscope.tui.controller_access.error_recovery import RecoveryStep
-from bcapscope.tui.controller_access.history_record import RecordOutcome
-from bcapscope.tui.ink import strip_styles
 from bcapscope.tui.screens.slave_screen import SlaveScreen
 from bcapscope.tui.tester.choice_row import ChoiceRow
 from bcapscope.tui.tester.connection_panel import ConnectionPanel
@@ -26,6 +25,7 @@ from bcapscope.tui.tester.history_panel import HistoryLines
 from bcapscope.tui.tester.watch_list import WatchList
 from tests.client.peer import Answer, Peer
 from tests.client.server import udp_server
+from tests.tui.marks import strip_styles
 from tests.tui.pilot import drive, until
 from tests.tui.tester import (
     COMMAND,

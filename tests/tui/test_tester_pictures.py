@@ -9,11 +9,11 @@ import pytest
 from textual.pilot import Pilot
 from textual.widgets import Button, Input
 
+from bcapscope.live.controller import history_recorder
+from bcapscope.live.controller.halt_connection import HaltState
+from bcapscope.live.controller.history_record import HistoryRecord
+from bcapscope.live.controller.reply_monitor import ReplyMonitor
 from bcapscope.tui.app import BcapApp
-from bcapscope.tui.controller_access import history_recorder
-from bcapscope.tui.controller_access.halt_connection import HaltState
-from bcapscope.tui.controller_access.history_record import HistoryRecord
-from bcapscope.tui.controller_access.reply_monitor import ReplyMonitor
 from bcapscope.tui.screens.slave_screen import SlaveScreen
 from bcapscope.tui.tester.choice_row import ChoiceRow
 from bcapscope.tui.tester.tick_box import TickBox

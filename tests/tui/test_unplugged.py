@@ -26,12 +26,12 @@ from bcapscope.capture.capture_file import open_capture
 from bcapscope.capture.packet_decoder import PacketDecoder
 from bcapscope.client.session import command_of
 from bcapscope.live.child_process import ChildProcess
+from bcapscope.live.controller.halt_connection import HaltState
 from bcapscope.player.player_messages import PlayOutcome, SlaveModePacing
 from bcapscope.protocol.codec.frame import Frame
 from bcapscope.protocol.tables.function_table import function_name
 from bcapscope.traffic.observation import Direction
 from bcapscope.tui.controller_access.builtin_simulator import START_JOINTS, run_builtin_simulator
-from bcapscope.tui.controller_access.halt_connection import HaltState
 from bcapscope.tui.screens.slave_screen import SlaveScreen
 from bcapscope.tui.screens.tester_screen import TesterScreen as Window
 from bcapscope.tui.tester.connection_panel import ConnectionPanel
@@ -162,7 +162,7 @@ def test_gone_in_the_middle_of_a_connect_over_tcp(tmp_path: Path) -> None:
             here.query_one("#udp", Checkbox).value = False
             await pilot.press("f5")
             await until(pilot, lambda: "✗ service" in sight(pilot))
-            assert "the peer closed the connection" in sight(pilot)
+            assert "the other end closed the connection" in sight(pilot)
             await until(pilot, lambda: not here.query_one("#connect", Button).disabled)
             await finish(pilot)
 

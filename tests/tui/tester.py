@@ -9,17 +9,17 @@ from textual.events import Paste
 from textual.pilot import Pilot
 from textual.widgets import Button, Input
 
+from bcapscope.live.controller.halt_connection import HaltState
 from bcapscope.messages import Language
 from bcapscope.player.player_messages import PlayEnded
 from bcapscope.protocol.tables.function_table import ObjectClass
 from bcapscope.tui.app import BcapApp, ScreenEntry
-from bcapscope.tui.controller_access.halt_connection import HaltState
-from bcapscope.tui.ink import strip_styles
 from bcapscope.tui.screens.slave_screen import SlaveScreen
 from bcapscope.tui.screens.tester_screen import TesterOptions, TesterScreen
 from bcapscope.tui.tester.dialogs import ChoiceDialog
 from bcapscope.tui.tester.result_view import ResultView
 from bcapscope.tui.widgets.inked_text import InkedText
+from tests.tui.marks import strip_styles
 from tests.tui.pilot import make, shown, until
 
 COMMAND, RESULT = "#robot-forms .command", "#execute ResultView"

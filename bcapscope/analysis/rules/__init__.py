@@ -20,25 +20,21 @@ from bcapscope.analysis.rules.slave_mode_rules import SlaveModeChecker
 from bcapscope.analysis.rules.wire_rules import WireChecker
 
 CHECKERS: tuple[type[RuleChecker], ...] = (
-    *(
-        WireChecker,
-        ConnectionChecker,
-        ReplyChecker,
-        RetryChecker,
-        SessionChecker,
-        ObjectChecker,
-        PreparationChecker,
-        RequestChecker,
-    ),
-    *(
-        PacingChecker,
-        LimitChecker,
-        RefusalChecker,
-        SlaveModeChecker,
-        ErrorChecker,
-        PollingChecker,
-        MotionChecker,
-    ),
+    WireChecker,
+    ConnectionChecker,
+    ReplyChecker,
+    RetryChecker,
+    SessionChecker,
+    ObjectChecker,
+    PreparationChecker,
+    RequestChecker,
+    PacingChecker,
+    LimitChecker,
+    RefusalChecker,
+    SlaveModeChecker,
+    ErrorChecker,
+    PollingChecker,
+    MotionChecker,
 )
 """All checkers, in the order in which they see a call."""
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 
-from bcapscope.analysis.client_state import ClientRegistry, ClientState
+from bcapscope.analysis.client_state import ClientState
 from bcapscope.analysis.finding import Severity
 from bcapscope.analysis.finding_places import call_place, client_place
 from bcapscope.analysis.rules.rule_checker import (
@@ -12,7 +12,6 @@ from bcapscope.analysis.rules.rule_checker import (
     ClientEnd,
     DiagnosisRule,
     Occurrence,
-    OccurrenceSink,
     RuleChecker,
     last_frame_time,
 )
@@ -35,24 +34,18 @@ class ConnectionChecker(RuleChecker):
     """Checks which end closed a connection."""
 
     rules = (CONTROLLER_HUNG_UP,)
-
-    def __init__(self, report_occurrence: OccurrenceSink, clients: ClientRegistry) -> None:
-        super().__init__(report_occurrence, clients)
-        self._judged_conversations: set[Conversation] = set()
+    by_client: dict[Conversation, bool]
 
     def on_conversation_closed(self, conversation: Conversation) -> None:
         client = self.clients.find(conversation)
         if client is not None:  # the client stays registered for a while, but its connection is closed
-            self._judged_conversations.add(conversation)
+            self.by_client[conversation] = True
             for occurrence in _closing_occurrences(client):
                 self.report_occurrence(occurrence)
 
     def end_occurrences(self, end: ClientEnd) -> Iterable[Occurrence]:
-        judged = end.client.conversation in self._judged_conversations
+        judged = end.client.conversation in self.by_client
         return () if judged else _closing_occurrences(end.client)
-
-    def drop_client(self, client: ClientState) -> None:
-        self._judged_conversations.discard(client.conversation)
 
 
 def _closing_occurrences(client: ClientState) -> Iterator[Occurrence]:

@@ -4,17 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from bcapscope.analysis.client_state import ClientRegistry, ClientState, folded_command
+from bcapscope.analysis.client_state import ClientState
 from bcapscope.analysis.finding import Severity
 from bcapscope.analysis.finding_places import call_place, client_place
-from bcapscope.analysis.rules.refusal import Refusal, RefusalReason, make_refusal
+from bcapscope.analysis.rules.refusal import Refusal, RefusalReason
 from bcapscope.analysis.rules.rule_checker import (
     SECOND,
     CallHealth,
     ClientEnd,
     DiagnosisRule,
     Occurrence,
-    OccurrenceSink,
     RuleChecker,
     frame_numbers,
     last_frame_time,
@@ -45,11 +44,7 @@ _FIRST_ERRORS = (
 )
 
 ERROR_NOT_CLEARED = DiagnosisRule(
-    "error-not-cleared",
-    Severity.ERROR,
-    f"{_SEED}, Clearing errors; {_ERRORS}",
-    _FIRST_ERRORS,
-    _EVER,
+    "error-not-cleared", Severity.ERROR, f"{_SEED}, Clearing errors; {_ERRORS}", _FIRST_ERRORS, _EVER
 )
 WENT_ON_AFTER_ERROR = DiagnosisRule(
     "went-on-after-error",
@@ -66,20 +61,11 @@ CLEARED_UNREAD = DiagnosisRule(
     _EVER,
 )
 CONTROLLER_TIMEOUT = DiagnosisRule(
-    "controller-timeout",
-    Severity.ERROR,
-    f"orin_bcap C/include/dn_common.h; {_ERRORS}",
+    "controller-timeout", Severity.ERROR, f"orin_bcap C/include/dn_common.h; {_ERRORS}"
 )
-ROBOT_BUSY = DiagnosisRule(
-    "robot-busy",
-    Severity.NOTE,
-    "start-jsk/denso denso_controller/src/main.cpp",
-)
+ROBOT_BUSY = DiagnosisRule("robot-busy", Severity.NOTE, "start-jsk/denso denso_controller/src/main.cpp")
 CONTROLLER_ERROR = DiagnosisRule(
-    "controller-error",
-    Severity.ERROR,
-    f"{_ERRORS}; orin_bcap C/include/dn_common.h",
-    ("malformed-request",),
+    "controller-error", Severity.ERROR, f"{_ERRORS}; orin_bcap C/include/dn_common.h", ("malformed-request",)
 )
 
 _ACTIVE_CODES = (0x81501025, 0x81201701, 0x81201749, 0x82501009, 0x21D3, 0x800021D3)
@@ -99,13 +85,10 @@ class ErrorChecker(RuleChecker):
     """Checks what a client does after an error."""
 
     rules = (WENT_ON_AFTER_ERROR, CLEARED_UNREAD)
-
-    def __init__(self, report_occurrence: OccurrenceSink, clients: ClientRegistry) -> None:
-        super().__init__(report_occurrence, clients)
-        self._after_error: dict[Conversation, _CallsAfterError] = {}
+    by_client: dict[Conversation, _CallsAfterError]
 
     def wants_call(self, call_kind: CallKind, health: CallHealth) -> bool:
-        name = folded_command(call_kind)
+        name = call_kind.folded_command
         if name == "slvmove":
             return health is not CallHealth.SMOOTH
         if name:
@@ -117,28 +100,25 @@ class ErrorChecker(RuleChecker):
         failure = client.uncleared_error
         if failure is None:
             return
-        if folded_command(call.kind) == "clearerror":
-            self._after_error.pop(call.conversation, None)
+        if call.kind.folded_command == "clearerror":
+            self.by_client.pop(call.conversation, None)
             if call.reply is not None and not client.error_was_read and not self._was_read_by_other(client):
                 self._report_unread(call, failure)
             return
-        calls = self._after_error.get(call.conversation)
+        calls = self.by_client.get(call.conversation)
         if calls is None or calls.error_call is not failure:
-            calls = self._after_error[call.conversation] = _CallsAfterError(failure)
+            calls = self.by_client[call.conversation] = _CallsAfterError(failure)
         if call.request.time > failure.request.time and not _only_stops(call):
             calls.count += 1
             calls.first = calls.first or call
 
     def end_occurrences(self, end: ClientEnd) -> Iterator[Occurrence]:
-        calls, failure = self._after_error.get(end.client.conversation), end.client.uncleared_error
+        calls, failure = self.by_client.get(end.client.conversation), end.client.uncleared_error
         if calls is not None and calls.first is not None and calls.error_call is failure:
             yield _went_on(calls.error_call, calls.count, calls.first)
 
-    def drop_client(self, client: ClientState) -> None:
-        self._after_error.pop(client.conversation, None)
-
     def _was_read_by_other(self, client: ClientState) -> bool:
-        return any(other.error_was_read for other in self.clients.other_clients(client))
+        return any(other.error_was_read for other in client.other_clients())
 
     def _report_unread(self, call: Call, failure: Call) -> None:
         fact = Message(
@@ -178,13 +158,11 @@ def _only_stops(call: Call) -> bool:
     return always_passes(call.kind.function_id, [each.variant for each in call.request.item.arguments])
 
 
-def _explain_not_cleared(call: Call, client: ClientState, clients: ClientRegistry) -> RefusalReason | None:
+def _explain_not_cleared(call: Call, client: ClientState) -> RefusalReason | None:
     failure = client.uncleared_error
     if failure is None:
         first = [
-            other.uncleared_error
-            for other in clients.other_clients(client)
-            if other.uncleared_error is not None
+            other.uncleared_error for other in client.other_clients() if other.uncleared_error is not None
         ]
         return RefusalReason(explaining_calls=tuple(each.number for each in first))
     return RefusalReason(
@@ -194,7 +172,7 @@ def _explain_not_cleared(call: Call, client: ClientState, clients: ClientRegistr
     )
 
 
-def _explain_other(call: Call, client: ClientState, clients: ClientRegistry) -> RefusalReason | None:
+def _explain_other(call: Call, client: ClientState) -> RefusalReason | None:
     code = call.hresult or 0
     known = describe_hresult(code)
     failure = client.uncleared_error
@@ -207,8 +185,8 @@ def _explain_other(call: Call, client: ClientState, clients: ClientRegistry) -> 
 
 
 REFUSALS: tuple[Refusal, ...] = (
-    make_refusal(ERROR_NOT_CLEARED, _ACTIVE_CODES, _explain_not_cleared),
-    make_refusal(CONTROLLER_TIMEOUT, _TIMEOUT_CODES),
-    make_refusal(ROBOT_BUSY, (E_ROBOTISBUSY,)),
-    make_refusal(CONTROLLER_ERROR, (), _explain_other),
+    Refusal(ERROR_NOT_CLEARED, _ACTIVE_CODES, _explain_not_cleared),
+    Refusal(CONTROLLER_TIMEOUT, _TIMEOUT_CODES),
+    Refusal(ROBOT_BUSY, (E_ROBOTISBUSY,)),
+    Refusal(CONTROLLER_ERROR, (), _explain_other),
 )

@@ -6,10 +6,10 @@ import math
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
 
-from bcapscope.analysis.client_state import ClientRegistry, ClientState, argument, folded_command
+from bcapscope.analysis.client_state import ClientState, argument
 from bcapscope.analysis.finding import Severity
 from bcapscope.analysis.finding_places import call_place, client_place
-from bcapscope.analysis.rules.refusal import NO_REASON, Refusal, RefusalReason, make_refusal
+from bcapscope.analysis.rules.refusal import NO_REASON, Refusal, RefusalReason
 from bcapscope.analysis.rules.rule_checker import DiagnosisRule, Occurrence, RuleChecker
 from bcapscope.analysis.slave.motion_model import Jump, MotionFacts
 from bcapscope.analysis.slave.slave_session import SlaveSession
@@ -31,10 +31,7 @@ OVER_LIMIT = DiagnosisRule(
     ("set-point-jump", "far-first-point", "not-finite", "set-point-gap", "off-grid", "slow-retry"),
 )
 BEYOND_RANGE = DiagnosisRule(
-    "beyond-range",
-    Severity.ERROR,
-    _ERRORS,
-    ("set-point-jump", "far-first-point", "not-finite"),
+    "beyond-range", Severity.ERROR, _ERRORS, ("set-point-jump", "far-first-point", "not-finite")
 )
 INVALID_SET_POINT = DiagnosisRule(
     "invalid-set-point",
@@ -43,19 +40,11 @@ INVALID_SET_POINT = DiagnosisRule(
     ("not-finite", "unusual-argument", "set-point-jump"),
 )
 NOT_FINITE = DiagnosisRule(
-    "not-finite",
-    Severity.ERROR,
-    "IEEE 754; DENSORobot/denso_robot_ros2 denso_robot_control",
+    "not-finite", Severity.ERROR, "IEEE 754; DENSORobot/denso_robot_ros2 denso_robot_control"
 )
-FAR_FIRST_POINT = DiagnosisRule(
-    "far-first-point",
-    Severity.WARNING,
-    f"{_SEED}, Starting your client app.",
-)
+FAR_FIRST_POINT = DiagnosisRule("far-first-point", Severity.WARNING, f"{_SEED}, Starting your client app.")
 SET_POINT_JUMP = DiagnosisRule(
-    "set-point-jump",
-    Severity.NOTE,
-    "DENSORobot/denso_robot_ros issues 19 and 48; denso_cobotta_ros issue 14",
+    "set-point-jump", Severity.NOTE, "DENSORobot/denso_robot_ros issues 19 and 48; denso_cobotta_ros issue 14"
 )
 
 _SPEED_FAMILIES = tuple(
@@ -141,13 +130,13 @@ def _first_time(session: SlaveSession) -> int:
 
 def _pose_values(call: Call, pose_type: PoseType | None) -> tuple[float, ...]:
     parameter = argument(call, 2)
-    if parameter is None or folded_command(call.kind) != "slvmove":
+    if parameter is None or call.kind.folded_command != "slvmove":
         return ()
     pose = parse_set_point(parameter, pose_type).pose
     return pose.values if pose is not None else ()
 
 
-def _explain_over_limit(call: Call, client: ClientState, clients: ClientRegistry) -> RefusalReason | None:
+def _explain_over_limit(call: Call, client: ClientState) -> RefusalReason | None:
     axis = describe_hresult(call.hresult or 0).axis
     pose_type = pose_type_of_mode(client.mode_value) if client.mode_value else None
     points = [*client.recent_set_points, call]
@@ -185,7 +174,7 @@ def _worst_step(poses: Sequence[tuple[float, ...]], axis: int) -> tuple[int, flo
     return max(finite, key=lambda each: abs(each[1])) if finite else None
 
 
-def _explain_beyond_range(call: Call, client: ClientState, clients: ClientRegistry) -> RefusalReason | None:
+def _explain_beyond_range(call: Call, client: ClientState) -> RefusalReason | None:
     axis = describe_hresult(call.hresult or 0).axis
     pose_type = pose_type_of_mode(client.mode_value) if client.mode_value else None
     pose = _pose_values(call, pose_type)
@@ -197,9 +186,9 @@ def _explain_beyond_range(call: Call, client: ClientState, clients: ClientRegist
     return RefusalReason(reason, group_key=key)
 
 
-def _explain_invalid(call: Call, client: ClientState, clients: ClientRegistry) -> RefusalReason | None:
+def _explain_invalid(call: Call, client: ClientState) -> RefusalReason | None:
     parameter = argument(call, 2)
-    if parameter is None or folded_command(call.kind) != "slvmove":
+    if parameter is None or call.kind.folded_command != "slvmove":
         return NO_REASON
     problems = parse_set_point(
         parameter, pose_type_of_mode(client.mode_value) if client.mode_value else None
@@ -208,7 +197,7 @@ def _explain_invalid(call: Call, client: ClientState, clients: ClientRegistry) -
 
 
 REFUSALS: tuple[Refusal, ...] = (
-    make_refusal(OVER_LIMIT, _SPEED_CODES, _explain_over_limit),
-    make_refusal(BEYOND_RANGE, _RANGE_CODES, _explain_beyond_range),
-    make_refusal(INVALID_SET_POINT, _INVALID_CODES, _explain_invalid),
+    Refusal(OVER_LIMIT, _SPEED_CODES, _explain_over_limit),
+    Refusal(BEYOND_RANGE, _RANGE_CODES, _explain_beyond_range),
+    Refusal(INVALID_SET_POINT, _INVALID_CODES, _explain_invalid),
 )

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from bcapscope.analysis.client_state import ClientRegistry, ClientState, result_of, text_argument
+from bcapscope.analysis.client_state import ClientRegistry, ClientState, result_of
 from bcapscope.analysis.finding import Severity
 from bcapscope.analysis.finding_places import call_place, client_place
-from bcapscope.analysis.rules.refusal import Refusal, RefusalReason, make_refusal
+from bcapscope.analysis.rules.refusal import Refusal, RefusalReason
 from bcapscope.analysis.rules.rule_checker import (
     SECOND,
     CallHealth,
@@ -22,29 +22,15 @@ from bcapscope.protocol.tables.function_table import FUNCTIONS, ObjectClass
 from bcapscope.protocol.tables.hresult import E_HANDLE, E_MAX_OBJECT
 from bcapscope.traffic.call import Call
 from bcapscope.traffic.call_kind import CallKind
-from bcapscope.traffic.handle_tracker import handle_of
+from bcapscope.traffic.handle_tracker import handle_of, requested_name
 from bcapscope.traffic.observation import Conversation
 
 _SERVER = "orin_bcap C/src/bCAPServer/bcap_server.c"
 
-HANDLE_LEAK = DiagnosisRule(
-    "handle-leak",
-    Severity.WARNING,
-    _SERVER,
-)
-BAD_HANDLE = DiagnosisRule(
-    "bad-handle",
-    Severity.ERROR,
-    _SERVER,
-    ("unclean-quit",),
-    600 * SECOND,
-)
+HANDLE_LEAK = DiagnosisRule("handle-leak", Severity.WARNING, _SERVER)
+BAD_HANDLE = DiagnosisRule("bad-handle", Severity.ERROR, _SERVER, ("unclean-quit",), 600 * SECOND)
 TOO_MANY_OBJECTS = DiagnosisRule(
-    "too-many-objects",
-    Severity.ERROR,
-    _SERVER,
-    ("handle-leak",),
-    24 * 3600 * SECOND,
+    "too-many-objects", Severity.ERROR, _SERVER, ("handle-leak",), 24 * 3600 * SECOND
 )
 
 _LEAK_AT = 20
@@ -81,8 +67,7 @@ class ObjectChecker(RuleChecker):
         if function.creates is ObjectClass.SERVICE or function.releases is ObjectClass.SERVICE:
             self._drop_conversation(call.conversation)
         elif function.creates is not None and isinstance(result_of(call), int):
-            name = text_argument(call, 0 if function.creates is ObjectClass.CONTROLLER else 1)
-            self._count_opened(call, function.creates, name)
+            self._count_opened(call, function.creates, requested_name(call, function))
         elif function.releases is not None and target is not None and _may_be_released(call):
             tally = self._tallies.get((call.conversation, target.kind, target.name))
             if tally is not None:
@@ -143,7 +128,7 @@ def _may_be_released(call: Call) -> bool:
     return call.reply is not None or call.evicted
 
 
-def _explain_bad_handle(call: Call, client: ClientState, clients: ClientRegistry) -> RefusalReason | None:
+def _explain_bad_handle(call: Call, client: ClientState) -> RefusalReason | None:
     function, handle = FUNCTIONS.get(call.kind.function_id), handle_of(call.request.item)
     if function is None or handle is None:
         return None
@@ -167,7 +152,7 @@ def _explain_bad_handle(call: Call, client: ClientState, clients: ClientRegistry
                 wanted=function.owner.value,
             )
         )
-    owner = next((other for other in clients.other_clients(client) if handle in other.opened_objects), None)
+    owner = next((other for other in client.other_clients() if handle in other.opened_objects), None)
     if opened is None and owner is not None:
         other = client_place(owner.conversation)
         return RefusalReason(Message("reason.handle-of-other-client", handle=handle, other=other))
@@ -176,6 +161,6 @@ def _explain_bad_handle(call: Call, client: ClientState, clients: ClientRegistry
 
 
 REFUSALS: tuple[Refusal, ...] = (
-    make_refusal(BAD_HANDLE, (E_HANDLE,), _explain_bad_handle),
-    make_refusal(TOO_MANY_OBJECTS, (E_MAX_OBJECT,)),
+    Refusal(BAD_HANDLE, (E_HANDLE,), _explain_bad_handle),
+    Refusal(TOO_MANY_OBJECTS, (E_MAX_OBJECT,)),
 )

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterator
-from dataclasses import replace
 from itertools import pairwise
 
-from bcapscope.analysis.client_state import ClientRegistry, ClientState, folded_command
+from bcapscope.analysis.client_state import ClientRegistry, ClientState
 from bcapscope.analysis.finding import Severity
 from bcapscope.analysis.finding_places import call_name_place, call_place, client_place
-from bcapscope.analysis.rules.refusal import Refusal, RefusalReason, make_refusal
+from bcapscope.analysis.rules.refusal import Refusal, RefusalReason
 from bcapscope.analysis.rules.rule_checker import (
     MS,
     CallHealth,
@@ -23,7 +22,7 @@ from bcapscope.analysis.slave.buffer_model import DEFAULT_SLOTS, PredictedUnderf
 from bcapscope.analysis.slave.slave_session import SlaveSession
 from bcapscope.messages import Message
 from bcapscope.messages.message import PlaceValue
-from bcapscope.messages.places import Count, Duration, FramePlace, HexNumber, Moment, Quantity
+from bcapscope.messages.places import CallPlace, Count, Duration, FramePlace, HexNumber, Moment, Quantity
 from bcapscope.protocol.tables.hresult import E_SLAVE_OVERFLOW, E_SLAVE_UNDERFLOW, S_BUF_FULL
 from bcapscope.traffic.call import Call
 from bcapscope.traffic.call_kind import CallKind
@@ -63,11 +62,7 @@ OFF_GRID = DiagnosisRule(
     Severity.WARNING,
     "DENSORobot/denso_robot_ros2 issue 17; d-yui-hub/denso_robot_ros2_neo; " + _SEED,
 )
-REPLIES_DO_NOT_PACE = DiagnosisRule(
-    "replies-do-not-pace",
-    Severity.NOTE,
-    f"{_SAMPLES}; {_SEED}",
-)
+REPLIES_DO_NOT_PACE = DiagnosisRule("replies-do-not-pace", Severity.NOTE, f"{_SAMPLES}; {_SEED}")
 
 _EMPTY_CODES = (E_SLAVE_UNDERFLOW, 0x84400503, 0x83201684)
 _FEWEST_CYCLES = 50
@@ -188,7 +183,7 @@ def _longest_pause(call: Call, client: ClientState) -> tuple[Call, Call] | None:
     """Return the set points on both sides of the longest recent pause; None if the buffer bridges it."""
     points = (
         [*client.recent_set_points, call]
-        if folded_command(call.kind) == "slvmove"
+        if call.kind.folded_command == "slvmove"
         else list(client.recent_set_points)
     )
     pairs = [*pairwise(points[-_RECENT:])]
@@ -216,7 +211,7 @@ def _pause_message(before: Call, after: Call, slack: int) -> Message:
     return Message("finding.set-point-gap.idle", **places, idle=Duration(idle))
 
 
-def _explain_underflow(call: Call, client: ClientState, clients: ClientRegistry) -> RefusalReason | None:
+def _explain_underflow(call: Call, client: ClientState) -> RefusalReason | None:
     pair = _longest_pause(call, client)
     places: dict[str, PlaceValue] = {
         "at": Moment(call.request.time if call.reply is None else call.reply.time),
@@ -237,7 +232,7 @@ def _explain_underflow(call: Call, client: ClientState, clients: ClientRegistry)
     )
 
 
-def _explain_overflow(call: Call, client: ClientState, clients: ClientRegistry) -> RefusalReason | None:
+def _explain_overflow(call: Call, client: ClientState) -> RefusalReason | None:
     points = list(client.recent_set_points)[-_RECENT:]
     if len(points) < 2:
         return None
@@ -249,13 +244,14 @@ def _explain_overflow(call: Call, client: ClientState, clients: ClientRegistry) 
     reason = Message("reason.overflow", **places)
     full = [point for point in points if point.hresult == S_BUF_FULL]
     if full:
-        answered = replace(call_name_place(full[-1]), serial=full[-1].last_attempt.item.serial)
+        last = full[-1]
+        answered = CallPlace(call_name_place(last).name, last.last_attempt.item.serial, last.number)
         reason = Message("reason.overflow.full", **places, call=answered)
     return RefusalReason(reason, clause=Message("clause.overflow"))
 
 
 REFUSALS: tuple[Refusal, ...] = (
-    make_refusal(UNDERFLOW, _EMPTY_CODES, _explain_underflow),
-    make_refusal(OVERFLOW, (E_SLAVE_OVERFLOW, 0x84400502), _explain_overflow),
-    make_refusal(OVERFLOW, (E_SLAVE_OVERFLOW, 0x84400502)),
+    Refusal(UNDERFLOW, _EMPTY_CODES, _explain_underflow),
+    Refusal(OVERFLOW, (E_SLAVE_OVERFLOW, 0x84400502), _explain_overflow),
+    Refusal(OVERFLOW, (E_SLAVE_OVERFLOW, 0x84400502)),
 )

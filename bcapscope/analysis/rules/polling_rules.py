@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from bcapscope.analysis.client_state import ClientRegistry, ClientState
+from bcapscope.analysis.client_state import ClientState
 from bcapscope.analysis.finding import Severity
 from bcapscope.analysis.finding_places import client_place
 from bcapscope.analysis.rules.rule_checker import (
@@ -12,7 +12,6 @@ from bcapscope.analysis.rules.rule_checker import (
     ClientEnd,
     DiagnosisRule,
     Occurrence,
-    OccurrenceSink,
     RuleChecker,
     last_frame_time,
 )
@@ -24,9 +23,7 @@ from bcapscope.traffic.call_kind import CallKind
 from bcapscope.traffic.observation import Conversation
 
 POLLING = DiagnosisRule(
-    "polling",
-    Severity.NOTE,
-    "ShoheiKobata/orin_bcap_python_samples (1.7 ms for each variable)",
+    "polling", Severity.NOTE, "ShoheiKobata/orin_bcap_python_samples (1.7 ms for each variable)"
 )
 
 _FEWEST_READS = 200
@@ -35,8 +32,6 @@ _MAX_NAMES = 256
 
 
 class _VariableReads:
-    """Variable reads of one client."""
-
     def __init__(self, call: Call) -> None:
         self.first = self.last = call
         self.count = 0
@@ -55,27 +50,21 @@ class PollingChecker(RuleChecker):
     """Counts the calls that read a single value."""
 
     rules = (POLLING,)
-
-    def __init__(self, report_occurrence: OccurrenceSink, clients: ClientRegistry) -> None:
-        super().__init__(report_occurrence, clients)
-        self._reads: dict[Conversation, _VariableReads] = {}
+    by_client: dict[Conversation, _VariableReads]
 
     def wants_call(self, call_kind: CallKind, health: CallHealth) -> bool:
         return call_kind.function_id == ID["Variable_GetValue"]
 
     def on_call(self, call: Call, client: ClientState) -> None:
-        reads = self._reads.get(call.conversation)
+        reads = self.by_client.get(call.conversation)
         if reads is None:
-            reads = self._reads[call.conversation] = _VariableReads(call)
+            reads = self.by_client[call.conversation] = _VariableReads(call)
         reads.add(call, client.target_object.label if client.target_object is not None else "")
 
     def end_occurrences(self, end: ClientEnd) -> Iterator[Occurrence]:
-        reads, calls = self._reads.get(end.client.conversation), end.client.call_count
+        reads, calls = self.by_client.get(end.client.conversation), end.client.call_count
         if reads is not None and reads.count >= max(_FEWEST_READS, calls * _LEAST_SHARE):
             yield _polling(reads, calls)
-
-    def drop_client(self, client: ClientState) -> None:
-        self._reads.pop(client.conversation, None)
 
 
 def _polling(reads: _VariableReads, calls: int) -> Occurrence:

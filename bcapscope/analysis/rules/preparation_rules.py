@@ -2,16 +2,10 @@
 
 from __future__ import annotations
 
-from bcapscope.analysis.client_state import (
-    ClientRegistry,
-    ClientState,
-    argument,
-    folded_command,
-    gets_robslave,
-)
+from bcapscope.analysis.client_state import MOTION_FUNCTIONS, ClientState, argument, gets_robslave
 from bcapscope.analysis.finding import Severity
 from bcapscope.analysis.finding_places import call_name_place, call_place, client_place
-from bcapscope.analysis.rules.refusal import NO_REASON, Refusal, RefusalReason, make_refusal
+from bcapscope.analysis.rules.refusal import NO_REASON, Refusal, RefusalReason
 from bcapscope.analysis.rules.rule_checker import MS, SECOND, CallHealth, DiagnosisRule, RuleChecker
 from bcapscope.messages import Message
 from bcapscope.messages.places import Duration, HexNumber, Moment, WireText
@@ -36,17 +30,9 @@ ROBSLAVE_NOT_RUNNING = DiagnosisRule(
     ("controller-error", "underflow", "over-limit"),
     _EVER,
 )
-NO_AT_E = DiagnosisRule(
-    "no-at-e",
-    Severity.WARNING,
-    f"{_SEED}, slvChangeMode",
-)
+NO_AT_E = DiagnosisRule("no-at-e", Severity.WARNING, f"{_SEED}, slvChangeMode")
 ROBOT_STILL_MOVING = DiagnosisRule(
-    "robot-still-moving",
-    Severity.ERROR,
-    f"{_SEED}, slvChangeMode; {_ERRORS}",
-    ("no-at-e",),
-    10 * SECOND,
+    "robot-still-moving", Severity.ERROR, f"{_SEED}, slvChangeMode; {_ERRORS}", ("no-at-e",), 10 * SECOND
 )
 ARM_NOT_TAKEN = DiagnosisRule(
     "arm-not-taken",
@@ -56,9 +42,7 @@ ARM_NOT_TAKEN = DiagnosisRule(
     60 * SECOND,
 )
 ARM_TAKEN_BY_OTHER = DiagnosisRule(
-    "arm-taken-by-other",
-    Severity.ERROR,
-    f"DENSORobot/denso_robot_ros issues 21, 29 and 48; {_ERRORS}",
+    "arm-taken-by-other", Severity.ERROR, f"DENSORobot/denso_robot_ros issues 21, 29 and 48; {_ERRORS}"
 )
 MOTOR_OFF = DiagnosisRule(
     "motor-off",
@@ -74,26 +58,16 @@ MOTOR_SWITCHING_OFF = DiagnosisRule(
     ("underflow", "over-limit", "beyond-range", "controller-error"),
     60 * SECOND,
 )
-EMERGENCY_STOP = DiagnosisRule(
-    "emergency-stop",
-    Severity.ERROR,
-    _ERRORS,
-)
+EMERGENCY_STOP = DiagnosisRule("emergency-stop", Severity.ERROR, _ERRORS)
 NOT_IN_AUTOMATIC_MODE = DiagnosisRule(
-    "not-in-automatic-mode",
-    Severity.ERROR,
-    f"{_SEED}, Preparation; {_ERRORS}",
+    "not-in-automatic-mode", Severity.ERROR, f"{_SEED}, Preparation; {_ERRORS}"
 )
 NO_EXECUTABLE_TOKEN = DiagnosisRule(
     "no-executable-token",
     Severity.ERROR,
     f"{_SEED}, Setting up your RC7; DENSORobot/denso_robot_ros issues 29 and 36",
 )
-NO_LICENCE = DiagnosisRule(
-    "no-licence",
-    Severity.ERROR,
-    f"{_SEED}, Setting up your RC7; {_ERRORS}",
-)
+NO_LICENCE = DiagnosisRule("no-licence", Severity.ERROR, f"{_SEED}, Setting up your RC7; {_ERRORS}")
 MANUAL_RESET_MISSING = DiagnosisRule(
     "manual-reset-missing",
     Severity.ERROR,
@@ -102,9 +76,7 @@ MANUAL_RESET_MISSING = DiagnosisRule(
     60 * SECOND,
 )
 TYPE_NOT_CHECKED = DiagnosisRule(
-    "type-not-checked",
-    Severity.NOTE,
-    f"{_SEED}, Starting your client app. (tips)",
+    "type-not-checked", Severity.NOTE, f"{_SEED}, Starting your client app. (tips)"
 )
 
 _MOVING_CODES = (0x600B, 0x8000600B, 0x8150100D, 0x81201744)
@@ -115,17 +87,7 @@ _MODE_CODES = (
     *(0x81501005, 0x81201705, 0x81201748, 0x81501007, 0x81501020, 0x81501021, 0x81501023),
     *(0x21E2, 0x21E3, 0x21E4, 0x21E5, 0x21E6, 0x21E7, 0x21F2, 0x21F3, 0x21FC),
 )
-_TOKEN_CODES = (
-    0x83501026,
-    0x83501027,
-    0x83501028,
-    0x83501029,
-    0x80501043,
-    0x80501044,
-    0x2287,
-    0x2288,
-    0x2289,
-)
+_TOKEN_CODES = (*range(0x83501026, 0x8350102A), 0x80501043, 0x80501044, 0x2287, 0x2288, 0x2289)
 _LICENCE_CODES = (0x80000901, 0x8000020C, 0x83500009, 0x83500126)
 _RESET_CODES = (0x83500372, 0x81501069, 0x81501070)
 _SWITCHES_OFF = 4
@@ -143,11 +105,11 @@ class PreparationChecker(RuleChecker):
     rules = (NO_AT_E, TYPE_NOT_CHECKED)
 
     def wants_call(self, call_kind: CallKind, health: CallHealth) -> bool:
-        command = folded_command(call_kind)
+        command = call_kind.folded_command
         return command == "slvchangemode" or (health is not CallHealth.REFUSED and command != "slvmove")
 
     def on_call(self, call: Call, client: ClientState) -> None:
-        if folded_command(call.kind) == "slvchangemode" and _requests_mode(call):
+        if call.kind.folded_command == "slvchangemode" and _requests_mode(call):
             self._check_last_motion(call, client)
             self._check_type_read(call, client)
         elif client.last_motion is None and not client.type_was_read and _moves_robot(call):
@@ -187,9 +149,7 @@ class PreparationChecker(RuleChecker):
             TYPE_NOT_CHECKED,
             call,
             Message(
-                "finding.type-not-checked",
-                client=client_place(call.conversation),
-                call=call_name_place(call),
+                "finding.type-not-checked", client=client_place(call.conversation), call=call_name_place(call)
             ),
         )
 
@@ -197,15 +157,12 @@ class PreparationChecker(RuleChecker):
 def _moves_robot(call: Call) -> bool:
     """Return whether a call moves the robot's arm."""
     function_id, command = call.kind
-    if function_id in _MOTION_FUNCTIONS:
+    if function_id in MOTION_FUNCTIONS:
         return True
     frame = call.request.item
     if function_id != ID["Robot_Execute"] or command is None:
         return False
     return request_effect(frame.code, [each.variant for each in frame.arguments]) is CallEffect.MOVES
-
-
-_MOTION_FUNCTIONS = frozenset(ID[f"Robot_{verb}"] for verb in ("Move", "Drive", "GoHome", "Rotate"))
 
 
 def _requests_mode(call: Call) -> bool:
@@ -237,8 +194,8 @@ def _ends_at_e(motion: Call) -> bool:
     return _pass_of(motion).casefold() == "@e"
 
 
-def _explain_robslave(call: Call, client: ClientState, clients: ClientRegistry) -> RefusalReason | None:
-    command = folded_command(call.kind)
+def _explain_robslave(call: Call, client: ClientState) -> RefusalReason | None:
+    command = call.kind.folded_command
     code = call.hresult or 0
     if gets_robslave(call):
         return RefusalReason(Message("reason.robslave.no-program"))
@@ -278,7 +235,7 @@ def _error_after(started: Call, client: ClientState) -> Call | None:
     return ended if failed and ended is not None and ended.number > started.number else None
 
 
-def _explain_moving(call: Call, client: ClientState, clients: ClientRegistry) -> RefusalReason | None:
+def _explain_moving(call: Call, client: ClientState) -> RefusalReason | None:
     motion = client.last_motion
     if motion is None:
         return NO_REASON
@@ -296,10 +253,10 @@ def _explain_moving(call: Call, client: ClientState, clients: ClientRegistry) ->
     )
 
 
-def _explain_arm_taken(call: Call, client: ClientState, clients: ClientRegistry) -> RefusalReason | None:
-    holder = next((other for other in clients.other_clients(client) if other.take_arm_call is not None), None)
+def _explain_arm_taken(call: Call, client: ClientState) -> RefusalReason | None:
+    holder = next((other for other in client.other_clients() if other.take_arm_call is not None), None)
     if holder is None or holder.take_arm_call is None:
-        if folded_command(call.kind) != "takearm":
+        if call.kind.folded_command != "takearm":
             return None
         return RefusalReason(Message("reason.arm.holder-unseen"))
     taken = holder.take_arm_call
@@ -309,14 +266,14 @@ def _explain_arm_taken(call: Call, client: ClientState, clients: ClientRegistry)
     )
 
 
-def _explain_arm_missing(call: Call, client: ClientState, clients: ClientRegistry) -> RefusalReason | None:
+def _explain_arm_missing(call: Call, client: ClientState) -> RefusalReason | None:
     if client.take_arm_call is not None:
         taken = client.take_arm_call
         return RefusalReason(Message("reason.arm.lost", at=Moment(taken.request.time)), evidence_call=taken)
     return RefusalReason(Message(f"reason.arm.{'not-taken' if client.session_start_seen else 'not-seen'}"))
 
 
-def _explain_motor(call: Call, client: ClientState, clients: ClientRegistry) -> RefusalReason | None:
+def _explain_motor(call: Call, client: ClientState) -> RefusalReason | None:
     motor, failure = client.motor_call, client.uncleared_error
     if motor is not None and client.motor_on is False:
         return _motor_reason("switched-off", motor)
@@ -337,22 +294,22 @@ def _motor_reason(case: str, motor: Call) -> RefusalReason:
     return RefusalReason(message, evidence_call=motor)
 
 
-def _explain_reset(call: Call, client: ClientState, clients: ClientRegistry) -> RefusalReason | None:
+def _explain_reset(call: Call, client: ClientState) -> RefusalReason | None:
     return RefusalReason(
         explaining_calls=() if client.uncleared_error is None else (client.uncleared_error.number,)
     )
 
 
 REFUSALS: tuple[Refusal, ...] = (
-    make_refusal(ROBSLAVE_NOT_RUNNING, (), _explain_robslave),
-    make_refusal(ROBOT_STILL_MOVING, _MOVING_CODES, _explain_moving),
-    make_refusal(ARM_TAKEN_BY_OTHER, _ARM_CODES, _explain_arm_taken),
-    make_refusal(ARM_NOT_TAKEN, _ARM_CODES, _explain_arm_missing),
-    make_refusal(MOTOR_OFF, _MOTOR_CODES, _explain_motor),
-    make_refusal(MOTOR_SWITCHING_OFF, (0x8350106E,)),
-    make_refusal(EMERGENCY_STOP, (*_STOP_CODES, *_STOP_CODES_RC7)),
-    make_refusal(NOT_IN_AUTOMATIC_MODE, _MODE_CODES),
-    make_refusal(NO_EXECUTABLE_TOKEN, _TOKEN_CODES),
-    make_refusal(NO_LICENCE, _LICENCE_CODES),
-    make_refusal(MANUAL_RESET_MISSING, _RESET_CODES, _explain_reset),
+    Refusal(ROBSLAVE_NOT_RUNNING, (), _explain_robslave),
+    Refusal(ROBOT_STILL_MOVING, _MOVING_CODES, _explain_moving),
+    Refusal(ARM_TAKEN_BY_OTHER, _ARM_CODES, _explain_arm_taken),
+    Refusal(ARM_NOT_TAKEN, _ARM_CODES, _explain_arm_missing),
+    Refusal(MOTOR_OFF, _MOTOR_CODES, _explain_motor),
+    Refusal(MOTOR_SWITCHING_OFF, (0x8350106E,)),
+    Refusal(EMERGENCY_STOP, (*_STOP_CODES, *_STOP_CODES_RC7)),
+    Refusal(NOT_IN_AUTOMATIC_MODE, _MODE_CODES),
+    Refusal(NO_EXECUTABLE_TOKEN, _TOKEN_CODES),
+    Refusal(NO_LICENCE, _LICENCE_CODES),
+    Refusal(MANUAL_RESET_MISSING, _RESET_CODES, _explain_reset),
 )

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection
 from typing import NamedTuple, TypeAlias
 
-from bcapscope.analysis.client_state import ClientRegistry, ClientState
-from bcapscope.analysis.finding_places import call_name_place, call_place, client_place, code_place
+from bcapscope.analysis.client_state import ClientState
 from bcapscope.analysis.rules.rule_checker import DiagnosisRule
 from bcapscope.messages import Message
-from bcapscope.messages.places import Moment
 from bcapscope.traffic.call import Call
 
 
@@ -20,10 +18,6 @@ class RefusalReason(NamedTuple):
         text: What explains it, for the place `reason` of the usual sentence; None for nothing.
         fact: The whole sentence, if the usual one does not fit.
         clause: The clause for a consequence, if the usual one does not fit.
-        explaining_calls: Numbers of calls that explain the refusal.
-        evidence_call: Call whose frames help to prove it.
-        group_key: Separates findings of one rule.
-        advice: Advice for this case.
     """
 
     text: Message | None = None
@@ -38,41 +32,17 @@ class RefusalReason(NamedTuple):
 NO_REASON = RefusalReason()
 """Only the result code is known."""
 
-ExplainRefusal: TypeAlias = Callable[[Call, ClientState, ClientRegistry], "RefusalReason | None"]
+ExplainRefusal: TypeAlias = Callable[[Call, ClientState], "RefusalReason | None"]
 
 
 class Refusal(NamedTuple):
     """One kind of refusal.
 
     Attributes:
-        rule: Rule that reports it.
         codes: Result codes that it covers; empty for any.
         explain: Returns the reason; None if this refusal does not apply to the call.
     """
 
     rule: DiagnosisRule
-    codes: frozenset[int]
-    explain: ExplainRefusal
-
-
-def make_refusal(rule: DiagnosisRule, codes: Iterable[int], explain: ExplainRefusal | None = None) -> Refusal:
-    """Return a `Refusal`. Without `explain` the sentence shows only call and result code."""
-    return Refusal(rule, frozenset(codes), explain or (lambda call, client, clients: NO_REASON))
-
-
-def usual_sentence(call: Call, code: int, why: RefusalReason) -> Message:
-    """Return the usual sentence about a refusal."""
-    usual = {
-        "at": Moment(call.request.time),
-        "call": call_place(call),
-        "client": client_place(call.conversation),
-        "code": code_place(code),
-    }
-    if why.text is None:
-        return Message("finding.refused", **usual)
-    return Message("finding.refused.because", **usual, reason=why.text)
-
-
-def usual_clause(call: Call, code: int) -> Message:
-    """Return the usual clause about a refusal as a consequence."""
-    return Message("clause.refused", call=call_name_place(call), code=code_place(code))
+    codes: Collection[int]
+    explain: ExplainRefusal = lambda call, client: NO_REASON

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from bcapscope.analysis.client_state import ClientRegistry, ClientState
+from bcapscope.analysis.client_state import ClientState
+from bcapscope.analysis.finding_places import call_name_place, call_places, code_place
 from bcapscope.analysis.rules import (
     error_rules,
     limit_rules,
@@ -13,8 +14,9 @@ from bcapscope.analysis.rules import (
     session_rules,
     slave_mode_rules,
 )
-from bcapscope.analysis.rules.refusal import Refusal, usual_clause, usual_sentence
-from bcapscope.analysis.rules.rule_checker import CallHealth, OccurrenceSink, RuleChecker
+from bcapscope.analysis.rules.refusal import Refusal, RefusalReason
+from bcapscope.analysis.rules.rule_checker import CallHealth, RuleChecker
+from bcapscope.messages import Message
 from bcapscope.traffic.call import Call
 from bcapscope.traffic.call_kind import CallKind
 
@@ -36,25 +38,21 @@ class RefusalChecker(RuleChecker):
 
     rules = tuple(dict.fromkeys(each.rule for each in REFUSALS))
 
-    def __init__(self, report_occurrence: OccurrenceSink, clients: ClientRegistry) -> None:
-        super().__init__(report_occurrence, clients)
-        self._by_code: dict[int, tuple[Refusal, ...]] = {}
-
     def wants_call(self, call_kind: CallKind, health: CallHealth) -> bool:
         return health is CallHealth.REFUSED
 
     def on_call(self, call: Call, client: ClientState) -> None:
         code = call.hresult
         assert code is not None
-        for rule, _, explain in self._refusals_for(code):
-            why = explain(call, client, self.clients)
+        for rule, codes, explain in REFUSALS:
+            why = explain(call, client) if not codes or code in codes else None
             if why is None:
                 continue
             self.report_call(
                 rule,
                 call,
-                why.fact or usual_sentence(call, code, why),
-                why.clause or usual_clause(call, code),
+                why.fact or _usual_sentence(call, code, why),
+                why.clause or _usual_clause(call, code),
                 evidence_call=why.evidence_call,
                 explaining_calls=why.explaining_calls,
                 group_key=why.group_key,
@@ -62,12 +60,13 @@ class RefusalChecker(RuleChecker):
             )
             return
 
-    def _refusals_for(self, code: int) -> tuple[Refusal, ...]:
-        about = self._by_code.get(code)
-        if about is None:
-            if len(self._by_code) >= 4096:
-                self._by_code.clear()
-            about = self._by_code[code] = tuple(
-                each for each in REFUSALS if not each.codes or code in each.codes
-            )
-        return about
+
+def _usual_sentence(call: Call, code: int, why: RefusalReason) -> Message:
+    usual = {**call_places(call), "code": code_place(code)}
+    if why.text is None:
+        return Message("finding.refused", **usual)
+    return Message("finding.refused.because", **usual, reason=why.text)
+
+
+def _usual_clause(call: Call, code: int) -> Message:
+    return Message("clause.refused", call=call_name_place(call), code=code_place(code))

@@ -6,9 +6,9 @@ from bisect import bisect_right
 from collections.abc import Iterator
 from itertools import pairwise
 
-from bcapscope.analysis.client_state import ClientRegistry, ClientState, folded_command
+from bcapscope.analysis.client_state import ClientRegistry, ClientState
 from bcapscope.analysis.finding import Severity
-from bcapscope.analysis.finding_places import attempt_place, call_place, client_place
+from bcapscope.analysis.finding_places import attempt_place, call_place, call_places, client_place
 from bcapscope.analysis.rules.rule_checker import (
     MS,
     SECOND,
@@ -79,26 +79,16 @@ EXECUTED_TWICE = DiagnosisRule(
     "orin_bcap C/src/bCAPServer/bcap_server.c",
     ("late-reply", "reply-lost", "retried"),
 )
-REPLY_LOST = DiagnosisRule(
-    "reply-lost",
-    Severity.WARNING,
-    _SEED,
-)
+REPLY_LOST = DiagnosisRule("reply-lost", Severity.WARNING, _SEED)
 RETRIED = DiagnosisRule(
     "retried",
     Severity.WARNING,
     f"{_SEED}, Retry sequence in UDP connection",
     ("malformed-request", "malformed-reply", "reply-to-nothing"),
 )
-VERY_LATE_REPLY = DiagnosisRule(
-    "very-late-reply",
-    Severity.WARNING,
-    _C_CLIENT,
-)
+VERY_LATE_REPLY = DiagnosisRule("very-late-reply", Severity.WARNING, _C_CLIENT)
 REPLY_TO_NOTHING = DiagnosisRule(
-    "reply-to-nothing",
-    Severity.WARNING,
-    f"{_SEED}, Retry sequence in UDP connection",
+    "reply-to-nothing", Severity.WARNING, f"{_SEED}, Retry sequence in UDP connection"
 )
 
 _QUIET_NS = 20 * MS
@@ -160,11 +150,7 @@ class ReplyChecker(RuleChecker):
             rule, fact = (
                 VERY_LATE_REPLY,
                 Message(
-                    "finding.very-late-reply",
-                    at=at,
-                    client=receiver,
-                    number=stray.call_number,
-                    serial=serial,
+                    "finding.very-late-reply", at=at, client=receiver, number=stray.call_number, serial=serial
                 ),
             )
         elif conversation not in self._requesting:
@@ -223,12 +209,7 @@ class ReplyChecker(RuleChecker):
         by_client = closing is not None and closing.by is Direction.REQUEST and not continued_after
         if by_client and call.kind.function_id == ID["Service_Stop"]:
             return  # the client does not wait for this reply
-        sent = {
-            "at": Moment(call.request.time),
-            "call": call_place(call),
-            "client": client_place(call.conversation),
-            "times": Times(len(call.attempts)),
-        }
+        sent = {**call_places(call), "times": Times(len(call.attempts))}
         if by_client and closing is not None:
             after = Duration(closing.time - call.request.time)
             fact = Message("finding.no-reply.closed", **sent, after=after)
@@ -247,17 +228,12 @@ class ReplyChecker(RuleChecker):
         )
 
     def _report_executed_twice(self, call: Call) -> None:
-        executed = {
-            "at": Moment(call.request.time),
-            "call": call_place(call),
-            "client": client_place(call.conversation),
-        }
         if call.skipped_handles:
             handles = Count(call.skipped_handles, "handle")
-            fact = Message("finding.executed-twice.handles", **executed, handles=handles)
+            fact = Message("finding.executed-twice.handles", **call_places(call), handles=handles)
         else:
             attempts = Count(len(call.attempts), "attempt")
-            fact = Message("finding.executed-twice", **executed, attempts=attempts)
+            fact = Message("finding.executed-twice", **call_places(call), attempts=attempts)
         self.report_call(EXECUTED_TWICE, call, fact)
 
     def _report_reply_lost(self, call: Call) -> None:
@@ -271,21 +247,17 @@ class ReplyChecker(RuleChecker):
         self.report_call(REPLY_LOST, call, fact, began=reply.time)
 
     def _report_retried(self, call: Call) -> None:
-        what = call_place(call)
         case = "" if call.first_attempt_seen else ".first-unseen"
         if call.verdict is CallVerdict.REQUEST_LOST:
             case += ".request-lost"
         fact = Message(
             f"finding.retried{case}",
-            at=Moment(call.request.time),
-            call=what,
-            client=client_place(call.conversation),
+            **call_places(call),
             attempts=Count(len(call.attempts), "attempt"),
             after=Duration(call.latency or 0),
         )
-        self.report_call(
-            RETRIED, call, fact, Message("clause.retried", call=what, attempt=len(call.attempts))
-        )
+        clause = Message("clause.retried", call=call_place(call), attempt=len(call.attempts))
+        self.report_call(RETRIED, call, fact, clause)
 
 
 def _client_stopped(call: Call, quiet: int) -> Occurrence:
@@ -327,7 +299,7 @@ def _waited_for_room(call: Call, client: ClientState) -> bool:
     mode, latency = client.slave_mode, call.latency
     if mode is None or not mode.paces_client or latency is None:
         return False
-    return folded_command(call.kind) == "slvmove" and latency <= _TURN_NS
+    return call.kind.folded_command == "slvmove" and latency <= _TURN_NS
 
 
 class _AttemptIndex:

@@ -5,19 +5,13 @@ from __future__ import annotations
 from difflib import get_close_matches
 from functools import lru_cache
 
-from bcapscope.analysis.client_state import ClientRegistry, ClientState, argument, folded_command
+from bcapscope.analysis.client_state import ClientState, argument
 from bcapscope.analysis.finding import Severity
-from bcapscope.analysis.finding_places import call_place, client_place
-from bcapscope.analysis.rules.refusal import NO_REASON, Refusal, RefusalReason, make_refusal
-from bcapscope.analysis.rules.rule_checker import (
-    SAME_CALL,
-    CallHealth,
-    DiagnosisRule,
-    OccurrenceSink,
-    RuleChecker,
-)
+from bcapscope.analysis.finding_places import call_places
+from bcapscope.analysis.rules.refusal import NO_REASON, Refusal, RefusalReason
+from bcapscope.analysis.rules.rule_checker import SAME_CALL, CallHealth, DiagnosisRule, RuleChecker
 from bcapscope.messages import Message
-from bcapscope.messages.places import Count, Listing, Moment, WireText, shortened
+from bcapscope.messages.places import Count, Listing, WireText, shortened
 from bcapscope.protocol.codec.variant import ARRAY, VT, Variant, vt_name
 from bcapscope.protocol.slave_mode.formats import ReceiveFormat, SendFormat, parse_format_parameter
 from bcapscope.protocol.slave_mode.modes import Generation
@@ -38,9 +32,7 @@ FORMAT_REFUSED = DiagnosisRule(
     "DENSORobot/denso_robot_ros issue 47; DENSORobot/denso_robot_ros2 denso_robot_core",
 )
 UNKNOWN_COMMAND = DiagnosisRule(
-    "unknown-command",
-    Severity.ERROR,
-    f"orin_bcap C/include/bcap_funcid.h; {_SAMPLES}",
+    "unknown-command", Severity.ERROR, f"orin_bcap C/include/bcap_funcid.h; {_SAMPLES}"
 )
 ARGUMENT_REFUSED = DiagnosisRule(
     "argument-refused",
@@ -50,9 +42,7 @@ ARGUMENT_REFUSED = DiagnosisRule(
     SAME_CALL,
 )
 UNUSUAL_ARGUMENT = DiagnosisRule(
-    "unusual-argument",
-    Severity.NOTE,
-    f"{_SEED}; {_SAMPLES}; DENSORobot/denso_robot_ros2 denso_robot_core",
+    "unusual-argument", Severity.NOTE, f"{_SEED}; {_SAMPLES}; DENSORobot/denso_robot_ros2 denso_robot_core"
 )
 
 _TYPE_CODES = (
@@ -69,45 +59,30 @@ _NAME_CODES = (0x80010005, 0x80000904, E_NOTIMPL)
 _USUAL_COUNTS = (7, 8, 10)
 _DRIVER_COUNTS = (8, 9, 11)
 _R4S, _R8S = ARRAY | VT.R4, ARRAY | VT.R8
-_MAX_CHECKED = 4096
 
 
 class RequestChecker(RuleChecker):
     """Checks each mode, and the first set point of each slave-mode session."""
 
     rules = (UNUSUAL_ARGUMENT,)
-
-    def __init__(self, report_occurrence: OccurrenceSink, clients: ClientRegistry) -> None:
-        super().__init__(report_occurrence, clients)
-        self._checked: set[Conversation] = set()
+    by_client: dict[Conversation, bool]
 
     def wants_call(self, call_kind: CallKind, health: CallHealth) -> bool:
-        return folded_command(call_kind) in ("slvchangemode", "slvmove")
+        return call_kind.folded_command in ("slvchangemode", "slvmove")
 
     def on_call(self, call: Call, client: ClientState) -> None:
         conversation = call.conversation
-        if folded_command(call.kind) == "slvmove":
-            if conversation not in self._checked:
-                if len(self._checked) >= _MAX_CHECKED:
-                    self._checked.clear()
-                self._checked.add(conversation)
+        if call.kind.folded_command == "slvmove":
+            if conversation not in self.by_client:
+                self.by_client[conversation] = True
                 self._report_odd(call, _odd_point(argument(call, 2), client.generation))
         else:
-            self._checked.discard(conversation)
+            self.by_client.pop(conversation, None)
             self._report_odd(call, _odd_mode(argument(call, 2)))
-
-    def drop_client(self, client: ClientState) -> None:
-        self._checked.discard(client.conversation)
 
     def _report_odd(self, call: Call, detail: Message | None) -> None:
         if detail is not None:
-            fact = Message(
-                "finding.unusual-argument",
-                at=Moment(call.request.time),
-                call=call_place(call),
-                client=client_place(call.conversation),
-                detail=detail,
-            )
+            fact = Message("finding.unusual-argument", **call_places(call), detail=detail)
             self.report_call(UNUSUAL_ARGUMENT, call, fact, group_key=repr(detail))
 
 
@@ -132,8 +107,8 @@ def _odd_point(parameter: Variant | None, generation: Generation | None) -> Mess
     return Message("finding.unusual-argument.set-point.size", elements=Count(len(values), "element"))
 
 
-def _explain_format(call: Call, client: ClientState, clients: ClientRegistry) -> RefusalReason | None:
-    name = folded_command(call.kind)
+def _explain_format(call: Call, client: ClientState) -> RefusalReason | None:
+    name = call.kind.folded_command
     parameter = argument(call, 2)
     if name not in ("slvsendformat", "slvrecvformat") or parameter is None:
         return None
@@ -169,7 +144,7 @@ def _listing(parts: list[Message], other: int) -> Listing:
     return Listing(tuple(parts) or (Message("format.nothing"),))
 
 
-def _explain_unknown(call: Call, client: ClientState, clients: ClientRegistry) -> RefusalReason | None:
+def _explain_unknown(call: Call, client: ClientState) -> RefusalReason | None:
     name = call.kind.command
     if name is None:
         return NO_REASON
@@ -187,7 +162,7 @@ def _similar_command(function_id: int, name: str) -> Message:
     return Message("reason.command-similar", command=known[close[0]])
 
 
-def _explain_argument(call: Call, client: ClientState, clients: ClientRegistry) -> RefusalReason | None:
+def _explain_argument(call: Call, client: ClientState) -> RefusalReason | None:
     return RefusalReason(_argument_mismatch(call), group_key=shortened(call.kind.command or ""))
 
 
@@ -219,7 +194,7 @@ def _argument_mismatch(call: Call) -> Message | None:
 
 
 REFUSALS: tuple[Refusal, ...] = (
-    make_refusal(FORMAT_REFUSED, (), _explain_format),
-    make_refusal(UNKNOWN_COMMAND, _NAME_CODES, _explain_unknown),
-    make_refusal(ARGUMENT_REFUSED, _TYPE_CODES, _explain_argument),
+    Refusal(FORMAT_REFUSED, (), _explain_format),
+    Refusal(UNKNOWN_COMMAND, _NAME_CODES, _explain_unknown),
+    Refusal(ARGUMENT_REFUSED, _TYPE_CODES, _explain_argument),
 )

@@ -4,16 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from bcapscope.analysis.client_state import ClientRegistry, ClientState, folded_command
+from bcapscope.analysis.client_state import ClientState
 from bcapscope.analysis.finding import Severity
 from bcapscope.analysis.finding_places import call_name_place, call_place, client_place
-from bcapscope.analysis.rules.rule_checker import (
-    CallHealth,
-    DiagnosisRule,
-    Occurrence,
-    OccurrenceSink,
-    RuleChecker,
-)
+from bcapscope.analysis.rules.rule_checker import CallHealth, DiagnosisRule, Occurrence, RuleChecker
 from bcapscope.analysis.slave.slave_session import SlaveSession
 from bcapscope.messages import Message
 from bcapscope.messages.places import Count, Duration, Moment
@@ -30,38 +24,20 @@ _SEED = "DENSO Wave 2009, How to use the Slave mode"
 _SERVER = "orin_bcap C/src/bCAPServer/bcap_server.c"
 
 RETRY_IN_ASYNC = DiagnosisRule(
-    "retry-in-async",
-    Severity.WARNING,
-    f"{_SEED}, Recommendation of the Slave mode",
+    "retry-in-async", Severity.WARNING, f"{_SEED}, Recommendation of the Slave mode"
 )
-WRONG_RESERVED = DiagnosisRule(
-    "wrong-reserved",
-    Severity.ERROR,
-    f"{_SEED}, Retry sequence in UDP connection",
-)
+WRONG_RESERVED = DiagnosisRule("wrong-reserved", Severity.ERROR, f"{_SEED}, Retry sequence in UDP connection")
 UNMARKED_RETRY = DiagnosisRule(
     "unmarked-retry",
     Severity.WARNING,
     f"{_SEED}, Retry sequence in UDP connection; {_SERVER}",
     ("no-reply", "client-gave-up", "reply-lost"),
 )
-SERIAL_ZERO = DiagnosisRule(
-    "serial-zero",
-    Severity.WARNING,
-    _SERVER,
-)
+SERIAL_ZERO = DiagnosisRule("serial-zero", Severity.WARNING, _SERVER)
 SERIAL_REUSED = DiagnosisRule(
-    "serial-reused",
-    Severity.ERROR,
-    "orin_bcap Python/bCAPClient/bcapclient.py",
-    ("long-call-without-wdt",),
+    "serial-reused", Severity.ERROR, "orin_bcap Python/bCAPClient/bcapclient.py", ("long-call-without-wdt",)
 )
-STALE_ANSWER = DiagnosisRule(
-    "stale-answer",
-    Severity.WARNING,
-    _SERVER,
-    ("unclean-quit",),
-)
+STALE_ANSWER = DiagnosisRule("stale-answer", Severity.WARNING, _SERVER, ("unclean-quit",))
 SLOW_RETRY = DiagnosisRule(
     "slow-retry",
     Severity.WARNING,
@@ -89,17 +65,15 @@ class RetryChecker(RuleChecker):
         MIXED_CONVENTIONS,
     )
 
-    def __init__(self, report_occurrence: OccurrenceSink, clients: ClientRegistry) -> None:
-        super().__init__(report_occurrence, clients)
-        self._conventions: dict[Conversation, ReservedConvention] = {}
+    by_client: dict[Conversation, ReservedConvention]
 
     def wants_call(self, call_kind: CallKind, health: CallHealth) -> bool:
-        return health is not CallHealth.SMOOTH or folded_command(call_kind) != "slvmove"
+        return health is not CallHealth.SMOOTH or call_kind.folded_command != "slvmove"
 
     def on_call(self, call: Call, client: ClientState) -> None:
         if call.convention is not ReservedConvention.UNKNOWN:
             self._check_convention(call)
-        if call.retries and folded_command(call.kind) == "slvmove":
+        if call.retries and call.kind.folded_command == "slvmove":
             self._check_retry_delay(call)
         tcp = call.conversation.transport is Transport.TCP
         if not client.call_count:
@@ -118,14 +92,11 @@ class RetryChecker(RuleChecker):
         if session.counts.retries_forbidden:
             yield _retry_in_async(session)
 
-    def drop_client(self, client: ClientState) -> None:
-        self._conventions.pop(client.conversation, None)
-
     def _check_convention(self, call: Call) -> None:
-        before = self._conventions.get(call.conversation)
+        before = self.by_client.get(call.conversation)
         if before is call.convention:
             return
-        self._conventions[call.conversation] = now = call.convention
+        self.by_client[call.conversation] = now = call.convention
         if before is not None:
             fact = Message(
                 "finding.mixed-conventions",
@@ -237,7 +208,7 @@ def _is_same_request(one: Call, other: Call) -> bool:
 def _may_hold_position(client: ClientState) -> bool:
     """Return whether the last call is a set point that the next may repeat because the robot stands still."""
     last = client.last_call
-    if folded_command(last.kind) != "slvmove":
+    if last.kind.folded_command != "slvmove":
         return False
     earlier = [point for point in client.recent_set_points if point is not last]
     return not earlier or _is_same_request(earlier[-1], last)

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from enum import Enum
-from typing import ClassVar, NamedTuple, TypeAlias
+from typing import Any, ClassVar, NamedTuple, TypeAlias
 
 from bcapscope.analysis.client_state import ClientRegistry, ClientState
 from bcapscope.analysis.finding import Severity
@@ -28,8 +28,6 @@ class DiagnosisRule:
 
     Attributes:
         id: Short name, used in JSON.
-        severity: How much it matters.
-        source: Source of the fact.
         possible_causes: Ids of the rules that can be its cause.
         cause_within_ns: How far back a cause is looked for, ns.
     """
@@ -42,12 +40,10 @@ class DiagnosisRule:
 
     @property
     def title(self) -> Message:
-        """What the rule finds."""
         return Message(f"rule.{self.id}.title")
 
     @property
     def advice(self) -> Message:
-        """What to do about it."""
         return Message(f"rule.{self.id}.advice")
 
 
@@ -56,10 +52,8 @@ class Occurrence:
     """One instance of a problem that a rule found.
 
     Attributes:
-        rule: Rule that found it.
         began: Start, ns since 1970; a cause starts no later than its consequence ends.
         completed: End, ns since 1970; delays of consequences count from here.
-        conversation: Conversation of the client concerned.
         frames: Numbers of the frames that prove it.
         fact: What happened: `finding.<rule>`, or `finding.<rule>.<case>`, a whole sentence.
         clause: The same as a consequence: `clause.<rule>`, a sentence without capital and full stop; None
@@ -93,7 +87,6 @@ class ClientEnd(NamedTuple):
     """A client that makes no more calls.
 
     Attributes:
-        client: Final state of the client.
         ended_at: Time when the traffic ended, ns since 1970, or time when the client was dropped from memory.
         known_present: The client is known to be still there, even if it is silent.
         silent_session: Latest slave-mode session that ended because the client sent no more set points.
@@ -126,10 +119,10 @@ class RuleChecker:
     nothing: they are also called for a snapshot, after which the traffic goes on.
 
     Attributes:
-        rules: Rules that it checks.
         needs_every_set_point: Whether `on_call` gets every accepted set point (slvMove), maybe millions.
             Otherwise it gets the first of each run of set points that are alike (see `AlikeSetPoints`), and
             all that differ or went wrong. `client` is the state before the first set point of the run.
+        by_client: What it keeps for each client, until the client is dropped from memory.
     """
 
     rules: ClassVar[tuple[DiagnosisRule, ...]]
@@ -138,6 +131,7 @@ class RuleChecker:
     def __init__(self, report_occurrence: OccurrenceSink, clients: ClientRegistry) -> None:
         self.report_occurrence = report_occurrence
         self.clients = clients
+        self.by_client: dict[Conversation, Any] = {}
 
     def report_call(
         self,
@@ -153,19 +147,9 @@ class RuleChecker:
         group_key: str = "",
         advice: Message | None = None,
     ) -> None:
-        """Report a problem of a call.
+        """Report a problem of a call, by default of the whole time from its request to its last frame.
 
-        Args:
-            rule: Rule that found it.
-            call: Call concerned.
-            fact: What happened, as in `Occurrence`.
-            clause: The same as a consequence, as in `Occurrence`.
-            evidence_call: Another call whose frames prove it.
-            explaining_calls: Numbers of calls that explain it.
-            began: Start, ns since 1970; 0 for the time of the first request.
-            completed: End, ns since 1970; 0 for the last frame of the call.
-            group_key: Separates findings of one rule.
-            advice: Advice for this case.
+        `evidence_call` is another call whose frames prove it; for the other arguments see `Occurrence`.
         """
         self.report_occurrence(
             Occurrence(
@@ -215,10 +199,10 @@ class RuleChecker:
 
     def drop_client(self, client: ClientState) -> None:
         """Release what is kept for a client that is dropped from memory."""
+        self.by_client.pop(client.conversation, None)
 
 
 def frame_numbers(*calls: Call | None) -> tuple[int, ...]:
-    """Return the numbers of all frames of the calls."""
     return tuple(seen.number for call in calls if call is not None for seen in call_observations(call))
 
 
@@ -232,8 +216,3 @@ def call_observations(call: Call) -> tuple[FrameObservation, ...]:
 def last_frame_time(call: Call) -> int:
     """Return the time of the last frame of a call, ns since 1970."""
     return call.last_activity if call.reply is None else max(call.last_activity, call.reply.time)
-
-
-def checkers_overriding(checkers: Sequence[RuleChecker], method: str) -> list[RuleChecker]:
-    """Return the checkers that override `method`."""
-    return [each for each in checkers if getattr(type(each), method) is not getattr(RuleChecker, method)]

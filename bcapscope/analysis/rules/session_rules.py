@@ -5,10 +5,10 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 
-from bcapscope.analysis.client_state import ClientRegistry, ClientState, text_argument
+from bcapscope.analysis.client_state import ClientState, text_argument
 from bcapscope.analysis.finding import Severity
-from bcapscope.analysis.finding_places import call_place, client_place
-from bcapscope.analysis.rules.refusal import Refusal, RefusalReason, make_refusal
+from bcapscope.analysis.finding_places import call_place, call_places, client_place
+from bcapscope.analysis.rules.refusal import Refusal, RefusalReason
 from bcapscope.analysis.rules.rule_checker import (
     SECOND,
     CallHealth,
@@ -78,21 +78,9 @@ BUSY = DiagnosisRule(
     ("executing-forever", "no-reply", "client-gave-up", "long-call-without-wdt", "late-reply"),
     600 * SECOND,
 )
-EXECUTING_FOREVER = DiagnosisRule(
-    "executing-forever",
-    Severity.ERROR,
-    _SERVER,
-)
-LONG_CALL_WITHOUT_WDT = DiagnosisRule(
-    "long-call-without-wdt",
-    Severity.WARNING,
-    _SERVER,
-)
-WDT_TOO_SMALL = DiagnosisRule(
-    "wdt-too-small",
-    Severity.ERROR,
-    _SERVER,
-)
+EXECUTING_FOREVER = DiagnosisRule("executing-forever", Severity.ERROR, _SERVER)
+LONG_CALL_WITHOUT_WDT = DiagnosisRule("long-call-without-wdt", Severity.WARNING, _SERVER)
+WDT_TOO_SMALL = DiagnosisRule("wdt-too-small", Severity.ERROR, _SERVER)
 
 _OPTION = re.compile(r"(WDT|InvokeTimeout)\s*=\s*([0-9]{1,9})", re.IGNORECASE)
 
@@ -134,7 +122,7 @@ class SessionChecker(RuleChecker):
 
     def _unclosed_session(self, client: ClientState) -> Iterator[Occurrence]:
         silent = last_frame_time(client.last_call)
-        follower = _successor(client, self.clients, silent)
+        follower = _successor(client, silent)
         quiet = max((last_frame_time(each.last_call) for each in self.clients), default=silent) - silent
         patience = max(_SILENT_NS, _USUAL_PAUSES * client.longest_pause_ns)
         if quiet < (_REPLACED_AFTER_NS if follower is not None else patience):
@@ -160,16 +148,14 @@ class SessionChecker(RuleChecker):
         self.report_occurrence(_unclean_quit(client.last_call, call.request.time, fact, frames))
 
     def _report_executing_forever(self, call: Call) -> None:
-        notices, what = call.notices, call_place(call)
+        notices = call.notices
         fact = Message(
             "finding.executing-forever",
-            at=Moment(call.request.time),
-            call=what,
-            client=client_place(call.conversation),
+            **call_places(call),
             times=Times(len(notices)),
             lasted=Duration(notices[-1].time - call.request.time),
         )
-        clause = Message("clause.executing-forever", call=what)
+        clause = Message("clause.executing-forever", call=call_place(call))
         self.report_call(EXECUTING_FOREVER, call, fact, clause, completed=notices[-1].time)
 
     def _check_long_call(self, call: Call, service: Call) -> None:
@@ -184,9 +170,7 @@ class SessionChecker(RuleChecker):
         case = ".retried" if call.retries else ""
         fact = Message(
             f"finding.long-call-without-wdt{case}",
-            at=Moment(call.request.time),
-            call=call_place(call),
-            client=client_place(call.conversation),
+            **call_places(call),
             took=Duration(took),
             waited=Duration(waited),
             attempts=Count(len(call.attempts), "attempt"),
@@ -236,10 +220,10 @@ def _has_wdt(service: Call) -> bool:
     return any(match[1].casefold() == "wdt" for match in _OPTION.finditer(text_argument(service, 0)))
 
 
-def _successor(client: ClientState, clients: ClientRegistry, since: int) -> ClientState | None:
+def _successor(client: ClientState, since: int) -> ClientState | None:
     """Return a client of the same machine that began a session after this one fell silent."""
     host = client.conversation.client.host
-    for other in clients.other_clients(client):
+    for other in client.other_clients():
         first = other.first_call
         if (
             other.conversation.client.host == host
@@ -250,32 +234,32 @@ def _successor(client: ClientState, clients: ClientRegistry, since: int) -> Clie
     return None
 
 
-def _explain_not_started(call: Call, client: ClientState, clients: ClientRegistry) -> RefusalReason | None:
+def _explain_not_started(call: Call, client: ClientState) -> RefusalReason | None:
     is_first = not client.call_count and call.request.item.serial <= 2
     if not is_first or call.kind.function_id == ID["Service_Start"]:
         return None
     return RefusalReason(Message("reason.first-call"))
 
 
-def _explain_small_wdt(call: Call, client: ClientState, clients: ClientRegistry) -> RefusalReason | None:
+def _explain_small_wdt(call: Call, client: ClientState) -> RefusalReason | None:
     if call.kind.function_id != ID["Service_Start"]:
         return None
     small = [match for match in _OPTION.finditer(text_argument(call, 0)) if int(match[2]) < _SMALLEST_WDT_MS]
     return RefusalReason(Message("reason.wdt", option=small[0][0])) if small else None
 
 
-def _explain_provider(call: Call, client: ClientState, clients: ClientRegistry) -> RefusalReason | None:
+def _explain_provider(call: Call, client: ClientState) -> RefusalReason | None:
     if call.kind.function_id != ID["Controller_Connect"]:
         return None
     provider, machine = text_argument(call, 1), text_argument(call, 2)
     return RefusalReason(Message("reason.provider", provider=WireText(provider), machine=WireText(machine)))
 
 
-def _explain_name_in_use(call: Call, client: ClientState, clients: ClientRegistry) -> RefusalReason | None:
+def _explain_name_in_use(call: Call, client: ClientState) -> RefusalReason | None:
     if call.kind.function_id != ID["Controller_Connect"]:
         return None
     name = text_argument(call, 0)
-    for other in (client, *clients.other_clients(client)):
+    for other in (client, *client.other_clients()):
         connected = other.connect_call
         if connected is not None and text_argument(connected, 0) == name:
             return _held_by(other, connected, name)
@@ -292,11 +276,11 @@ def _held_by(client: ClientState, connected: Call, name: str) -> RefusalReason:
     return RefusalReason(reason, evidence_call=connected)
 
 
-def _explain_busy(call: Call, client: ClientState, clients: ClientRegistry) -> RefusalReason | None:
+def _explain_busy(call: Call, client: ClientState) -> RefusalReason | None:
     running = _running_call(client, call)
     if running is not None:
         return _busy_with(running, call, "reason.busy")
-    for each in clients.other_clients(client):
+    for each in client.other_clients():
         other = _running_call(each, call)
         if other is not None and _share_call_slot(other, call):
             return _busy_with(other, call, "reason.busy-with-other-client")
@@ -332,11 +316,11 @@ def _may_have_run(earlier: Call, call: Call) -> bool:
 
 
 REFUSALS: tuple[Refusal, ...] = (
-    make_refusal(WDT_TOO_SMALL, (E_INVALIDARG,), _explain_small_wdt),
-    make_refusal(NAME_IN_USE, (E_CAO_COLLECTION_REGISTERED,), _explain_name_in_use),
-    make_refusal(
+    Refusal(WDT_TOO_SMALL, (E_INVALIDARG,), _explain_small_wdt),
+    Refusal(NAME_IN_USE, (E_CAO_COLLECTION_REGISTERED,), _explain_name_in_use),
+    Refusal(
         PROVIDER_REFUSED, (E_INVALIDARG, 0x80000201, 0x80000202, 0x80000208, 0x80000209), _explain_provider
     ),
-    make_refusal(SERVICE_NOT_STARTED, (), _explain_not_started),
-    make_refusal(BUSY, (E_BUSY,), _explain_busy),
+    Refusal(SERVICE_NOT_STARTED, (), _explain_not_started),
+    Refusal(BUSY, (E_BUSY,), _explain_busy),
 )

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from bcapscope.analysis.client_state import ClientRegistry, ClientState, argument, folded_command
+from bcapscope.analysis.client_state import ClientState, argument
 from bcapscope.analysis.finding import Severity
 from bcapscope.analysis.finding_places import call_name_place, call_place, client_place
-from bcapscope.analysis.rules.refusal import Refusal, RefusalReason, make_refusal
+from bcapscope.analysis.rules.refusal import Refusal, RefusalReason
 from bcapscope.analysis.rules.rule_checker import (
     MS,
     SAME_CALL,
@@ -24,8 +24,9 @@ from bcapscope.protocol.codec.variant import integer_value
 from bcapscope.protocol.tables.call_effect import CallEffect, function_effect
 from bcapscope.protocol.tables.command_catalogue import find_command
 from bcapscope.protocol.tables.function_table import function_name
-from bcapscope.protocol.tables.hresult import E_NOT_IN_SLAVE_MODE, E_REFUSED_IN_SLAVE_MODE
+from bcapscope.protocol.tables.hresult import E_REFUSED_IN_SLAVE_MODE
 from bcapscope.traffic.call import Call
+from bcapscope.traffic.slave_mode_tracker import SLAVE_MODE_OFF_CODES
 
 _ERRORS = "public list of controller errors in nkawa/Denso_CobottaPro900_MQTT_Control"
 _REACH = 60 * SECOND
@@ -58,14 +59,10 @@ SLVMOVE_OUTSIDE_SLAVE_MODE = DiagnosisRule(
     _REACH,
 )
 REFUSED_IN_SLAVE_MODE = DiagnosisRule(
-    "refused-in-slave-mode",
-    Severity.ERROR,
-    f"DENSORobot/denso_robot_ros issues 13, 21, 42 and 48; {_ERRORS}",
+    "refused-in-slave-mode", Severity.ERROR, f"DENSORobot/denso_robot_ros issues 13, 21, 42 and 48; {_ERRORS}"
 )
 SLAVE_MODE_ENDED_BY_OTHER = DiagnosisRule(
-    "slave-mode-ended-by-other",
-    Severity.ERROR,
-    "DENSORobot/denso_robot_ros issues 13, 21 and 48",
+    "slave-mode-ended-by-other", Severity.ERROR, "DENSORobot/denso_robot_ros issues 13, 21 and 48"
 )
 SLAVE_MODE_LOST_UNSEEN = DiagnosisRule(
     "slave-mode-lost-unseen",
@@ -82,20 +79,13 @@ SLAVE_MODE_REFUSED = DiagnosisRule(
 )
 
 _NOT_ALLOWED = (E_REFUSED_IN_SLAVE_MODE, 0x8120174E, 0x81500177)
-_NEEDS_IT = (E_NOT_IN_SLAVE_MODE, 0x83501033, 0x8120184E)
 _SUSPECT_WITHIN_NS = 200 * MS
 
 
 class SlaveModeChecker(RuleChecker):
     """Checks how slave-mode sessions ended."""
 
-    rules = (
-        SLVMOVE_OUTSIDE_SLAVE_MODE,
-        REFUSED_IN_SLAVE_MODE,
-        SLAVE_MODE_ENDED_BY_OTHER,
-        SLAVE_MODE_LOST_UNSEEN,
-        SLAVE_MODE_REFUSED,
-    )
+    rules = (SLAVE_MODE_ENDED_BY_OTHER, SLAVE_MODE_LOST_UNSEEN)
 
     def session_occurrences(self, session: SlaveSession) -> Iterator[Occurrence]:
         exit_ = session.exit
@@ -135,10 +125,7 @@ def _lost_unseen(session: SlaveSession, last: FrameTime) -> Occurrence:
         and last.time - _SUSPECT_WITHIN_NS <= call.time < exit_.time
         and not _is_harmless_call(call)
     ]
-    places: dict[str, PlaceValue] = {
-        "client": client_place(session.conversation),
-        "since": Moment(last.time),
-    }
+    places: dict[str, PlaceValue] = {"client": client_place(session.conversation), "since": Moment(last.time)}
     fact = Message("finding.slave-mode-lost-unseen", **places)
     if suspects:
         by = suspects[-1]
@@ -167,14 +154,14 @@ def _is_harmless_call(call: CallFact) -> bool:
     return known is not None and (known.effect < CallEffect.CHANGES or known.in_slave_mode is True)
 
 
-def _explain_outside(call: Call, client: ClientState, clients: ClientRegistry) -> RefusalReason | None:
+def _explain_outside(call: Call, client: ClientState) -> RefusalReason | None:
     ended, entered = client.mode_ended_by, client.mode_entered_by
     if entered is None and ended is None:
         unseen = client.mode_value is None and not client.session_start_seen
         return RefusalReason(Message(f"reason.slave-mode.{'never-on' if unseen else 'not-entered'}"))
     if ended is None or (entered is not None and entered.number > ended.number):
-        return _explain_off_unseen(call, client, clients)
-    if folded_command(ended.kind) == "slvchangemode":
+        return _explain_off_unseen(call, client)
+    if ended.kind.folded_command == "slvchangemode":
         return RefusalReason(
             Message("reason.slave-mode.left", call=call_place(ended), at=Moment(ended.request.time)),
             evidence_call=ended,
@@ -184,28 +171,24 @@ def _explain_outside(call: Call, client: ClientState, clients: ClientRegistry) -
     )
 
 
-def _explain_off_unseen(call: Call, client: ClientState, clients: ClientRegistry) -> RefusalReason:
-    ends = [each.mode_ended_by for each in clients.other_clients(client)]
+def _explain_off_unseen(call: Call, client: ClientState) -> RefusalReason:
+    ends = [each.mode_ended_by for each in client.other_clients()]
     others = [each for each in ends if each is not None and each.request.time <= call.request.time]
     return RefusalReason(
         Message("reason.slave-mode.off-by-others"), explaining_calls=tuple(each.number for each in others)
     )
 
 
-def _explain_not_allowed(call: Call, client: ClientState, clients: ClientRegistry) -> RefusalReason | None:
-    owner = next(
-        (each for each in (*clients.other_clients(client), client) if _was_in_slave_mode(each, call)), None
-    )
+def _explain_not_allowed(call: Call, client: ClientState) -> RefusalReason | None:
+    owner = next((each for each in (*client.other_clients(), client) if _was_in_slave_mode(each, call)), None)
     name = call_name_place(call)
-    case, places = (
-        "",
-        {
-            "client": client_place(call.conversation),
-            "call": name,
-            "at": Moment(call.request.time),
-            "code": HexNumber(call.hresult or 0),
-        },
-    )
+    places: dict[str, PlaceValue] = {
+        "client": client_place(call.conversation),
+        "call": name,
+        "at": Moment(call.request.time),
+        "code": HexNumber(call.hresult or 0),
+    }
+    case = ""
     if owner is client:
         case = ".own"
     elif owner is not None:
@@ -228,9 +211,9 @@ def _was_in_slave_mode(client: ClientState, call: Call) -> bool:
     )
 
 
-def _explain_mode_refused(call: Call, client: ClientState, clients: ClientRegistry) -> RefusalReason | None:
+def _explain_mode_refused(call: Call, client: ClientState) -> RefusalReason | None:
     parameter = argument(call, 2)
-    if folded_command(call.kind) != "slvchangemode" or parameter is None:
+    if call.kind.folded_command != "slvchangemode" or parameter is None:
         return None
     value = integer_value(parameter)
     if value is None:
@@ -239,7 +222,7 @@ def _explain_mode_refused(call: Call, client: ClientState, clients: ClientRegist
 
 
 REFUSALS: tuple[Refusal, ...] = (
-    make_refusal(SLVMOVE_OUTSIDE_SLAVE_MODE, _NEEDS_IT, _explain_outside),
-    make_refusal(REFUSED_IN_SLAVE_MODE, _NOT_ALLOWED, _explain_not_allowed),
-    make_refusal(SLAVE_MODE_REFUSED, (0x80070057, 0x80020005, 0x80010003, 0x83500127), _explain_mode_refused),
+    Refusal(SLVMOVE_OUTSIDE_SLAVE_MODE, SLAVE_MODE_OFF_CODES, _explain_outside),
+    Refusal(REFUSED_IN_SLAVE_MODE, _NOT_ALLOWED, _explain_not_allowed),
+    Refusal(SLAVE_MODE_REFUSED, (0x80070057, 0x80020005, 0x80010003, 0x83500127), _explain_mode_refused),
 )

@@ -25,25 +25,13 @@ from bcapscope.traffic.observation import Conversation, Direction, Flow, Observa
 
 _SERVER = "orin_bcap C/src/bCAPServer/bcap_server.c"
 
-OVERSIZE_DATAGRAM = DiagnosisRule(
-    "oversize-datagram",
-    Severity.ERROR,
-    "orin_bcap C/include/dn_udp.h",
-)
+OVERSIZE_DATAGRAM = DiagnosisRule("oversize-datagram", Severity.ERROR, "orin_bcap C/include/dn_udp.h")
 NEAR_DATAGRAM_LIMIT = DiagnosisRule(
-    "near-datagram-limit",
-    Severity.NOTE,
-    "orin_bcap C/include/dn_udp.h; DENSORobot/denso_robot_ros issue 9",
+    "near-datagram-limit", Severity.NOTE, "orin_bcap C/include/dn_udp.h; DENSORobot/denso_robot_ros issue 9"
 )
-MALFORMED_REQUEST = DiagnosisRule(
-    "malformed-request",
-    Severity.ERROR,
-    _SERVER,
-)
+MALFORMED_REQUEST = DiagnosisRule("malformed-request", Severity.ERROR, _SERVER)
 MALFORMED_REPLY = DiagnosisRule(
-    "malformed-reply",
-    Severity.WARNING,
-    "orin_bcap C/src/bCAPClient/bcap_client.c",
+    "malformed-reply", Severity.WARNING, "orin_bcap C/src/bCAPClient/bcap_client.c"
 )
 CAPTURE_GAP = DiagnosisRule(
     "capture-gap",
@@ -51,9 +39,7 @@ CAPTURE_GAP = DiagnosisRule(
     "how captures work: the other end acknowledged these bytes, or they follow a gap",
 )
 CAPTURE_CUT = DiagnosisRule(
-    "capture-cut",
-    Severity.NOTE,
-    "the original length of the packet in the capture file",
+    "capture-cut", Severity.NOTE, "the original length of the packet in the capture file"
 )
 SERVER_GUESSED = DiagnosisRule(
     "server-guessed",

@@ -45,9 +45,7 @@ class PredictedUnderflow(NamedTuple):
 
     Attributes:
         time: Time when the controller needed the point, ns since 1970.
-        last_frame: Frame of the previous set point.
         late_frame: Frame of the set point that arrived too late.
-        missed_ticks: Number of controller ticks without a set point.
         late_ms: Delay of the set point after `time`, ms.
         moving: True if the last two set points before differ; None if they are unreadable.
     """
@@ -66,10 +64,8 @@ class BufferFacts:
 
     Attributes:
         slots: Number of set points that the buffer holds.
-        period_ms: Period of the controller in the model, ms.
         overwrites: The newest point replaces the waiting one, so an empty buffer is no error.
         replies_pace: Replies wait for room in the buffer.
-        assumptions: Assumptions of the model.
         underflows: Number of predicted underflows that the unknown phase of the controller cannot explain.
         underflows_in_motion: Those of them during motion, where they matter.
         underflow_list: The first of them.
@@ -81,7 +77,6 @@ class BufferFacts:
         smallest_slack_ms: Shortest time left until the buffer would have been empty; negative if it was
             empty.
         smallest_slack_frame: Frame of the set point that arrived then; None for fewer than two set points.
-        levels: Number of set points that found each level.
         reported_underflows: Frames of replies that reported an underflow (84201482).
         reported_overflows: Frames of replies that reported an overflow (83201483).
         reported_full: Frames of the first replies with S_BUF_FULL.
@@ -295,7 +290,6 @@ class BufferModel:
             self._smallest = int(found[least]), int(frames[first + least])
 
     def facts(self) -> BufferFacts:
-        """Return the predictions and reports so far."""
         rules, smallest = self._behaviour, self._smallest
         levels = {level: count for level, count in enumerate(self._levels) if count}
         return BufferFacts(

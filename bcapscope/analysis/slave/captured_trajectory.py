@@ -16,8 +16,8 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
+from bcapscope.analysis.slave.session_builder import SetPointChunk
 from bcapscope.analysis.slave.session_detector import SlaveSessionDetector
-from bcapscope.analysis.slave.set_point_chunk import SetPointChunk
 from bcapscope.analysis.slave.slave_session import AcceptedFormat, KnownMode, SlaveSession
 from bcapscope.messages import Message
 from bcapscope.protocol.slave_mode.poses import Axis
@@ -42,7 +42,6 @@ class LeftOutReason(StrEnum):
 
     @property
     def message(self) -> Message:
-        """The reason for people."""
         return Message(f"trajectory.left-out.{self.value}")
 
 
@@ -52,11 +51,8 @@ class CapturedTrajectory:
 
     Attributes:
         session_number: Number of the slave-mode session, as `slave` counts them.
-        conversation: Conversation of the client that sent the set points.
         robot: Handle of the robot; None if unreadable.
         mode: Slave mode, as far as known at the first step.
-        send_format: Accepted send format; None if none was seen.
-        receive_format: Accepted receive format; None if none was seen.
         axes: Axes of each pose, at least one.
         start: Time of the first request of the first step, ns since 1970.
         has_stamps: The replies carry the controller's time.
@@ -79,12 +75,8 @@ class TrajectoryStep(NamedTuple):
     """One set point.
 
     Attributes:
-        call: Call number.
         time: Time of the first request, ns since 1970.
         reply_time: Time of the accepted reply, ns since 1970; None without a reply.
-        retries: Number of retries.
-        hresult: Result code of the reply; None without a reply.
-        commanded: Commanded pose, one number per axis.
         returned: Returned pose, one number per axis; () without one.
         stamp: The controller's time in ms; None without one.
     """
@@ -108,7 +100,6 @@ class TrajectoryExtractor(PipelineSubscriber):
 
     Attributes:
         ready: Steps that are ready; the reader removes them.
-        set_points: Number of slvMove calls.
     """
 
     def __init__(
@@ -139,7 +130,6 @@ class TrajectoryExtractor(PipelineSubscriber):
         self._drop_sessions(self._detector.add_call(call))
 
     def on_set_points(self, calls: Sequence[Call]) -> None:
-        """Add set points that are alike."""
         for call in calls:
             self._count_set_point(call)
         self._drop_sessions(self._detector.add_set_points(calls))
@@ -172,14 +162,14 @@ class TrajectoryExtractor(PipelineSubscriber):
             self._by_session.pop(session.number, None)
 
     def _on_set_points(self, points: SetPointChunk) -> None:
-        if self._is_selected_client is not None and not self._is_selected_client(points.conversation):
+        if self._is_selected_client is not None and not self._is_selected_client(points.builder.conversation):
             return
         rows = [row for row in _rows_not_refused(points) if self._is_step(points, row)]
         if not rows:
             return
-        known = self._by_session.get(points.session_number)
+        known = self._by_session.get(points.builder.number)
         if known is None:
-            known = self._by_session[points.session_number] = _begin(points, rows[0])
+            known = self._by_session[points.builder.number] = _begin(points, rows[0])
         self._step_count += len(rows)
         self.ready.append((known, tuple(_trajectory_steps(points, rows))))
 
@@ -189,7 +179,7 @@ class TrajectoryExtractor(PipelineSubscriber):
             del self._not_selected[call]
             self._left_out[LeftOutReason.NOT_SELECTED] += 1
             return False
-        if not points.axes or not points.commanded.has_pose[row]:
+        if not points.models.axes or not points.commanded.has_pose[row]:
             self._left_out[LeftOutReason.UNREADABLE] += 1
             return False
         return True
@@ -200,23 +190,23 @@ def _rows_not_refused(points: SetPointChunk) -> Iterator[int]:
 
 
 def _begin(points: SetPointChunk, row: int) -> CapturedTrajectory:
-    stamped = bool((~np.isnan(points.returned.stamps)).any())
+    builder, models = points.builder, points.models
     return CapturedTrajectory(
-        session_number=points.session_number,
-        conversation=points.conversation,
-        robot=points.robot,
-        mode=points.mode,
-        send_format=points.send_format,
-        receive_format=points.receive_format,
-        axes=points.axes,
+        session_number=builder.number,
+        conversation=builder.conversation,
+        robot=builder.robot,
+        mode=models.mode,
+        send_format=models.slave_setup.send_format,
+        receive_format=models.slave_setup.receive_format,
+        axes=models.axes,
         start=points.table.origin + int(points.table.times[row]),
-        has_stamps=stamped,
-        grid_ms=points.grid_ms,
+        has_stamps=bool((~np.isnan(points.returned.stamps)).any()),
+        grid_ms=float(models.timing.grid.ms),
     )
 
 
 def _trajectory_steps(points: SetPointChunk, rows: Sequence[int]) -> Iterator[TrajectoryStep]:
-    unit = 1000 if points.microseconds else 1
+    unit = 1000 if points.models.clock.microseconds else 1
     commanded, returned = points.commanded.poses.tolist(), points.returned.poses.tolist()
     stamps, posed = points.returned.stamps.tolist(), points.returned.has_pose.tolist()
     origin, calls, times = points.table.origin, points.table.calls, points.table.times.tolist()

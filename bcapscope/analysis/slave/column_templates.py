@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 
 from bcapscope.analysis.slave.set_point_batch import FrameBytes
 from bcapscope.analysis.statistics.distribution import Bools
-from bcapscope.protocol.codec.arguments import Argument, NumberSpan
+from bcapscope.protocol.codec.arguments import NumberSpan
 from bcapscope.protocol.codec.frame import Frame
-from bcapscope.protocol.codec.frame_content import FrameContent, Framing
-from bcapscope.protocol.codec.frame_template import FrameTemplate, fixed_bytes, number_counts, varying_spans
+from bcapscope.protocol.codec.frame_content import FrameContent
+from bcapscope.protocol.codec.frame_template import FrameTemplate, number_counts
 from bcapscope.protocol.codec.variant import Variant
 
 MAX_TEMPLATES = 16
@@ -38,7 +38,6 @@ class NumberPicker:
     """How to find pose and time stamp in an argument of a frame.
 
     Attributes:
-        argument: Index of the argument.
         pick: Returns pose and time stamp of the argument's value: an empty pose and None if there are none.
             It is also called with a value in which each number is replaced by its own index. It must
             therefore decide by the structure of the value, not by its numbers.
@@ -52,12 +51,8 @@ class PoseColumns:
     """Poses and time stamps, one row per frame; NaN where a frame has none.
 
     Attributes:
-        poses: Poses, with as many columns as requested.
         has_pose: True for rows with a complete pose.
-        stamps: Time stamps of the controller.
     """
-
-    __slots__ = ("has_pose", "poses", "stamps")
 
     def __init__(self, rows: int, axes: int) -> None:
         self.poses = np.full((rows, axes), np.nan)
@@ -68,13 +63,9 @@ class PoseColumns:
 class _ColumnTemplate:
     """A template: its bytes, which of them may differ, and the positions of pose and time stamp."""
 
-    __slots__ = ("_fields", "_fixed", "_pose", "_stamp", "_template")
-
-    def __init__(
-        self, raw: bytes, spans: Sequence[NumberSpan], pose: Sequence[int], stamp: int | None
-    ) -> None:
-        places = list(_number_positions(spans))
-        self._fixed = np.frombuffer(fixed_bytes(len(raw), spans), np.uint8)
+    def __init__(self, raw: bytes, form: FrameTemplate, pose: Sequence[int], stamp: int | None) -> None:
+        places = list(_number_positions(form.spans))
+        self._mask = np.frombuffer(form.mask, np.uint8)
         self._template = np.frombuffer(raw, np.uint8)
         self._fields = np.dtype(
             {
@@ -89,7 +80,7 @@ class _ColumnTemplate:
 
     def matching_rows(self, data: NDArray[np.uint8]) -> Bools | None:
         """Return which rows of bytes match this template; None if all do."""
-        off = (data ^ self._template) & self._fixed
+        off = (data ^ self._template) & self._mask
         return ~np.logical_or.reduce(off != 0, axis=1) if off.any() else None
 
     def read(self, data: NDArray[np.uint8], rows: NDArray[np.int64], columns: PoseColumns) -> None:
@@ -154,35 +145,32 @@ class ColumnReader:
         if self._template_count >= MAX_TEMPLATES:
             return False
         content = FrameContent(raw)
-        if content.problems or content.framing is not Framing.PLAIN:
+        form = FrameTemplate.learn(content)
+        if (
+            form is None
+            or sum(span.repeat for span in content.number_spans if span.code != "s") > MAX_NUMBERS
+        ):
             return False
-        if sum(span.repeat for span in content.number_spans if span.code != "s") > MAX_NUMBERS:
-            return False
-        arguments = content.arguments
-        spans = varying_spans(content.number_spans, arguments)
-        pose, stamp = self._locate_numbers(raw, arguments, tuple(_number_positions(spans)))
+        pose, stamp = self._locate_numbers(raw, form)
         templates.append(
-            _ColumnTemplate(raw, spans, [int(index) for index in pose], None if stamp is None else int(stamp))
+            _ColumnTemplate(raw, form, [int(index) for index in pose], None if stamp is None else int(stamp))
         )
         self._template_count += 1
         return True
 
-    def _locate_numbers(
-        self, raw: bytes, arguments: tuple[Argument, ...], places: Sequence[tuple[int, str]]
-    ) -> PickedNumbers:
+    def _locate_numbers(self, raw: bytes, form: FrameTemplate) -> PickedNumbers:
         """Return the positions of pose and time stamp.
 
         The picker chooses among numbers that are replaced by their own index.
         """
+        arguments, places = form.prototype, tuple(_number_positions(form.spans))
         if sum(number_counts(arguments)) != len(places) or self._picker.argument >= len(arguments):
             return (), None
         numbered = tuple(
             raw[start : start + struct.calcsize(code)] if "s" in code else index
             for index, (start, code) in enumerate(places)
         )
-        return self._picker.pick(
-            FrameTemplate(arguments).fill_arguments(numbered)[self._picker.argument].variant
-        )
+        return self._picker.pick(form.fill_variants(numbered)[self._picker.argument])
 
     def _read_single(self, raw: bytes, row: int, columns: PoseColumns) -> None:
         arguments = Frame(raw).arguments

@@ -29,16 +29,13 @@ class ClockFacts:
     """The controller's time stamps (receive format 0x010), compared with the capture's clock.
 
     Attributes:
-        stamps: Number of stamps.
         microseconds: True if their unit is µs, not ms.
         unit_known_by: Source of the unit: slvRecvFormat, or the pace of the stamps if that was not seen.
         drift_ppm: How much faster the controller's clock runs, ppm; None for less than a second of stamps.
         jitter: Change of the delay from one reply to the next; None for fewer than two stamps.
         step: Difference of successive stamps; None for fewer than two.
         missing: Number of controller periods without a stamp, between the first and the last.
-        repeated: Number of stamps equal to the previous one.
         backwards: Number of stamps before the previous one, apart from wraps.
-        wraps: Number of times the 32-bit number wrapped.
     """
 
     stamps: int
@@ -103,7 +100,6 @@ class ControllerClock:
         return bool(self._microseconds)
 
     def facts(self) -> ClockFacts | None:
-        """Return the facts so far; None without stamps."""
         if not self._count:
             return None
         return ClockFacts(

@@ -5,10 +5,7 @@ from __future__ import annotations
 from collections import deque
 
 from bcapscope.analysis.slave.generation_clues import NO_CLUE, GenerationClue
-from bcapscope.analysis.slave.session_builder import (
-    SessionKey,
-    SlaveSessionBuilder,
-)
+from bcapscope.analysis.slave.session_builder import SessionKey, SlaveSessionBuilder
 from bcapscope.analysis.slave.session_models import KnownPosition, SlaveSetup
 from bcapscope.analysis.slave.slave_session import AcceptedFormat, CallFact
 from bcapscope.messages import Message
@@ -35,7 +32,6 @@ class ControllerState:
     """State of one controller.
 
     Attributes:
-        clue: Clue to its generation.
         recent_calls: Latest calls other than set points, in the order in which they were completed.
         pending_sessions: Slave-mode sessions that have begun and have no set points yet.
         unanswered_entry: slvChangeMode without a captured reply.
@@ -108,7 +104,6 @@ class ControllerState:
         return call_fact(tried)
 
     def record_format(self, call: Call, command: str) -> None:
-        """Record an accepted format."""
         parameter = execute_parameter(call.request.item)
         found = None if parameter is None else parse_format_parameter(parameter)
         if found is None:
@@ -120,7 +115,6 @@ class ControllerState:
             self._receive = format_
 
     def record_position(self, call: Call, command: str) -> None:
-        """Record the position of the robot, if the call requested it."""
         pose_type, reply = _POSITIONS.get(command), call.reply
         if pose_type is None or reply is None or not reply.item.arguments:
             return

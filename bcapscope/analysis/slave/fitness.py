@@ -16,13 +16,7 @@ MAX_LOST = 0.01
 
 
 class Fitness(NamedTuple):
-    """Verdict for one period of set points.
-
-    Attributes:
-        period_ms: Period of the set points, ms.
-        fit: True if the connection is fast enough.
-        reason: Why.
-    """
+    """Verdict for one period of set points."""
 
     period_ms: float
     fit: bool
@@ -34,8 +28,6 @@ def fitness(round_trips: DistributionSummary | None, lost: int, broken: bool = F
 
     Args:
         round_trips: Round trips of the answered calls, ms; None if no call was answered.
-        lost: Number of unanswered calls.
-        broken: True if the connection broke.
     """
     periods = (SYNC_MS, ASYNC_MS)
     if broken:

@@ -26,8 +26,6 @@ class GenerationClue(NamedTuple):
 
     Attributes:
         strength: The stronger clue wins; 0 if there is no clue.
-        generation: Generation that it points to.
-        reason: Why; None if there is no clue.
     """
 
     strength: int
@@ -85,7 +83,7 @@ def clue_of_call(call: Call) -> GenerationClue:
         return _clue_of_provider(call.request.item.arguments)
     if function_id not in (_ROBOT_EXECUTE, _CONTROLLER_EXECUTE) or command is None:
         return NO_CLUE
-    name = command.casefold()
+    name = call.kind.folded_command
     return _clue_of_change(call) if name == "slvchangemode" else _COMMANDS.get(name, NO_CLUE)
 
 

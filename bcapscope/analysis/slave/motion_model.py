@@ -64,12 +64,8 @@ class AxisMotion:
         step: Absolute step between successive set points; None for fewer than two.
         velocity: Step per period, in units per second; None for fewer than two set points.
         acceleration: Change of velocity, in units per second squared; None for fewer than three set points.
-        largest_step: Largest step, with its frame.
-        largest_velocity: Largest velocity, with its frame.
-        largest_acceleration: Largest acceleration, with its frame.
         difference: Absolute difference of commanded and returned position in the same call; None if no pose
             of the same type was returned.
-        largest_difference: Largest difference, with its frame.
         lag_cycles: Number of set points by which the returned pose lags behind, where both agree best. An
             estimate; None if the axis moves too little for one.
     """
@@ -111,7 +107,6 @@ class Jump(NamedTuple):
         time: Time of that request, ns.
         axis: Axis with the largest step.
         step: Step on that axis, with sign.
-        kind: Why it counts as a jump.
     """
 
     frame: int
@@ -134,18 +129,13 @@ class MotionFacts:
         not_finite: Number of set points with a NaN or an infinity; other figures do not include them.
         not_finite_frames: Frames of the first of them.
         pose_type_guessed: The pose type was inferred from the count of numbers.
-        axes: Motion of each axis; () if no pose could be read.
         returned: Number of replies with a pose of the same type.
         repeated: Number of set points equal to the previous one.
         stutters: Number of repeated set points between two that move: the robot has to stop for one period.
         stutter_frames: Request frames of the first of them.
         jumps: Number of jumps of all kinds, see `JumpKind`.
-        jump_list: The first jumps.
         figure_changes: Number of changes of Fig; 0 for joints.
-        lag_cycles: Estimated lag of all axes; None if no axis has one.
         first_distance: First set point minus the position known then, per axis; () if none is known.
-        first_distance_known_by: Source of that position; None if none is known.
-        first_distance_frames: Frames that prove both; () if none is known.
     """
 
     read: int
@@ -173,10 +163,7 @@ class PoseTable:
 
     Attributes:
         commanded: Commanded pose; NaN if unreadable.
-        readable: True where `commanded` could be read.
         returned: Returned pose; NaN without one.
-        has_returned: True where a pose was returned.
-        frames: Frame number of the first request.
         times: Time of the first request, ns.
     """
 
@@ -204,8 +191,6 @@ class StartDistance(NamedTuple):
 
 class _LargestByAxis:
     """The largest value of each axis and its frame."""
-
-    __slots__ = ("frames", "values")
 
     def __init__(self, axes: int) -> None:
         self.values = np.full(axes, -1.0)
@@ -254,7 +239,6 @@ class MotionModel:
         self._tail_frames = self._tail_times = np.empty(0, np.int64)
 
     def add(self, poses: PoseTable) -> None:
-        """Add the poses of the next set points."""
         finite: Bools = np.logical_and.reduce(np.isfinite(poses.commanded), axis=1)
         good = poses.readable & finite
         self._count_bad(poses, finite)
@@ -358,7 +342,9 @@ class MotionModel:
             not_finite=self._not_finite_count,
             not_finite_frames=tuple(self._not_finite),
             pose_type_guessed=self._guessed,
-            axes=tuple(self._axis(index, 1000.0 / grid_ms) for index in self._axes_found()),
+            axes=tuple(
+                self._axis(index, 1000.0 / grid_ms) for index in range(len(self._axes) if self._read else 0)
+            ),
             returned=self._returned,
             repeated=self._repeated,
             stutters=self._stutters_count,
@@ -371,9 +357,6 @@ class MotionModel:
             first_distance_known_by=start.known_by,
             first_distance_frames=start.frames,
         )
-
-    def _axes_found(self) -> range:
-        return range(len(self._axes) if self._read else 0)
 
     def _axis(self, index: int, per_second: float) -> AxisMotion:
         step, change = self._steps[index].distribution(), self._changes[index].distribution()
@@ -395,6 +378,5 @@ class MotionModel:
 
 
 def _stands_out(sizes: Floats, beside: Floats) -> Bools:
-    """Return True for steps that are far larger than their neighbours."""
     far: Bools = (sizes > JUMP_TIMES * beside) & (sizes > SMALLEST_JUMP)
     return far

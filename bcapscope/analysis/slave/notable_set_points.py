@@ -16,11 +16,7 @@ class SetPointFact(NamedTuple):
     """A notable set point.
 
     Attributes:
-        call: Call number.
-        request_frame: Frame of the first request.
         time: Time of the first request, ns since 1970.
-        reply_frame: Frame of the accepted reply; None without one.
-        hresult: Result code of the accepted reply; None without one.
         latency_ms: Time from the first request to the accepted reply, ms; None without one.
         cycle_ms: Time since the first request of the previous set point, ms; None for the first.
     """

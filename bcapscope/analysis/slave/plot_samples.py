@@ -21,9 +21,7 @@ class PlotSample(NamedTuple):
     """A run of successive set points, summarised for plots.
 
     Attributes:
-        time: Time of the first set point.
         frame: Request frame of the first set point.
-        points: Number of set points.
         cycle_least: Shortest cycle in the run, ms; NaN without one.
         cycle_most: Longest cycle in the run, ms; NaN without one.
         latency_most: Longest latency, ms; NaN without a reply.
@@ -69,9 +67,7 @@ class PlotSampler:
 
         Args:
             times: Times since the origin, ns.
-            frames: Frames of the requests.
             figures: Cycles, latencies and slacks in ms; NaN where there is none.
-            poses: Commanded and returned poses.
         """
         cycles, latencies, slacks = figures
         ones = np.ones(len(times))
@@ -91,7 +87,6 @@ class PlotSampler:
             self._length *= 2
 
     def samples(self) -> tuple[PlotSample, ...]:
-        """Return the runs so far."""
         return tuple(self._sample(row) for row in self._runs.tolist())
 
     def _sample(self, row: list[float]) -> PlotSample:

@@ -31,19 +31,16 @@ class SelectedSlaveSessions(PipelineSubscriber):
                 sessions without set points.
             on_slave_session: Receives each slave-mode session that is finished; `remaining_sessions` returns
                 the others.
-            window: Length of a time slice, as in `SlaveSessionDetector`.
         """
         self._is_selected = is_selected
         self._on_slave_session = on_slave_session
         self._detector = SlaveSessionDetector(window)
 
     def on_call(self, call: Call, target: TrackedObject | None) -> None:
-        """Add a completed call."""
         if self._is_selected is None or not is_set_point(call.kind) or self._is_selected(call):
             self._report(self._detector.add_call(call))
 
     def on_set_points(self, calls: Sequence[Call]) -> None:
-        """Add set points that are alike."""
         if self._is_selected is not None:
             calls = list(filter(self._is_selected, calls))
         if calls:

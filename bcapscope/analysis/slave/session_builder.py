@@ -3,21 +3,16 @@
 from __future__ import annotations
 
 import copy
-from typing import TypeAlias
+from collections.abc import Callable
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
 from bcapscope.analysis.slave.column_templates import PoseColumns
 from bcapscope.analysis.slave.session_models import SessionModels, SlaveSetup
 from bcapscope.analysis.slave.set_point_batch import SetPointBatch
-from bcapscope.analysis.slave.set_point_chunk import SetPointChunk, SetPointHandler
 from bcapscope.analysis.slave.set_point_table import SetPointTable, table_of
-from bcapscope.analysis.slave.slave_session import (
-    CallFact,
-    FrameTime,
-    SessionExit,
-    SlaveSession,
-)
+from bcapscope.analysis.slave.slave_session import CallFact, FrameTime, SessionExit, SlaveSession
 from bcapscope.traffic.observation import Conversation
 
 BATCH_SIZE = 4096
@@ -29,19 +24,21 @@ _I4_ARGUMENT, _I4_SIZE = b"\x0a\x00\x00\x00\x03\x00", 14
 SessionKey: TypeAlias = "tuple[Conversation, bytes]"
 """A client, and the argument by which it names the robot."""
 
+SetPointHandler: TypeAlias = "Callable[[SetPointChunk], None]"
+"""Receives the set points of all slave-mode sessions, some thousand at a time."""
+
 
 class SlaveSessionBuilder:
     """Builds a slave-mode session while it may still go on.
 
     Attributes:
-        number: Number of the slave-mode session.
         key: Client that sends the set points, and its robot; before the first set point, the client that
             entered slave mode.
         mode: Value of the mode, and its source.
         entry_call: The slvChangeMode that began it; None if that was not seen.
         entered_at: Time of the reply to `entry_call`, ns since 1970.
-        batch: Set points that wait to be processed.
-        slave_setup: Fixed when the first set points are processed.
+        models: Models of the processed set points; None before the first.
+        error_exit: Error that ended it, unless a later set point is accepted; None without one.
         after_end: Number of set points refused as a consequence of the end, or not answered after it.
         last_accepted: Send time of the latest processed set point that was accepted, ns since 1970; None
             without one.
@@ -63,7 +60,8 @@ class SlaveSessionBuilder:
         self.entry_call = entry
         self.entered_at: int | None = None if entry is None else entry.reply_time or entry.time
         self.batch = SetPointBatch()
-        self.slave_setup: SlaveSetup | None = None
+        self.models: SessionModels | None = None
+        self.error_exit: SessionExit | None = None
         self.after_end = 0
         self.last_accepted: int | None = None
         self._window = window
@@ -71,17 +69,20 @@ class SlaveSessionBuilder:
         self._first_set_point: FrameTime | None = None
         self._last_set_point: FrameTime | None = None
         self._last_activity = 0
-        self._models: SessionModels | None = None
 
     @property
     def conversation(self) -> Conversation:
-        """Conversation of the client that sends the set points."""
         return self.key[0]
 
     @property
     def handle(self) -> bytes:
         """First argument of the set points, as raw bytes."""
         return self.key[1]
+
+    @property
+    def robot(self) -> int | None:
+        known = self.handle[:6] == _I4_ARGUMENT and len(self.handle) == _I4_SIZE
+        return int.from_bytes(self.handle[-4:], "little", signed=True) if known else None
 
     @property
     def last_activity(self) -> int:
@@ -114,55 +115,34 @@ class SlaveSessionBuilder:
         processed = copy.copy(self)
         processed._on_set_points = None
         # The models hold a few MB at most, however long the session is. Copying them takes 2 ms.
-        processed._models = copy.deepcopy(self._models)
+        processed.models = copy.deepcopy(self.models)
         processed._process(self.batch, slave_setup)
         processed.batch = SetPointBatch()
         return processed
 
     def _process(self, batch: SetPointBatch, slave_setup: SlaveSetup) -> None:
-        if self._models is None:
+        if self.models is None:
             self._first_set_point = FrameTime(batch[0].frame, batch[0].time)
-            self.slave_setup = slave_setup
-            self._models = SessionModels(self.conversation.transport, slave_setup, batch, self._window)
+            self.models = SessionModels(self.conversation.transport, slave_setup, batch, self._window)
         self._last_set_point, self._last_activity = (
             FrameTime(batch[-1].frame, batch[-1].time),
             self.last_activity,
         )
-        rows = table_of(batch, self._models.origin)
+        rows = table_of(batch, self.models.origin)
         accepted = np.flatnonzero(rows.answered & (rows.codes < _FAILURES))
         if len(accepted):
             self.last_accepted = rows.origin + int(rows.times[accepted[-1]])
         with np.errstate(all="ignore"):  # numbers from the wire may be infinite or too large to square
-            commanded, returned = self._models.add(rows, batch)
+            commanded, returned = self.models.add(rows, batch)
         if self._on_set_points is not None:
-            self._on_set_points(self._make_chunk(self._models, rows, commanded, returned))
-
-    def _make_chunk(
-        self, models: SessionModels, rows: SetPointTable, commanded: PoseColumns, returned: PoseColumns
-    ) -> SetPointChunk:
-        slave_setup = self.slave_setup
-        return SetPointChunk(
-            session_number=self.number,
-            conversation=self.conversation,
-            robot=_handle_value(self.handle),
-            mode=models.mode,
-            send_format=None if slave_setup is None else slave_setup.send_format,
-            receive_format=None if slave_setup is None else slave_setup.receive_format,
-            grid_ms=float(models.timing.grid.ms),
-            microseconds=models.clock.microseconds,
-            axes=models.axes,
-            table=rows,
-            commanded=commanded,
-            returned=returned,
-        )
+            self._on_set_points(SetPointChunk(self, self.models, rows, commanded, returned))
 
     @np.errstate(all="ignore")  # as above
     def session(
         self, exit_: SessionExit, slave_setup: SlaveSetup, other_calls: tuple[CallFact, ...]
     ) -> SlaveSession:
         """Return the slave-mode session with this end, without the set points that wait."""
-        slave_setup = self.slave_setup or slave_setup
-        models = self._models or SessionModels(
+        models = self.models or SessionModels(
             self.conversation.transport, slave_setup, SetPointBatch(), self._window
         )
         slices, left_off = models.slices()
@@ -170,12 +150,12 @@ class SlaveSessionBuilder:
         return SlaveSession(
             number=self.number,
             conversation=self.conversation,
-            robot=_handle_value(self.handle),
+            robot=self.robot,
             entry_call=self.entry_call,
             entered_at=self.began_at(exit_.time),
             mode=models.mode,
-            send_format=slave_setup.send_format,
-            receive_format=slave_setup.receive_format,
+            send_format=models.slave_setup.send_format,
+            receive_format=models.slave_setup.receive_format,
             first_set_point=first,
             last_set_point=self._last_set_point,
             exit=exit_,
@@ -193,6 +173,17 @@ class SlaveSessionBuilder:
         )
 
 
-def _handle_value(argument: bytes) -> int | None:
-    known = argument[:6] == _I4_ARGUMENT and len(argument) == _I4_SIZE
-    return int.from_bytes(argument[-4:], "little", signed=True) if known else None
+class SetPointChunk(NamedTuple):
+    """Successive set points of one slave-mode session, including refused ones.
+
+    Attributes:
+        models: Its models, which have processed these set points.
+        commanded: Poses of the requests, one row per call.
+        returned: Poses of the same type and time stamps in the replies, one row per call.
+    """
+
+    builder: SlaveSessionBuilder
+    models: SessionModels
+    table: SetPointTable
+    commanded: PoseColumns
+    returned: PoseColumns

@@ -18,11 +18,7 @@ from bcapscope.analysis.slave.plot_samples import PlotSampler
 from bcapscope.analysis.slave.session_slices import SessionSlice, SessionSlicer
 from bcapscope.analysis.slave.set_point_batch import SetPointBatch
 from bcapscope.analysis.slave.set_point_table import SetPointTable
-from bcapscope.analysis.slave.slave_session import (
-    AcceptedFormat,
-    KnownMode,
-    SetPointCounts,
-)
+from bcapscope.analysis.slave.slave_session import AcceptedFormat, KnownMode, SetPointCounts
 from bcapscope.analysis.slave.timing_model import TimingModel
 from bcapscope.analysis.statistics.distribution import Floats
 from bcapscope.messages import Message
@@ -46,14 +42,7 @@ _UNKNOWN = -1
 
 
 class KnownPosition(NamedTuple):
-    """Position of the robot that the controller reported earlier.
-
-    Attributes:
-        pose_type: Type of the pose.
-        values: Numbers of the pose.
-        known_by: Source of the position.
-        frames: Request and reply frame.
-    """
+    """Position of the robot that the controller reported earlier."""
 
     pose_type: PoseType
     values: tuple[float, ...]
@@ -65,12 +54,7 @@ class SlaveSetup(NamedTuple):
     """What client and controller agreed on before the first set point.
 
     Attributes:
-        mode_value: Value of the slave mode; None if unknown.
         known_by: Source of that value.
-        generation_clue: Clue to the controller's generation.
-        send_format: Accepted send format; None if none was seen.
-        receive_format: Accepted receive format; None if none was seen.
-        position: Position of the robot; None if unknown.
     """
 
     mode_value: int | None
@@ -119,7 +103,7 @@ class SessionModels:
     def __init__(
         self, transport: Transport, slave_setup: SlaveSetup, batch: SetPointBatch, window: int | None
     ) -> None:
-        self._slave_setup = slave_setup
+        self.slave_setup = slave_setup
         self.origin = batch[0].time if batch else 0
         pose = next(_poses_in(batch, slave_setup), None)
         self._pose_type = pose.type if pose else _pose_type(slave_setup)
@@ -257,7 +241,7 @@ class SessionModels:
         self, rows: SetPointTable, commanded: PoseColumns, returned: PoseColumns
     ) -> StartDistance:
         """Compare the first set point with the pose in its reply, or else with the position known before."""
-        commanded_pose, position = commanded.poses[0], self._slave_setup.position
+        commanded_pose, position = commanded.poses[0], self.slave_setup.position
         if not self._axes or not np.isfinite(commanded_pose).all():
             return StartDistance()
         if returned.has_pose[0] and np.isfinite(returned.poses[0]).all():

@@ -20,9 +20,6 @@ class SessionSlice(NamedTuple):
 
     Attributes:
         begin: Start of the slice, ns since 1970.
-        sent: Number of set points.
-        retries: Number of retries.
-        refused: Number of refused set points.
         unanswered: Number of unanswered set points, without those that were evicted or still open at the end.
         cycle: Cycle times, ms; None without any.
         latency: Latencies, ms; None without any.
@@ -40,10 +37,6 @@ class SessionSlice(NamedTuple):
 
 
 class _OpenSlice:
-    """The slice that is being filled."""
-
-    __slots__ = ("cycle", "latency", "number", "refused", "retries", "sent", "slack", "unanswered")
-
     def __init__(self, number: int) -> None:
         self.number = number
         self.sent = self.retries = self.refused = self.unanswered = 0

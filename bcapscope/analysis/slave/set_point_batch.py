@@ -33,8 +33,6 @@ class FrameBytes:
         odd_sized: Frames of another size, by index; b"" for a missing frame.
     """
 
-    __slots__ = ("data", "odd_sized", "size")
-
     def __init__(self, raws: Iterable[bytes] = ()) -> None:
         self.size = 0
         self.data = bytearray()
@@ -67,10 +65,7 @@ class SetPointRow(NamedTuple):
     """Data of a set point apart from its bytes.
 
     Attributes:
-        call: Call number.
-        frame: Frame of the first request.
         time: Time of the first request, ns since 1970-01-01 UTC.
-        reply_frame: Frame of the accepted reply; 0 without one.
         reply_time: Time of the accepted reply; time of the request without one.
     """
 
@@ -90,13 +85,9 @@ class SetPointBatch:
 
     Attributes:
         row_data: One row per set point, as 64-bit integers.
-        requests: Bytes of the first requests.
-        results: Bytes of the accepted replies.
         irregular: Index and call of the set points that were retried, were not answered with S_OK, or differ
             in size.
     """
-
-    __slots__ = ("irregular", "requests", "results", "row_data")
 
     def __init__(self) -> None:
         self.row_data = bytearray()
@@ -111,7 +102,6 @@ class SetPointBatch:
         return SetPointRow(*_ROW.unpack_from(self.row_data, start))
 
     def add(self, call: Call) -> None:
-        """Add a set point."""
         if call.is_plain and call.hresult == 0:
             self.add_run((call,))
         else:

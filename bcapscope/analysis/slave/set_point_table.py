@@ -21,17 +21,12 @@ class SetPointTable:
 
     Attributes:
         origin: Origin of the times, ns since 1970-01-01 UTC.
-        calls: Call numbers.
-        times: Times of the first requests.
         arrivals: Times of the answered attempts; of the first requests where there is no reply.
         replies: Times of the accepted replies; equal to `times` where there is none.
-        answered: True where there is a reply.
         open: True where no reply was captured but one may have come: the capture ended first, or the call was
             evicted.
         codes: HRESULT of each reply, 0 where there is none.
-        frames: Frames of the first requests.
         reply_frames: Frames of the accepted replies, 0 where there is none.
-        retries: Number of retries.
         irregular: Index and call of the set points whose data is not all in the columns, as in
             `SetPointBatch`.
     """

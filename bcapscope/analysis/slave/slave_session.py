@@ -31,19 +31,7 @@ class FrameTime(NamedTuple):
 
 
 class CallFact(NamedTuple):
-    """A call that is relevant to a slave-mode session.
-
-    Attributes:
-        call: Call number.
-        client: Conversation of the client.
-        function_id: Id of the function.
-        command: Command of an ..._Execute function.
-        request_frame: Frame of the first request.
-        time: Time of the first request.
-        reply_frame: Frame of the accepted reply; None without one.
-        reply_time: Time of the accepted reply; None without one.
-        hresult: Result code of the accepted reply; None without one.
-    """
+    """A call that is relevant to a slave-mode session; `time` is that of the first request."""
 
     call: int
     client: Endpoint
@@ -62,8 +50,6 @@ class KnownMode(NamedTuple):
     Attributes:
         value: Argument of slvChangeMode; None if unknown.
         known_by: Source of the value: "slvChangeMode", "slvGetMode", or "" if unknown.
-        generation: Generation of the controller; None if unknown.
-        generation_known_by: Source of the generation; None if unknown.
         meaning: Mode that the value stands for on this generation, or on an RC8 if the generation is unknown;
             None for an undefined or unknown value.
         guessed: `meaning` is that of an RC8 because the generation is unknown.
@@ -85,7 +71,6 @@ class AcceptedFormat(NamedTuple):
     Attributes:
         value: Bits of the format.
         microseconds: True if the unit of the time stamp is µs, not ms.
-        frame: Frame of the request.
     """
 
     value: int
@@ -119,7 +104,6 @@ class SessionExit(NamedTuple):
     """The end of a slave-mode session.
 
     Attributes:
-        reason: How it ended.
         time: Time of the end: that of the reply that shows it, if there is one.
         frames: Request and reply frames that prove it; () if none was captured.
         hresult: Code of the error that ended it, or of the reply to the call that ended it; None without one.
@@ -138,8 +122,6 @@ class SetPointCounts:
     """Number of set points in a slave-mode session; each counts once, however often it was sent.
 
     Attributes:
-        sent: All set points.
-        accepted: Set points answered with success.
         refused: Set points answered with a failure, by HRESULT.
         unanswered: Set points that the client gave up; no reply was captured.
         open: Set points that waited for a reply when the capture ended.
@@ -147,7 +129,6 @@ class SetPointCounts:
         buffer_full: Set points answered with S_BUF_FULL; `accepted` includes them.
         after_end: Set points refused or unanswered after the end, as a consequence; no other field includes
             them.
-        retries: Retries of all set points.
         by_retries: Number of set points by number of retries, including 0.
         retries_forbidden: Retries over UDP in a mode in which the newest point wins; they waste bandwidth
             (DENSO Wave 2009, How to use the Slave mode).
@@ -176,28 +157,16 @@ class SlaveSession:
 
     Attributes:
         number: Number in the order of start times, counted from 1.
-        conversation: Conversation of the client that sent the set points.
-        robot: Handle of the robot; None if unreadable.
         entry_call: The slvChangeMode that began it; None if it began before the capture.
         entered_at: Start: time of the reply to `entry_call`, else of the first set point.
-        mode: Slave mode that the client requested.
         send_format: Accepted send format; None if none was seen, which is not the same as 0.
         receive_format: Accepted receive format; None if none was seen.
-        first_set_point: First set point; None without any.
-        last_set_point: Last set point; None without any.
-        exit: How it ended.
-        counts: Number of set points by result.
-        timing: Timing of the set points.
-        buffer: Model of the controller's buffer.
         clock: Time stamps of the controller; None if none came back.
         motion: Commanded motion; None without set points.
-        refused_set_points: The first refused set points.
         forbidden_retry_frames: Frames of the first retries that the mode forbids.
         other_calls: Other calls of any client to this controller, except set points, from shortly before the
             start to shortly after the end. Holds the last ones, in order of time.
         slices: Figures per slice of time, if requested.
-        slices_left_off: Number of slices beyond those in `slices`.
-        samples: Samples for plots.
     """
 
     number: int
@@ -225,7 +194,6 @@ class SlaveSession:
 
     @property
     def began_before_capture(self) -> bool:
-        """Whether the capture lacks the slvChangeMode that began it."""
         return self.entry_call is None
 
     @property

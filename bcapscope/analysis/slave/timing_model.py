@@ -33,13 +33,11 @@ class Deadline(NamedTuple):
     """A recommended time-out, and how many set points would have missed it.
 
     Attributes:
-        name: Name for display.
         timeout_ms: Time-out of one attempt, ms.
         tries: Maximum number of attempts, including the first.
         late: Number of set points without a reply within one time-out after the first request.
         given_up: Number of set points without a reply within the time of all attempts.
         applies: True if it is recommended for this mode and transport.
-        source: Source of the recommendation.
     """
 
     name: Message
@@ -66,11 +64,9 @@ class TimingFacts:
         rate_hz: Set points per second over the whole slave-mode session; None for fewer than two.
         latency: Time from the first request to the accepted reply, ms; None without a reply.
         rtt: Time from the answered attempt to the accepted reply, ms; None without a reply.
-        deadlines: Recommended time-outs, compared with `latency`.
         slowest: Set points with the longest latency or no reply in time, worst first.
         slack_ms: Time that a full buffer can bridge, ms; see `buffer_model.slack_ms`.
         gaps: Number of cycles longer than `slack_ms`.
-        gap_list: Set points after the first gaps.
     """
 
     cycle: DistributionSummary | None
@@ -94,12 +90,8 @@ class _RecommendedTimeout(NamedTuple):
     """A recommended time-out.
 
     Attributes:
-        name: Name for display.
         timeout_ms: Time-out of one attempt, ms.
         tries: Maximum number of attempts, including the first.
-        kinds: Kinds of mode that it is meant for.
-        udp_only: True if it is meant for UDP only.
-        source: Source of the recommendation.
     """
 
     name: Message
@@ -138,19 +130,6 @@ RECOMMENDED_TIMEOUTS = (
 """Recommended time-outs for slvMove."""
 
 
-class _DeadlineMisses:
-    """Number of set points for which a time-out is too short."""
-
-    __slots__ = ("given_up", "late")
-
-    def __init__(self) -> None:
-        self.late = self.given_up = 0
-
-    def add(self, budget: _RecommendedTimeout, latencies: Floats) -> None:
-        self.late += int(np.count_nonzero(latencies > budget.timeout_ms))
-        self.given_up += int(np.count_nonzero(latencies > budget.timeout_ms * budget.tries))
-
-
 class CycleGrid(NamedTuple):
     """The period that a client should keep, and the reason."""
 
@@ -187,7 +166,7 @@ class TimingModel:
         self._last = 0  # time of the latest set point
         self._count = self._backwards = self._on_grid = self._skipped = self._gap_count = 0
         self._cycle, self._jitter, self._latency, self._rtt = (Histogram() for _ in range(4))
-        self._misses = [_DeadlineMisses() for _ in RECOMMENDED_TIMEOUTS]
+        self._late, self._given_up = [0] * len(RECOMMENDED_TIMEOUTS), [0] * len(RECOMMENDED_TIMEOUTS)
         self._slowest: list[tuple[float, SetPointFact]] = []
         self._gaps: list[SetPointFact] = []
 
@@ -197,7 +176,8 @@ class TimingModel:
         if self._first is None:
             self._first = int(rows.times[0])
             cycles[0] = np.nan
-            self._choose_grid(cycles[1:])
+            overwrites = None if self._mode is None else self._mode.overwrites_waiting
+            self.grid = choose_grid(overwrites, cycles[1:])
         self._count += len(cycles)
         self._last = int(rows.times[-1])
         measured = cycles[~np.isnan(cycles)]
@@ -205,9 +185,6 @@ class TimingModel:
         self._add_latencies(rows, cycles)
         self._add_gaps(rows, cycles)
         return cycles
-
-    def _choose_grid(self, cycles: Floats) -> None:
-        self.grid = choose_grid(None if self._mode is None else self._mode.overwrites_waiting, cycles)
 
     def _add_cycles(self, cycles: Floats) -> None:
         grid = self.grid.ms
@@ -225,8 +202,9 @@ class TimingModel:
         self._latency.add(latencies[answered])
         self._rtt.add((rows.replies - rows.arrivals)[answered] / 1e6)
         judged = latencies[~rows.open]
-        for misses, budget in zip(self._misses, RECOMMENDED_TIMEOUTS, strict=True):
-            misses.add(budget, judged)
+        for index, budget in enumerate(RECOMMENDED_TIMEOUTS):
+            self._late[index] += int(np.count_nonzero(judged > budget.timeout_ms))
+            self._given_up[index] += int(np.count_nonzero(judged > budget.timeout_ms * budget.tries))
         known = np.where(rows.open, -1.0, latencies)
         least = self._slowest[-1][0] if len(self._slowest) == MAX_SLOWEST else -1.0
         slow = np.flatnonzero(known > least)
@@ -243,7 +221,6 @@ class TimingModel:
             self._gaps.append(set_point_fact(rows, row, cycles))
 
     def facts(self) -> TimingFacts:
-        """Return the timing so far."""
         return TimingFacts(
             cycle=self._cycle.distribution(bins=True),
             grid_ms=float(self.grid.ms),
@@ -255,7 +232,7 @@ class TimingModel:
             rate_hz=self._rate(),
             latency=self._latency.distribution(bins=True),
             rtt=self._rtt.distribution(),
-            deadlines=tuple(map(self._deadline, RECOMMENDED_TIMEOUTS, self._misses)),
+            deadlines=tuple(map(self._deadline, RECOMMENDED_TIMEOUTS, self._late, self._given_up)),
             slowest=tuple(fact for _, fact in self._slowest),
             slack_ms=self._slack_ms,
             gaps=self._gap_count,
@@ -266,15 +243,15 @@ class TimingModel:
         lasted = self._last - (self._first or 0)
         return (self._count - 1) / (lasted / 1e9) if self._count > 1 and lasted > 0 else None
 
-    def _deadline(self, budget: _RecommendedTimeout, misses: _DeadlineMisses) -> Deadline:
+    def _deadline(self, budget: _RecommendedTimeout, late: int, given_up: int) -> Deadline:
         kind = None if self._mode is None else self._mode.kind
         applies = kind in budget.kinds and (self._transport is Transport.UDP or not budget.udp_only)
         return Deadline(
             name=budget.name,
             timeout_ms=budget.timeout_ms,
             tries=budget.tries,
-            late=misses.late,
-            given_up=misses.given_up,
+            late=late,
+            given_up=given_up,
             applies=applies,
             source=budget.source,
         )

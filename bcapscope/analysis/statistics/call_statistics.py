@@ -47,16 +47,10 @@ class CallFigures:
     """Figures of the calls of one kind, of one client, or of all calls.
 
     Attributes:
-        calls: Number of calls.
         answered: Number of calls with a result that is no failure.
-        refused: Number of calls with a failure.
         unanswered: Number of calls that the client gave up.
         open: Number of calls still open when the traffic ended.
         not_followed: Number of calls evicted while open, because too many calls were open.
-        retries: Number of retries.
-        retried_calls: Number of calls that were sent more than once.
-        late_replies: Number of late replies.
-        executing: Number of S_EXECUTING notices.
         request_bytes: Size of all requests in bytes, including retries.
         calls_per_second: Calls per second over the whole time; None if that is 0.
         line_time_share: Sum of the latencies as a share of the whole time; None if that is 0. Concurrent
@@ -89,7 +83,6 @@ class StatisticsRow:
     Attributes:
         conversation: Conversation of the client; None for all clients.
         call_kind: Function and command; None for all kinds.
-        figures: Figures of these calls.
     """
 
     conversation: Conversation | None
@@ -104,7 +97,6 @@ class Statistics:
     Attributes:
         start: Start, ns since 1970: the first request, or the start of the slice.
         end: End, ns since 1970: the last frame of a call, or the end of the slice.
-        total: All calls.
         clients: One row per client, the one with the most calls first.
         commands: One row per kind of call and client, the longest total time first.
         kinds: One row per kind of call over all clients, the longest total time first.
@@ -120,11 +112,6 @@ class Statistics:
 
 class _CallTally:
     """Counts calls of one kind. Nearly all are plain successes; those are counted many at once, for speed."""
-
-    __slots__ = (
-        "calls", "codes", "executing", "histogram", "late", "other_latencies",
-        "outcomes", "request_bytes", "retried", "retries", "smooth_latencies", "waited",
-    )  # fmt: skip
 
     def __init__(self) -> None:
         self.calls = self.retries = self.retried = self.late = self.executing = self.request_bytes = 0
@@ -219,7 +206,6 @@ class StatisticsBuilder(PipelineSubscriber):
         self._end = 0
 
     def on_call(self, call: Call, target: TrackedObject | None) -> None:
-        """Count a completed call if it is selected."""
         if self._is_selected is not None and not self._is_selected(call):
             return
         if call.kind is not self._question or call.conversation is not self._conversation:
@@ -319,7 +305,6 @@ class SlicedStatistics:
         return found
 
     def close(self) -> list[Statistics]:
-        """Return the remaining slices."""
         return self._finish_slices(list(self._builders))
 
     def _finish_slices(self, numbers: list[int]) -> list[Statistics]:

@@ -40,14 +40,10 @@ class DistributionSummary:
     A percentile is the smallest value that this share of all values does not exceed.
 
     Attributes:
-        count: Number of values.
         mean: Mean value, exact.
         least: Smallest value, exact.
         most: Largest value, exact.
         p50: Median; exact for up to 8192 values, else within 0.4%, like all percentiles.
-        p90: 90th percentile.
-        p99: 99th percentile.
-        p999: 99.9th percentile.
         bins: Bins in order, without empty ones, 128 per power of two; () unless requested.
     """
 
@@ -71,8 +67,6 @@ class DistributionSummary:
 class Histogram:
     """Collects values of 0 or more. Negative values, NaN and infinity are left out."""
 
-    __slots__ = ("_counts", "_first_bin", "_least", "_most", "_pending", "_pending_count", "_total")
-
     def __init__(self) -> None:
         self._pending: list[Floats] = []  # values not yet counted in bins
         self._pending_count = 0
@@ -91,7 +85,6 @@ class Histogram:
             self._join_pending()
 
     def merge(self, other: Histogram) -> None:
-        """Add all values of another histogram."""
         if other._counts is not None:
             self._add_counts(other._first_bin, other._counts)
             self._total += other._total

@@ -25,10 +25,8 @@ attended_option = click.option(
 
 
 def open_publisher(job: str) -> WatcherSubscriber:
-    """Open what publishes the traffic to the screen. Only the watcher's process loads the modules for it.
-
-    Args:
-        job: A `ReadJob` in JSON.
+    """Open what publishes the traffic to the screen, for a `ReadJob` in JSON. Only the watcher's process
+    loads it.
     """
     import msgspec
 

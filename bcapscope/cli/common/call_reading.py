@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import TypeVar
 
 from bcapscope.cli.common.capture_reader import CaptureReader
@@ -18,17 +18,20 @@ _PROGRESS_EVERY = 0x1000
 T = TypeVar("T")
 
 
+def call_test(call_filter: Filter | None) -> Callable[[Call], bool] | None:
+    """Return the test of a filter on calls; None if it selects all."""
+    return None if call_filter is None else call_filter.bind(CALL_GETTERS)
+
+
 def read_filtered_calls(reader: CaptureReader, call_filter: Filter | None) -> Iterator[Call]:
     """Yield the calls that match a filter, each when it ends."""
-    collector = CallCollector(None if call_filter is None else call_filter.bind(CALL_GETTERS))
+    collector = CallCollector(call_test(call_filter))
     return read_items(reader, Pipeline(collector), collector.calls)
 
 
 def read_items(reader: CaptureReader, pipeline: Pipeline, items: list[T]) -> Iterator[T]:
-    """Read to the end of the captures.
-
-    Yields:
-        What the subscribers of the pipeline append to `items`, which is emptied.
+    """Read to the end of the captures. Yield what the subscribers of the pipeline append to `items`, and
+    empty it.
     """
     add = pipeline.add
     for observation in reader.observations():

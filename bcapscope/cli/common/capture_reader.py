@@ -5,11 +5,11 @@ from __future__ import annotations
 import io
 import select
 import sys
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing
 from functools import partial
 from pathlib import Path
-from typing import BinaryIO, cast
+from typing import BinaryIO, NoReturn, cast
 
 import click
 
@@ -40,10 +40,7 @@ _MAX_SERVERS_LISTED = 8
 class CaptureReader:
     """The traffic that a command reads. Several captures count as one, like the files of a ring.
 
-    Attributes:
-        exit_code: result of reading so far.
-        output: writes the data of the command.
-        on_first_time: called with the time of the first observation, before it is yielded.
+    `on_first_time` is called with the time of the first observation, before it is yielded.
     """
 
     def __init__(
@@ -54,14 +51,7 @@ class CaptureReader:
         text: str | None = None,
         words: MessageFormatter = ENGLISH_WORDS,
     ) -> None:
-        """Choose the input.
-
-        Args:
-            paths: captures; ``-`` is standard input.
-            ports: ports of controllers; 5007 if empty.
-            interface: capture live on this interface instead.
-            text: read this file with pasted hex instead; ``-`` is standard input.
-            words: language of the messages on stderr.
+        """Choose the input: captures, a live interface, or pasted hex text; ``-`` is standard input.
 
         Raises:
             click.UsageError: there is no input, or more than one kind, or standard input is closed.
@@ -101,21 +91,28 @@ class CaptureReader:
 
     @property
     def ended_at(self) -> int:
-        """Time of the latest packet, with or without b-CAP, in ns since 1970; 0 for pasted text.
-
-        Valid after the last observation.
+        """Time of the latest packet, with or without b-CAP, in ns since 1970; valid after the last
+        observation.
         """
         return self._observer.end_time
 
     @property
     def comments(self) -> Mapping[int, tuple[str, ...]]:
-        """Comments of the most recent packets, by packet number."""
         return self._observer.comments if self._pasted is None else self._pasted.comments
 
     def show_progress(self) -> None:
         """Show the progress of reading, if it takes long."""
         if self._file is not None:
             self._progress.show(self._file.position, self._file.size)
+
+    def print_lines(self, lines: Iterable[str] | Iterable[bytes]) -> None:
+        """Print lines of data, and show the progress meanwhile."""
+        self.output.write_lines(lines, self.show_progress)
+
+    def finish(self) -> NoReturn:
+        """Print the summary and exit."""
+        self.print_summary()
+        sys.exit(self.exit_code)
 
     def print_summary(self) -> None:
         """Print to stderr what was read, what could not be, and controllers recognised by content."""
@@ -168,7 +165,7 @@ class CaptureReader:
                 print_stderr(self._words("reading.live", interface=printable(name)))
                 packets = iter(capture)
                 try:
-                    while (packet := interrupts.read_or_stop(partial(next, packets), None)) is not None:
+                    while (packet := interrupts.read_or_stop(partial(next, packets, None))) is not None:
                         yield packet
                     print_stderr("")
                 finally:
@@ -205,14 +202,12 @@ class _Interrupted(Exception):
 
 
 class _StandardInput:
-    """Standard input, read without waiting for a full buffer."""
-
     def __init__(self) -> None:
         self._stream = io.FileIO(sys.stdin.fileno(), closefd=False)
         self._interrupts = DeferredInterrupts()
 
     def read(self, size: int) -> bytes:
-        found = self._interrupts.read_or_stop(partial(self._next, size), None)
+        found = self._interrupts.read_or_stop(partial(self._next, size))
         if found is None:
             raise _Interrupted
         return found

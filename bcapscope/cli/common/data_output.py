@@ -26,8 +26,6 @@ class StdoutWriteError(click.ClickException):
 
 
 class DataOutput:
-    """Writes lines of data to stdout."""
-
     def __init__(self, lines_at_once: int = 512) -> None:
         """Collect this many lines per write: many for speed, one for live output."""
         self._lines_at_once = lines_at_once

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import sys
 from enum import IntEnum
+from typing import NoReturn
+
+from bcapscope.live.standard_streams import print_stderr
 
 
 class ExitCode(IntEnum):
@@ -32,3 +36,9 @@ class ExitCode(IntEnum):
     """The trajectory failed the pre-flight check; nothing moved."""
     INTERRUPTED = 130
     """Ctrl-C ended the command early; shells use this code for a program ended by SIGINT."""
+
+
+def exit_with(text: str, code: int) -> NoReturn:
+    """Print why the command ends, and exit."""
+    print_stderr(text)
+    sys.exit(code)

@@ -1,10 +1,11 @@
-"""Arguments of the commands that print figures about calls, for the whole time or by window."""
+"""Arguments of the commands that print what they find in calls, for the whole time or by window."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from functools import wraps
+from itertools import chain
+from typing import NoReturn, TypeVar
 
 import click
 
@@ -16,58 +17,53 @@ from bcapscope.render.color_palette import Palette
 from bcapscope.traffic.filter.compiler import Filter
 from bcapscope.traffic.filter.field_table import RecordKind
 
+T = TypeVar("T")
+
 
 @dataclass(frozen=True, slots=True)
 class FigureArguments:
-    """The arguments of such a command.
-
-    Attributes:
-        reader: reads the captures.
-        as_json: print JSON, not text.
-        window: length of a window in nanoseconds; None for the whole time.
-        call_filter: selects calls; None for all.
-        palette: colours of the text.
-        words: language of the text.
-    """
+    """The arguments of such a command. A window is in ns; None for the whole time."""
 
     reader: CaptureReader
     as_json: bool
-    window: int | None
     call_filter: Filter | None
     palette: Palette
     words: MessageFormatter
+    window: int | None = None
+
+    def print_all(
+        self,
+        found: Iterable[T],
+        record: Callable[[T], bytes],
+        lines: Callable[[T, Palette, MessageFormatter], Iterable[str]],
+    ) -> NoReturn:
+        """Print each object as JSON, or as text with an empty line behind it. Then exit."""
+        if self.as_json:
+            self.reader.print_lines(map(record, found))
+        else:
+            texts = (chain(lines(each, self.palette, self.words), ("",)) for each in found)
+            self.reader.print_lines(chain.from_iterable(texts))
+        self.reader.finish()
 
 
-def figure_command(json_help: str) -> Callable[[Callable[[FigureArguments], None]], Callable[..., None]]:
-    """Return a decorator that adds the arguments and options, and passes them as `FigureArguments`.
+def _make_arguments(
+    *,
+    paths: tuple[str, ...],
+    ports: tuple[int, ...],
+    as_json: bool,
+    wanted: Filter | None,
+    color: str,
+    words: MessageFormatter,
+    window: int | None = None,
+) -> FigureArguments:
+    reader = CaptureReader(paths, ports, words=words)
+    return FigureArguments(reader, as_json, wanted, choose_palette(color), words, window)
 
-    Args:
-        json_help: help text of ``--json``.
-    """
 
-    def decorate(run: Callable[[FigureArguments], None]) -> Callable[..., None]:
-        @options.captures
-        @options.ports
-        @click.option("--json", "as_json", is_flag=True, help=json_help)
-        @options.window
-        @options.filter_option(RecordKind.CALL)
-        @options.color
-        @options.language
-        @wraps(run)
-        def command(
-            *,
-            paths: tuple[str, ...],
-            ports: tuple[int, ...],
-            as_json: bool,
-            window: int | None,
-            wanted: Filter | None,
-            color: str,
-            words: MessageFormatter,
-        ) -> None:
-            palette = choose_palette(color)
-            reader = CaptureReader(paths, ports, words=words)
-            run(FigureArguments(reader, as_json, window, wanted, palette, words))
-
-        return command
-
-    return decorate
+def figure_command(json_help: str, windows: bool = True) -> options.Decorator:
+    """Return a decorator that adds the arguments and options, and passes them as `FigureArguments`."""
+    as_json = click.option("--json", "as_json", is_flag=True, help=json_help)
+    window = (options.window,) if windows else ()
+    selection = (options.filter_option(RecordKind.CALL), options.color, options.language)
+    added = (options.captures, options.ports, as_json, *window, *selection)
+    return options.bundled("arguments", _make_arguments, added)

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import inspect
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
+from functools import wraps
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeAlias, TypeVar
 
 import click
 
@@ -17,6 +19,7 @@ from bcapscope.traffic.filter.compiler import Filter, FilterError, compile_filte
 from bcapscope.traffic.filter.field_table import RecordKind
 
 F = TypeVar("F", bound=Callable[..., Any])
+Decorator: TypeAlias = Callable[[Callable[..., Any]], Callable[..., Any]]
 
 LARGEST_SEED = 2**63 - 1
 LARGEST_COUNT = 1_000_000_000
@@ -34,7 +37,6 @@ class NumberRange(click.FloatRange):
         self.minimum, self.maximum = minimum, maximum
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
-        """Convert to a number; the error message names the bounds."""
         number = parse_number(str(value), self.minimum, self.maximum)
         if number is None:
             self.fail(
@@ -53,7 +55,6 @@ class IntegerRange(click.IntRange):
         self.minimum, self.maximum = minimum, maximum
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> int:
-        """Convert to an integer; the error message names the bounds."""
         number = parse_integer(str(value), self.minimum, self.maximum)
         if number is None:
             self.fail(
@@ -64,6 +65,29 @@ class IntegerRange(click.IntRange):
 
 def _quoted_input(value: object) -> str:
     return repr(shortened(str(value), LONGEST_NUMBER))
+
+
+def bundled(
+    parameter: str, make: Callable[..., object], added: Sequence[Decorator], names: Iterable[str] = ()
+) -> Decorator:
+    """Return a decorator that adds options to a command, which gets what `make` makes of their values.
+
+    `names` are those of the options, if they are not the parameters of `make`.
+    """
+    own_names = tuple(names) or tuple(inspect.signature(make).parameters)
+
+    def decorate(function: Callable[..., Any]) -> Callable[..., Any]:
+        @wraps(function)
+        def command(**given: Any) -> Any:
+            own = {name: given.pop(name) for name in own_names if name in given}
+            return function(**{parameter: make(**own)}, **given)
+
+        decorated: Callable[..., Any] = command
+        for option in reversed(added):
+            decorated = option(decorated)
+        return decorated
+
+    return decorate
 
 
 _PATH = click.Path(allow_dash=True)
@@ -155,11 +179,18 @@ def filter_option(kind: RecordKind) -> Callable[[F], F]:
 
 
 def output_option(help_: str, allow_dash: bool = False) -> Callable[[F], F]:
-    """Return the option ``--output`` for the path that a command writes to.
-
-    Args:
-        help_: help text of the option.
-        allow_dash: accept ``-`` for standard output.
-    """
+    """Return the option ``--output`` for the path that a command writes to; ``-`` can be standard output."""
     kind = click.Path(path_type=Path, allow_dash=allow_dash)
     return click.option("-o", "--output", required=True, metavar="FILE", type=kind, help=help_)
+
+
+def record_option(help_: str) -> Decorator:
+    """Return the option ``--record`` for a new capture."""
+    kind = click.Path(dir_okay=False, path_type=Path)
+    return click.option("--record", metavar="FILE.pcapng", type=kind, help=help_)
+
+
+def limit_option(help_: str) -> Decorator:
+    """Return the option ``--limit``, which may be repeated; its values are for `with_limits`."""
+    examples = "may be repeated. Examples: J1=-170..170, J1..J3.speed=300, J1.acceleration=6000."
+    return click.option("--limit", "limits", metavar="LIMIT", multiple=True, help=f"{help_}; {examples}")

@@ -17,11 +17,7 @@ force_option = click.option("--force", is_flag=True, help="Overwrite existing fi
 
 
 def check_output_path(path: Path, overwrite: bool | None = None) -> None:
-    """Check that a file can be created at `path`.
-
-    Args:
-        path: path of the file.
-        overwrite: allow an existing file; None if the command has no `--force`.
+    """Check that a file can be created at `path`; `overwrite` is None if the command has no `--force`.
 
     Raises:
         FileWriteError: the file exists already, or the path is not a regular file.
@@ -37,23 +33,16 @@ def check_output_path(path: Path, overwrite: bool | None = None) -> None:
 class AtomicFile:
     """A file that gets its name when it is complete; until then it has a temporary name in the same folder.
 
-    A file that is not committed is removed, so a command that fails leaves no partial file. This also holds
-    for a command that a signal ends, after `interrupt_on_end_signals`. The file is open only during a write,
-    so any number of them can exist.
+    It is removed unless committed, also if a signal ends the command after `interrupt_on_end_signals`. The
+    file is open only during a write, so any number of them can exist.
     """
 
     def __init__(self, path: Path) -> None:
-        """Prepare a file at `path`; the first write creates it."""
         self._path = path
         self._temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
         self._mode = "xb"
 
     def write(self, data: bytes) -> None:
-        """Append data.
-
-        Raises:
-            FileWriteError: the file cannot be written, or the disk is full.
-        """
         try:
             with self._temporary.open(self._mode) as file:
                 self._mode = "ab"

@@ -26,20 +26,13 @@ _NAMELESS_OWNERS = (ObjectClass.SERVICE, ObjectClass.CONTROLLER, ObjectClass.MES
 
 @dataclass(frozen=True, slots=True)
 class PlannedCall:
-    """A call to make.
-
-    Attributes:
-        function: function to call.
-        values: its arguments, without the handle if `opens_object`.
-        opens_object: open the object if necessary, and put its handle before `values`.
-    """
+    """A call to make. If `opens_object`, the handle of the object goes before `values`."""
 
     function: Function
     values: tuple[Variant, ...]
     opens_object: bool
 
     async def arguments(self, opener: ObjectOpener) -> tuple[Variant, ...]:
-        """Return all arguments; open the objects that the call needs."""
         if self.opens_object:
             return (Variant(VT.I4, await opener.handle_for(self.function.owner)), *self.values)
         if self.function.name == "Controller_Connect":
@@ -48,8 +41,6 @@ class PlannedCall:
 
 
 class PlannedCallParser:
-    """Parses the calls of one session, in their order."""
-
     def __init__(self, target: ControllerTarget, variable_name: str | None) -> None:
         """Parse calls to `target`. `variable_name` is the variable to open if a call needs one."""
         self._target = target
@@ -116,10 +107,6 @@ class PlannedCallParser:
 def check_owners(requests: Iterable[PlannedCall], named: Collection[ObjectClass]) -> None:
     """Check, before anything is sent, that each call has an object to address.
 
-    Args:
-        requests: the calls, in the order in which they will be made.
-        named: classes of objects whose names are known.
-
     Raises:
         click.UsageError: the object of a call is not known.
     """
@@ -151,7 +138,6 @@ def _variable_types(variable_name: str, owners: Iterable[ObjectClass]) -> tuple[
 def _parse_argument(
     function: Function, index: int, param: Param, texts: Sequence[str], types: Sequence[str]
 ) -> Variant:
-    """Parse an argument; `types` applies if the function accepts any type."""
     if index >= len(texts):
         if param.type == "VT_BSTR":
             return Variant(VT.BSTR, "")

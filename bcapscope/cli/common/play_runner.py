@@ -28,10 +28,10 @@ from bcapscope.player.player_messages import (
     PlayProgress,
     PlayState,
     QuestionTopic,
-    RealtimeReport,
 )
 from bcapscope.player.player_process import PlayerProcess
 from bcapscope.player.preflight import PreflightResult, run_preflight_for
+from bcapscope.player.realtime import RealtimeReport
 from bcapscope.player.trajectory import Trajectory
 from bcapscope.render.color_palette import Palette
 from bcapscope.render.escape import printable
@@ -64,11 +64,7 @@ _TERMINAL_CLOSED = getattr(signal, "SIGHUP", None)
 
 
 class PlayOutput:
-    """Prints data to stdout, everything else to stderr.
-
-    Attributes:
-        words: Language of the text; JSON is English.
-    """
+    """Prints data to stdout, everything else to stderr."""
 
     def __init__(
         self, as_json: bool, palette: Palette, width: int, words: MessageFormatter = ENGLISH_WORDS
@@ -86,13 +82,11 @@ class PlayOutput:
         self._is_closed = True
 
     def show_source(self, trajectory: Trajectory) -> None:
-        """Print how the file was read."""
         if not self._json:
             for line in source_lines(trajectory, self.words):
                 echo(line)
 
     def show_preflight(self, preflight: PreflightResult) -> None:
-        """Print the pre-flight check."""
         if self._json:
             self._print_data(preflight_record(preflight))
             return
@@ -100,7 +94,6 @@ class PlayOutput:
             self._print_data(line)
 
     def show_end(self, ended: PlayEnded) -> None:
-        """Print the summary."""
         self._erase_progress()
         if self._json:
             self._print_data(play_summary_record(ended))
@@ -109,13 +102,11 @@ class PlayOutput:
             self._print_data(line)
 
     def print_line(self, text: str) -> None:
-        """Print a line to stderr."""
         self._erase_progress()
         if not self._is_closed:
             print_stderr(text)
 
     def draw_progress(self, progress: PlayProgress) -> None:
-        """Redraw the progress line."""
         if self._draws_progress and not self._is_closed:
             sys.stderr.write(f"\r{progress_line(progress, self._width - 1)}\x1b[K")
             sys.stderr.flush()
@@ -135,7 +126,6 @@ class PlayRunner:
     """Runs a player to its end."""
 
     def __init__(self, plan: PlayPlan, trajectory: Trajectory, output: PlayOutput) -> None:
-        """Prepare the run; `run` starts the player."""
         self._plan = plan
         self._trajectory = trajectory
         self._output = output
@@ -163,7 +153,6 @@ class PlayRunner:
                     signal.signal(number, handler)
 
     def _finish(self, ended: PlayEnded) -> ExitCode:
-        """Print the summary; return the exit code."""
         if self._plan.look_only and ended.outcome is PlayOutcome.LOOKED:
             return ExitCode.OK if self._is_fit else ExitCode.UNFIT
         self._output.show_end(ended)
@@ -202,7 +191,6 @@ class PlayRunner:
                 self._output.print_line(line)
 
     def _check_trajectory(self, peer: ControllerInfo) -> None:
-        """Check the trajectory against the connected robot."""
         self._output.print_line(controller_line(peer, self._output.words))
         found = run_preflight_for(self._trajectory, self._plan, peer)
         self._output.show_preflight(found)

@@ -16,9 +16,8 @@ _SHOWN_AFTER = 1.0
 
 
 class ReadProgressBar:
-    """Shows how much of a file was read, after one second, if stderr is a terminal.
-
-    There is no bar if stdout is a terminal too, because the output shows the progress.
+    """Shows on a terminal how much of a file was read, after one second, unless the output goes there as
+    well.
     """
 
     def __init__(self) -> None:

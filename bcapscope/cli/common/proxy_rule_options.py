@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import functools
-import inspect
 import random
 import time
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar, cast
+from typing import TYPE_CHECKING, Any
 
 import click
 from click.core import ParameterSource
@@ -29,23 +27,13 @@ if TYPE_CHECKING:  # imported where needed: `tui` has these options too, and mus
     from bcapscope.proxy.rule_policy import RulePolicy
     from bcapscope.proxy.script_process import ScriptProcess
 
-F = TypeVar("F", bound=Callable[..., Any])
-
 
 @dataclass(frozen=True, slots=True)
 class RuleOptions:
-    """The values of the options.
+    """The values of the options; None where the default of the proxy applies.
 
     Attributes:
         faults: faults of the command line, then those of the files.
-        seed: random seed of the faults.
-        guard: None for none.
-        intercept: filter of the messages to hold; None for none.
-        hold_ns: longest hold in ns; None for `intercept.HOLD_TIME_NS`.
-        scripts: paths of the scripts.
-        script_limit_ns: time of the scripts per message in ns; None for `script_queue.TIME_LIMIT_NS`.
-        script_memory_mb: memory that the scripts may allocate in MB; None for
-            `script_process.DEFAULT_MEMORY_MB`.
         control: address of the control socket; "" for none.
         command_line: the options as typed, to start another process with them; without --control.
     """
@@ -64,9 +52,6 @@ class RuleOptions:
     def start_scripts(self, exit_stack: ExitStack) -> ScriptProcess | None:
         """Start the process that loads and runs the scripts; return None without scripts.
 
-        Args:
-            exit_stack: ends the process when it closes.
-
         Raises:
             ScriptError: the process cannot be started.
         """
@@ -79,11 +64,7 @@ class RuleOptions:
         )
 
     def build_rules(self, scripts: ScriptProcess | None = None) -> RulePolicy | None:
-        """Create the rules, which begin now; return None if no option needs rules.
-
-        Args:
-            scripts: process of the scripts; `RulePolicy.scripts` waits until it has loaded them.
-        """
+        """Create the rules, which begin now; return None if no option needs rules."""
         if not (self.faults or self.guard or self.intercept or self.scripts or self.control):
             return None
         from bcapscope.faults.fault_injector import FaultInjector
@@ -110,10 +91,7 @@ class RuleOptions:
     ) -> ControlServer | None:
         """Let the rules report through the relay; return the control socket, or None without --control.
 
-        Args:
-            rules: rules from `build_rules`.
-            relay: relay that applies them.
-            state: more figures for the control socket, read at each request.
+        `state` has more figures for the control socket, read at each request.
 
         Raises:
             ControlError: the control socket cannot be created.
@@ -158,23 +136,6 @@ class RuleOptions:
         return HOLD_TIME_NS if self.hold_ns is None else self.hold_ns
 
 
-def rule_options(function: F) -> F:
-    """Add the options to a command; it gets one argument `rules`, a `RuleOptions`."""
-
-    names = [name for name in inspect.getfullargspec(_build_options).kwonlyargs if name != "typed"]
-
-    @functools.wraps(function)
-    def command(**arguments: Any) -> Any:
-        own = {name: arguments.pop(name) for name in names}
-        typed = click.get_current_context().meta.get(_TYPED, ())
-        return function(rules=_build_options(typed=tuple(typed), **own), **arguments)
-
-    decorated: Any = command
-    for option in reversed(_OPTIONS):
-        decorated = option(decorated)
-    return cast(F, decorated)
-
-
 def _build_options(
     *,
     faults: tuple[AnyFault, ...],
@@ -189,7 +150,6 @@ def _build_options(
     script_limit: int | None,
     script_memory: int | None,
     control: str | None,
-    typed: tuple[str, ...],
 ) -> RuleOptions:
     every = (*faults, *(fault for each in rule_files for fault in each))
     names = [fault.name for fault in every if fault.name]
@@ -201,6 +161,7 @@ def _build_options(
         from bcapscope.proxy.request_guard import RequestGuard
 
         guard = RequestGuard(read_only or bool(allow_command), block, allow_command)
+    typed = tuple(click.get_current_context().meta.get(_TYPED, ()))
     typed += ("--read-only",) if read_only else ()
     typed += ("--seed", f"{seed}") if seed is not None else ()
     typed += tuple(word for path in scripts for word in ("--script", path))
@@ -408,3 +369,6 @@ _OPTIONS = (
         help="Explain the notation of faults, and exit.",
     ),
 )
+
+rule_options = options.bundled("rules", _build_options, _OPTIONS)
+"""Adds the options; the command gets one argument `rules`, a `RuleOptions`."""

@@ -1,4 +1,4 @@
-"""Choose a scenario for the simulator, and list the included ones."""
+"""Choose a scenario for the simulator; list the included ones, and what is simulated."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from bcapscope.cli.common.data_output import DataOutput
 from bcapscope.faults.document import DocumentError
 from bcapscope.render.columns import align_columns
 from bcapscope.render.escape import printable
+from bcapscope.simulator.behaviours import BEHAVIOURS
 from bcapscope.simulator.scenario import (
     ClientProgram,
     Scenario,
@@ -52,6 +53,16 @@ def list_scenarios(context: click.Context, param: click.Parameter, wanted: bool)
     DataOutput().write_lines(
         align_columns([("NAME", "ROOT CAUSE", "WHAT IT SHOWS"), *rows], "<<<"), lambda: None
     )
+    context.exit()
+
+
+def list_behaviours(context: click.Context, param: click.Parameter, wanted: bool) -> None:
+    """Print each behaviour with its source and exit, if `wanted`."""
+    if not wanted or context.resilient_parsing:
+        return
+    head = ("BEHAVIOUR", "CERTAINTY", "WHAT THE SIMULATOR DOES, OR WHEN IT RETURNS THE RESULT", "SOURCE")
+    rows = [(each.name, each.certainty, each.text, each.source) for each in BEHAVIOURS]
+    DataOutput().write_lines(align_columns([head, *rows], "<<<<"), lambda: None)
     context.exit()
 
 

@@ -2,25 +2,20 @@
 
 from __future__ import annotations
 
-import functools
 import ipaddress
 import os
 import socket
 import sys
-from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import Any, TypeVar, cast
 
 import click
 from click.core import ParameterSource
 
-from bcapscope.cli.common.exit_codes import ExitCode
-from bcapscope.cli.common.options import IntegerRange
+from bcapscope.cli.common.exit_codes import ExitCode, exit_with
+from bcapscope.cli.common.options import IntegerRange, bundled
 from bcapscope.live.standard_streams import print_stderr
 from bcapscope.traffic.observation import Endpoint
-
-F = TypeVar("F", bound=Callable[..., Any])
 
 DEFAULT_ADDRESS = "127.0.0.1:8000"
 _MAX_VIEWERS = 16
@@ -28,13 +23,7 @@ _MAX_VIEWERS = 16
 
 @dataclass(frozen=True, slots=True)
 class ServeOptions:
-    """Whether and how to serve the screen.
-
-    Attributes:
-        is_wanted: show the screen in a browser, not in this terminal.
-        address: address to serve on, on loopback.
-        viewers: largest number of browser pages at a time.
-    """
+    """Whether and how to serve the screen: on loopback, to so many browser pages at a time."""
 
     is_wanted: bool
     address: Endpoint
@@ -44,16 +33,17 @@ class ServeOptions:
 def serve_screen(options: ServeOptions) -> None:
     """Serve the running command in a browser until Ctrl-C, then exit.
 
-    For each viewer, the server starts the same command in a separate process. In that process, this function
-    returns at once.
+    Each viewer gets a process with the same command, in which this function returns at once.
     """
     if "TEXTUAL_DRIVER" in os.environ:
         return
     try:
         from bcapscope.tui.web.web_server import WebServer
     except ImportError:
-        print_stderr("textual-serve is not installed. Install it with: pip install 'bcapscope[serve]'")
-        sys.exit(ExitCode.NOT_INSTALLED)
+        exit_with(
+            "textual-serve is not installed. Install it with: pip install 'bcapscope[serve]'",
+            ExitCode.NOT_INSTALLED,
+        )
     import asyncio
 
     try:
@@ -61,8 +51,10 @@ def serve_screen(options: ServeOptions) -> None:
         listening = socket.create_server(options.address, family=family)
     except OSError as error:
         reason = (os.strerror(error.errno) if error.errno else str(error)).lower()
-        print_stderr(f"cannot listen on {options.address}: {reason}. Choose another port with --serve-at.")
-        sys.exit(ExitCode.UNREADABLE)
+        exit_with(
+            f"cannot listen on {options.address}: {reason}. Choose another port with --serve-at.",
+            ExitCode.UNREADABLE,
+        )
     server = WebServer([sys.executable, "-m", "bcapscope", *sys.argv[1:]], listening, options.viewers)
 
     def greet() -> None:
@@ -121,19 +113,12 @@ _OPTIONS = (
 )
 
 
-def serve_options(function: F) -> F:
-    """Give a command the options; it gets one argument `serve`, a `ServeOptions`."""
+def _make_serve_options(serve: bool, serve_at: Endpoint, viewers: int) -> ServeOptions:
+    source_of = click.get_current_context().get_parameter_source
+    if not serve and ParameterSource.COMMANDLINE in map(source_of, ("serve_at", "viewers")):
+        raise click.UsageError("--serve-at and --viewers have no effect without --serve: add --serve")
+    return ServeOptions(serve, serve_at, viewers)
 
-    @functools.wraps(function)
-    def command(*, serve: bool, serve_at: Endpoint, viewers: int, **arguments: Any) -> Any:
-        context = click.get_current_context()
-        for name in ("serve_at", "viewers"):
-            typed = context.get_parameter_source(name) is ParameterSource.COMMANDLINE
-            if typed and not serve:
-                raise click.UsageError("--serve-at and --viewers have no effect without --serve: add --serve")
-        return function(serve=ServeOptions(serve, serve_at, viewers), **arguments)
 
-    decorated: Any = command
-    for option in reversed(_OPTIONS):
-        decorated = option(decorated)
-    return cast(F, decorated)
+serve_options = bundled("serve", _make_serve_options, _OPTIONS)
+"""Adds the options; the command gets one argument `serve`, a `ServeOptions`."""

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from bcapscope.cli.common.exit_codes import ExitCode
-from bcapscope.live.standard_streams import print_stderr
+from bcapscope.cli.common.exit_codes import ExitCode, exit_with
 from bcapscope.simulator.listening_sockets import SimulatorListenError
 
 
@@ -17,5 +15,4 @@ def exit_if_not_listening() -> Iterator[None]:
     try:
         yield
     except SimulatorListenError as error:
-        print_stderr(str(error))
-        sys.exit(ExitCode.UNREADABLE)
+        exit_with(str(error), ExitCode.UNREADABLE)

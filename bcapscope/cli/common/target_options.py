@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import fields
-from functools import wraps
 from typing import Any
 
 import click
 from click.core import ParameterSource
 
 from bcapscope.cli.common import options
-from bcapscope.cli.common.exit_codes import ExitCode
+from bcapscope.cli.common.exit_codes import ExitCode, exit_with
 from bcapscope.client.controller_target import ControllerTarget, split_host_port
 from bcapscope.client.retry_policies import DEFAULT_PORT, DEFAULT_RETRY_POLICIES
 from bcapscope.errors import BcapError, CallTimeout, ControllerError, FileWriteError
-from bcapscope.live.standard_streams import print_stderr
 from bcapscope.messages import MessageFormatter
 from bcapscope.messages.os_errors import os_reason
 from bcapscope.protocol.number_parsing import parse_integer
@@ -45,11 +43,6 @@ def _nonempty_host(context: click.Context, _: click.Parameter, value: str) -> st
     return value
 
 
-def _port_option(text: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    port_range = options.IntegerRange(1, 65535)
-    return click.option("-p", "--port", type=port_range, default=DEFAULT_PORT, show_default=True, help=text)
-
-
 _OPTIONS = (
     click.option("--tcp/--udp", "tcp", is_eager=True, help="Connect over TCP or UDP (default: UDP)."),
     click.option(
@@ -58,15 +51,15 @@ _OPTIONS = (
         type=options.NumberRange(0.1),
         default=DEFAULT_RETRY_POLICIES.others.timeout / _MS,
         show_default=True,
-        help="Wait this long for the reply to each attempt, in ms. slvMove always has DENSO's 2 ms.",
+        help="Wait this long for the reply to each attempt, in ms. slvMove always uses DENSO's 2 ms.",
     ),
     click.option(
         "--retries",
         type=options.IntegerRange(0, 100),
         default=DEFAULT_RETRY_POLICIES.others.retries,
         show_default=True,
-        help="Retry a request at most this often on UDP. In Async modes, 4 means 3, as DENSO recommends. On "
-        "TCP there are no retries: one attempt gets the time of all.",
+        help="Retry a request at most this often on UDP. In an Async mode, 4 means 3, as DENSO recommends. "
+        "On TCP there are no retries: the one attempt waits as long as all attempts together.",
     ),
     click.option(
         "--convention",
@@ -105,29 +98,27 @@ _OPTIONS = (
 )
 
 
-def target_options(function: Callable[..., None]) -> Callable[..., None]:
-    """Add the argument HOST and the options; the command gets one argument `target`, a `ControllerTarget`."""
-    with_port = _port_option("Connect to this port of the controller.")
-    return click.argument("host", callback=_nonempty_host)(with_port(_add_target_options(function)))
+def _target_options(host: options.Decorator, port_help: str) -> options.Decorator:
+    def make_target(**given: Any) -> ControllerTarget:
+        given["host"], given["port"] = _host_and_port(given["host"], given["port"])
+        return ControllerTarget(**given)
+
+    kind = options.IntegerRange(1, 65535)
+    port = click.option("-p", "--port", type=kind, default=DEFAULT_PORT, show_default=True, help=port_help)
+    names = (field.name for field in fields(ControllerTarget))
+    return options.bundled("target", make_target, (host, port, *_OPTIONS), names)
 
 
-def optional_target_options(function: Callable[..., None]) -> Callable[..., None]:
-    """Add the same for a command that can run without a controller; the host is then empty."""
-    with_port = _port_option("Connect to this port of the controller; as server, listen on this port.")
-    return click.argument("host", required=False, default="")(with_port(_add_target_options(function)))
+target_options = _target_options(
+    click.argument("host", callback=_nonempty_host), "Connect to this port of the controller."
+)
+"""Adds the argument HOST and the options; the command gets one argument `target`, a `ControllerTarget`."""
 
-
-def _add_target_options(function: Callable[..., None]) -> Callable[..., None]:
-    @wraps(function)
-    def with_target(**given: Any) -> None:
-        own = {field.name: given.pop(field.name) for field in fields(ControllerTarget)}
-        own["host"], own["port"] = _host_and_port(own["host"], own["port"])
-        function(target=ControllerTarget(**own), **given)
-
-    decorated: Callable[..., None] = with_target
-    for option in reversed(_OPTIONS):
-        decorated = option(decorated)
-    return decorated
+optional_target_options = _target_options(
+    click.argument("host", required=False, default=""),
+    "Connect to this port of the controller; as server, listen on this port.",
+)
+"""Adds the same for a command that can run without a controller; the host is then empty."""
 
 
 def _host_and_port(text: str, port: int) -> tuple[str, int]:
@@ -169,15 +160,10 @@ def exit_on_failure(target: ControllerTarget, words: MessageFormatter) -> Iterat
     except (BrokenPipeError, FileWriteError):
         raise
     except ControllerError as error:
-        _exit_with(words.text(error.message), ExitCode.REFUSED)
+        exit_with(f"bcapscope: {words.text(error.message)}", ExitCode.REFUSED)
     except CallTimeout as error:
-        _exit_with(f"{name}: {words.text(error.message)}", ExitCode.UNANSWERED)
+        exit_with(f"bcapscope: {name}: {words.text(error.message)}", ExitCode.UNANSWERED)
     except OSError as error:
-        _exit_with(f"{name}: {words.text(os_reason(error))}", ExitCode.UNANSWERED)
+        exit_with(f"bcapscope: {name}: {words.text(os_reason(error))}", ExitCode.UNANSWERED)
     except BcapError as error:
-        _exit_with(words.text(error.message), ExitCode.USAGE)
-
-
-def _exit_with(text: str, code: ExitCode) -> None:
-    print_stderr(f"bcapscope: {text}")
-    raise SystemExit(code)
+        exit_with(f"bcapscope: {words.text(error.message)}", ExitCode.USAGE)

@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, fields, replace
-from functools import wraps
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, NoReturn
 
 import click
 
 from bcapscope.cli.common import options
-from bcapscope.cli.common.exit_codes import ExitCode
-from bcapscope.live.standard_streams import print_stderr
+from bcapscope.cli.common.exit_codes import ExitCode, exit_with
 from bcapscope.player.arm_limits import UNKNOWN_ARM, with_limits
 from bcapscope.player.column_layout import ReadOptions, parse_columns
 from bcapscope.player.resampling import resample
@@ -26,22 +22,7 @@ from bcapscope.render.preflight_text import trajectory_line
 
 @dataclass(frozen=True, slots=True)
 class TrajectoryOptions:
-    """Which trajectory to play, and how fast.
-
-    Attributes:
-        file: path of the file.
-        index: number of the trajectory in the file, from 1; None if there is only one.
-        pose: pose type to read; None for the one in the file.
-        columns: columns for `parse_columns`; None to use the titles.
-        radians: angles are in radians if the file does not say so.
-        metres: positions are in metres if the file does not say so.
-        file_interval: ms between way-points of the file, if it does not say so.
-        interval: ms between slvMove calls.
-        again: resample to that interval.
-        speed: factor on the speed of the file.
-        rounds: number of rounds; 0 to repeat until stopped.
-        limits: limits of the arm for `with_limits`.
-    """
+    """Which trajectory to play, and how fast. Intervals are in ms; 0 rounds repeat until stopped."""
 
     file: Path
     index: int | None
@@ -73,7 +54,7 @@ class TrajectoryOptions:
         try:
             found = read_trajectories(self.file, wishes)
         except TrajectoryError as error:
-            _exit_with(f"{self.file}: {error}", ExitCode.UNREADABLE)
+            exit_with(printable(f"bcapscope: {self.file}: {error}"), ExitCode.UNREADABLE)
         chosen = self._choose(found)
         if self.file_interval is not None and chosen.period is None and chosen.times is None:
             chosen = replace(chosen, period=self.file_interval / 1000)
@@ -82,7 +63,7 @@ class TrajectoryOptions:
         try:
             return resample(chosen, self.interval / 1000, speed=self.speed)
         except TrajectoryError as error:
-            _exit_with(str(error), ExitCode.UNFIT)
+            exit_with(printable(f"bcapscope: {error}"), ExitCode.UNFIT)
 
     def _choose(self, found: tuple[Trajectory, ...]) -> Trajectory:
         if self.index is None and len(found) > 1:
@@ -95,12 +76,8 @@ class TrajectoryOptions:
         return found[(self.index or 1) - 1]
 
 
-def _exit_with(text: str, code: ExitCode) -> NoReturn:
-    print_stderr(f"bcapscope: {printable(text)}")
-    raise SystemExit(code)
-
-
 _OPTIONS = (
+    click.argument("file", type=click.Path(path_type=Path)),
     click.option(
         "--index",
         metavar="N",
@@ -148,26 +125,8 @@ _OPTIONS = (
         show_default=True,
         help="Play the trajectory N times; 0: until you stop it.",
     ),
-    click.option(
-        "--limit",
-        "limits",
-        metavar="LIMIT",
-        multiple=True,
-        help="Check against this limit of the arm; may be repeated. Examples: J1=-170..170, "
-        "J1..J3.speed=300, J1.acceleration=6000.",
-    ),
+    options.limit_option("Check against this limit of the arm"),
 )
 
-
-def trajectory_options(function: Callable[..., None]) -> Callable[..., None]:
-    """Add the argument FILE and the options; the command gets one argument `way`, a `TrajectoryOptions`."""
-
-    @wraps(function)
-    def with_way(**given: Any) -> None:
-        own = {field.name: given.pop(field.name) for field in fields(TrajectoryOptions)}
-        function(way=TrajectoryOptions(**own), **given)
-
-    decorated: Callable[..., None] = with_way
-    for option in reversed(_OPTIONS):
-        decorated = option(decorated)
-    return click.argument("file", type=click.Path(path_type=Path))(decorated)
+trajectory_options = options.bundled("way", TrajectoryOptions, _OPTIONS)
+"""Adds the argument FILE and the options; the command gets one argument `way`, a `TrajectoryOptions`."""

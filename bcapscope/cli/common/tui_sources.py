@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import sys
 import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -15,7 +14,7 @@ import click
 from click.core import ParameterSource
 
 from bcapscope.cli.common.data_output import require_terminal
-from bcapscope.cli.common.exit_codes import ExitCode
+from bcapscope.cli.common.exit_codes import ExitCode, exit_with
 from bcapscope.cli.common.output_files import check_output_path
 from bcapscope.cli.common.proxy_rule_options import RuleOptions
 from bcapscope.live.standard_streams import print_stderr
@@ -34,15 +33,7 @@ _CLIENT_SIDE = "clients of "
 
 @dataclass(frozen=True, slots=True)
 class ProxyScreenOptions:
-    """The proxy to show.
-
-    Attributes:
-        address: control socket of a running proxy; "" to start one. The rest is for a proxy to start.
-        listen: addresses to listen on.
-        to: addresses of the controllers.
-        record: path of the recording; None for none.
-        rules: rules of the proxy.
-    """
+    """The proxy to show: that with the control socket `address`, or one to start if it is ""."""
 
     address: str
     listen: tuple[str, ...]
@@ -124,12 +115,7 @@ def _show_own_proxy(options: ProxyScreenOptions) -> None:
 
 
 def show_simulator(port: int, words: Sequence[str]) -> None:
-    """Start a simulator and show its traffic.
-
-    Args:
-        port: port on loopback to listen on.
-        words: further options of ``bcapscope sim``.
-    """
+    """Start a simulator on loopback, with further options of ``bcapscope sim``, and show its traffic."""
     from bcapscope.tui.app import BcapApp, ScreenEntry
     from bcapscope.tui.screens.simulator_screen import SimulatorScreen
     from bcapscope.tui.traffic_processes.temporary_folder import TemporaryFolder
@@ -184,10 +170,9 @@ def _read_figures(address: str) -> ProxyStats:
     try:
         return client.request(GetStats(), ProxyStats)
     except BcapError as error:
-        print_stderr(printable(str(error)))
+        exit_with(printable(str(error)), ExitCode.UNREADABLE)
     finally:
         client.close()
-    sys.exit(ExitCode.UNREADABLE)
 
 
 @contextmanager
@@ -199,8 +184,7 @@ def _running_command(*words: str) -> Iterator[ChildProcess]:
     try:
         child = ChildProcess(*words, "--lang", current_language())
     except ChildStartError as error:
-        print_stderr(printable(full_error_text(error)))
-        sys.exit(error.code)
+        exit_with(printable(full_error_text(error)), error.code)
     try:
         yield child
     finally:

@@ -15,13 +15,10 @@ class ByteBudget:
         held: Bytes that they hold now.
     """
 
-    __slots__ = ("held", "limit")
-
     def __init__(self, limit: int = DEFAULT_BYTE_BUDGET) -> None:
         self.limit = limit
         self.held = 0
 
     @property
     def is_exceeded(self) -> bool:
-        """Whether buffers must release what they can."""
         return self.held > self.limit

@@ -23,7 +23,6 @@ from functools import lru_cache
 from bcapscope.errors import LocalProtocolError, TooLargeError
 from bcapscope.messages import Message
 from bcapscope.messages.places import Count
-from bcapscope.protocol.codec import frame_template as layouts
 from bcapscope.protocol.codec.arguments import Argument, Problem
 from bcapscope.protocol.codec.checksum import crc16
 from bcapscope.protocol.codec.frame_content import (
@@ -33,13 +32,11 @@ from bcapscope.protocol.codec.frame_content import (
     LARGEST_UNPACKED,
     SMALLEST_FRAME,
     SOH,
-    FrameContent,
     Framing,
     compressed_code,
     is_compressed,
 )
-from bcapscope.protocol.codec.frame_template import FrameNumbers, FrameTemplate
-from bcapscope.protocol.codec.frame_template import find_template as find_layout
+from bcapscope.protocol.codec.frame_template import FrameNumbers, FrameTemplate, FrameTemplates
 from bcapscope.protocol.codec.variant import ARRAY, NUMBER_ARRAYS, NUMBER_FORMATS, Variant, encode_argument
 
 __all__ = [
@@ -106,7 +103,7 @@ class Frame:
     id or an HRESULT.
 
     A frame holds only its bytes, never the decoded values, so a store of frames needs no more memory than
-    their bytes. `FrameContent.cached` and the frame templates keep the most recent results of decoding.
+    their bytes. Many frames share one `FrameTemplates`, which keeps what was learnt from the latest ones.
 
     Attributes:
         raw: The bytes as received.
@@ -117,15 +114,26 @@ class Frame:
         capture; None for nearly all frames.
     """
 
-    __slots__ = ("code", "external_problem", "raw", "reserved", "serial")
+    __slots__ = ("_templates", "code", "external_problem", "raw", "reserved", "serial")
 
-    def __init__(self, raw: bytes, external_problem: Problem | None = None) -> None:
-        """Read the header of `raw`, which holds at least `HEADER_SIZE` bytes."""
+    def __init__(
+        self, raw: bytes, external_problem: Problem | None = None, templates: FrameTemplates | None = None
+    ) -> None:
+        """Read the header of `raw`, which holds at least `HEADER_SIZE` bytes.
+
+        Similar frames that share `templates` need only one full decoding. Without it, the frame gets its own
+        when its arguments are first read, and then holds them decoded.
+        """
+        self._templates = templates
         self.raw = raw
         self.external_problem = external_problem
         self.serial, self.reserved, self.code = _SERIAL_RESERVED_CODE(raw)
         if self.reserved == 1 and is_compressed(raw):
             self.code = compressed_code(raw)
+
+    def _own_templates(self) -> FrameTemplates:
+        self._templates = FrameTemplates()
+        return self._templates
 
     def __repr__(self) -> str:
         return f"Frame({self.raw.hex()!r})"
@@ -145,7 +153,6 @@ class Frame:
 
     @property
     def argc(self) -> int:
-        """The argument count field."""
         return int.from_bytes(self.body[13:15], "little")
 
     @property
@@ -157,19 +164,19 @@ class Frame:
         """
         if self.external_problem is not None:
             return None
-        inner = find_layout(self.raw) or _decode_in_full(self.raw)
+        inner = (self._templates or self._own_templates()).decode(self.raw)
         return inner if isinstance(inner, tuple) else None
 
     @property
     def arguments(self) -> tuple[Argument, ...]:
         """The arguments, as far as their bytes go; spans are offsets in `body`."""
-        inner = find_layout(self.raw) or _decode_in_full(self.raw)
+        inner = (self._templates or self._own_templates()).decode(self.raw)
         return inner[0].fill_arguments(inner[1]) if isinstance(inner, tuple) else inner.arguments
 
     @property
     def variants(self) -> tuple[Variant, ...]:
         """The values of the arguments, without their positions."""
-        inner = find_layout(self.raw) or _decode_in_full(self.raw)
+        inner = (self._templates or self._own_templates()).decode(self.raw)
         if isinstance(inner, tuple):
             return inner[0].fill_variants(inner[1])
         return tuple(argument.variant for argument in inner.arguments)
@@ -177,56 +184,47 @@ class Frame:
     @property
     def problems(self) -> tuple[Problem, ...]:
         """Deviations from b-CAP; empty for a sound frame."""
-        inner = find_layout(self.raw) or _decode_in_full(self.raw)
+        inner = (self._templates or self._own_templates()).decode(self.raw)
         own = () if isinstance(inner, tuple) else inner.problems
         return own if self.external_problem is None else (*own, self.external_problem)
 
     @property
     def framing(self) -> Framing:
         """How the frame ends, as far as its bytes show."""
-        inner = find_layout(self.raw) or _decode_in_full(self.raw)
+        inner = (self._templates or self._own_templates()).decode(self.raw)
         return Framing.PLAIN if isinstance(inner, tuple) else inner.framing
 
     @property
     def body(self) -> bytes:
         """`raw`; for a compressed frame, the same bytes with the unpacked content in place."""
-        inner = find_layout(self.raw) or _decode_in_full(self.raw)
+        inner = (self._templates or self._own_templates()).decode(self.raw)
         return self.raw if isinstance(inner, tuple) else inner.body
 
 
-def _decode_in_full(raw: bytes) -> tuple[FrameTemplate, FrameNumbers] | FrameContent:
-    """Decode a frame that matches no template, and learn a template from it if possible."""
-    content = FrameContent.cached(raw)
-    if content.framing is Framing.PLAIN and not content.problems:
-        layouts.learn_template(raw, content.number_spans, content.arguments)
-        return find_layout(raw) or content
-    return content
-
-
-def parse_datagram(raw: bytes) -> tuple[Frame | Malformed, ...]:
+def parse_datagram(raw: bytes, templates: FrameTemplates | None = None) -> tuple[Frame | Malformed, ...]:
     """Split a datagram into its frames, or into bytes that are no frame.
 
     Bytes that begin with SOH and hold a header become a frame, whatever its problems. A frame that ends with
     EOT before the datagram ends is followed by further items.
     """
     if len(raw) >= HEADER_SIZE and raw[0] == SOH and int.from_bytes(raw[1:5], "little") == len(raw):
-        return (Frame(raw),)
+        return (Frame(raw, None, templates),)
     items: list[Frame | Malformed] = []
     pos = 0
     while True:
         length = int.from_bytes(raw[pos + 1 : pos + 5], "little")
         stop = pos + length
         if not SMALLEST_FRAME <= length < len(raw) - pos or raw[pos] != SOH or raw[stop - 1] != EOT:
-            items.append(parse_single_frame(raw[pos:]))
+            items.append(parse_single_frame(raw[pos:], templates))
             return tuple(items)
-        items.append(Frame(raw[pos:stop]))
+        items.append(Frame(raw[pos:stop], None, templates))
         pos = stop
 
 
-def parse_single_frame(raw: bytes) -> Frame | Malformed:
+def parse_single_frame(raw: bytes, templates: FrameTemplates | None = None) -> Frame | Malformed:
     """Return all of `raw` as one frame if it begins as one; the frame's problems describe the rest."""
     if len(raw) >= HEADER_SIZE and raw[0] == SOH:
-        return Frame(raw)
+        return Frame(raw, None, templates)
     if raw[:1] != b"\x01":
         reason = Message("problem.soh", byte=f"{raw[0]:02X}") if raw else Message("problem.soh.no-bytes")
         return Malformed(raw, (Problem(0, "soh", reason),))
@@ -241,14 +239,9 @@ def encode_frame(
     arguments: Sequence[Variant] = (),
     framing: Framing = Framing.PLAIN,
 ) -> bytes:
-    """Return the bytes of a frame.
+    """Return the bytes of a frame; `code` is signed or unsigned.
 
-    Args:
-        serial: 0 to 65535.
-        reserved: 0 to 65535; 1 in the two framings of version 1.
-        code: Function id or HRESULT, signed or unsigned.
-        arguments: Values of the arguments, in order.
-        framing: How the frame ends.
+    `reserved` is 1 in the two framings of version 1.
 
     Raises:
         TooLargeError: The frame is longer than `LARGEST_FRAME`, or unpacks to more than `LARGEST_UNPACKED`.
@@ -278,11 +271,7 @@ def encode_frame(
 
 
 def _encode_number_row(serial: int, reserved: int, code: int, row: Variant) -> bytes | None:
-    """Fast path for a frame whose only argument is a short row of numbers, as in replies to slvMove.
-
-    Returns:
-        The frame. None for every other argument, and if something does not fit.
-    """
+    """Fast path for a frame with only a short row of numbers, as slvMove's reply; None for others."""
     vt, values, count = row
     if (
         vt not in NUMBER_ARRAYS
@@ -299,10 +288,7 @@ def _encode_number_row(serial: int, reserved: int, code: int, row: Variant) -> b
 
 @lru_cache(maxsize=256)
 def _packer(vt: int, count: int) -> tuple[Callable[..., bytes], int, int]:
-    """Return a function that packs a frame with `count` numbers, and two lengths in bytes.
-
-    The lengths are those of the frame and of its argument.
-    """
+    """Return a function that packs a frame with `count` numbers, and the sizes of frame and argument."""
     whole = struct.Struct(f"<BIHHIHIHI{count}{NUMBER_FORMATS[vt & ~ARRAY]}B")
     return whole.pack, whole.size, whole.size - SMALLEST_FRAME - 4
 
@@ -313,7 +299,6 @@ def with_serial_and_reserved(raw: bytes, serial: int, reserved: int) -> bytes:
 
 
 def _apply_framing(plain: bytes, framing: Framing, reserved: int) -> bytes:
-    """Convert a plain frame to another framing."""
     numbers, inner = plain[5:9], plain[9:-1]
     if framing is Framing.SERIAL_LINE:
         checked = (len(plain) + 2).to_bytes(4, "little") + numbers + inner

@@ -6,7 +6,6 @@ import struct
 import zlib
 from enum import Enum
 from operator import attrgetter
-from typing import ClassVar
 
 from bcapscope.messages import Message
 from bcapscope.messages.places import Count
@@ -54,8 +53,7 @@ class FrameContent:
         raw: The bytes of the frame.
         framing: How the frame ends, as far as its bytes show.
         body: The frame's bytes. For a compressed frame, the unpacked content replaces the compressed bytes,
-            between
-        the same first nine bytes and EOT.
+            between the same first nine bytes and EOT.
         code: Function id or HRESULT.
         arguments: Arguments as far as they could be read; spans are offsets in `body`.
         problems: Deviations from b-CAP, in the order of the bytes; offsets in `body`.
@@ -63,23 +61,6 @@ class FrameContent:
     """
 
     __slots__ = ("arguments", "body", "code", "framing", "number_spans", "problems", "raw")
-
-    _recent: ClassVar[tuple[FrameContent, ...]] = ()
-
-    @classmethod
-    def cached(cls, raw: bytes) -> FrameContent:
-        """Return the content of a frame, from the cache if `raw` is the same object as before.
-
-        The cache keeps at most the two latest contents: those of a request and of its reply.
-        """
-        latest = cls._recent
-        for content in latest:
-            if content.raw is raw:
-                return content
-        cls._recent = latest = latest[:1]
-        content = cls(raw)
-        cls._recent = (content, *latest)
-        return content
 
     def __init__(self, raw: bytes) -> None:
         self.framing = Framing.PLAIN

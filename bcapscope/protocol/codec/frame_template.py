@@ -3,22 +3,21 @@
 Robot traffic is repetitive. Two set points of a slave-mode session differ only in serial, reserved and the
 numbers inside their arguments. If a frame has several arguments, the first is a handle. Handles take few
 values, so the handle is part of the template.
-
-A `FrameTemplate` holds what stays the same. It comes from the first frame that was decoded in full and found
-sound. A later frame that matches it byte for byte outside the varying positions needs only its numbers
-unpacked.
 """
 
 from __future__ import annotations
 
 import struct
 from collections.abc import Callable, Iterator, Sequence
+from itertools import groupby
 from typing import TypeAlias
 
 from bcapscope.protocol.codec.arguments import Argument, NumberSpan
+from bcapscope.protocol.codec.frame_content import FrameContent, Framing
 from bcapscope.protocol.codec.variant import ARRAY, NUMBER_FORMATS, VT, Variant
 
 FrameNumbers: TypeAlias = "tuple[int | float | bytes, ...]"
+DecodedFrame: TypeAlias = "tuple[FrameTemplate, FrameNumbers] | FrameContent"
 
 _Filler: TypeAlias = Callable[[Variant, FrameNumbers], Variant]
 _SingleFill: TypeAlias = "tuple[tuple[Variant, ...], _Filler, Variant, tuple[Variant, ...]]"
@@ -36,16 +35,68 @@ MAX_SHAPES_PER_LENGTH = 8
 """Maximum number of shapes tried for one frame length."""
 
 
+class _FrameShape:
+    """Positions of the numbers that vary in frames of one length; all other bytes are the key of a template.
+
+    Serial and reserved always vary.
+    """
+
+    __slots__ = ("find_template", "fixed_parts", "mask", "numbers", "size", "spans", "templates")
+
+    def __init__(self, size: int, spans: tuple[NumberSpan, ...]) -> None:
+        self.size = size
+        self.spans = spans
+        mask = bytearray(b"\xff" * size)
+        mask[5:9] = bytes(4)
+        numbers, pos = ["<"], 0
+        for start, code, count in spans:
+            width = struct.calcsize(f"<{count}{code}")
+            mask[start : start + width] = bytes(width)
+            numbers.append(f"{start - pos}x{count}{code}")
+            pos = start + width
+        numbers.append(f"{size - pos}x")
+        self.mask = bytes(mask)
+        runs = ((is_fixed, len(list(run))) for is_fixed, run in groupby(mask))
+        fixed = "".join(f"{length}{'s' if is_fixed else 'x'}" for is_fixed, length in runs)
+        self.fixed_parts: Callable[[bytes], tuple[bytes, ...]] = struct.Struct(fixed).unpack
+        self.numbers: Callable[[bytes], FrameNumbers] = struct.Struct("".join(numbers)).unpack
+        self.templates: dict[tuple[bytes, ...], FrameTemplate] = {}
+        self.find_template = self.templates.get
+
+
 class FrameTemplate:
-    """The constant part of frames of one form.
+    """What frames of one form share; learnt from one frame that was decoded in full and found sound.
+
+    A frame that differs from it only in serial, reserved and numbers is sound as well: length, EOT and every
+    argument conform to b-CAP.
 
     Attributes:
         prototype: Arguments of the frame that it was learnt from; their numbers are placeholders.
+        size: Size of the frames in bytes.
+        spans: Positions of the numbers that may differ.
+        mask: 0 for each byte that may differ, otherwise 255.
+        fixed_parts: Returns the bytes of a frame of this size that may not differ.
+        expected_parts: These bytes.
     """
 
-    __slots__ = ("_fill_plan", "_single_fill", "_variants", "prototype")
+    __slots__ = (
+        "_fill_plan",
+        "_single_fill",
+        "_variants",
+        "expected_parts",
+        "fixed_parts",
+        "mask",
+        "prototype",
+        "size",
+        "spans",
+    )
 
-    def __init__(self, prototype: tuple[Argument, ...]) -> None:
+    def __init__(self, shape: _FrameShape, raw: bytes, prototype: tuple[Argument, ...]) -> None:
+        self.size = shape.size
+        self.spans = shape.spans
+        self.mask = shape.mask
+        self.fixed_parts = shape.fixed_parts
+        self.expected_parts = shape.fixed_parts(raw)
         self.prototype = prototype
         self._variants = tuple(argument.variant for argument in prototype)
         self._fill_plan: list[tuple[int, int, int, _Filler]] = []
@@ -64,15 +115,20 @@ class FrameTemplate:
                 self._variants[place + 1 :],
             )
 
+    @classmethod
+    def learn(cls, content: FrameContent) -> FrameTemplate | None:
+        """Return the template of a frame; None if it has problems or is not of `Framing.PLAIN`."""
+        if content.problems or content.framing is not Framing.PLAIN:
+            return None
+        shape = _FrameShape(len(content.raw), _varying_spans(content))
+        return cls(shape, content.raw, content.arguments)
+
     def fill_arguments(self, numbers: FrameNumbers) -> tuple[Argument, ...]:
         """Return the arguments with a frame's own `numbers`, which are in the order of its bytes."""
         if not numbers:
             return self.prototype
-        arguments = list(self.prototype)
-        for place, begin, end, fill in self._fill_plan:
-            variant, start, stop = arguments[place]
-            arguments[place] = Argument(fill(variant, numbers[begin:end]), start, stop)
-        return tuple(arguments)
+        pairs = zip(self.fill_variants(numbers), self.prototype, strict=True)
+        return tuple(Argument(variant, start, stop) for variant, (_, start, stop) in pairs)
 
     def fill_variants(self, numbers: FrameNumbers) -> tuple[Variant, ...]:
         """Return the values of `fill_arguments` without their positions."""
@@ -87,150 +143,68 @@ class FrameTemplate:
         return tuple(variants)
 
 
-_FixedParts: TypeAlias = Callable[[bytes], "tuple[bytes, ...]"]
+class FrameTemplates:
+    """Decodes frames, and remembers what was learnt from them in bounded memory.
 
-
-class FrameForm:
-    """Recognises the frames that differ from a sound frame only in serial, reserved and numbers.
-
-    Such a frame is sound as well, and has the same code. This is the cheapest check: it decodes nothing.
-
-    Attributes:
-        size: Size of the frames in bytes.
-        fixed_parts: Returns the bytes of a frame of this size that do not differ.
-        expected_parts: These bytes.
+    Whoever receives many frames passes one object to all of them. The results do not depend on it.
     """
 
-    __slots__ = ("expected_parts", "fixed_parts", "size")
-
-    def __init__(self, raw: bytes, spans: Sequence[NumberSpan]) -> None:
-        """Learn from a sound frame.
-
-        Args:
-            raw: The bytes of the frame.
-            spans: Positions of the numbers that may differ.
-        """
-        self.size = len(raw)
-        self.fixed_parts = _fixed_parts(len(raw), spans)
-        self.expected_parts = self.fixed_parts(raw)
-
-    def matches(self, raw: bytes) -> bool:
-        """Return whether a frame differs only in serial, reserved and numbers."""
-        return len(raw) == self.size and self.fixed_parts(raw) == self.expected_parts
-
-
-def _fixed_parts(length: int, spans: Sequence[NumberSpan]) -> _FixedParts:
-    """Return a function that takes the bytes of a frame apart, without serial, reserved and numbers."""
-    parts, pos = ["<5s4x"], 9
-    for start, code, count in spans:
-        width = struct.calcsize(f"<{count}{code}")
-        parts.append(f"{start - pos}s{width}x")
-        pos = start + width
-    parts.append(f"{length - pos}s")
-    return struct.Struct("".join(parts)).unpack
-
-
-def fixed_bytes(length: int, spans: Sequence[NumberSpan]) -> bytes:
-    """Return a mask of a frame's bytes: 0 for serial, reserved and the numbers in `spans`, otherwise 255."""
-    fixed = bytearray(b"\xff" * length)
-    fixed[5:9] = bytes(4)
-    for start, code, count in spans:
-        width = struct.calcsize(f"<{count}{code}")
-        fixed[start : start + width] = bytes(width)
-    return bytes(fixed)
-
-
-def varying_spans(spans: Sequence[NumberSpan], arguments: Sequence[Argument]) -> tuple[NumberSpan, ...]:
-    """Return the positions of the numbers that vary among frames of one form: all but those of a handle."""
-    first = arguments[0].stop if len(arguments) > 1 else 0
-    return tuple(span for span in spans if span.repeat and span.start >= first)
-
-
-class _Shape:
-    """Positions of the numbers in frames of one length; all other bytes are the key of a template."""
-
-    __slots__ = ("finder", "key", "spans", "templates", "unpack_numbers")
-
-    def __init__(self, length: int, spans: tuple[NumberSpan, ...]) -> None:
-        numbers = [f"<{_header_end(spans, length)}x"]
-        for start, code, count in spans:
-            stop = start + struct.calcsize(f"<{count}{code}")
-            numbers.append(f"{count}{code}{_next_start(spans, start, length) - stop}x")
-        self.spans = spans
-        self.key = _fixed_parts(length, spans)
-        self.unpack_numbers: Callable[[bytes], FrameNumbers] = struct.Struct("".join(numbers)).unpack
-        self.templates: dict[tuple[bytes, ...], FrameTemplate] = {}
-        self.finder = (self.key, self.templates.get, self.unpack_numbers)
-
-
-def _header_end(spans: tuple[NumberSpan, ...], length: int) -> int:
-    return spans[0].start if spans else length
-
-
-def _next_start(spans: tuple[NumberSpan, ...], start: int, length: int) -> int:
-    return next((span.start for span in spans if span.start > start), length)
-
-
-_Finder: TypeAlias = tuple[
-    Callable[[bytes], tuple[bytes, ...]],
-    Callable[[tuple[bytes, ...]], FrameTemplate | None],
-    Callable[[bytes], FrameNumbers],
-]
-"""A shape's key function, template look-up and number unpacker: bound once, called for every frame."""
-
-
-class _TemplateStore:
-    """All known templates, by frame length."""
+    __slots__ = ("_recent", "_shapes", "_template_count")
 
     def __init__(self) -> None:
-        self.shapes: dict[int, tuple[_Shape, ...]] = {}
-        self.finders: dict[int, tuple[_Finder, ...]] = {}
-        self.template_count = 0
+        self._shapes: dict[int, tuple[_FrameShape, ...]] = {}
+        self._template_count = 0
+        self._recent: tuple[FrameContent, ...] = ()
 
-    def add(self, raw: bytes, spans: tuple[NumberSpan, ...], prototype: tuple[Argument, ...]) -> None:
-        if self.template_count >= MAX_TEMPLATES:
-            self.shapes.clear()
-            self.finders.clear()
-            self.template_count = 0
-        shapes = self.shapes.get(len(raw), ())
+    def decode(self, raw: bytes) -> DecodedFrame:
+        """Return the template of a frame and its numbers in the order of its bytes, or its content.
+
+        The content is that of a frame with problems, of a frame longer than `LARGEST_TEMPLATE_FRAME`, and of
+        one that is not of `Framing.PLAIN`.
+        """
+        for shape in self._shapes.get(len(raw), ()):
+            template = shape.find_template(shape.fixed_parts(raw))
+            if template is not None:
+                return template, shape.numbers(raw)
+        return self._decode_in_full(raw)
+
+    def _decode_in_full(self, raw: bytes) -> DecodedFrame:
+        """Decode a frame that matches no template, and learn one from it if possible.
+
+        The two latest contents without a template are kept: those of a request and of its reply. They are
+        asked for several times in a row, with the same object `raw`.
+        """
+        for content in self._recent:
+            if content.raw is raw:
+                return content
+        self._recent = self._recent[:1]
+        content = FrameContent(raw)
+        if len(raw) <= LARGEST_TEMPLATE_FRAME and content.framing is Framing.PLAIN and not content.problems:
+            return self._learn(content)
+        self._recent = (content, *self._recent)
+        return content
+
+    def _learn(self, content: FrameContent) -> DecodedFrame:
+        raw, spans = content.raw, _varying_spans(content)
+        if self._template_count >= MAX_TEMPLATES:
+            self._shapes.clear()
+            self._template_count = 0
+        shapes = self._shapes.get(len(raw), ())
         shape = next((shape for shape in shapes if shape.spans == spans), None)
         if shape is None:
-            shape = _Shape(len(raw), spans)
-            shapes = (shape, *shapes)[:MAX_SHAPES_PER_LENGTH]
-            self.shapes[len(raw)] = shapes
-            self.finders[len(raw)] = tuple(shape.finder for shape in shapes)
-        shape.templates[shape.key(raw)] = FrameTemplate(prototype)
-        self.template_count += 1
+            shape = _FrameShape(len(raw), spans)
+            self._shapes[len(raw)] = (shape, *shapes)[:MAX_SHAPES_PER_LENGTH]
+        template = FrameTemplate(shape, raw, content.arguments)
+        shape.templates[template.expected_parts] = template
+        self._template_count += 1
+        return template, shape.numbers(raw)
 
 
-_STORE = _TemplateStore()
-_FINDERS = _STORE.finders
-
-
-def find_template(raw: bytes) -> tuple[FrameTemplate, FrameNumbers] | None:
-    """Return the template of `raw` and its numbers in the order of its bytes; None if there is no template.
-
-    A frame that matches a template is sound: length, EOT and every argument conform to b-CAP.
-    """
-    for key, get, numbers in _FINDERS.get(len(raw), ()):
-        layout = get(key(raw))
-        if layout is not None:
-            return layout, numbers(raw)
-    return None
-
-
-def learn_template(raw: bytes, spans: Sequence[NumberSpan], arguments: tuple[Argument, ...]) -> None:
-    """Store a template of a frame that was decoded in full and found sound.
-
-    Frames longer than `LARGEST_TEMPLATE_FRAME` are ignored.
-
-    Args:
-        raw: The bytes of the frame.
-        spans: Positions of its numbers, in the order of its bytes.
-        arguments: Its decoded arguments.
-    """
-    if len(raw) <= LARGEST_TEMPLATE_FRAME:
-        _STORE.add(raw, varying_spans(spans, arguments), arguments)
+def _varying_spans(content: FrameContent) -> tuple[NumberSpan, ...]:
+    """Return the positions of the numbers that vary among frames of one form: all but those of a handle."""
+    arguments = content.arguments
+    first = arguments[0].stop if len(arguments) > 1 else 0
+    return tuple(span for span in content.number_spans if span.repeat and span.start >= first)
 
 
 def number_counts(arguments: Sequence[Argument]) -> tuple[int, ...]:
@@ -255,7 +229,6 @@ def number_count(variant: Variant) -> int:
 
 
 def numbers_of_arguments(arguments: Sequence[Argument]) -> FrameNumbers:
-    """Return the numbers of arguments, as `FrameTemplate.fill_arguments` expects them."""
     taken = zip(arguments, number_counts(arguments), strict=True)
     return tuple(number for argument, count in taken if count for number in iter_numbers(argument.variant))
 
@@ -275,7 +248,6 @@ def iter_numbers(variant: Variant) -> Iterator[int | float | bytes]:
 
 
 def _filler(variant: Variant) -> Callable[[Variant, FrameNumbers], Variant]:
-    """Return the function that puts numbers into a value of this form."""
     if not isinstance(variant.value, tuple):
         return _fill_scalar
     return _fill_nest if variant.vt == ARRAY | VT.VARIANT else _fill_row

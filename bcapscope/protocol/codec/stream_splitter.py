@@ -18,6 +18,7 @@ from bcapscope.protocol.codec.frame import (
     Malformed,
 )
 from bcapscope.protocol.codec.frame_content import has_compressed_header
+from bcapscope.protocol.codec.frame_template import FrameTemplates
 
 LARGEST_UNCONFIRMED = 64 * 1024
 """Largest frame, in bytes, to wait for if its arguments do not confirm the length field. Frames of real
@@ -77,18 +78,20 @@ class StreamSplitter:
     """
 
     def __init__(
-        self, synchronized: bool = True, limit: int = LARGEST_FRAME, budget: ByteBudget | None = None
+        self,
+        synchronized: bool = True,
+        limit: int = LARGEST_FRAME,
+        budget: ByteBudget | None = None,
+        templates: FrameTemplates | None = None,
     ) -> None:
-        """Start a stream.
+        """Start a stream; `synchronized` is False if its start was missed.
 
-        Args:
-            synchronized: True if the first byte fed begins a frame; False if the start of the stream was
-                missed.
-            limit: Longest frame to wait for, bytes.
-            budget: Counts the bytes that this and other splitters hold; `close` returns them to it.
+        `limit` is the longest frame to wait for, bytes. `budget` counts the bytes that this and other
+        splitters hold; `close` returns them. `templates` are passed to the frames.
         """
         self._buffer = bytearray()
         self._budget = budget or ByteBudget()
+        self._templates = templates
         self._stream_offset = 0
         self._synchronized = synchronized
         self._limit = limit
@@ -98,7 +101,6 @@ class StreamSplitter:
 
     @property
     def pending_bytes(self) -> int:
-        """Number of bytes fed that were not returned yet."""
         return len(self._buffer)
 
     def feed(self, data: bytes) -> list[StreamPiece]:
@@ -117,13 +119,12 @@ class StreamSplitter:
     def feed_whole_frame(self, data: bytes) -> Frame | None:
         """Fast path of `feed` for the most frequent case: `data` is exactly one frame.
 
-        Returns:
-            The frame. None in every other case, in which nothing is consumed; pass the bytes to `feed` then.
+        In every other case, return None and consume nothing; pass the bytes to `feed` then.
         """
         if self._buffer or not self._synchronized or not _is_one_frame(data) or len(data) > self._limit:
             return None
         self._stream_offset += len(data)
-        return Frame(data)
+        return Frame(data, None, self._templates)
 
     def add_gap(self, missing: int) -> list[StreamPiece]:
         """Return the unfinished bytes and a piece for `missing` bytes of the stream that were lost."""
@@ -144,7 +145,7 @@ class StreamSplitter:
             return pieces
         note = Problem(len(last.raw), "cut", why)
         if isinstance(last, Frame) and last.length > len(last.raw):
-            pieces[-1] = pieces[-1]._replace(item=Frame(last.raw, note))
+            pieces[-1] = pieces[-1]._replace(item=Frame(last.raw, note, self._templates))
         elif isinstance(last, Malformed) and last.raw[0] == SOH and len(last.raw) < HEADER_SIZE:
             pieces[-1] = pieces[-1]._replace(item=Malformed(last.raw, (*last.problems, note)))
         return pieces
@@ -171,7 +172,7 @@ class StreamSplitter:
 
     def _frame_or_malformed(self, raw: bytes) -> Frame | Malformed:
         if raw[0] == SOH and len(raw) >= HEADER_SIZE:
-            return Frame(raw)
+            return Frame(raw, None, self._templates)
         if raw[0] == SOH:
             return Malformed(raw, (Problem(0, "short", Message("problem.short.cut", size=len(raw))),))
         return Malformed(raw, (Problem(0, "soh", Message("problem.soh.outside")),))
@@ -233,11 +234,7 @@ class StreamSplitter:
         return None if trust in (_Trust.CONFIRMED, _Trust.INCOMPLETE) else False
 
     def _assess_header(self, pos: int, synchronized: bool = True) -> tuple[_Trust, int]:
-        """Assess the frame that may begin at `pos`, from its header and argument lengths.
-
-        Returns:
-            The trust in it, and its length in bytes; 0 if that is not known.
-        """
+        """Return the trust in the frame that may begin at `pos`, and its length; 0 if that is unknown."""
         buffer = self._buffer
         if len(buffer) - pos < HEADER_SIZE:
             return _Trust.INCOMPLETE, 0

@@ -54,16 +54,13 @@ def parse_variant_as(text: str, types: Sequence[str]) -> Variant:
     reasons = []
     for name in sorted(known, key="VT_BSTR".__eq__):
         try:
-            return _parse_type(_BY_NAME[name], text)
+            parse, vt = _BY_NAME[name]
+            return parse(vt, text)
         except ValueError as error:
             reasons.append(error)
     if reasons:
         raise reasons[0]
     return _parse_untyped(text)
-
-
-def _parse_type(vt: int, text: str) -> Variant:
-    return _parse_array(VT(vt & ~ARRAY), text) if vt & ARRAY else _parse_scalar(VT(vt), text)
 
 
 def _parse_untyped(text: str) -> Variant:
@@ -172,4 +169,8 @@ _RANGES: dict[VT, tuple[int, int]] = {
     VT.UI4: _unsigned_range(32),
     VT.UI8: _unsigned_range(64),
 }
-_BY_NAME = {vt_name(vt | flag): vt | flag for vt in VT for flag in (0, ARRAY)}
+_BY_NAME = {
+    vt_name(vt | flag): (parse, vt)
+    for vt in VT
+    for flag, parse in ((0, _parse_scalar), (ARRAY, _parse_array))
+}

@@ -75,11 +75,7 @@ def frame_fields(
     bytes; a damaged EOT holds the byte in its place. `envelope_fields` describes a compressed frame as it is
     on the wire, and reports the problems there.
 
-    Args:
-        frame: The frame.
-        is_request: Whether the client sent it; the frame itself does not show this.
-        function_id: For a reply, the function id of its request; None if the request was not captured.
-        command: For a reply, the bstrCommand of its request; None if it has none.
+    `function_id` and `command` are those of the request that a reply answers; None if it was not captured.
     """
     if is_request:
         function_id, command = frame.code, _command_of(frame)
@@ -148,7 +144,6 @@ class _FieldBuilder:
     def all_fields(
         self, is_request: bool, function_id: int | None, command: str | None
     ) -> Iterator[FrameField]:
-        """Yield the fields of the frame in the order of its bytes."""
         frame = self._frame
         yield from self.header_fields()
         name, text = ("function id", function_name) if is_request else (HRESULT, hresult_name)
@@ -174,7 +169,6 @@ class _FieldBuilder:
             yield self.number_field(name, start, stop)
 
     def number_field(self, name: str, start: int, stop: int) -> FrameField:
-        """Return a field with an unsigned number."""
         return self.leaf_field(name, start, stop, int.from_bytes(self.body[start:stop], "little"))
 
     def leaf_field(
@@ -235,7 +229,6 @@ class _ArgumentFields:
         self._argument = argument
 
     def fields(self, label: ValueLabel) -> Iterator[FrameField]:
-        """Yield the fields of the argument, in the order of its bytes."""
         variant, start, stop = self._argument
         walk = self._builder
         yield walk.number_field("length", start, start + 4)
@@ -247,7 +240,6 @@ class _ArgumentFields:
                 yield walk.leaf_field(UNREAD, end, stop, walk.body[end:stop] or None, problems=broken)
 
     def _variant_fields(self, variant: Variant, start: int, label: ValueLabel) -> Iterator[FrameField]:
-        """Yield type, count and data of a VARIANT that begins at `start`."""
         yield self._builder.leaf_field("type", start, start + 2, variant.vt, text=vt_name(variant.vt))
         yield self._builder.number_field("element count", start + 2, start + _TYPE_AND_COUNT)
         start += _TYPE_AND_COUNT

@@ -61,15 +61,11 @@ class FrameRepair(NamedTuple):
 
 
 def find_repair(raw: bytes, is_request: bool | None = None) -> FrameRepair | None:
-    """Find the smallest damage that explains why `raw` is no sound frame.
+    """Find the smallest damage that explains why `raw`, a frame or one argument of a frame, is not sound.
 
-    Args:
-        raw: One frame, or one argument of a frame.
-        is_request: Whether the client sent it; None if unknown.
-
-    Returns:
-        The repair. None for a sound frame whose command was not misread, or if no small damage explains the
-        problems. The repaired bytes are sound as far as they go, with an existing function or result.
+    None for a sound frame whose command was not misread, or if no small damage explains the problems. The
+    repaired bytes are sound as far as they go, with an existing function or result. `is_request` is None if
+    the sender is not known.
     """
     if raw[:1] != bytes((SOH,)) or len(raw) < HEADER_SIZE:
         return _without_soh(raw, is_request) or _argument(raw)

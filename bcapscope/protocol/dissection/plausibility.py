@@ -46,7 +46,6 @@ class _BytesEnded(Exception):
 
 
 def plausible_length_field(data: bytes) -> int | None:
-    """Return the length field if it is plausible, else None."""
     if len(data) < _LENGTH_AT + 4:
         return None
     (length,) = _U32.unpack_from(data, _LENGTH_AT)
@@ -56,15 +55,8 @@ def plausible_length_field(data: bytes) -> int | None:
 def plausible_prefix_length(data: bytes, length: int, is_request: bool | None) -> int:
     """Return how many bytes of `data` could begin a sound frame of `length` bytes.
 
-    Args:
-        data: The bytes; those after `length` are ignored.
-        length: Length of the whole frame, bytes. The frame's own length field is not compared with it.
-        is_request: Whether the client sent it; None if unknown.
-
-    Returns:
-        `length` for a whole sound frame, `len(data)` for a sound frame that is cut off, otherwise the offset
-        of
-        the first implausible field.
+    `length` for a whole sound frame, `len(data)` for one that is cut off, otherwise the offset of the first
+    implausible field. The frame's own length field is not checked. `is_request` is None if unknown.
     """
     found = 0
     if is_request is not False:

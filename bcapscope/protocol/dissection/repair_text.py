@@ -24,16 +24,11 @@ _PARTS = {"bytes": "string length", "data": "value", UNREAD: "value", "left over
 
 
 def damage_problem(raw: bytes, is_request: bool | None = None) -> Problem | None:
-    """Describe the probable damage of a frame, or a misspelt command in a sound one.
+    """Describe the probable damage of a frame or a separate argument, or a misspelt command in a sound frame.
 
-    Args:
-        raw: One frame, or a separate argument of one.
-        is_request: Whether the client sent it; None if unknown.
-
-    Returns:
-        The offset of the first damage, and a clause. The code is `guess`, `cut` if only the end is missing,
-        `argument` for a sound argument, `name` for an unknown command. None for a sound frame, or if no small
-        damage explains it. Strings of the frame appear only with ordinary characters; others are escaped.
+    The offset is that of the first damage. The code is `guess`, `cut` if only the end is missing, `argument`
+    for a sound argument, `name` for an unknown command. None for a sound frame, or if no small damage
+    explains it. Strings of the frame appear only with ordinary characters; others are escaped.
     """
     found = find_repair(raw, is_request)
     if found is None:
@@ -89,7 +84,6 @@ class _Sentence:
         return _problem(edits[0].offset, "guess", reason)
 
     def _wrong(self, edits: tuple[ByteEdit, ...]) -> Problem:
-        """Describe bytes that have wrong values."""
         first = edits[0].offset
         if first == 1:
             claimed = int.from_bytes(edits[0].found, "little")
@@ -175,7 +169,6 @@ def _about_argument(raw: bytes, found: FrameRepair) -> Problem:
 
 
 def _alone(argument: bytes) -> Variant:
-    """Decode a separate argument."""
     size = HEADER_SIZE + len(argument) + 1
     head = b"\x01" + size.to_bytes(4, "little") + bytes(8) + b"\x01\0"
     return Frame(head + argument + b"\x04").arguments[0].variant

@@ -36,10 +36,6 @@ def slvmove_label(variant: Variant, is_request: bool) -> ValueLabel:
 
     The name of the whole is empty. Earlier calls determine formats and mode, so nearly everything is guessed
     from the count and types of the elements. The label's `text` says so.
-
-    Args:
-        variant: vntParam of the request, or the value of the reply.
-        is_request: True for the parameter, False for the result.
     """
     found = parse_set_point(variant) if is_request else parse_feedback(variant)
     named = list(_set_point_labels(found) if isinstance(found, SetPoint) else _feedback_labels(found))

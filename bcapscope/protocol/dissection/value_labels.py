@@ -40,14 +40,7 @@ _AXES = {str(type_): axes for type_, axes in AXES.items()}
 
 
 def argument_label(function_id: int | None, command: str | None, name: str, variant: Variant) -> ValueLabel:
-    """Return the meaning of a request's argument.
-
-    Args:
-        function_id: Function id of the request.
-        command: bstrCommand of the request; None if it has none.
-        name: Name of the argument, such as `lComp`.
-        variant: The argument.
-    """
+    """Return the meaning of the argument `name`, such as `lComp`, of a request with this bstrCommand."""
     value = variant.value
     if type(value) is int:
         named = _ARGUMENT_MEANINGS.get((function_id or 0, name)) or {}
@@ -64,14 +57,7 @@ def argument_label(function_id: int | None, command: str | None, name: str, vari
 
 
 def result_label(function_id: int | None, command: str | None, name: str, variant: Variant) -> ValueLabel:
-    """Return the meaning of a result.
-
-    Args:
-        function_id: Function id of the request.
-        command: bstrCommand of the request; None if it has none.
-        name: Name of the result, such as `hRobot`.
-        variant: The result.
-    """
+    """Return the meaning of the result `name`, such as `hRobot`, of a request with this bstrCommand."""
     if type(variant.value) is not int:
         return NO_LABEL
     stands = result_meanings(function_id or 0, command or "", variant.value)

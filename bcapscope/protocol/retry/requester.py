@@ -53,34 +53,27 @@ def _is_complete(frame: Frame) -> bool:
     return frame.length == len(frame.raw) and frame.raw[-1] == EOT
 
 
-def _elapsed(attempts: tuple[Attempt, ...]) -> int:
-    return attempts[-1].events[-1].time - attempts[0].sent
-
-
 @dataclass(frozen=True, slots=True)
-class CallAnswered:
+class _CallReplied:
+    reply: Frame
+    attempts: tuple[Attempt, ...]
+
+    @property
+    def elapsed(self) -> int:
+        """Time from the first attempt to the reply, ns."""
+        return self.attempts[-1].events[-1].time - self.attempts[0].sent
+
+
+class CallAnswered(_CallReplied):
     """The call succeeded: `reply` carries S_OK or another code that is no failure."""
 
-    reply: Frame
-    attempts: tuple[Attempt, ...]
-
-    @property
-    def elapsed(self) -> int:
-        """Time from the first attempt to the reply, ns."""
-        return _elapsed(self.attempts)
+    __slots__ = ()
 
 
-@dataclass(frozen=True, slots=True)
-class CallRefused:
+class CallRefused(_CallReplied):
     """The call failed: the controller replied with a failure code."""
 
-    reply: Frame
-    attempts: tuple[Attempt, ...]
-
-    @property
-    def elapsed(self) -> int:
-        """Time from the first attempt to the reply, ns."""
-        return _elapsed(self.attempts)
+    __slots__ = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,7 +129,6 @@ class _OpenAttempt:
         self.events: list[AttemptEvent] = []
 
     def snapshot(self) -> Attempt:
-        """Return the attempt and its events as an immutable value."""
         return Attempt(self.serial, self.reserved, self.sent, tuple(self.events))
 
 
@@ -148,15 +140,12 @@ class Requester:
     """
 
     def __init__(self, convention: ReservedConvention, first_serial: int = 1) -> None:
-        """Start a conversation.
+        """Start a conversation. The convention also selects UDP (with retries and a size limit) or TCP.
 
-        Args:
-            convention: Convention for the reserved field. It also selects UDP (with retries and a size limit)
-                or TCP.
-            first_serial: First serial, 1..65535. The C server takes 0 from a new client for a retry.
+        The C server takes a first serial of 0 from a new client for a retry.
 
         Raises:
-            ValueError: `convention` is `UNKNOWN`, or `first_serial` is out of range.
+            ValueError: `convention` is `UNKNOWN`, or `first_serial` is not in 1..65535.
         """
         if convention is ReservedConvention.UNKNOWN or not 1 <= first_serial <= _LAST_SERIAL:
             raise ValueError(f"convention {convention}, first serial {first_serial}")
@@ -173,7 +162,6 @@ class Requester:
 
     @property
     def call_in_progress(self) -> bool:
-        """Whether a call is in progress."""
         return self._deadline is not None
 
     @property
@@ -184,13 +172,7 @@ class Requester:
     def start_call(
         self, function_id: int, arguments: Sequence[Variant], policy: RetryPolicy, now: int
     ) -> None:
-        """Start a call.
-
-        Args:
-            function_id: Function to call.
-            arguments: Arguments of the request.
-            policy: Timeout and number of retries.
-            now: Current time, ns.
+        """Start a call at the time `now`, ns.
 
         Raises:
             TooLargeError: The frame is too large for UDP.

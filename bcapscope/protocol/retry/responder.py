@@ -93,7 +93,6 @@ class _Call:
         self.answer = b""
 
     def add_attempt(self, frame: Frame) -> None:
-        """Add `frame` as a further attempt of this call."""
         self.serials |= {frame.serial, frame.reserved or frame.serial}
         if _is_ahead(frame.serial, self.newest):
             self.newest = frame.serial
@@ -158,8 +157,8 @@ class Responder:
         """Start with a client about which nothing is known.
 
         Args:
-            expects_retries: Whether the client may retry: True on UDP. On TCP every request is a new call.
-            reply_reserved: What replies carry in the reserved field; `UNKNOWN` acts as `ZERO`.
+            expects_retries: True on UDP. On TCP every request is a new call.
+            reply_reserved: `UNKNOWN` acts as `ZERO`.
             convention: Convention of the client if known beforehand; otherwise it is detected.
             remembered: Number of replies to store.
             largest_answer: Largest reply, bytes.
@@ -181,7 +180,6 @@ class Responder:
 
     @property
     def is_call_running(self) -> bool:
-        """Whether a call is being executed."""
         return self._running is not None
 
     def receive_request(self, frame: Frame) -> RequestDecision:
@@ -208,13 +206,7 @@ class Responder:
         return RequestDecision(RequestKind.REPEAT, again)
 
     def answer_call(self, code: int, arguments: Sequence[Variant] = ()) -> bytes:
-        """End the running call, store its reply and return the frame to send.
-
-        The frame carries the serial of the newest attempt.
-
-        Args:
-            code: HRESULT of the reply.
-            arguments: Arguments of the reply.
+        """End the running call, store its reply and return it, with the serial of the newest attempt.
 
         Raises:
             TooLargeError: The reply is longer than `largest_answer`; the call is still running.

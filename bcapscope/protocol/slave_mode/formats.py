@@ -29,10 +29,12 @@ _POSES: dict[int, tuple[PoseType, ...]] = {
     5: (PoseType.T, PoseType.J),
 }
 _DIGIT_BY_POSES = {poses: digit for digit, poses in _POSES.items()}
-_SEND_BITS = HAND_IO_BIT | MINI_IO_BIT | USER_IO_BIT
+_SEND_BITS = {"hand_io": HAND_IO_BIT, "mini_io": MINI_IO_BIT, "user_io": USER_IO_BIT}
+_RECEIVE_BITS = {"timestamp": TIMESTAMP_BIT, "current": CURRENT_BIT, **_SEND_BITS}
+"""Bits by the fields of a format."""
+
 _UNDOCUMENTED_BIT = 0x400
 """Bit of the send format 0x620 that public clients use; no public source documents its meaning."""
-_RECEIVE_BITS = POSE_BITS | TIMESTAMP_BIT | HAND_IO_BIT | CURRENT_BIT | MINI_IO_BIT | USER_IO_BIT
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,17 +56,11 @@ class SendFormat:
     @classmethod
     def parse(cls, value: int) -> SendFormat:
         """Decode the parameter of slvSendFormat; every number is a valid format."""
-        return cls(
-            bool(value & HAND_IO_BIT),
-            bool(value & MINI_IO_BIT),
-            bool(value & USER_IO_BIT),
-            value & ~_SEND_BITS,
-        )
+        flags, other = _split_flags(value, _SEND_BITS)
+        return cls(**flags, other=other)
 
     def __int__(self) -> int:
-        return (
-            self.other | self.hand_io * HAND_IO_BIT | self.mini_io * MINI_IO_BIT | self.user_io * USER_IO_BIT
-        )
+        return self.other | _join_flags(self, _SEND_BITS)
 
     @property
     def is_known(self) -> bool:
@@ -111,23 +107,12 @@ class ReceiveFormat:
     @classmethod
     def parse(cls, value: int, microseconds: bool = False) -> ReceiveFormat:
         """Decode the format number of slvRecvFormat; every number is a valid format."""
-        digit = value & POSE_BITS
-        poses = _POSES.get(digit)
-        return cls(
-            poses=poses or (),
-            timestamp=bool(value & TIMESTAMP_BIT),
-            hand_io=bool(value & HAND_IO_BIT),
-            current=bool(value & CURRENT_BIT),
-            mini_io=bool(value & MINI_IO_BIT),
-            user_io=bool(value & USER_IO_BIT),
-            other=value & ~_RECEIVE_BITS | (digit if poses is None else 0),
-            microseconds=microseconds,
-        )
+        poses = _POSES.get(value & POSE_BITS)
+        flags, other = _split_flags(value if poses is None else value & ~POSE_BITS, _RECEIVE_BITS)
+        return cls(poses or (), **flags, other=other, microseconds=microseconds)
 
     def __int__(self) -> int:
-        digit = _DIGIT_BY_POSES[self.poses]
-        flags = self.timestamp * TIMESTAMP_BIT | self.hand_io * HAND_IO_BIT | self.current * CURRENT_BIT
-        return self.other | digit | flags | self.mini_io * MINI_IO_BIT | self.user_io * USER_IO_BIT
+        return self.other | _DIGIT_BY_POSES[self.poses] | _join_flags(self, _RECEIVE_BITS)
 
     @property
     def bare_pose_type(self) -> PoseType | None:
@@ -142,6 +127,16 @@ class ReceiveFormat:
         return not self.other and (
             not both or int(self) & ~POSE_BITS == MINI_IO_BIT | USER_IO_BIT | CURRENT_BIT
         )
+
+
+def _split_flags(value: int, bits: dict[str, int]) -> tuple[dict[str, bool], int]:
+    """Return which of the named bits are set, and all other bits."""
+    flags = {name: bool(value & bit) for name, bit in bits.items()}
+    return flags, value & ~sum(bits.values())
+
+
+def _join_flags(form: SendFormat | ReceiveFormat, bits: dict[str, int]) -> int:
+    return sum(bit for name, bit in bits.items() if getattr(form, name))
 
 
 class FormatParameter(NamedTuple):

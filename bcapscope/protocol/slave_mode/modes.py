@@ -86,26 +86,20 @@ class SlaveMode:
 
     @property
     def description(self) -> Message:
-        """Its text in the reader's language."""
         return Message.from_table(f"slave-mode.{self.generation.lower()}.{self.value:03x}", self.text)
 
 
-@dataclass(frozen=True, slots=True)
-class _Behaviour:
-    buffer_slots: int
-    overwrites_waiting: bool
-    paces_client: bool
-    underflow_is_error: bool | None
-    overflow_is_error: bool
-    text: str
-
-
-_BEHAVIOURS: dict[ModeKind, _Behaviour] = {
-    ModeKind.OFF: _Behaviour(0, False, False, False, False, "slave mode off"),
-    ModeKind.SYNC: _Behaviour(
-        1, False, True, True, False, "each slvMove is answered when taken; a late one is an error"
+_BEHAVIOURS: dict[ModeKind, tuple[int, bool, bool, bool | None, bool, str]] = {
+    ModeKind.OFF: (0, False, False, False, False, "slave mode off"),
+    ModeKind.SYNC: (
+        1,
+        False,
+        True,
+        True,
+        False,
+        "each slvMove is answered when taken; a late one is an error",
     ),
-    ModeKind.ASYNC: _Behaviour(
+    ModeKind.ASYNC: (
         1,
         True,
         False,
@@ -114,7 +108,7 @@ _BEHAVIOURS: dict[ModeKind, _Behaviour] = {
         "slvMove is answered at once, the newest point wins; the pendant decides "
         "whether a late one is an error",
     ),
-    ModeKind.MODE_0: _Behaviour(
+    ModeKind.MODE_0: (
         3,
         False,
         False,
@@ -123,7 +117,7 @@ _BEHAVIOURS: dict[ModeKind, _Behaviour] = {
         "slvMove is answered at once and tells when its buffer of 3 is full; running "
         "empty while moving is an error",
     ),
-    ModeKind.MODE_1: _Behaviour(
+    ModeKind.MODE_1: (
         1,
         True,
         False,
@@ -131,7 +125,7 @@ _BEHAVIOURS: dict[ModeKind, _Behaviour] = {
         False,
         "slvMove is answered at once, the newest point wins and the last is held",
     ),
-    ModeKind.MODE_2: _Behaviour(
+    ModeKind.MODE_2: (
         3,
         False,
         True,
@@ -140,6 +134,7 @@ _BEHAVIOURS: dict[ModeKind, _Behaviour] = {
         "slvMove is answered when its buffer of 3 has room; running empty while moving is an error",
     ),
 }
+"""The fields of `SlaveMode` from `buffer_slots` on, and what the controller does, as text."""
 
 _KINDS: dict[Generation, dict[int, ModeKind]] = {
     Generation.RC7: {0x000: ModeKind.SYNC, 0x100: ModeKind.ASYNC},
@@ -150,26 +145,17 @@ _POSE_TYPES = {1: PoseType.P, 2: PoseType.J, 3: PoseType.T}
 
 def describe_mode(mode: SlaveMode) -> Message:
     """Return the pose type of a mode and how the controller treats slvMove in it."""
-    behaviour = Message.from_table(f"slave-mode.{mode.kind.name.lower()}", _BEHAVIOURS[mode.kind].text)
+    behaviour = Message.from_table(f"slave-mode.{mode.kind.name.lower()}", _BEHAVIOURS[mode.kind][-1])
     if mode.pose_type is None:
         return behaviour
     return Message("slave-mode.described", pose=str(mode.pose_type), kind=str(mode.kind), behaviour=behaviour)
 
 
 def _make_mode(value: int, generation: Generation, kind: ModeKind, pose_type: PoseType | None) -> SlaveMode:
-    behaviour = _BEHAVIOURS[kind]
-    text = f"{pose_type} type, {kind}: {behaviour.text}" if pose_type else behaviour.text
+    slots, overwrites, paces, underflow, overflow, text = _BEHAVIOURS[kind]
+    described = f"{pose_type} type, {kind}: {text}" if pose_type else text
     return SlaveMode(
-        value=value,
-        generation=generation,
-        pose_type=pose_type,
-        kind=kind,
-        buffer_slots=behaviour.buffer_slots,
-        overwrites_waiting=behaviour.overwrites_waiting,
-        paces_client=behaviour.paces_client,
-        underflow_is_error=behaviour.underflow_is_error,
-        overflow_is_error=behaviour.overflow_is_error,
-        text=text,
+        value, generation, pose_type, kind, slots, overwrites, paces, underflow, overflow, described
     )
 
 

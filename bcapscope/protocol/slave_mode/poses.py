@@ -80,12 +80,9 @@ def is_used_axes_mark(number: float) -> bool:
 
 
 def pose_numbers(variant: Variant) -> tuple[float, ...] | None:
-    """Return the numbers of a numeric array, or of a VARIANT array of plain numbers.
+    """Return the numbers of a numeric array, or of a VARIANT array of plain numbers, as mixed lists become.
 
-    Clients build such VARIANT arrays from mixed lists.
-
-    Returns:
-        The numbers; None for everything else, including bytes and booleans.
+    None for everything else, including bytes and booleans.
     """
     value = variant.value
     if not isinstance(value, tuple):
@@ -107,15 +104,7 @@ def guess_pose_type(values: tuple[float, ...]) -> PoseType | None:
 
 
 def build_pose(values: tuple[float, ...], pose_type: PoseType | None) -> tuple[Pose, tuple[Message, ...]]:
-    """Return a pose of the numbers, and its problems.
-
-    Args:
-        values: The numbers.
-        pose_type: Pose type of the slave mode. None if unknown; then the count decides.
-
-    Returns:
-        The pose and the problems.
-    """
+    """Return a pose of the numbers, and its problems. Without `pose_type`, the count of numbers decides."""
     type_ = pose_type or guess_pose_type(values)
     guessed = pose_type is None
     if type_ is None:

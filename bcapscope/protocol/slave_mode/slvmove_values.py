@@ -106,11 +106,8 @@ def parse_set_point(
 ) -> SetPoint:
     """Decode slvMove's parameter. An unexpected form gives the parts that fit, and a list of problems.
 
-    Args:
-        parameter: vntParam of the request.
-        pose_type: Pose type from slvChangeMode; None if that request was not captured.
-        send: Format from slvSendFormat; None if that request was not captured.
-        receive: Format from slvRecvFormat; None if that request was not captured.
+    Pose type and formats are those of slvChangeMode, slvSendFormat and slvRecvFormat; None for each that was
+    not captured.
     """
     bare = _bare_pose(parameter, pose_type)
     if bare and (send is None or send in _POSE_ONLY) and not (receive and receive.user_io):
@@ -137,10 +134,8 @@ def parse_feedback(
 ) -> Feedback:
     """Decode slvMove's result. An unexpected form gives the parts that fit, and a list of problems.
 
-    Args:
-        result: Argument of the reply; EMPTY gives an empty result without a problem.
-        pose_type: Pose type of the slave mode, for a bare pose of unknown format; None if unknown.
-        receive: Format from slvRecvFormat; None if that request was not captured.
+    EMPTY gives an empty result without a problem. `pose_type`, that of the slave mode, serves for a bare pose
+    of unknown format.
     """
     microseconds = receive is not None and receive.microseconds
     if result.value is None:

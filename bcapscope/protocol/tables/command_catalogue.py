@@ -28,7 +28,6 @@ class CommandSpec:
         parameter_types: Accepted types of vntParam, such as `VT_I4|VT_ARRAY`.
         elements: Meaning of the parameter or of its elements, in order; else empty.
         result_types: Types of the result; `none` for a reply without argument; () if unknown.
-        result_inferred: Whether no source prints the result's type, so that it is inferred from the meaning.
         returns: Meaning of the result; else empty.
         text: What the command does, one clause.
         effect: Strongest effect that the command can have.
@@ -42,7 +41,6 @@ class CommandSpec:
     parameter_types: tuple[str, ...]
     elements: str
     result_types: tuple[str, ...]
-    result_inferred: bool
     returns: str
     text: str
     effect: CallEffect
@@ -88,14 +86,15 @@ def _full_type_names(short: str) -> tuple[str, ...]:
 
 
 def _specs_of_row(function_id: int, row: CommandRow) -> Iterator[CommandSpec]:
-    for name in row.names.split():
+    names, types = row.signature.split(": ")
+    parameter, result = map(_full_type_names, types.removesuffix("~").split(" -> "))
+    for name in names.split():
         yield CommandSpec(
             function_id=function_id,
             name=name,
-            parameter_types=_full_type_names(row.parameter),
+            parameter_types=parameter,
             elements=row.elements,
-            result_types=_full_type_names(row.result.removesuffix("~")),
-            result_inferred=row.result.endswith("~"),
+            result_types=result,
             returns=row.returns,
             text=row.text,
             effect=row.effect,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import NamedTuple
 
 from bcapscope.protocol.tables.call_effect import CallEffect
@@ -24,11 +25,10 @@ class CommandRow(NamedTuple):
     """One command, or several commands that share one description.
 
     Attributes:
-        names: Names of the commands, separated by blanks.
-        parameter: Accepted types of the parameter, in the short notation of `command_table`.
-        result: Types of the result, in the same notation.
-        text: What the command does, one clause.
         effect: Strongest effect that the command can have.
+        signature: Names of the commands, accepted types of the parameter, and types of the result, such as
+            `TakeArmState: I4 -> I4`.
+        text: What the command does, one clause.
         source: Source in which the command was found.
         elements: Meaning of the elements of the parameter, in order; else empty.
         returns: Meaning of the result; else empty.
@@ -36,13 +36,17 @@ class CommandRow(NamedTuple):
         controllers: Controllers that have the command, if known; else empty.
     """
 
-    names: str
-    parameter: str
-    result: str
-    text: str
     effect: CallEffect
+    signature: str
+    text: str
     source: str
     elements: str = ""
     returns: str = ""
     in_slave_mode: bool | None = None
     controllers: str = ""
+
+
+reads = partial(CommandRow, CallEffect.READS)
+changes = partial(CommandRow, CallEffect.CHANGES)
+energises = partial(CommandRow, CallEffect.ENERGISES)
+moves = partial(CommandRow, CallEffect.MOVES)

@@ -7,101 +7,86 @@ nkawa/Denso_CobottaPro900_MQTT_Control; provider names from both and from DENSOR
 from __future__ import annotations
 
 from collections.abc import Mapping
-from types import MappingProxyType
 
-INTERPOLATIONS: Mapping[int, str] = MappingProxyType(
-    {1: "P (PTP)", 2: "L (linear)", 3: "C (circular)", 4: "S (free curve)"}
-)
+INTERPOLATIONS: Mapping[int, str] = {1: "P (PTP)", 2: "L (linear)", 3: "C (circular)", 4: "S (free curve)"}
 """lComp of Robot_Move."""
 
-POSE_TYPES: Mapping[int, str] = MappingProxyType({-1: "none", 0: "P", 1: "T", 2: "J", 3: "V"})
+POSE_TYPES: Mapping[int, str] = {-1: "none", 0: "P", 1: "T", 2: "J", 3: "V"}
 """Second element of a pose that is a VARIANT array; the controller also accepts the letters as text."""
 
-PASS_MOTIONS: Mapping[int, str] = MappingProxyType({0: "@0", -1: "@P", -2: "@E"})
+PASS_MOTIONS: Mapping[int, str] = {0: "@0", -1: "@P", -2: "@E"}
 """Third element of a pose that is a VARIANT array. Any other number n means @n; the text is accepted as well.
 """
 
-TASK_START_MODES: Mapping[int, str] = MappingProxyType({1: "one cycle", 2: "continuous", 3: "step"})
+TASK_START_MODES: Mapping[int, str] = {1: "one cycle", 2: "continuous", 3: "step"}
 """lMode of Task_Start."""
 
-TASK_STOP_MODES: Mapping[int, str] = MappingProxyType(
-    {0: "default", 1: "instant", 2: "step", 3: "cycle", 4: "initialise"}
-)
+TASK_STOP_MODES: Mapping[int, str] = {0: "default", 1: "instant", 2: "step", 3: "cycle", 4: "initialise"}
 """lMode of Task_Stop."""
 
-TASK_STATES: Mapping[int, str] = MappingProxyType(
-    {0: "none", 1: "suspended", 2: "ready", 3: "running", 4: "step stop"}
-)
+TASK_STATES: Mapping[int, str] = {0: "none", 1: "suspended", 2: "ready", 3: "running", 4: "step stop"}
 """Result of Task_Execute GetStatus."""
 
-AUTO_MODES: Mapping[int, str] = MappingProxyType({1: "internal automatic", 2: "external automatic"})
+AUTO_MODES: Mapping[int, str] = {1: "internal automatic", 2: "external automatic"}
 """Parameter of PutAutoMode and result of GetAutoMode (RC7)."""
 
-SPEED_AXES: Mapping[int, str] = MappingProxyType({-1: "tool tip"})
+SPEED_AXES: Mapping[int, str] = {-1: "tool tip"}
 """lAxis of Robot_Speed and Robot_Accelerate; all other numbers are axis numbers."""
 
-SYS_STATE_BITS: Mapping[int, str] = MappingProxyType(
-    {
-        0: "program running",
-        1: "robot error",
-        2: "servo on",
-        3: "initialisation done",
-        4: "automatic mode",
-        5: "automatic mode, token not at the pendant",
-        6: "battery warning",
-        7: "robot warning",
-        8: "continue start allowed",
-        10: "emergency stop",
-        11: "automatic enable",
-        12: "protective stop",
-        13: "stopping",
-        16: "program start reset",
-        17: "calibration done",
-        18: "manual mode",
-        19: "one cycle done",
-        20: "moving (set point)",
-        21: "moving (encoder)",
-        24: "command done",
-    }
-)
+SYS_STATE_BITS: Mapping[int, str] = {
+    0: "program running",
+    1: "robot error",
+    2: "servo on",
+    3: "initialisation done",
+    4: "automatic mode",
+    5: "automatic mode, token not at the pendant",
+    6: "battery warning",
+    7: "robot warning",
+    8: "continue start allowed",
+    10: "emergency stop",
+    11: "automatic enable",
+    12: "protective stop",
+    13: "stopping",
+    16: "program start reset",
+    17: "calibration done",
+    18: "manual mode",
+    19: "one cycle done",
+    20: "moving (set point)",
+    21: "moving (encoder)",
+    24: "command done",
+}
 """Bits of the result of SysState; the others are reserved."""
 
-OBJECT_OPTIONS: Mapping[str, str] = MappingProxyType(
-    {
-        "@IfNotMember": "use the object that exists when the name is taken",
-        "@Create": "1 makes the file",
-        "$IsIDHandle$": "the handle is the object's number (RC7)",
-        "WDT": "ms between two S_EXECUTING",
-        "InvokeTimeout": "ms that a call may run",
-        "Interval": "polling of messages in ms (COBOTTA PRO)",
-        "Server": "address of a camera",
-    }
-)
+OBJECT_OPTIONS: Mapping[str, str] = {
+    "@IfNotMember": "use the object that exists when the name is taken",
+    "@Create": "1 makes the file",
+    "$IsIDHandle$": "the handle is the object's number (RC7)",
+    "WDT": "ms between two S_EXECUTING",
+    "InvokeTimeout": "ms that a call may run",
+    "Interval": "polling of messages in ms (COBOTTA PRO)",
+    "Server": "address of a camera",
+}
 """Keys in bstrOption of Service_Start, Controller_Connect and the ..._Get... functions. WDT and InvokeTimeout
 are at least 80."""
 
-MOVE_OPTIONS: Mapping[str, str] = MappingProxyType(
-    {
-        "SPEED": "speed in percent",
-        "ACCEL": "acceleration in percent",
-        "DECEL": "deceleration in percent",
-        "TIME": "duration of the motion",
-        "NEXT": "the call returns before the motion ends",
-    }
-)
+MOVE_OPTIONS: Mapping[str, str] = {
+    "SPEED": "speed in percent",
+    "ACCEL": "acceleration in percent",
+    "DECEL": "deceleration in percent",
+    "TIME": "duration of the motion",
+    "NEXT": "the call returns before the motion ends",
+}
 """Keys in bstrOption of Robot_Move."""
 
-PROVIDERS: Mapping[str, str] = MappingProxyType(
-    {
-        "CaoProv.DENSO.NetwoRC": "RC7, which ignores the name",
-        "CaoProv.DENSO.VRC": "RC8, RC8A, COBOTTA",
-        "CaoProv.DENSO.VRC9": "RC9, COBOTTA PRO",
-        "CaoProv.DENSO.RC8": "provider for a PC; refused over b-CAP with E_INVALIDARG",
-        "CaoProv.DENSO.EVP2": "EVP2 vision",
-        "CaoProv.DENSO.ESC11PCI": "electric hand ESC11",
-        "CaoProv.Canon.N10-W02": "Canon camera",
-    }
-)
+PROVIDERS: Mapping[str, str] = {
+    "CaoProv.DENSO.NetwoRC": "RC7, which ignores the name",
+    "CaoProv.DENSO.VRC": "RC8, RC8A, COBOTTA",
+    "CaoProv.DENSO.VRC9": "RC9, COBOTTA PRO",
+    "CaoProv.DENSO.RC8": "provider for a PC; refused over b-CAP with E_INVALIDARG",
+    "CaoProv.DENSO.EVP2": "EVP2 vision",
+    "CaoProv.DENSO.ESC11PCI": "electric hand ESC11",
+    "CaoProv.Canon.N10-W02": "Canon camera",
+}
 """bstrProvider of Controller_Connect."""
 
 
@@ -125,12 +110,7 @@ def pass_motion_text(value: int) -> str:
 
 
 def option_meanings(text: str, is_move: bool) -> dict[str, str]:
-    """Return the meanings of the known keys in an option string, ignoring case.
-
-    Args:
-        text: Keys, separated by commas, each with an optional value after `=`.
-        is_move: True for the option of Robot_Move; False for that of a function that opens an object.
-    """
+    """Return the meanings of the known keys in an option string such as `SPEED=50,NEXT`, ignoring case."""
     known = MOVE_OPTIONS if is_move else OBJECT_OPTIONS
     keys = {part.partition("=")[0].strip().casefold() for part in text.split(",")}
     return {key: meaning for key, meaning in known.items() if key.casefold() in keys}
@@ -142,7 +122,8 @@ def provider_meaning(name: str) -> str | None:
 
 
 _CONTROLLER_EXECUTE, _TASK_EXECUTE = 17, 87
-_RESULT_MEANINGS: Mapping[tuple[int, str], Mapping[int, str]] = MappingProxyType(
-    {(_TASK_EXECUTE, "getstatus"): TASK_STATES, (_CONTROLLER_EXECUTE, "getautomode"): AUTO_MODES}
-)
+_RESULT_MEANINGS: Mapping[tuple[int, str], Mapping[int, str]] = {
+    (_TASK_EXECUTE, "getstatus"): TASK_STATES,
+    (_CONTROLLER_EXECUTE, "getautomode"): AUTO_MODES,
+}
 _MEANING_BY_PROVIDER = {name.casefold(): text for name, text in PROVIDERS.items()}

@@ -232,35 +232,6 @@ _FUNCTION_ROWS: tuple[tuple[int, str, str, ResultKind], ...] = (
     (137, "Message_Release", "hMessage", _NONE),
 )
 
-_CREATES = {
-    1: ObjectClass.SERVICE,
-    3: ObjectClass.CONTROLLER,
-    5: ObjectClass.EXTENSION,
-    6: ObjectClass.FILE,
-    7: ObjectClass.ROBOT,
-    8: ObjectClass.TASK,
-    9: ObjectClass.VARIABLE,
-    10: ObjectClass.COMMAND,
-    18: ObjectClass.MESSAGE,
-    26: ObjectClass.VARIABLE,
-    37: ObjectClass.FILE,
-    38: ObjectClass.VARIABLE,
-    62: ObjectClass.VARIABLE,
-    85: ObjectClass.VARIABLE,
-}
-
-_RELEASES = {
-    2: ObjectClass.SERVICE,
-    4: ObjectClass.CONTROLLER,
-    36: ObjectClass.EXTENSION,
-    61: ObjectClass.FILE,
-    84: ObjectClass.ROBOT,
-    99: ObjectClass.TASK,
-    111: ObjectClass.VARIABLE,
-    127: ObjectClass.COMMAND,
-    137: ObjectClass.MESSAGE,
-}
-
 _NOTES = {
     112: "the C server's table says that nothing comes back, the C client waits for a VARIANT, the Python "
     "client takes nothing",
@@ -277,18 +248,27 @@ def _param(function_id: int, name: str) -> Param:
     return Param(name, next(type_ for prefix, type_ in _TYPE_BY_PREFIX if name.startswith(prefix)))
 
 
+def _created_class(name: str, result: ResultKind) -> ObjectClass | None:
+    """Return the class that a function's verb names: `Robot_GetVariable` creates a variable."""
+    if name in ("Service_Start", "Controller_Connect"):
+        return ObjectClass(name.partition("_")[0])
+    return ObjectClass(name.partition("_Get")[2]) if result is _HANDLE else None
+
+
 def _function(id_: int, name: str, params: str, result: ResultKind) -> Function:
-    creates = _CREATES.get(id_)
+    owner, _, verb = name.partition("_")
+    creates = _created_class(name, result)
+    releases = verb == "Release" or name in ("Service_Stop", "Controller_Disconnect")
     handle_name = f"h{creates}" if result is _HANDLE else "pVal"
     return Function(
         id=id_,
         name=name,
-        owner=ObjectClass(name.partition("_")[0]),
+        owner=ObjectClass(owner),
         params=tuple(_param(id_, param) for param in params.split()),
         result=result,
         result_name=None if result is _NONE else handle_name,
         creates=creates,
-        releases=_RELEASES.get(id_),
+        releases=ObjectClass(owner) if releases else None,
         note=_NOTES.get(id_, ""),
     )
 

@@ -91,7 +91,6 @@ class HresultInfo:
 
     @cached_property
     def text(self) -> str:
-        """Meaning in English."""
         return str(self.meaning)
 
 
@@ -130,12 +129,9 @@ def hresult_name(code: int) -> str:
 
 @lru_cache(maxsize=4096)
 def describe_hresult(code: int, *, rc7: bool = False) -> HresultInfo:
-    """Return the meaning of a result.
+    """Return the meaning of a result, signed or unsigned; only the low 32 bits count.
 
-    Args:
-        code: Result code, signed or unsigned; only the low 32 bits count.
-        rc7: Whether the controller is known to be an RC7. The low 16 bits of an unknown code may then be a
-        four-digit code.
+    Of a controller that is known to be an RC7, the low 16 bits of an unknown code may be a four-digit code.
     """
     code &= 0xFFFFFFFF
     known = _KNOWN.get(code)
@@ -159,7 +155,6 @@ def _has_level_digits(code: int) -> bool:
 
 
 def level_name(level: int) -> Message:
-    """Return the name of an error level."""
     return Message(f"hresult.level.{level}")
 
 

@@ -78,7 +78,7 @@ NAMED_CODES: tuple[HresultEntry, ...] = (
         0x80070006,
         "E_HANDLE",
         "handle is not valid",
-        "get a new handle; the object was released or is another's",
+        "get a new handle; this one was released, or belongs to another object",
     ),
     HresultEntry(0x8007000E, "E_OUTOFMEMORY", "out of memory"),
     HresultEntry(
@@ -135,8 +135,8 @@ NAMED_CODES: tuple[HresultEntry, ...] = (
     HresultEntry(
         0x80000900,
         "E_TIMEOUT",
-        "no matching answer in time",
-        "see whether the request, the reply or only its moment was lost; raise the time-out or set WDT",
+        "no matching reply in time",
+        "find out whether the request or the reply was lost or late; raise the timeout or set WDT",
     ),
     HresultEntry(0x80000901, "E_NO_LICENSE", "licence missing"),
     HresultEntry(0x80000902, "E_NOT_CONNECTED", "not connected"),
@@ -150,14 +150,14 @@ NAMED_CODES: tuple[HresultEntry, ...] = (
         0x80000909,
         "E_TOO_MUCH_DATA",
         "frame larger than the transport allows (503 bytes on UDP), refused before sending",
-        "use TCP or shorten the options; some drivers also report a failed connect so",
+        "use TCP or shorten the options; some drivers report this also if they cannot connect",
     ),
     HresultEntry(0x8000090B, "E_MAX_CONNECT", "list of clients is full", "close unused connections"),
     HresultEntry(
         0x809100AA,
         None,
-        "busy: an earlier call, of the same connection or over UDP of any, still runs (system error 170)",
-        "wait for its answer; after InvokeTimeout none comes",
+        "busy: an earlier call of this connection, or over UDP of any client, still runs (system error 170)",
+        "wait for its reply; after InvokeTimeout no reply comes",
     ),
 )
 
@@ -225,7 +225,7 @@ SLAVE_MODE_CODES: tuple[HresultEntry, ...] = (
         "do it before slave mode, or switch the function off",
     ),
     HresultEntry(0x805003F2, None, "pendant's user logged out because slave mode started"),
-    HresultEntry(0x803022EF, None, "no meaning known; met together with 84201486 on an older controller"),
+    HresultEntry(0x803022EF, None, "meaning unknown; seen together with 84201486 on an older controller"),
 )
 
 STATE_CODES: tuple[HresultEntry, ...] = (
@@ -320,8 +320,8 @@ STATE_CODES: tuple[HresultEntry, ...] = (
     HresultEntry(0x83500009, None, "licence not registered"),
     HresultEntry(0x83500126, None, "licence not registered"),
     HresultEntry(0x81500109, None, "access denied"),
-    HresultEntry(0x8150012D, None, "time-out elapsed"),
-    HresultEntry(0x81500151, None, "time-out elapsed"),
+    HresultEntry(0x8150012D, None, "timeout elapsed"),
+    HresultEntry(0x81500151, None, "timeout elapsed"),
     HresultEntry(0x83500162, None, "communication with the PC lost", None, "25E2"),
     HresultEntry(0x83500127, None, "value out of range", None, "2003"),
     HresultEntry(0x8350048F, None, "gripper found nothing"),
@@ -361,7 +361,7 @@ CODE_RANGES: tuple[CodeRange, ...] = (
     CodeRange(
         0x81500142,
         0x8150015A,
-        "error of the CAO engine (provider, type, object, time-out or handle), as controller programs see it",
+        "error of the CAO engine (provider, type, object, timeout or handle), as controller programs see it",
     ),
     CodeRange(0x80000200, 0x800002FF, "error of the CAO engine"),
     CodeRange(0x80000400, 0x800004FF, "error of a CAO provider"),

@@ -25,18 +25,14 @@ class VariableKind:
         name: The vendor's name, without the number for a family.
         is_numbered: Whether a number or `*` follows the name.
         types: Types of its value, such as `VT_R4|VT_ARRAY`; () if no source says.
-        type_inferred: Whether no source prints the type, so that it is inferred from the meaning.
         text: Meaning of its value, one clause.
-        effect: Strongest effect that writing it can have.
     """
 
     owner: ObjectClass
     name: str
     is_numbered: bool
     types: tuple[str, ...]
-    type_inferred: bool
     text: str
-    effect: CallEffect
 
 
 SERVO_ON, _START, _STOP = "@SERVO_ON", "@START", "@STOP"
@@ -44,81 +40,68 @@ SERVO_ON, _START, _STOP = "@SERVO_ON", "@START", "@STOP"
 _R4S, _R8S = "VT_R4|VT_ARRAY", "VT_R8|VT_ARRAY"
 _CONTROLLER, _ROBOT, _TASK = ObjectClass.CONTROLLER, ObjectClass.ROBOT, ObjectClass.TASK
 
-# Writing a value can influence a running program but starts nothing; writing an output switches it at once.
-_NUMBERED: tuple[tuple[str, tuple[str, ...], str, CallEffect], ...] = (
-    ("I", ("VT_I4",), "integer", CallEffect.CHANGES),
-    ("F", ("VT_R4",), "single-precision number", CallEffect.CHANGES),
-    ("D", ("VT_R8",), "double-precision number", CallEffect.CHANGES),
-    ("V", (_R4S, _R8S), "vector: X, Y, Z", CallEffect.CHANGES),
-    ("P", (_R4S, _R8S), "position: X, Y, Z [mm], Rx, Ry, Rz [deg], Fig", CallEffect.CHANGES),
-    ("J", (_R4S, _R8S), "joints: J1..J8 [deg]", CallEffect.CHANGES),
-    ("T", (_R4S, _R8S), "position: X, Y, Z [mm], Ox, Oy, Oz, Ax, Ay, Az, Fig", CallEffect.CHANGES),
-    ("S", ("VT_BSTR",), "text", CallEffect.CHANGES),
-    ("IO", ("VT_BOOL",), "I/O bit", CallEffect.MOVES),
-    ("IOB", ("VT_UI1", "VT_I2"), "8 I/O bits", CallEffect.MOVES),
-    ("IOW", ("VT_I2", "VT_I4"), "16 I/O bits", CallEffect.MOVES),
-    ("IOD", ("VT_I4",), "32 I/O bits", CallEffect.MOVES),
-    ("IOF", ("VT_R4",), "32 I/O bits as a number", CallEffect.MOVES),
-    ("TOOL", (), "tool definition (RC7)", CallEffect.CHANGES),
-    ("WORK", (), "work definition (RC7)", CallEffect.CHANGES),
+_NUMBERED: tuple[tuple[str, tuple[str, ...], str], ...] = (
+    ("I", ("VT_I4",), "integer"),
+    ("F", ("VT_R4",), "single-precision number"),
+    ("D", ("VT_R8",), "double-precision number"),
+    ("V", (_R4S, _R8S), "vector: X, Y, Z"),
+    ("P", (_R4S, _R8S), "position: X, Y, Z [mm], Rx, Ry, Rz [deg], Fig"),
+    ("J", (_R4S, _R8S), "joints: J1..J8 [deg]"),
+    ("T", (_R4S, _R8S), "position: X, Y, Z [mm], Ox, Oy, Oz, Ax, Ay, Az, Fig"),
+    ("S", ("VT_BSTR",), "text"),
+    ("IO", ("VT_BOOL",), "I/O bit"),
+    ("IOB", ("VT_UI1", "VT_I2"), "8 I/O bits"),
+    ("IOW", ("VT_I2", "VT_I4"), "16 I/O bits"),
+    ("IOD", ("VT_I4",), "32 I/O bits"),
+    ("IOF", ("VT_R4",), "32 I/O bits as a number"),
+    ("TOOL", (), "tool definition (RC7)"),
+    ("WORK", (), "work definition (RC7)"),
 )
 
-# Owner, names, types, inferred, text.
-_NAMED: tuple[tuple[ObjectClass, str, tuple[str, ...], bool, str], ...] = (
-    (_CONTROLLER, "@MODE", ("VT_I4",), False, "1 manual, 2 teach check, 3 automatic"),
-    (_CONTROLLER, "@ERROR_CODE", ("VT_I4",), False, "code of the active error"),
-    (_CONTROLLER, "@ERROR_DESCRIPTION", ("VT_BSTR",), False, "text of the active error"),
-    (_CONTROLLER, "@VERSION", ("VT_BSTR",), False, "software version"),
-    (_CONTROLLER, "@FIRMWARE", ("VT_BSTR",), True, "firmware version"),
-    (_CONTROLLER, "@CURRENT_TIME", ("VT_DATE",), True, "controller's clock"),
-    (_CONTROLLER, "@LOCK", ("VT_BOOL", "VT_I4"), True, "machine lock"),
-    (_CONTROLLER, "@EMERGENCY_STOP", ("VT_BOOL", "VT_I4"), True, "emergency stop"),
-    (_CONTROLLER, "@BUSY_STATUS", ("VT_BOOL", "VT_I4"), True, "a program is running"),
-    (_CONTROLLER, "@IO_ALLOC_MODE", ("VT_BOOL", "VT_I4"), True, "allocation of I/O"),
-    (_CONTROLLER, "@NORMAL_STATUS", ("VT_BOOL", "VT_I4"), True, "no error is active"),
-    (_CONTROLLER, "@AUTO_ENABLE", ("VT_BOOL", "VT_I4"), True, "automatic enable"),
-    (_CONTROLLER, "_ITP", (), False, "seen on RC7, meaning not known"),
-    *((_CONTROLLER, f"@VAR_{x}_LEN", ("VT_I4",), False, f"number of {x} variables") for x in "IFDVPJTS"),
-    (_ROBOT, "@CURRENT_POSITION", (_R8S, _R4S), False, "position now: X, Y, Z, Rx, Ry, Rz, Fig"),
-    (_ROBOT, "@CURRENT_ANGLE", (_R8S, _R4S), False, "joints now: J1..J8"),
-    (_ROBOT, "@HIGH_CURRENT_POSITION", (_R8S, _R4S), False, "position now, read faster"),
-    (_ROBOT, "@HIGH_CURRENT_ANGLE", (_R8S, _R4S), False, "joints now, read faster"),
-    (_ROBOT, SERVO_ON, ("VT_BOOL",), False, "motor on; writing TRUE switches it on, FALSE off"),
-    (_ROBOT, "@BUSY_STATUS", ("VT_BOOL",), False, "robot moves"),
-    (_ROBOT, "@SPEED", ("VT_R4",), False, "internal speed of the tool tip"),
-    (_ROBOT, "@ACCEL", ("VT_R4",), False, "internal acceleration of the tool tip"),
-    (_ROBOT, "@DECEL", ("VT_R4",), False, "internal deceleration of the tool tip"),
-    (_ROBOT, "@JSPEED", ("VT_R4",), False, "internal speed of the joints"),
-    (_ROBOT, "@JACCEL", ("VT_R4",), False, "internal acceleration of the joints"),
-    (_ROBOT, "@JDECEL", ("VT_R4",), False, "internal deceleration of the joints"),
-    (_ROBOT, "@EXTSPEED", ("VT_R4",), False, "external speed"),
-    (_ROBOT, "@EXTACCEL", ("VT_R4",), False, "external acceleration"),
-    (_ROBOT, "@EXTDECEL", ("VT_R4",), False, "external deceleration"),
-    (_ROBOT, "@TYPE", ("VT_I4",), True, "number of the robot type; read it before the first motion"),
-    (_ROBOT, "@TYPE_NAME", ("VT_BSTR",), False, "name of the robot type"),
-    (_ROBOT, "@CURRENT_TOOL", ("VT_I4",), True, "tool number"),
-    (_ROBOT, "@CURRENT_WORK", ("VT_I4",), True, "work number"),
-    (_TASK, "@STATUS", ("VT_I4",), False, "state of the task"),
-    (_TASK, _START, ("VT_I4",), False, "starts the task when written"),
-    (_TASK, _STOP, ("VT_I4",), False, "stops the task when written"),
+# Owner, name, types, text. No source prints the types of @FIRMWARE to @AUTO_ENABLE, @TYPE, @CURRENT_TOOL and
+# @CURRENT_WORK; they are inferred from the meaning.
+_NAMED: tuple[tuple[ObjectClass, str, tuple[str, ...], str], ...] = (
+    (_CONTROLLER, "@MODE", ("VT_I4",), "1 manual, 2 teach check, 3 automatic"),
+    (_CONTROLLER, "@ERROR_CODE", ("VT_I4",), "code of the active error"),
+    (_CONTROLLER, "@ERROR_DESCRIPTION", ("VT_BSTR",), "text of the active error"),
+    (_CONTROLLER, "@VERSION", ("VT_BSTR",), "software version"),
+    (_CONTROLLER, "@FIRMWARE", ("VT_BSTR",), "firmware version"),
+    (_CONTROLLER, "@CURRENT_TIME", ("VT_DATE",), "controller's clock"),
+    (_CONTROLLER, "@LOCK", ("VT_BOOL", "VT_I4"), "machine lock"),
+    (_CONTROLLER, "@EMERGENCY_STOP", ("VT_BOOL", "VT_I4"), "emergency stop"),
+    (_CONTROLLER, "@BUSY_STATUS", ("VT_BOOL", "VT_I4"), "a program is running"),
+    (_CONTROLLER, "@IO_ALLOC_MODE", ("VT_BOOL", "VT_I4"), "allocation of I/O"),
+    (_CONTROLLER, "@NORMAL_STATUS", ("VT_BOOL", "VT_I4"), "no error is active"),
+    (_CONTROLLER, "@AUTO_ENABLE", ("VT_BOOL", "VT_I4"), "automatic enable"),
+    (_CONTROLLER, "_ITP", (), "seen on RC7, meaning not known"),
+    *((_CONTROLLER, f"@VAR_{x}_LEN", ("VT_I4",), f"number of {x} variables") for x in "IFDVPJTS"),
+    (_ROBOT, "@CURRENT_POSITION", (_R8S, _R4S), "position now: X, Y, Z, Rx, Ry, Rz, Fig"),
+    (_ROBOT, "@CURRENT_ANGLE", (_R8S, _R4S), "joints now: J1..J8"),
+    (_ROBOT, "@HIGH_CURRENT_POSITION", (_R8S, _R4S), "position now, read faster"),
+    (_ROBOT, "@HIGH_CURRENT_ANGLE", (_R8S, _R4S), "joints now, read faster"),
+    (_ROBOT, SERVO_ON, ("VT_BOOL",), "motor on; writing TRUE switches it on, FALSE off"),
+    (_ROBOT, "@BUSY_STATUS", ("VT_BOOL",), "robot moves"),
+    (_ROBOT, "@SPEED", ("VT_R4",), "internal speed of the tool tip"),
+    (_ROBOT, "@ACCEL", ("VT_R4",), "internal acceleration of the tool tip"),
+    (_ROBOT, "@DECEL", ("VT_R4",), "internal deceleration of the tool tip"),
+    (_ROBOT, "@JSPEED", ("VT_R4",), "internal speed of the joints"),
+    (_ROBOT, "@JACCEL", ("VT_R4",), "internal acceleration of the joints"),
+    (_ROBOT, "@JDECEL", ("VT_R4",), "internal deceleration of the joints"),
+    (_ROBOT, "@EXTSPEED", ("VT_R4",), "external speed"),
+    (_ROBOT, "@EXTACCEL", ("VT_R4",), "external acceleration"),
+    (_ROBOT, "@EXTDECEL", ("VT_R4",), "external deceleration"),
+    (_ROBOT, "@TYPE", ("VT_I4",), "number of the robot type; read it before the first motion"),
+    (_ROBOT, "@TYPE_NAME", ("VT_BSTR",), "name of the robot type"),
+    (_ROBOT, "@CURRENT_TOOL", ("VT_I4",), "tool number"),
+    (_ROBOT, "@CURRENT_WORK", ("VT_I4",), "work number"),
+    (_TASK, "@STATUS", ("VT_I4",), "state of the task"),
+    (_TASK, _START, ("VT_I4",), "starts the task when written"),
+    (_TASK, _STOP, ("VT_I4",), "stops the task when written"),
 )
-
-_WRITE_EFFECTS = {
-    _START: CallEffect.MOVES,
-    SERVO_ON: CallEffect.ENERGISES,
-    **dict.fromkeys(("@EXTSPEED", "@EXTACCEL", "@EXTDECEL"), CallEffect.ENERGISES),
-}
-"""Strongest effect of writing a variable, if it is more than the change of a value."""
 
 VARIABLES: tuple[VariableKind, ...] = (
-    *(
-        VariableKind(_CONTROLLER, name, True, types, False, text, effect)
-        for name, types, text, effect in _NUMBERED
-    ),
-    *(
-        VariableKind(owner, name, False, types, inferred, text, _WRITE_EFFECTS.get(name, CallEffect.CHANGES))
-        for owner, name, types, inferred, text in _NAMED
-    ),
+    *(VariableKind(_CONTROLLER, name, True, types, text) for name, types, text in _NUMBERED),
+    *(VariableKind(owner, name, False, types, text) for owner, name, types, text in _NAMED),
 )
 """All known variables."""
 
@@ -136,20 +119,13 @@ def find_variable(owner: ObjectClass, name: str) -> VariableKind | None:
 
 
 def write_effect(name: str, value: Variant) -> CallEffect:
-    """Return the strongest effect that writing a variable can have.
+    """Return the strongest effect that writing a variable can have. The name is in any case, "" if unknown.
 
     A running program may wait for any value. So everything counts as moving, except writes that switch the
     motor on or off (@SERVO_ON) or stop a task (@STOP).
-
-    Args:
-        name: Name from the client's request, in any case; "" if unknown.
-        value: Value to write.
     """
     folded = name.casefold()
     if folded == SERVO_ON.casefold():
-        return CallEffect.CHANGES if _is_false(value) else CallEffect.ENERGISES
+        switches_off = value.value is False or integer_value(value) == 0
+        return CallEffect.CHANGES if switches_off else CallEffect.ENERGISES
     return CallEffect.CHANGES if folded == _STOP.casefold() else CallEffect.MOVES
-
-
-def _is_false(value: Variant) -> bool:
-    return value.value is False or integer_value(value) == 0

@@ -63,7 +63,15 @@ from typing import Any, NoReturn, TypeAlias, TypeVar
 from bcapscope.messages import Message
 from bcapscope.traffic.filter import operands
 from bcapscope.traffic.filter.field_table import FIELD_BY_NAME, RecordKind, fields_of
-from bcapscope.traffic.filter.matching import COMPARISONS, ORDERINGS, Match, element, is_number, is_true
+from bcapscope.traffic.filter.matching import (
+    COMPARISONS,
+    ORDERINGS,
+    Match,
+    any_of,
+    element,
+    is_number,
+    is_true,
+)
 from bcapscope.traffic.filter.operands import ComparedField
 from bcapscope.traffic.filter.tokens import FilterError, Token, TokenKind, tokenize, with_nearest
 
@@ -83,8 +91,6 @@ class Filter:
     """A compiled expression, not yet bound to getters.
 
     Attributes:
-        expression: Expression as written.
-        kind: Kind of record that it tests.
         getter_names: Names of the getters that `bind` needs.
     """
 
@@ -344,15 +350,4 @@ def _all_of(binders: list[Binder]) -> Binder:
 
 
 def _any_of(binders: list[Binder]) -> Binder:
-    def bind(getters: Getters) -> Test:
-        tests = tuple(binder(getters) for binder in binders)
-
-        def test(record: Any) -> bool:
-            for one in tests:  # noqa: SIM110  # twice as fast as any() over a generator
-                if one(record):
-                    return True
-            return False
-
-        return test
-
-    return bind
+    return lambda getters: any_of([binder(getters) for binder in binders])

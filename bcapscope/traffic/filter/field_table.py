@@ -64,26 +64,24 @@ class FilterField(NamedTuple):
     """One field of the language.
 
     Attributes:
-        name: Name in an expression.
         type: Type of the values, which determines the permitted comparisons.
-        unit: Unit of a bare number compared with the field; "" if it has none or the unit must be written.
         applies_to: Kinds of record that have the field.
         meaning: Description for people, one clause.
+        unit: Unit of a bare number compared with the field; "" if it has none or the unit must be written.
         values: All bare words that the field can equal; () for any word.
         reads_as: Field whose getter it uses; "" for its own.
     """
 
     name: str
     type: FieldType
-    unit: str
     applies_to: tuple[RecordKind, ...]
     meaning: str
+    unit: str = ""
     values: tuple[str, ...] = ()
     reads_as: str = ""
 
     @property
     def getter_name(self) -> str:
-        """Name of the field's getter."""
         return self.reads_as or self.name
 
 
@@ -92,98 +90,95 @@ _CALL = (RecordKind.CALL,)
 _BOTH = (RecordKind.FRAME, RecordKind.CALL)
 
 FIELDS: tuple[FilterField, ...] = (
-    FilterField("frame", FieldType.NUMBER, "", _FRAME, "number of the frame, from 1"),
-    FilterField("packet", FieldType.NUMBER, "", _FRAME, "number of the packet that completed it, from 1"),
-    FilterField("time", FieldType.TIME, "s", _FRAME, "time of its last byte, since 1970-01-01 UTC"),
-    FilterField("src", FieldType.ENDPOINT, "", _FRAME, "sender"),
-    FilterField("dst", FieldType.ENDPOINT, "", _FRAME, "receiver"),
+    FilterField("frame", FieldType.NUMBER, _FRAME, "number of the frame, from 1"),
+    FilterField("packet", FieldType.NUMBER, _FRAME, "number of the packet that completed it, from 1"),
+    FilterField("time", FieldType.TIME, _FRAME, "time of its last byte, since 1970-01-01 UTC", unit="s"),
+    FilterField("src", FieldType.ENDPOINT, _FRAME, "sender"),
+    FilterField("dst", FieldType.ENDPOINT, _FRAME, "receiver"),
     FilterField(
         "kind",
         FieldType.TEXT,
-        "",
         _FRAME,
         "kind of frame: request, response or malformed",
-        ("request", "response", "malformed"),
+        values=("request", "response", "malformed"),
     ),
     FilterField(
-        "length", FieldType.NUMBER, "bytes", _FRAME, "length of the whole frame in bytes, from its header"
+        "length",
+        FieldType.NUMBER,
+        _FRAME,
+        "length of the whole frame in bytes, from its header",
+        unit="bytes",
     ),
-    FilterField("serial", FieldType.NUMBER, "", _FRAME, "serial number"),
+    FilterField("serial", FieldType.NUMBER, _FRAME, "serial number"),
     FilterField(
-        "reserved", FieldType.NUMBER, "", _FRAME, "reserved field; in a retry it names the first attempt"
+        "reserved", FieldType.NUMBER, _FRAME, "reserved field; in a retry it names the first attempt"
     ),
-    FilterField("problems", FieldType.TEXTS, "", _FRAME, "problems of the frame"),
-    FilterField("call", FieldType.NUMBER, "", _CALL, "number of the call, from 1"),
-    FilterField("client", FieldType.ENDPOINT, "", _BOTH, "address of the client"),
-    FilterField("server", FieldType.ENDPOINT, "", _BOTH, "address of the controller"),
-    FilterField("transport", FieldType.TEXT, "", _BOTH, "udp or tcp", ("udp", "tcp")),
+    FilterField("problems", FieldType.TEXTS, _FRAME, "problems of the frame"),
+    FilterField("call", FieldType.NUMBER, _CALL, "number of the call, from 1"),
+    FilterField("client", FieldType.ENDPOINT, _BOTH, "address of the client"),
+    FilterField("server", FieldType.ENDPOINT, _BOTH, "address of the controller"),
+    FilterField("transport", FieldType.TEXT, _BOTH, "udp or tcp", values=("udp", "tcp")),
     FilterField(
         "function_id",
         FieldType.NUMBER,
-        "",
         _BOTH,
         "number of the function; of a reply, the function that it answers",
     ),
     FilterField(
         "function",
         FieldType.TEXT,
-        "",
         _BOTH,
         "name of the function; of a reply, the function that it answers",
-        tuple(function.name for function in FUNCTIONS.values()),
+        values=tuple(function.name for function in FUNCTIONS.values()),
     ),
-    FilterField("command", FieldType.TEXT, "", _BOTH, "command of an Execute function, such as slvMove"),
+    FilterField("command", FieldType.TEXT, _BOTH, "command of an Execute function, such as slvMove"),
     FilterField(
-        "arg", FieldType.VALUES, "", _BOTH, "arguments: arg[0] is the first; of a call, those of its request"
+        "arg", FieldType.VALUES, _BOTH, "arguments: arg[0] is the first; of a call, those of its request"
     ),
-    FilterField("hresult", FieldType.HRESULT, "", _BOTH, "result code of the reply"),
-    FilterField("hresult_name", FieldType.TEXT, "", _BOTH, "name of the result code, such as S_OK"),
-    FilterField("hresult_text", FieldType.TEXT, "", _BOTH, "meaning of the result code"),
-    FilterField("started", FieldType.TIME, "s", _CALL, "time of its first request, since 1970-01-01 UTC"),
-    FilterField("requests", FieldType.NUMBERS, "", _CALL, "frame numbers of its requests, including retries"),
-    FilterField("serials", FieldType.NUMBERS, "", _CALL, "serial numbers of its requests"),
-    FilterField("retries", FieldType.NUMBER, "", _CALL, "number of retries"),
+    FilterField("hresult", FieldType.HRESULT, _BOTH, "result code of the reply"),
+    FilterField("hresult_name", FieldType.TEXT, _BOTH, "name of the result code, such as S_OK"),
+    FilterField("hresult_text", FieldType.TEXT, _BOTH, "meaning of the result code"),
     FilterField(
-        "replies", FieldType.NUMBERS, "", _CALL, "frame numbers of the replies that the client accepted"
+        "started", FieldType.TIME, _CALL, "time of its first request, since 1970-01-01 UTC", unit="s"
     ),
-    FilterField("late_replies", FieldType.NUMBERS, "", _CALL, "frame numbers of late replies"),
+    FilterField("requests", FieldType.NUMBERS, _CALL, "frame numbers of its requests, including retries"),
+    FilterField("serials", FieldType.NUMBERS, _CALL, "serial numbers of its requests"),
+    FilterField("retries", FieldType.NUMBER, _CALL, "number of retries"),
+    FilterField("replies", FieldType.NUMBERS, _CALL, "frame numbers of the replies that the client accepted"),
+    FilterField("late_replies", FieldType.NUMBERS, _CALL, "frame numbers of late replies"),
     FilterField(
         "lost_replies",
         FieldType.NUMBERS,
-        "",
         _CALL,
         "frame numbers of replies that came in time, after which the client retried anyway",
     ),
-    FilterField("executing", FieldType.NUMBER, "", _CALL, "number of S_EXECUTING notices"),
+    FilterField("executing", FieldType.NUMBER, _CALL, "number of S_EXECUTING notices"),
     FilterField(
-        "duplicates", FieldType.NUMBERS, "", _CALL, "frame numbers of exact copies of requests and replies"
+        "duplicates", FieldType.NUMBERS, _CALL, "frame numbers of exact copies of requests and replies"
     ),
-    FilterField("outcome", FieldType.TEXT, "", _CALL, "how it ended", tuple(Outcome)),
-    FilterField(
-        "latency", FieldType.DURATION, "", _CALL, "time from the first request to the accepted reply"
-    ),
+    FilterField("outcome", FieldType.TEXT, _CALL, "how it ended", values=tuple(Outcome)),
+    FilterField("latency", FieldType.DURATION, _CALL, "time from the first request to the accepted reply"),
     FilterField(
         "latency_ms",
         FieldType.DURATION,
-        "ms",
         _CALL,
         "like latency, but a bare number is in ms",
+        unit="ms",
         reads_as="latency",
     ),
     FilterField(
-        "rtt", FieldType.DURATION, "", _CALL, "time from the request that was answered to the accepted reply"
+        "rtt", FieldType.DURATION, _CALL, "time from the request that was answered to the accepted reply"
     ),
     FilterField(
-        "rtt_ms", FieldType.DURATION, "ms", _CALL, "like rtt, but a bare number is in ms", reads_as="rtt"
+        "rtt_ms", FieldType.DURATION, _CALL, "like rtt, but a bare number is in ms", unit="ms", reads_as="rtt"
     ),
-    FilterField("convention", FieldType.TEXT, "", _CALL, "how the client uses the reserved field"),
+    FilterField("convention", FieldType.TEXT, _CALL, "how the client uses the reserved field"),
     FilterField(
         "verdict",
         FieldType.TEXT,
-        "",
         _CALL,
         "what happened to it, as far as the traffic shows",
-        tuple(CallVerdict),
+        values=tuple(CallVerdict),
     ),
 )
 """Every field, in reading order for people."""
@@ -192,5 +187,4 @@ FIELD_BY_NAME: Mapping[str, FilterField] = MappingProxyType({field.name: field f
 
 
 def fields_of(kind: RecordKind) -> dict[str, FilterField]:
-    """Return the fields of records of `kind`, by name."""
     return {field.name: field for field in FIELDS if kind in field.applies_to}

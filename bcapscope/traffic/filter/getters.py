@@ -17,10 +17,8 @@ class AnnotatedFrame(NamedTuple):
     """An observation with what is known about it.
 
     Attributes:
-        observation: The observation.
         call_kind: Function and command of the request, or of the request that a reply answers; None if
             unknown.
-        comments: Comments of the capture on this frame.
     """
 
     observation: Observation

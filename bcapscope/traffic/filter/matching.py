@@ -41,7 +41,6 @@ class LiteralMatch(NamedTuple):
     Attributes:
         same_kind: Whether a value can be compared with the literal at all; if not, it is neither equal nor
             different.
-        equal: Whether a value equals the literal.
     """
 
     same_kind: Match
@@ -76,7 +75,6 @@ def is_number(value: object) -> TypeGuard[int | float]:
 
 
 def is_null(value: object) -> bool:
-    """Tell whether the value is missing."""
     return value is None
 
 
@@ -112,7 +110,6 @@ NULL = LiteralMatch(_is_anything, is_null)
 
 
 def number(wanted: Number) -> LiteralMatch:
-    """Match a number."""
     return LiteralMatch(is_number, lambda value: value == wanted and not isinstance(value, bool))
 
 
@@ -176,12 +173,12 @@ def _parse_port(written: str) -> int | None:
 
 def equality(wanted: Sequence[LiteralMatch], negated: bool) -> Match:
     """Match a value that equals one of `wanted`. If `negated`, match a comparable value that equals none."""
-    same_kind = _any_of([one.same_kind for one in wanted])
-    equal = _any_of([one.equal for one in wanted])
+    same_kind = any_of([one.same_kind for one in wanted])
+    equal = any_of([one.equal for one in wanted])
     return (lambda value: same_kind(value) and not equal(value)) if negated else equal
 
 
-def _any_of(matches: Sequence[Match]) -> Match:
+def any_of(matches: Sequence[Match]) -> Match:
     if len(matches) == 1:
         return matches[0]
 

@@ -1,6 +1,6 @@
 """Right-hand sides of comparisons: turn tokens into tests that fit the type of the field.
 
-This module checks an expression against the types of the fields.
+Every function raises a `FilterError` if the field cannot be compared with the token in this way.
 """
 
 from __future__ import annotations
@@ -40,7 +40,6 @@ class ComparedField(NamedTuple):
     Attributes:
         expression: The whole filter, for error messages.
         field: Field that the left side begins with.
-        name: Field with its indexes, as written.
         type: Type of its values: the field's type, or that of an element.
         start: Index of its first character in the expression.
     """
@@ -53,54 +52,37 @@ class ComparedField(NamedTuple):
 
     def mismatch(self, case: str, **places: str) -> Message:
         """Return ``filter.CASE``, a message that names the field and its type."""
-        return Message(f"filter.{case}", name=self.name, type=_type_name(self.type), **places)
+        type_ = Message(f"filter.type.{self.type.name.lower()}")
+        return Message(f"filter.{case}", name=self.name, type=type_, **places)
 
-    def fail_at(self, token: Token, reason: Message) -> NoReturn:
-        """Raise a `FilterError` that points at `token`."""
-        raise FilterError(self.expression, token.start, reason)
+    def fail(self, reason: Message) -> NoReturn:
+        self.fail_at(self.start, reason)
+
+    def fail_at(self, place: Token | int, reason: Message) -> NoReturn:
+        raise FilterError(self.expression, place if isinstance(place, int) else place.start, reason)
 
 
 def equality(compared: ComparedField, literals: Sequence[Token], negated: bool) -> Match:
-    """Compile ``==``, ``!=``, ``in`` and ``not in``.
-
-    Raises:
-        FilterError: The field cannot be compared with one of the literals.
-    """
+    """Compile ``==``, ``!=``, ``in`` and ``not in``."""
     return matches.equality([_literal_match(compared, literal) for literal in literals], negated)
 
 
 def order(compared: ComparedField, sign: str, literal: Token) -> Match:
-    """Compile ``<``, ``<=``, ``>`` and ``>=``.
-
-    Raises:
-        FilterError: The field has no order, or the literal is no number comparable with it.
-    """
+    """Compile ``<``, ``<=``, ``>`` and ``>=``."""
     check_literal(compared, literal)
     if compared.type is FieldType.HRESULT:
         signed = literal.kind is TokenKind.NUMBER and not _is_hex(literal) and int_of(literal) < 2**31
         return matches.code_order(sign, _code(compared, literal), signed)
     if compared.type in NUMERIC or compared.type is FieldType.VALUE:
         return matches.order(sign, _number(compared, literal))
-    raise FilterError(
-        compared.expression,
-        compared.start,
-        compared.mismatch("no-order"),
-    )
+    compared.fail(compared.mismatch("no-order"))
 
 
 def contains(compared: ComparedField, literal: Token) -> Match:
-    """Compile ``contains``.
-
-    Raises:
-        FilterError: The field cannot contain anything, or not a literal of this type.
-    """
+    """Compile ``contains``."""
     check_literal(compared, literal)
     if compared.type in NUMERIC or compared.type is FieldType.HRESULT:
-        raise FilterError(
-            compared.expression,
-            compared.start,
-            compared.mismatch("contains-nothing"),
-        )
+        compared.fail(compared.mismatch("contains-nothing"))
     if compared.type is FieldType.NUMBERS or (
         literal.kind is TokenKind.NUMBER and compared.type in (FieldType.VALUE, FieldType.VALUES)
     ):
@@ -114,17 +96,9 @@ def contains(compared: ComparedField, literal: Token) -> Match:
 
 
 def search(compared: ComparedField, literal: Token) -> Match:
-    """Compile ``~``.
-
-    Raises:
-        FilterError: The field has no text, or RE2 rejects the literal as a regular expression.
-    """
+    """Compile ``~``."""
     if compared.type in NUMERIC or compared.type in (FieldType.HRESULT, FieldType.NUMBERS):
-        raise FilterError(
-            compared.expression,
-            compared.start,
-            compared.mismatch("search-needs-text"),
-        )
+        compared.fail(compared.mismatch("search-needs-text"))
     check_literal(compared, literal)
     if literal.kind not in (TokenKind.TEXT, TokenKind.WORD):
         compared.fail_at(literal, Message("filter.search-quotes"))
@@ -159,10 +133,6 @@ def int_of(token: Token) -> int:
 
 def _is_hex(token: Token) -> bool:
     return "x" in token.text.casefold()
-
-
-def _type_name(type_: FieldType) -> Message:
-    return Message(f"filter.type.{type_.name.lower()}")
 
 
 def _literal_match(compared: ComparedField, token: Token) -> LiteralMatch:
@@ -229,11 +199,8 @@ def _check_number(compared: ComparedField, token: Token) -> None:
 def _plain_number(compared: ComparedField, token: Token) -> int | float:
     if token.unit:
         position = token.start + len(token.text)
-        raise FilterError(
-            compared.expression,
-            position,
-            Message("filter.needless-unit", name=compared.name, unit=f"{token.unit!r}"),
-        )
+        needless = Message("filter.needless-unit", name=compared.name, unit=f"{token.unit!r}")
+        compared.fail_at(position, needless)
     if _is_hex(token) or token.text.lstrip("+-").isdecimal():
         return int_of(token)
     value = float(token.text)
@@ -248,11 +215,8 @@ def _nanoseconds(compared: ComparedField, token: Token) -> Number:
     if not unit and value:
         compared.fail_at(token, Message("filter.no-unit", name=compared.name, number=token.text))
     if unit and unit not in UNITS:
-        raise FilterError(
-            compared.expression,
-            token.start + len(token.text),
-            Message("filter.unknown-unit", unit=f"{unit!r}"),
-        )
+        unknown = Message("filter.unknown-unit", unit=f"{unit!r}")
+        compared.fail_at(token.start + len(token.text), unknown)
     value *= UNITS[unit] if unit else 1
     return value.numerator if value.denominator == 1 else value
 

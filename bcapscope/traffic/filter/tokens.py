@@ -24,7 +24,6 @@ class FilterError(InputError):
     """An invalid filter expression. Its message has the reason, the expression and a caret, on three lines.
 
     Attributes:
-        expression: Expression to be compiled.
         position: Index of the character at fault; the length of the expression if its end is incomplete.
         reason: What is wrong, one clause.
     """
@@ -57,8 +56,6 @@ def with_nearest(reason: Message, word: str, candidates: Iterable[str]) -> Messa
 
 
 class TokenKind(Enum):
-    """Kind of a token."""
-
     WORD = "word"
     NUMBER = "number"
     TEXT = "text"
@@ -71,10 +68,8 @@ class Token(NamedTuple):
     """A piece of an expression.
 
     Attributes:
-        kind: Kind of the token.
         text: Text as written. For quoted text, the content with escapes resolved; for a number, the digits
             without its unit.
-        start: Index of its first character in the expression.
         stop: Index after its last character.
         unit: Letters after a number; a space may precede a unit of time.
     """
@@ -86,7 +81,6 @@ class Token(NamedTuple):
     unit: str = ""
 
     def is_sign(self, *texts: str) -> bool:
-        """Tell whether the token is one of these signs."""
         return self.kind is TokenKind.SIGN and self.text in texts
 
     def is_word(self, *texts: str) -> bool:

@@ -1,1 +1,1 @@
-"""The Tester's connection to a controller, without widgets."""
+"""What the Tester does with the session of `live.controller`, without widgets."""

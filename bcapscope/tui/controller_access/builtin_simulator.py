@@ -46,13 +46,7 @@ _HOST = "127.0.0.1"
 
 @dataclass(frozen=True, slots=True)
 class BuiltInSimulator:
-    """The address of the simulator, for UDP and TCP.
-
-    Attributes:
-        host: Loopback address.
-        port: Port that was free at the start.
-        process: Process of the simulator.
-    """
+    """The address of the simulator, for UDP and TCP."""
 
     host: str
     port: int

@@ -1,4 +1,4 @@
-"""The history of calls: one line per call, and the filter."""
+"""The history of calls: one line per call, the filter, and calls as text for the clipboard."""
 
 from __future__ import annotations
 
@@ -6,9 +6,12 @@ import re
 from collections.abc import Callable
 from typing import TypeAlias
 
+from bcapscope.client.controller_target import ControllerTarget
+from bcapscope.live.controller.history_record import HistoryRecord, Initiator
 from bcapscope.protocol.tables.command_catalogue import call_name
 from bcapscope.protocol.tables.function_table import FUNCTIONS, ObjectClass
-from bcapscope.render.color_palette import Palette
+from bcapscope.render.call_code import hex_text, python_program, shell_command
+from bcapscope.render.color_palette import PLAIN, Palette
 from bcapscope.render.escape import printable
 from bcapscope.render.notation_text import untyped_text
 from bcapscope.render.reply_text import ReplyRenderer
@@ -19,7 +22,7 @@ from bcapscope.traffic.filter.compiler import compile_filter
 from bcapscope.traffic.filter.field_table import RecordKind
 from bcapscope.traffic.filter.getters import CALL_GETTERS
 from bcapscope.traffic.pipeline import CallCollector, Pipeline
-from bcapscope.tui.controller_access.history_record import HistoryRecord, Initiator, failure_text
+from bcapscope.tui.controller_access.reason_text import failure_text
 from bcapscope.tui.reader_language import reader_words
 
 _PLAIN_WORDS = re.compile(r"[\w\s.@:-]*")
@@ -38,7 +41,6 @@ _INITIATOR_MARKS = {Initiator.USER: " ", Initiator.SCREEN: "·", Initiator.WATCH
 
 def history_line(record: HistoryRecord, palette: Palette) -> str:
     """Return one line: number, time (UTC), initiator if not the user, call, subject, result, duration."""
-    color = palette
     head = f"{record.number:>5} {utc_text(record.began)[11:23]} {_INITIATOR_MARKS[record.initiator]}"
     name = f"{call_name(record.function_id, record.arguments)}{_subject_text(record)}{_argument_text(record)}"
     if record.reply is not None:
@@ -46,10 +48,10 @@ def history_line(record: HistoryRecord, palette: Palette) -> str:
             name, record.function_id, record.reply, record.took, record.attempts
         )
     else:
-        took = f"{color.dim}{record.took / 1e6:.3f} ms{color.reset}"
-        failure = f"{color.bad}{failure_text(record)}{color.reset}"
-        text = f"{color.name}{printable(name)}{color.reset} {failure}  {took}"
-    return f"{color.dim}{head}{color.reset} {text}"
+        took = f"{palette.dim}{record.took / 1e6:.3f} ms{palette.reset}"
+        failure = f"{palette.bad}{failure_text(record)}{palette.reset}"
+        text = f"{palette.name}{printable(name)}{palette.reset} {failure}  {took}"
+    return f"{palette.dim}{head}{palette.reset} {text}"
 
 
 def _subject_text(record: HistoryRecord) -> str:
@@ -100,9 +102,14 @@ def call_of_record(record: HistoryRecord) -> Call | None:
     return next(iter(calls.calls), None)
 
 
-_NO_COLORS = Palette()
-
-
 def _has_words(record: HistoryRecord, words: list[str]) -> bool:
-    line = history_line(record, _NO_COLORS).casefold()
+    line = history_line(record, PLAIN).casefold()
     return all(word in line for word in words)
+
+
+def copy_text(record: HistoryRecord, copy_format: str, target: ControllerTarget) -> str | None:
+    """Return a call as ``hex``, ``python`` or ``line``; None if that format cannot express it."""
+    if copy_format == "hex":
+        return "\n".join(hex_text(seen.item.raw) for seen in record.packets) or None
+    write = python_program if copy_format == "python" else shell_command
+    return write(target, record.function_id, record.arguments, record.subject)

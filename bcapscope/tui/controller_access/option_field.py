@@ -23,9 +23,6 @@ def read_option_field(text: str, host: str, port: int, tcp: bool) -> tuple[Contr
 
     Args:
         text: Comma-separated pairs of key and value; empty for the defaults.
-        host: Host of the controller.
-        port: Port of the controller.
-        tcp: TCP instead of UDP.
 
     Returns:
         The target, and the providers to try.

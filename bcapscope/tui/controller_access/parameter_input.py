@@ -44,7 +44,6 @@ class CheckedText(NamedTuple):
 
 
 def check_text(vt: int, text: str) -> CheckedText:
-    """Parse text as a value of a type."""
     typed = text if vt == VT.BSTR else text.strip()
     try:
         return CheckedText(parse_variant(f"{type_word(vt)}:{typed}"), "")
@@ -62,12 +61,7 @@ def expected_input(vt: int) -> str:
 
 
 class CommandHint(NamedTuple):
-    """What the command table contains for a command.
-
-    Attributes:
-        types: Types of its parameter, the most usual first.
-        text: What it does and what its parameter contains.
-    """
+    """What the command table contains for a command; the most usual type of its parameter comes first."""
 
     types: tuple[int, ...]
     text: str

@@ -20,10 +20,10 @@ from bcapscope.player.player_messages import (
     PlayPlan,
     PlayProgress,
     QuestionTopic,
-    RealtimeReport,
     SetPointValues,
 )
 from bcapscope.player.preflight import PreflightResult, run_preflight_for
+from bcapscope.player.realtime import RealtimeReport
 from bcapscope.player.trajectory import Trajectory
 from bcapscope.protocol.slave_mode.modes import PERIOD_MS, SlaveMode
 
@@ -36,16 +36,9 @@ class PlaybackRun:
     """Everything known about one run.
 
     Attributes:
-        plan: What is played.
-        trajectory: Its set points and their source.
-        progress: Latest progress.
         samples: Elapsed seconds, set point and returned pose, for the latest readings.
-        peer: The controller; None until it is known.
         preflight: Pre-flight check against that controller; None until then.
         readiness: Real-time settings that the system allows; None until they are known.
-        troubles: What went wrong.
-        question: Question of the player that waits for an answer; None without one.
-        ended: How the run ended; None while it runs.
     """
 
     plan: PlayPlan

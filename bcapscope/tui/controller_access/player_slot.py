@@ -15,22 +15,16 @@ class PlayerSlot:
     """Holds at most one player."""
 
     def __init__(self) -> None:
-        """Start without a player."""
         self._player: PlayerProcess | None = None
         self._ended: PlayEnded | None = None
         self._read_lock = asyncio.Lock()
 
     @property
     def is_playing(self) -> bool:
-        """Whether a player is running."""
         return self._player is not None
 
     async def start_player(self, plan: PlayPlan) -> None:
-        """Start a player.
-
-        Raises:
-            OSError: The process cannot be started.
-        """
+        """Start a player; raises `OSError` if its process cannot be started."""
         assert self._player is None
         self._ended = None
         self._player = await asyncio.to_thread(PlayerProcess, plan)
@@ -47,7 +41,6 @@ class PlayerSlot:
         return [] if self._ended is None else [self._ended]
 
     def answer_question(self, choice: str) -> None:
-        """Answer the latest question of the player."""
         if self._player is not None:
             self._player.answer(choice)
 

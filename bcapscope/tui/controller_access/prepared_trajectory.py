@@ -25,9 +25,7 @@ class PlaybackSettings:
     """What the user wants to play.
 
     Attributes:
-        path: File or project.
         index: Number of the trajectory in the file, from 1.
-        mode: ``sync``, ``async`` or a number for slvChangeMode.
         interval: Cycle time, ms.
         speed: Fraction of the file's speed.
         rounds: Number of repetitions; 0 repeats until stopped.
@@ -47,14 +45,7 @@ class PlaybackSettings:
 
 @dataclass(frozen=True, slots=True)
 class PreparedTrajectory:
-    """A trajectory that is ready to play.
-
-    Attributes:
-        settings: What the user chose.
-        all_trajectories: All trajectories in the file.
-        trajectory: The one to play.
-        preflight: Problems found without knowledge of the robot's position.
-    """
+    """A trajectory that is ready to play. Its pre-flight check does not know the robot's position."""
 
     settings: PlaybackSettings
     all_trajectories: tuple[Trajectory, ...]
@@ -76,8 +67,6 @@ class PreparedTrajectory:
         """Return the plan for the player.
 
         Args:
-            target: The controller.
-            robot: Name of the robot.
             armed: Whether the user confirmed that a robot will move.
             record: New capture for the whole conversation.
         """
@@ -100,7 +89,6 @@ def prepare_trajectory(settings: PlaybackSettings, type_name: str) -> PreparedTr
     """Read, resample and check a trajectory. This can take long.
 
     Args:
-        settings: What to play.
         type_name: Type of the robot; empty if unknown.
 
     Raises:

@@ -52,9 +52,7 @@ class SavedRequest(NamedTuple):
 
     Attributes:
         name: File name without its extension.
-        function: Function to call.
         values: Arguments without the handle.
-        note: Purpose of the request.
     """
 
     name: str
@@ -97,18 +95,13 @@ def load_request(path: Path) -> SavedRequest:
             raise SavedRequestError(Message("controller.saved.large", name=path.name, most=MAX_FILE_SIZE))
         found = read_document(content.decode("utf-8"), _RequestFile)
     except OSError as error:
-        raise SavedRequestError(
-            Message("controller.saved.problem", name=path.name, reason=os_reason(error))
-        ) from None
+        raise _problem(path.name, os_reason(error)) from None
     except ValueError as error:  # not UTF-8, or a `DocumentError`
-        raise SavedRequestError(
-            Message("controller.saved.problem", name=path.name, reason=message_of(error))
-        ) from None
+        raise _problem(path.name, message_of(error)) from None
     function = function_by_name(found.function)
     if function is None:
-        raise SavedRequestError(
-            Message("controller.saved.function", name=path.name, function=repr(found.function))
-        )
+        name = repr(found.function)
+        raise SavedRequestError(Message("controller.saved.function", name=path.name, function=name))
     params = function.params[1:] if function.takes_handle else function.params
     if len(params) != len(found.arguments):
         names = ", ".join(param.name for param in params) or Message("controller.saved.none")
@@ -118,14 +111,16 @@ def load_request(path: Path) -> SavedRequest:
     return SavedRequest(path.stem, function, values, found.note)
 
 
+def _problem(name: str, reason: Message | str) -> SavedRequestError:
+    return SavedRequestError(Message("controller.saved.problem", name=name, reason=reason))
+
+
 def _parse_argument(path: Path, param: Param, given: str | int | float | bool) -> Variant:
     text = str(given).lower() if isinstance(given, bool) else str(given)
     try:
         return parse_variant_as(text, (param.type,))
     except ValueError as error:
-        raise SavedRequestError(
-            Message("controller.saved.problem", name=f"{path.name}: {param.name}", reason=message_of(error))
-        ) from None
+        raise _problem(f"{path.name}: {param.name}", message_of(error)) from None
 
 
 def save_request(
@@ -134,11 +129,8 @@ def save_request(
     """Write a request atomically; return its file.
 
     Args:
-        folder: Target folder; created if missing.
         name: Name of the request, from which the file name is made.
-        function_id: Id of the function.
         arguments: All arguments, with the handle first if there is one.
-        note: Purpose of the request.
 
     Raises:
         SavedRequestError: The request has no notation, the name is empty, or the file cannot be written.
@@ -162,9 +154,7 @@ def save_request(
     try:
         write_atomically(path, content)
     except OSError as error:
-        raise SavedRequestError(
-            Message("controller.saved.problem", name=str(folder), reason=os_reason(error))
-        ) from None
+        raise _problem(str(folder), os_reason(error)) from None
     return path
 
 

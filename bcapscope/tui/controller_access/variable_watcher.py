@@ -7,10 +7,11 @@ import time
 
 from bcapscope.client.handle_table import ObjectHandle
 from bcapscope.errors import BcapError
+from bcapscope.live.controller.controller_session import ControllerSession
+from bcapscope.live.controller.history_record import Initiator, RecordOutcome
+from bcapscope.live.controller.session_updates import WatchUpdate
 from bcapscope.protocol.codec.variant import EMPTY
-from bcapscope.tui.controller_access.controller_session import ControllerSession
-from bcapscope.tui.controller_access.history_record import Initiator, RecordOutcome, error_text, failure_text
-from bcapscope.tui.controller_access.session_updates import WatchUpdate
+from bcapscope.tui.controller_access.reason_text import error_text, failure_text
 from bcapscope.tui.controller_access.watched_variable import WatchedVariable
 from bcapscope.tui.reader_language import label
 
@@ -19,21 +20,14 @@ READ_INTERVAL = 0.5
 
 
 class VariableWatcher:
-    """Watches variables through one session.
+    """Watches variables through one session, whose thread alone changes `variables`."""
 
-    Attributes:
-        variables: Watched variables in the order of adding; only the session's thread changes it.
-    """
-
-    def __init__(self, session: ControllerSession, interval: float = READ_INTERVAL) -> None:
-        """Start without variables."""
+    def __init__(self, session: ControllerSession) -> None:
         self._session = session
-        self._interval = interval
         self._task: asyncio.Task[None] | None = None
         self.variables: list[WatchedVariable] = []
 
     async def add(self, variable: ObjectHandle) -> None:
-        """Add a variable."""
         if all(each.handle != variable.handle for each in self.variables):
             parent = variable.parent
             label = f"{parent.label}.{variable.label}" if parent and parent.parent else variable.label
@@ -42,12 +36,10 @@ class VariableWatcher:
             self._task = asyncio.get_running_loop().create_task(self._run(), name="watch")
 
     async def remove(self, handle: int) -> None:
-        """Stop watching a variable."""
         self.variables[:] = [each for each in self.variables if each.handle != handle]
         self._session.report(WatchUpdate())
 
     async def reset(self) -> None:
-        """Clear extremes and recent readings."""
         for each in self.variables:
             each.reset_extremes()
         self._session.report(WatchUpdate())
@@ -57,24 +49,24 @@ class VariableWatcher:
             for each in tuple(self.variables):
                 await self._read_variable(each)
             self._session.report(WatchUpdate())
-            await asyncio.sleep(self._interval)
+            await asyncio.sleep(READ_INTERVAL)
         self.variables.clear()
         self._session.report(WatchUpdate())
 
     async def _read_variable(self, variable: WatchedVariable) -> None:
         """Read one variable; skip it in slave mode, which any call but a set point may end."""
         if self._session.polling_paused:
-            variable.set_problem(label("controller.not-read"))
+            variable.problem = label("controller.not-read")
             return
         try:
             record = await self._session.invoke(
                 "Variable_GetValue", variable.handle, initiator=Initiator.WATCH
             )
         except (BcapError, OSError) as error:
-            variable.set_problem(error_text(error))
+            variable.problem = error_text(error)
             return
         if record.outcome is RecordOutcome.ANSWERED and record.reply is not None:
             arguments = record.reply.arguments
             variable.add_reading(arguments[0].variant if arguments else EMPTY, time.monotonic_ns())
         else:
-            variable.set_problem(failure_text(record))
+            variable.problem = failure_text(record)

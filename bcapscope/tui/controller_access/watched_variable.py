@@ -17,12 +17,7 @@ _FRACTIONAL_TYPES = frozenset({VT.R4, VT.R8, VT.DATE})
 
 @dataclass(slots=True)
 class WatchSeries:
-    """One number over time: a variable, or one element of an array.
-
-    Attributes:
-        minimum: Minimum since the start or the last `reset_extremes`.
-        maximum: Maximum over the same time.
-    """
+    """One number over time: a variable, or one element of an array."""
 
     readings: deque[tuple[int, float]] = field(default_factory=lambda: deque(maxlen=MAX_READINGS))
     minimum: float | None = None
@@ -36,7 +31,6 @@ class WatchSeries:
 
     @property
     def last(self) -> float | None:
-        """The newest reading."""
         return self.readings[-1][1] if self.readings else None
 
     @property
@@ -48,7 +42,6 @@ class WatchSeries:
         return (value - was) * _SECOND / (now - before) if now > before else None
 
     def sparkline_text(self, width: int) -> str:
-        """Return the last readings as one character each."""
         return sparkline([value for _, value in self.readings][-width:])
 
 
@@ -58,8 +51,6 @@ class WatchedVariable:
 
     Attributes:
         label: Name for the user, such as `Gundam.@CURRENT_ANGLE`.
-        handle: Handle of the variable.
-        value: Last value; None before the first read.
         problem: Why the last read failed; else empty.
         series: A `WatchSeries` for each number in it; empty for text.
     """
@@ -84,21 +75,12 @@ class WatchedVariable:
         for series, number in zip(self.series, numbers, strict=True):
             series.add(time, number)
 
-    def set_problem(self, reason: str) -> None:
-        """Record why a read failed."""
-        self.problem = reason
-
     def reset_extremes(self) -> None:
-        """Clear extremes and recent readings."""
         self.series = [WatchSeries() for _ in self.series]
 
 
 def _numbers(variant: Variant) -> list[float]:
-    value = variant.value
-    if isinstance(value, bool | int | float):
-        return [float(value)]
-    if isinstance(value, bytes):
-        return []
-    if isinstance(value, tuple) and all(isinstance(each, bool | int | float) for each in value):
-        return [float(each) for each in value if isinstance(each, bool | int | float)]
-    return []
+    """Return the number, or those of an array; none if anything in it is not a number."""
+    values = variant.value if isinstance(variant.value, tuple) else (variant.value,)
+    numbers = [float(each) for each in values if isinstance(each, bool | int | float)]
+    return numbers if len(numbers) == len(values) else []

@@ -148,6 +148,8 @@ class HeldList(ItemList[HeldStatus]):
 class ProxyLog(Lines):
     """Shows the proxy's log, scrolled to the end."""
 
+    follows_end = True
+
     def __init__(self, *, id: str | None = None) -> None:
         super().__init__(id=id)
         self._messages: list[str] = []
@@ -159,11 +161,6 @@ class ProxyLog(Lines):
                 self.reset_lines()
             else:
                 self.lines_added()
-
-    @property
-    def follows_end(self) -> bool:
-        """Whether a cursor on the last line follows new lines: yes."""
-        return True
 
     @property
     def message_count(self) -> int:

@@ -22,20 +22,15 @@ from bcapscope.tui.widgets.top_bar import TopBar
 
 
 class BaseScreen(Screen[None], PlainContainer):
-    """A screen that the user can open; `content` yields its widgets.
-
-    Attributes:
-        NAME: Catalogue key of the screen's name.
-        ABOUT: Catalogue key of the description that F1 shows.
-    """
+    """A screen that the user can open; `content` yields its widgets. Its name and description are ids."""
 
     NAME: ClassVar[str]
     ABOUT: ClassVar[str]
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("f1", "help", "shell.help", id="help", tooltip="shell.help.tip"),
-        Binding("ctrl+p", "palette", "shell.palette", id="palette", tooltip="shell.palette.tip"),
-        Binding("tab", "app.focus_next", "shell.next", id="next", show=False),
-        Binding("shift+tab", "app.focus_previous", "shell.previous", id="previous", show=False),
+        Binding("f1", "help", "shell.help"),
+        Binding("ctrl+p", "palette", "shell.palette"),
+        Binding("tab", "app.focus_next", "shell.next", show=False),
+        Binding("shift+tab", "app.focus_previous", "shell.previous", show=False),
     ]
 
     def compose(self) -> ComposeResult:
@@ -62,12 +57,10 @@ class BaseScreen(Screen[None], PlainContainer):
         yield from ()
 
     async def action_palette(self) -> None:
-        """Open the command palette."""
         palette = CommandPalette(providers=[ScreenCommandProvider], placeholder=label("shell.palette.hint"))
         await self.app.push_screen(palette)
 
     async def action_help(self) -> None:
-        """Show the description of this screen and all of its keys."""
         keys = [
             (command.key, command.name, command.tip)
             for command in all_commands(self, app_of(self))

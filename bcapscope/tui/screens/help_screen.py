@@ -22,26 +22,21 @@ HelpKeys = list[tuple[str, str, str]]
 
 
 class HelpScreen(ModalScreen[None]):
-    """Shows a text and a table of keys until it is closed."""
-
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("escape,q,f1", "dismiss", "shell.close", key_display="esc", tooltip="shell.close.tip"),
+        Binding("escape,q,f1", "dismiss", "shell.close", key_display="esc"),
     ]
 
     def __init__(self, name: str, text: str, keys: HelpKeys) -> None:
-        """Store the screen's name, its text and its keys."""
         super().__init__()
         self._title, self._text, self._keys = name, text, keys
 
     def compose(self) -> ComposeResult:
-        """Put text and table into one page that scrolls."""
         with VerticalScroll(id="help") as page:
             page.border_title = Text(label("shell.help.title", name=self._title)).markup
             page.border_subtitle = label("shell.close.hint")
             yield Static(Group(*self._parts()), id="help-text")
 
     def on_mount(self) -> None:
-        """Focus the page, so that keys scroll it."""
         self.query_one("#help").focus()
 
     def _parts(self) -> Iterator[RenderableType]:

@@ -15,10 +15,8 @@ def progress_texts(
     """Return texts on reading and searching, longest first.
 
     Args:
-        progress: Latest progress of the reader process.
         source_problem: Why the source may have ended although reading continues; "" otherwise.
         searched: Percentage of rows searched; None if no row is left to search.
-        title: Name of the source.
     """
     long, short = [], []
     if searched is not None:

@@ -22,17 +22,15 @@ class Prompt(ModalScreen[str | None]):
     ]
 
     def __init__(self, title: str, hint: str, value: str = "") -> None:
-        """Store the question, a hint on the answer, and the initial text."""
         super().__init__()
         self._question, self._hint, self._value = title, hint, value
 
     def compose(self) -> ComposeResult:
-        """Put the field between the question and the hint."""
         with Vertical(id="prompt"):
             yield Static(Text(self._question), id="prompt-title")
             yield Input(self._value, id="prompt-input")
             yield Static(
-                Text(f"{self._hint}   ⏎ {label('prompt.accept')}   esc {label('prompt.cancel')}"),
+                Text(f"{self._hint}   ⏎ {label('prompt.accept')}   esc {label('prompt.cancel')}".strip()),
                 id="prompt-hint",
             )
 
@@ -40,5 +38,4 @@ class Prompt(ModalScreen[str | None]):
         self.dismiss(event.value)
 
     def action_cancel(self) -> None:
-        """Return None."""
         self.dismiss(None)

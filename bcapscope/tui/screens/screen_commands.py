@@ -20,15 +20,7 @@ from bcapscope.tui.themes import THEMES
 
 
 class ScreenCommand(NamedTuple):
-    """An action of the palette.
-
-    Attributes:
-        name: Name of the action.
-        tip: What it does.
-        action: Action string, as in a binding.
-        node: Node that runs the action.
-        key: Key for the same action as the documentation writes it; "" for none.
-    """
+    """An action of the palette; `key` is empty, or as the documentation writes it."""
 
     name: str
     tip: str
@@ -42,15 +34,20 @@ def node_commands(node: DOMNode, app: BcapApp) -> Iterator[ScreenCommand]:
     for kind in type(node).__mro__:
         for binding in vars(kind).get("BINDINGS", ()):
             if isinstance(binding, Binding) and has_message(binding.description):
-                tip = label(binding.tooltip) if has_message(binding.tooltip) else ""
+                tip = binding.tooltip or f"{binding.description}.tip"
                 key = app.get_key_display(
                     Binding(binding.key.partition(",")[0], "", "", key_display=binding.key_display)
                 )
-                yield ScreenCommand(label(binding.description), tip, binding.action, node, key)
+                yield ScreenCommand(
+                    label(binding.description),
+                    label(tip) if has_message(tip) else "",
+                    binding.action,
+                    node,
+                    key,
+                )
 
 
 def all_commands(screen: DOMNode, app: BcapApp) -> Iterator[ScreenCommand]:
-    """Yield all commands of a screen, each once."""
     known: set[tuple[str, str]] = set()
     widgets = [widget for widget in screen.query(Widget) if widget.display]
     for node in (screen, *widgets, app):
@@ -78,38 +75,20 @@ def _app_commands(app: BcapApp) -> Iterator[ScreenCommand]:
 
 
 class ScreenCommandProvider(Provider):
-    """Provides all commands of the present screen to the palette."""
-
-    def _available_commands(self) -> Iterator[ScreenCommand]:
-        return filter(_is_available, all_commands(self.screen, cast(BcapApp, self.app)))
+    def _available_commands(self) -> Iterator[tuple[ScreenCommand, partial[Coroutine[Any, Any, bool]]]]:
+        """Yield the commands that are possible now, each with a function that runs it."""
+        for command in all_commands(self.screen, cast(BcapApp, self.app)):
+            if command.node.check_action(command.action.partition("(")[0], ()) is not False:
+                yield command, partial(self.app.run_action, command.action, command.node)
 
     async def discover(self) -> Hits:
-        for command in self._available_commands():
-            yield DiscoveryHit(
-                _command_label(command), self._command_runner(command), command.name, command.tip or None
-            )
+        for command, run in self._available_commands():
+            text = f"{command.name}  ({command.key})" if command.key else command.name
+            yield DiscoveryHit(Content(text), run, command.name, command.tip or None)
 
     async def search(self, query: str) -> Hits:
-        """Yield the commands whose name matches the query."""
         matcher = self.matcher(query)
-        for command in self._available_commands():
+        for command, run in self._available_commands():
             score = matcher.match(command.name)
             if score > 0:
-                yield Hit(
-                    score,
-                    matcher.highlight(command.name),
-                    self._command_runner(command),
-                    command.name,
-                    command.tip or None,
-                )
-
-    def _command_runner(self, command: ScreenCommand) -> partial[Coroutine[Any, Any, bool]]:
-        return partial(self.app.run_action, command.action, command.node)
-
-
-def _is_available(command: ScreenCommand) -> bool:
-    return command.node.check_action(command.action.partition("(")[0], ()) is not False
-
-
-def _command_label(command: ScreenCommand) -> Content:
-    return Content(f"{command.name}  ({command.key})" if command.key else command.name)
+                yield Hit(score, matcher.highlight(command.name), run, command.name, command.tip or None)

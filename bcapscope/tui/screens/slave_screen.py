@@ -21,6 +21,10 @@ from bcapscope.client.action_log import LoggedConnection
 from bcapscope.client.armed_call_logger import ArmedCallLogger
 from bcapscope.client.controller_target import DEFAULT_ROBOT
 from bcapscope.errors import BcapError
+from bcapscope.live.controller.controller_session import ControllerSession
+from bcapscope.live.controller.error_recovery import RecoveryStep, run_recovery_step
+from bcapscope.live.controller.history_record import Initiator
+from bcapscope.live.controller.session_updates import SessionStatus
 from bcapscope.player.armed_message_logger import ArmedMessageLogger
 from bcapscope.player.player_messages import PlayProgress, QuestionTopic, SlaveModePacing
 from bcapscope.protocol.number_parsing import parse_integer, parse_number
@@ -29,9 +33,6 @@ from bcapscope.render.escape import printable
 from bcapscope.render.play_text import controller_line, play_summary_lines, trouble_lines
 from bcapscope.render.preflight_text import PreflightRenderer
 from bcapscope.tui.app import app_of
-from bcapscope.tui.controller_access.controller_session import ControllerSession
-from bcapscope.tui.controller_access.error_recovery import RecoveryStep, run_recovery_step
-from bcapscope.tui.controller_access.history_record import Initiator, error_text
 from bcapscope.tui.controller_access.playback_run import PlaybackRun
 from bcapscope.tui.controller_access.player_slot import PlayerSlot
 from bcapscope.tui.controller_access.prepared_trajectory import (
@@ -39,7 +40,7 @@ from bcapscope.tui.controller_access.prepared_trajectory import (
     PreparedTrajectory,
     prepare_trajectory,
 )
-from bcapscope.tui.controller_access.session_updates import SessionStatus
+from bcapscope.tui.controller_access.reason_text import error_text
 from bcapscope.tui.ink import INK
 from bcapscope.tui.reader_language import full_error_text, label, reader_words
 from bcapscope.tui.screens.base_screen import BaseScreen
@@ -64,19 +65,15 @@ _MAX_ROUNDS = 1_000_000_000
 
 
 class SlaveScreen(BaseScreen):
-    """Plays a trajectory. The player is a separate process, so drawing delays no set point.
-
-    Attributes:
-        playback: The present or last run; None before the first.
-    """
+    """Plays a trajectory. The player is a separate process, so drawing delays no set point."""
 
     NAME = "tester.slave"
     ABOUT = "tester.slave.about"
     HORIZONTAL_BREAKPOINTS = [(0, "-narrow"), (120, "-wide")]  # noqa: RUF012 - as Textual has it
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("f9", "start", "tester.start", id="slave.start", tooltip="tester.slave.start.tip"),
-        Binding("escape", "leave", "tester.slave.leave", id="slave.leave", key_display="esc"),
-        Binding("ctrl+o", "browse", "tester.browse", id="slave.browse"),
+        Binding("f9", "start", "tester.start", tooltip="tester.slave.start.tip"),
+        Binding("escape", "leave", "tester.slave.leave", key_display="esc"),
+        Binding("ctrl+o", "browse", "tester.browse"),
     ]
 
     def __init__(
@@ -87,49 +84,40 @@ class SlaveScreen(BaseScreen):
         recordings: Path,
         path: str = "",
     ) -> None:
-        """Prepare the screen.
-
-        Args:
-            session: Connected session.
-            player_slot: Holds the running player.
-            ask_to_arm: Asks the user to arm.
-            recordings: Folder for captures of the whole conversation.
-            path: File to show first.
-        """
         super().__init__()
-        self._session, self._player_slot, self._ask_to_arm, self._recordings = (
-            session,
-            player_slot,
-            ask_to_arm,
-            recordings,
-        )
+        self._session = session
+        self._player_slot = player_slot
+        self._ask_to_arm = ask_to_arm
+        self._recordings = recordings
         self._initial_path = path
         self._prepared: PreparedTrajectory | None = None
         self.playback: PlaybackRun | None = None
         self._question_dialog: ChoiceDialog | None = None
 
     def content(self) -> ComposeResult:
-        """Put the settings above the report and the running view."""
         with Vertical(id="slave"):
-            with Horizontal(classes="row"):
-                yield Caption("tester.file")
-                yield Input(self._initial_path, id="file")
-                yield Button(label("tester.browse"), compact=True, id="browse")
-            with Horizontal(classes="row"):
-                yield Caption("tester.mode")
-                yield Select(_MODES, value=SlaveModePacing.SYNC, allow_blank=False, compact=True, id="mode")
-                yield Caption("tester.interval")
-                yield Input("8", id="interval", classes="number")
-                yield Caption("tester.speed")
-                yield Input("1", id="speed", classes="number")
-                yield Caption("tester.rounds")
-                yield Input("1", id="rounds", classes="number")
-                yield Caption("tester.index")
-                yield Input("1", id="index", classes="number")
-            with Horizontal(classes="row"):
-                yield Caption("tester.limits")
-                yield Input(placeholder="J1=-170..170 J1..J3.speed=300 J1.acceleration=6000", id="limits")
-                yield TickBox(label("tester.resample"), id="again")
+            with Vertical(id="slave-settings"):
+                with Horizontal(classes="row"):
+                    yield Caption("tester.file")
+                    yield Input(self._initial_path, id="file")
+                    yield Button(label("tester.browse"), compact=True, id="browse")
+                with Horizontal(classes="row"):
+                    yield Caption("tester.mode")
+                    yield Select(
+                        _MODES, value=SlaveModePacing.SYNC, allow_blank=False, compact=True, id="mode"
+                    )
+                    yield Caption("tester.interval")
+                    yield Input("8", id="interval", classes="number")
+                    yield Caption("tester.speed")
+                    yield Input("1", id="speed", classes="number")
+                    yield Caption("tester.rounds")
+                    yield Input("1", id="rounds", classes="number")
+                    yield Caption("tester.index")
+                    yield Input("1", id="index", classes="number")
+                with Horizontal(classes="row"):
+                    yield Caption("tester.limits")
+                    yield Input(placeholder="J1=-170..170 J1..J3.speed=300 J1.acceleration=6000", id="limits")
+                    yield TickBox(label("tester.resample"), id="again")
             with Horizontal(classes="row"):
                 yield Button(
                     label("tester.start"), compact=True, variant="success", id="start", disabled=True
@@ -143,7 +131,6 @@ class SlaveScreen(BaseScreen):
                 yield PlaybackView(id="live")
 
     def on_mount(self) -> None:
-        """Load the initial file."""
         self._schedule_check()
         self.query_one("#file", Input).focus()
 
@@ -169,7 +156,6 @@ class SlaveScreen(BaseScreen):
             await self._check_trajectory()
 
     async def _check_trajectory(self) -> None:
-        """Read and check the chosen trajectory, and show the result."""
         wish = self._read_fields()
         if isinstance(wish, str):
             self._show_report([f"{INK.dim}{wish}{INK.reset}"])
@@ -227,8 +213,6 @@ class SlaveScreen(BaseScreen):
 
     @on(Button.Pressed, "#browse")
     def action_browse(self) -> None:
-        """Choose a file."""
-
         def take(path: str | None) -> None:
             if path:
                 self.query_one("#file", Input).value = path
@@ -243,7 +227,6 @@ class SlaveScreen(BaseScreen):
 
     @on(Button.Pressed, "#start")
     def action_start(self) -> None:
-        """Start playing, or report that no trajectory is ready."""
         if self._prepared is None and not self._player_slot.is_playing:
             self._show_state(f"{INK.bad}{label('tester.start.none')}")
         elif (
@@ -354,18 +337,7 @@ class SlaveScreen(BaseScreen):
     def _set_playing(self, playing: bool) -> None:
         self.query_one("#start", Button).disabled = playing or self._prepared is None
         self.query_one("#stop", Button).disabled = not playing
-        for name in (
-            "#file",
-            "#mode",
-            "#interval",
-            "#speed",
-            "#rounds",
-            "#index",
-            "#limits",
-            "#again",
-            "#browse",
-        ):
-            self.query_one(name).disabled = playing
+        self.query_one("#slave-settings").disabled = playing
 
     def _show_state(self, line: str) -> None:
         self.query_one("#slave-state", InkedText).show_text(line)

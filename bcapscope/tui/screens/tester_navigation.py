@@ -36,11 +36,9 @@ class TesterNavigation(BaseScreen):
             )
 
     def action_next_part(self) -> None:
-        """Focus the next part: connection, each visible form, packets."""
         self._focus_other_part(1)
 
     def action_part_before(self) -> None:
-        """Focus the previous part."""
         self._focus_other_part(-1)
 
     def _focus_other_part(self, by: int) -> None:
@@ -59,12 +57,10 @@ class TesterNavigation(BaseScreen):
         self.action_view(VIEWS[(VIEWS.index(here) + 1) % len(VIEWS)])
 
     def action_tab(self, name: str) -> None:
-        """Show a tab and focus its first field."""
         self.query_one(FormTabs).show_tab(name)
         self.call_after_refresh(self._focus_first_in, self.query_one("#panels"))
 
     def action_view(self, name: str) -> None:
-        """Show a view of packets and calls, and focus it."""
         self.query_one(PacketPane).show_view(name)
         self.call_after_refresh(self._focus_first_in, self.query_one(f"#{name}"))
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Callable, Coroutine
 from contextlib import AsyncExitStack, ExitStack
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar, NamedTuple
 
@@ -18,20 +19,12 @@ from textual.containers import Horizontal, Vertical, VerticalScroll
 from textual.message import Message
 from textual.widgets import Button
 
-from bcapscope.protocol.tables.function_table import FUNCTIONS, ObjectClass
-from bcapscope.render.escape import printable
-from bcapscope.traffic.observation import Observation
-from bcapscope.tui.app import app_of
-from bcapscope.tui.controller_access.builtin_simulator import BuiltInSimulator, run_builtin_simulator
-from bcapscope.tui.controller_access.controller_session import ControllerSession
-from bcapscope.tui.controller_access.copy_formats import copy_text
-from bcapscope.tui.controller_access.error_recovery import LastSlaveSession
-from bcapscope.tui.controller_access.guided_connect import connect
-from bcapscope.tui.controller_access.halt_connection import HaltState, HaltUpdate
-from bcapscope.tui.controller_access.history_record import HistoryRecord, error_text
-from bcapscope.tui.controller_access.option_field import read_option_field
-from bcapscope.tui.controller_access.player_slot import PlayerSlot
-from bcapscope.tui.controller_access.session_updates import (
+from bcapscope.live.controller.controller_session import ControllerSession
+from bcapscope.live.controller.error_recovery import LastSlaveSession
+from bcapscope.live.controller.guided_connect import connect
+from bcapscope.live.controller.halt_connection import HaltState, HaltUpdate
+from bcapscope.live.controller.history_record import HistoryRecord
+from bcapscope.live.controller.session_updates import (
     ConnectionLost,
     ConnectStepUpdate,
     SessionProblem,
@@ -39,13 +32,21 @@ from bcapscope.tui.controller_access.session_updates import (
     SessionUpdate,
     WatchUpdate,
 )
+from bcapscope.protocol.tables.function_table import FUNCTIONS, ObjectClass
+from bcapscope.render.escape import printable
+from bcapscope.traffic.observation import Observation
+from bcapscope.tui.app import app_of
+from bcapscope.tui.controller_access.builtin_simulator import BuiltInSimulator, run_builtin_simulator
+from bcapscope.tui.controller_access.call_history import copy_text
+from bcapscope.tui.controller_access.option_field import read_option_field
+from bcapscope.tui.controller_access.player_slot import PlayerSlot
+from bcapscope.tui.controller_access.reason_text import error_text, reason_text
 from bcapscope.tui.controller_access.variable_watcher import VariableWatcher
 from bcapscope.tui.reader_language import label
 from bcapscope.tui.screens.slave_screen import SlaveScreen
 from bcapscope.tui.screens.tester_navigation import TesterNavigation
 from bcapscope.tui.settings import with_recent
-from bcapscope.tui.tester.call_notice import CallNotice
-from bcapscope.tui.tester.call_runner import CallRunner
+from bcapscope.tui.tester.call_runner import CallNotice, CallRunner
 from bcapscope.tui.tester.command_form import CommandForm
 from bcapscope.tui.tester.connection_panel import ConnectionPanel
 from bcapscope.tui.tester.dialogs import ArmDialog
@@ -72,18 +73,7 @@ _EXECUTE_CONTROLLER = 17
 
 
 class TesterOptions(NamedTuple):
-    """Initial state of the Tester.
-
-    Attributes:
-        host: Host of the controller; empty for the built-in simulator.
-        port: Port of the controller.
-        tcp: TCP instead of UDP.
-        option: Text of the Option field.
-        profile: Profile of the built-in simulator.
-        requests_folder: Folder of saved requests.
-        log_folder: Folder of the action log.
-        tap: Called for every packet, in another thread.
-    """
+    """Initial state of the Tester. Without `host`, the built-in simulator starts; any thread calls `tap`."""
 
     requests_folder: Path
     log_folder: Path
@@ -95,12 +85,9 @@ class TesterOptions(NamedTuple):
     tap: Callable[[Observation], None] = lambda seen: None
 
 
+@dataclass
 class SessionUpdated(Message):
-    """The session sent an update."""
-
-    def __init__(self, update: SessionUpdate) -> None:
-        super().__init__()
-        self.update = update
+    update: SessionUpdate
 
 
 class TesterScreen(TesterNavigation):
@@ -110,22 +97,21 @@ class TesterScreen(TesterNavigation):
     ABOUT = "tester.about"
     HORIZONTAL_BREAKPOINTS = [(0, "-narrow"), (150, "-wide")]  # noqa: RUF012 - as Textual has it
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("f5", "connect", "tester.connect", id="connect", tooltip="tester.connect.tip"),
-        Binding("f5", "disconnect", "tester.disconnect", id="disconnect", tooltip="tester.disconnect.tip"),
-        Binding("f6", "next_part", "tester.part", id="part", tooltip="tester.part.tip"),
+        Binding("f5", "connect", "tester.connect"),
+        Binding("f5", "disconnect", "tester.disconnect"),
+        Binding("f6", "next_part", "tester.part"),
         Binding("shift+f6", "part_before", "", show=False),
-        Binding("f7", "recover", "tester.recovery", id="recover", tooltip="tester.recovery.tip"),
-        Binding("f8", "arm", "tester.arm", id="arm", tooltip="tester.arm.tip"),
-        Binding("f9", "slave", "tester.slave", id="slave", tooltip="tester.slave.tip"),
-        Binding("f10", "digits", "tester.digits", id="digits", show=False, tooltip="tester.digits.tip"),
-        Binding("ctrl+n", "next_tab", "tester.tab.next", id="tab", show=False, tooltip="tester.tab.next.tip"),
-        Binding("ctrl+y", "next_view", "tester.view.next", id="view", show=False, tooltip="tester.view.tip"),
-        Binding("escape", "cancel", "tester.cancel", id="cancel", show=False, tooltip="tester.cancel.tip"),
-        Binding("ctrl+b", "robslave", "tester.robslave", id="robslave", tooltip="tester.robslave.tip"),
+        Binding("f7", "recover", "tester.recovery"),
+        Binding("f8", "arm", "tester.arm"),
+        Binding("f9", "slave", "tester.slave"),
+        Binding("f10", "digits", "tester.digits", show=False),
+        Binding("ctrl+n", "next_tab", "tester.tab.next", show=False),
+        Binding("ctrl+y", "next_view", "tester.view.next", show=False, tooltip="tester.view.tip"),
+        Binding("escape", "cancel", "tester.cancel", show=False),
+        Binding("ctrl+b", "robslave", "tester.robslave"),
     ]
 
     def __init__(self, tester_options: TesterOptions) -> None:
-        """Store the initial state."""
         super().__init__()
         self._options = tester_options
         self.session = ControllerSession(self._post_update, tester_options.log_folder, tester_options.tap)
@@ -145,7 +131,6 @@ class TesterScreen(TesterNavigation):
         return self._halt_update.state
 
     def content(self) -> ComposeResult:
-        """Arrange the widgets like b-CAP Tester."""
         start = self._options
         with Horizontal(id="desk"):
             with VerticalScroll(id="left", can_focus=False):
@@ -223,10 +208,12 @@ class TesterScreen(TesterNavigation):
         elif isinstance(news, WatchUpdate):
             self.query_one(WatchList).show_variables(tuple(self.variable_watcher.variables))
         elif isinstance(news, ConnectionLost):
-            self.query_one(ConnectionPanel).show_problem(label("tester.lost", reason=printable(news.reason)))
-            app_of(self).show_message(label("tester.lost", reason=printable(news.reason)), "error")
+            lost = label("tester.lost", reason=printable(reason_text(news.reason)))
+            self.query_one(ConnectionPanel).show_problem(lost)
+            app_of(self).show_message(lost, "error")
         elif isinstance(news, SessionProblem):
-            app_of(self).show_message(label("tester.log.broken", reason=printable(news.text)), "warning")
+            problem = printable(f"{news.path}: {reason_text(news.reason)}")
+            app_of(self).show_message(label("tester.log.broken", reason=problem), "warning")
 
     def _apply_status(self, status: SessionStatus) -> None:
         if status.is_connected != self._is_connected:
@@ -238,12 +225,13 @@ class TesterScreen(TesterNavigation):
 
     def _apply_halt_update(self, news: HaltUpdate) -> None:
         before, self._halt_update = self._halt_update, news
+        reason = printable(reason_text(news.reason))
         if news.state in (HaltState.HALTED, HaltState.FAILED):
             key = "tester.halted" if news.state is HaltState.HALTED else "tester.unhalted"
-            text = label(key, ms=f"{news.round_trip / 1e6:.1f}", reason=printable(news.reason))
+            text = label(key, ms=f"{news.round_trip / 1e6:.1f}", reason=reason)
             app_of(self).show_message(text, "warning" if news.state is HaltState.HALTED else "error")
         elif news.state is HaltState.LOST and before.state is HaltState.READY:
-            app_of(self).show_message(label("tester.halt.gone", reason=printable(news.reason)), "error")
+            app_of(self).show_message(label("tester.halt.gone", reason=reason), "error")
         self._show_status()
 
     def _show_status(self) -> None:
@@ -316,22 +304,19 @@ class TesterScreen(TesterNavigation):
 
     @on(CallWanted)
     def _make_call(self, message: CallWanted) -> None:
-        self._run_in_group(self.call_runner.make_wanted_call(message))
+        self._run_in_group(self.call_runner.make_call(message))
 
     @on(RawWanted)
     def _send_raw(self, message: RawWanted) -> None:
-        self._run_in_group(self.call_runner.send_raw(message.result_display, message.raw))
+        self._run_in_group(self.call_runner.send_raw(message))
 
     @on(RobSlaveWanted)
     def _start_robslave(self, message: RobSlaveWanted) -> None:
         self._run_in_group(self.call_runner.run_robslave(message.result_display))
 
     @on(OpenWanted)
-    def _open_or_release(self, message: OpenWanted) -> None:
-        if isinstance(message, OpenObjectRow.ReleaseWanted):
-            self._run_in_group(self.call_runner.release_object(message))
-        else:
-            self._run_in_group(self._open_object(message))
+    def _open_wanted(self, message: OpenWanted) -> None:
+        self._run_in_group(self._open_object(message))
 
     async def _open_object(self, wanted: OpenWanted) -> None:
         if await self.call_runner.open_object(wanted) and wanted.kind is ObjectClass.VARIABLE:
@@ -355,7 +340,8 @@ class TesterScreen(TesterNavigation):
         saved = message.saved
         form = await self.query_one(FormTabs).fill_function(saved.function, saved.values)
         if not message.edit:
-            self._run_in_group(self.call_runner.make_saved_call(form.query_one(ResultView), saved))
+            wanted = CallWanted(form.query_one(ResultView), saved.function, saved.values)
+            self._run_in_group(self.call_runner.make_call(wanted))
 
     @on(HistoryLines.ActionWanted)
     async def _use_record(self, message: HistoryLines.ActionWanted) -> None:
@@ -391,23 +377,19 @@ class TesterScreen(TesterNavigation):
         self.query_one(ConnectionPanel).request_connect()
 
     def action_disconnect(self) -> None:
-        """Disconnect, or cancel an attempt to connect."""
         self._disconnect_wanted()
 
     def action_robslave(self) -> None:
-        """Start RobSlave."""
         self._run_in_group(self.call_runner.run_robslave(CallNotice(app_of(self))))
 
     @on(Button.Pressed, "#slave-mode")
     def action_slave(self) -> None:
-        """Open Slave Mode."""
         path = next(iter(app_of(self).settings.trajectories), "")
         self.app.push_screen(
             SlaveScreen(self.session, self.player_slot, self._ask_to_arm, self._options.log_folder, path)
         )
 
     def action_recover(self) -> None:
-        """Open the recovery dialog."""
         stay = self._last_slave_session
         self.app.push_screen(RecoveryDialog(self.session, self._ask_to_arm, stay.move_position, stay.mode))
 
@@ -419,12 +401,10 @@ class TesterScreen(TesterNavigation):
             view.show_digits(full)
 
     def action_cancel(self) -> None:
-        """Cancel the calls under way."""
         for group in ("call", "connect"):
             self.workers.cancel_group(self, group)
 
     def action_arm(self) -> None:
-        """Arm or disarm."""
         if self.session.arming.is_armed(self.session.now()):
             self.session.arming.disarm()
             self._show_status()

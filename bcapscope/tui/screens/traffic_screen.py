@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os.path
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
 
@@ -29,12 +31,12 @@ _FRAME_ACTIONS = frozenset({"filter", "partner", "call", "mark", "note", "clock"
 _CLOCKS = (TimeFormat.RELATIVE, TimeFormat.DELTA, TimeFormat.UTC)
 
 
+@dataclass
 class NotesSaved(Message):
     """A file was saved. If that failed or is incomplete, `reason` says why."""
 
-    def __init__(self, target: str, reason: str) -> None:
-        super().__init__()
-        self.target, self.reason = target, reason
+    target: str
+    reason: str
 
 
 class TrafficScreen(TrafficViews):
@@ -42,43 +44,25 @@ class TrafficScreen(TrafficViews):
 
     BINDINGS: ClassVar[list[BindingType]] = [
         *view_keys(TrafficViews.VIEWS, "traffic.view.tip"),
-        Binding(
-            "slash",
-            "filter",
-            "traffic.filter",
-            id="traffic.filter",
-            key_display="/",
-            tooltip="traffic.filter.tip",
-        ),
-        Binding("escape", "back", "traffic.back", id="traffic.back", show=False, tooltip="traffic.back.tip"),
-        Binding("r", "partner", "traffic.partner", id="traffic.partner", tooltip="traffic.partner.tip"),
-        Binding("c", "call", "traffic.call", id="traffic.call", tooltip="traffic.call.tip"),
-        Binding("w", "why", "traffic.why", id="traffic.why", tooltip="traffic.why.tip"),
-        Binding("n", "proof(1)", "traffic.next", id="traffic.next", tooltip="traffic.next.tip"),
-        Binding(
-            "N",
-            "proof(-1)",
-            "traffic.previous",
-            id="traffic.previous",
-            show=False,
-            tooltip="traffic.previous.tip",
-        ),
-        Binding("m", "mark", "traffic.mark", id="traffic.mark", tooltip="traffic.mark.tip"),
-        Binding("e", "note", "traffic.note", id="traffic.note", tooltip="traffic.note.tip"),
-        Binding("s", "save", "traffic.save", id="traffic.save", tooltip="traffic.save.tip"),
-        Binding("o", "open", "traffic.open", id="traffic.open", show=False, tooltip="traffic.open.tip"),
+        Binding("slash", "filter", "traffic.filter", key_display="/"),
+        Binding("escape", "back", "traffic.back", show=False),
+        Binding("r", "partner", "traffic.partner"),
+        Binding("c", "call", "traffic.call"),
+        Binding("w", "why", "traffic.why"),
+        Binding("n", "proof(1)", "traffic.next"),
+        Binding("N", "proof(-1)", "traffic.previous", show=False),
+        Binding("m", "mark", "traffic.mark"),
+        Binding("e", "note", "traffic.note"),
+        Binding("s", "save", "traffic.save"),
+        Binding("o", "open", "traffic.open", show=False),
         Binding("ctrl+o", "open", "", show=False),
-        Binding("t", "clock", "traffic.clock", id="traffic.clock", show=False, tooltip="traffic.clock.tip"),
-        Binding("ctrl+g", "goto", "traffic.goto", id="traffic.goto", show=False, tooltip="traffic.goto.tip"),
-        Binding(
-            "C", "follow('client')", "traffic.follow.client", show=False, tooltip="traffic.follow.client.tip"
-        ),
-        Binding(
-            "H", "follow('handle')", "traffic.follow.handle", show=False, tooltip="traffic.follow.handle.tip"
-        ),
-        Binding("X", "follow('chain')", "traffic.follow.call", show=False, tooltip="traffic.follow.call.tip"),
-        Binding("K", "follow('kind')", "traffic.follow.kind", show=False, tooltip="traffic.follow.kind.tip"),
-        Binding("S", "stop", "traffic.stop", id="traffic.stop", show=False, tooltip="traffic.stop.tip"),
+        Binding("t", "clock", "traffic.clock", show=False),
+        Binding("ctrl+g", "goto", "traffic.goto", show=False),
+        Binding("C", "follow('client')", "traffic.follow.client", show=False),
+        Binding("H", "follow('handle')", "traffic.follow.handle", show=False),
+        Binding("X", "follow('chain')", "traffic.follow.call", show=False),
+        Binding("K", "follow('kind')", "traffic.follow.kind", show=False),
+        Binding("S", "stop", "traffic.stop", show=False),
     ]
 
     def _set_feed(self, feed: TrafficFeed, title: str) -> None:
@@ -108,7 +92,6 @@ class TrafficScreen(TrafficViews):
         super().action_back()
 
     def action_clock(self) -> None:
-        """Show times in the next format."""
         self.clock = _CLOCKS[(_CLOCKS.index(self.clock) + 1) % len(_CLOCKS)]
         self.update_line_format()
 
@@ -118,7 +101,7 @@ class TrafficScreen(TrafficViews):
         """Select a frame in the list of frames; clear a filter that hides it."""
         if self.view != "frames":
             self.action_view("frames")
-        index = self.frames.rows.index(number)
+        index = self.frames.row_of(number)
         if index is None:
             self.set_filter("")
             app_of(self).show_message(label("traffic.hidden", number=number))
@@ -127,13 +110,10 @@ class TrafficScreen(TrafficViews):
 
     def action_partner(self) -> None:
         """Go from a reply to its request, or back."""
-        number, calls = self.frame_number, self.feed.calls
-        if number is None or calls is None:
+        number = self.frame_number
+        if number is None:
             return
-        row = calls.index_of_frame(number)
-        other, why = frame_relations.find_partner(
-            None if row is None else calls.read_call(row).settled, number
-        )
+        other, why = frame_relations.find_partner(self.settled_at(number), number)
         if other is None:
             app_of(self).show_message(label(why))
         else:
@@ -167,13 +147,10 @@ class TrafficScreen(TrafficViews):
             else:
                 app_of(self).show_message(label("traffic.no_cause"))
             return
-        frame, calls = self.frame_number, self.feed.calls
-        if frame is None or calls is None:
+        frame = self.frame_number
+        if frame is None:
             return
-        row = calls.index_of_frame(frame)
-        frames = (
-            {frame} if row is None else {frame, *frame_relations.call_frames(calls.read_call(row).settled)}
-        )
+        frames = {frame, *frame_relations.call_frames(self.settled_at(frame))}
         for number, cause_found in enumerate(findings, 1):
             if frames.intersection(cause_found.frames):
                 self.action_view("findings")
@@ -186,8 +163,9 @@ class TrafficScreen(TrafficViews):
         """Go to the first frame that proves a finding, or from a frame to its fields."""
         if isinstance(message.lines, FindingPage):
             number = message.lines.current_finding()
-            if number is not None and self.analysis.findings[number - 1].frames:
-                self._evidence_frames = list(self.analysis.findings[number - 1].frames)
+            frames = () if number is None else self.analysis.findings[number - 1].frames
+            if frames:
+                self._evidence_frames = list(frames)
                 self.refresh_bindings()
                 self.frames.evidence = frozenset(self._evidence_frames)
                 self.frames.repaint()
@@ -200,24 +178,16 @@ class TrafficScreen(TrafficViews):
                 self.go_to_frame(number)
 
     def action_proof(self, by: int) -> None:
-        """Go to another frame that proves the selected finding."""
-        number = self.frame_number
-        if by > 0:
-            later = [each for each in self._evidence_frames if number is None or each > number]
-            self.go_to_frame((later or self._evidence_frames)[0])
-        else:
-            earlier = [each for each in self._evidence_frames if number is None or each < number]
-            self.go_to_frame((earlier or self._evidence_frames)[-1])
+        number, frames = self.frame_number, self._evidence_frames[::by]
+        beyond = (each for each in frames if number is None or (each - number) * by > 0)
+        self.go_to_frame(next(beyond, frames[0]))
 
     def action_follow(self, what: str) -> None:
-        """Show only frames related to the frame under the cursor."""
-        number, calls = self.frame_number, self.feed.calls
-        if number is None or calls is None:
+        number = self.frame_number
+        if number is None:
             return
-        row = calls.index_of_frame(number)
-        found = frame_relations.related_filter(
-            what, self.frames.read_frame(number), None if row is None else calls.read_call(row).settled
-        )
+        frame, settled = self.frames.read_frame(number), self.settled_at(number)
+        found = frame_relations.related_filter(what, frame, settled)
         if found is None:
             app_of(self).show_message(label("traffic.no_handle" if what == "handle" else "traffic.no_call"))
             return
@@ -228,7 +198,6 @@ class TrafficScreen(TrafficViews):
 
     @work
     async def action_goto(self) -> None:
-        """Ask for a frame number or a time, and go there."""
         journal = self.feed.journal
         answer = await self.app.push_screen_wait(
             Prompt(label("traffic.goto.title"), label("traffic.goto.hint"))
@@ -244,36 +213,31 @@ class TrafficScreen(TrafficViews):
     # marks, notes, saving
 
     def action_mark(self) -> None:
-        """Mark or unmark the frame."""
         number = self.frame_number
-        if number is None:
-            return
-        if self.frames.marks.pop(number, None) is None:
-            self.frames.marks[number] = ""
+        if number is not None:
+            self._set_note(number, None if number in self.frames.marks else "")
+
+    def _set_note(self, number: int, note: str | None) -> None:
+        """Mark a frame, with a note or ""; None removes the mark."""
+        self.frames.marks.pop(number, None)
+        if note is not None:
+            self.frames.marks[number] = note
         self.frames.repaint()
         self.show_frame()
 
     @work
     async def action_note(self) -> None:
-        """Edit the note on the frame."""
         number = self.frame_number
         if number is None:
             return
         title = label("traffic.note.title", number=number)
         prompt = Prompt(title, label("traffic.note.hint"), self.frames.marks.get(number, ""))
         note = await self.app.push_screen_wait(prompt)
-        if note is None:
-            return
-        if note.strip():
-            self.frames.marks[number] = printable(note.strip())
-        else:
-            self.frames.marks.pop(number, None)
-        self.frames.repaint()
-        self.show_frame()
+        if note is not None:
+            self._set_note(number, printable(note.strip()) or None)
 
     @work
     async def action_save(self) -> None:
-        """Save the packets, with marks and notes, in a new file."""
         packets = self.feed.progress.packets
         if not packets or self.feed.journal is None:
             app_of(self).show_message(label("traffic.nothing_to_save"), "warning")
@@ -289,11 +253,9 @@ class TrafficScreen(TrafficViews):
 
     @work(thread=True)
     def _save_packets(self, job: SaveJob) -> None:
-        """Wait for the process that saves."""
         self.post_message(NotesSaved(job.target, self.feed.save(job)))
 
     def on_notes_saved(self, message: NotesSaved) -> None:
-        """Report the result."""
         message.stop()
         path = printable(message.target)
         if message.reason:
@@ -303,19 +265,16 @@ class TrafficScreen(TrafficViews):
             app_of(self).show_message(label("traffic.saved", path=path))
 
     def commands(self) -> Iterator[tuple[str, str, str]]:
-        """Yield commands for recently opened captures."""
         if self.check_action("open", ()):
             for number, path in enumerate(app_of(self).settings.captures):
                 name = label("traffic.open.recent", path=printable(path))
                 yield name, label("traffic.open.tip"), f"open_recent({number})"
 
     def action_open_recent(self, number: int) -> None:
-        """Replace the shown capture with a recent one."""
         self._open_capture(app_of(self).settings.captures[number])
 
     @work
     async def action_open(self) -> None:
-        """Ask for another capture and show it instead."""
         known = app_of(self).settings.captures
         folder = f"{Path(known[0]).parent}/" if known else ""
         path = await self.app.push_screen_wait(
@@ -325,11 +284,7 @@ class TrafficScreen(TrafficViews):
             self._open_capture(str(Path(path).expanduser()))
 
     def _open_capture(self, path: str) -> None:
-        try:
-            is_there = Path(path).is_file()
-        except OSError:  # no file can have this name
-            is_there = False
-        if not is_there:
+        if not os.path.isfile(path):  # false also for a name that no file can have
             app_of(self).show_message(label("traffic.open.none", path=printable(path)), "warning")
             return
         try:

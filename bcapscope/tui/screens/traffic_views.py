@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from array import array
 from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import ClassVar
@@ -16,6 +17,7 @@ from textual.message import Message
 from textual.widgets import Static
 
 from bcapscope.render.timestamp import TimeFormat
+from bcapscope.traffic.call import PairingResult
 from bcapscope.traffic.filter.compiler import compile_filter
 from bcapscope.traffic.filter.field_table import RecordKind
 from bcapscope.traffic.filter.getters import AnnotatedFrame
@@ -39,6 +41,7 @@ from bcapscope.tui.widgets.frame_list import FrameList
 from bcapscope.tui.widgets.lines import Lines
 from bcapscope.tui.widgets.packet_view import PacketView
 from bcapscope.tui.widgets.plain_containers import PlainVertical, Switcher
+from bcapscope.tui.widgets.record_list import RecordList
 from bcapscope.tui.widgets.text_page import TextPage
 from bcapscope.tui.widgets.view_bar import ViewBar
 
@@ -49,23 +52,13 @@ _NARROW_WIDTH = 100
 """Terminal width in columns below which large counts are rounded."""
 
 
+@dataclass
 class FeedUpdated(Message):
-    """A process of the feed sent an update."""
-
-    def __init__(self, feed: TrafficFeed, update: FeedUpdate) -> None:
-        super().__init__()
-        self.feed = feed
-        self.update = update
+    feed: TrafficFeed
+    update: FeedUpdate
 
 
 class TrafficViews(ViewsScreen):
-    """Shows the traffic of a feed.
-
-    Attributes:
-        feed: The feed.
-        clock: Format of times.
-    """
-
     NAME = "traffic"
     ABOUT = "traffic.about"
     AUTO_FOCUS = "#frames"
@@ -78,7 +71,6 @@ class TrafficViews(ViewsScreen):
     }
 
     def __init__(self, feed: TrafficFeed, title: str) -> None:
-        """Show a feed under a title."""
         super().__init__()
         self.clock = TimeFormat.RELATIVE
         self._generation = 0
@@ -86,7 +78,6 @@ class TrafficViews(ViewsScreen):
         self._set_feed(feed, title)
 
     def _set_feed(self, feed: TrafficFeed, title: str) -> None:
-        """Reset the state for a new feed."""
         self.feed = feed
         self._title = title
         self._source_problem = ""
@@ -98,7 +89,6 @@ class TrafficViews(ViewsScreen):
         self._shown_frame: int | None = None
 
     def content(self) -> ComposeResult:
-        """Yield the views, and below them the frame under the cursor."""
         yield self.make_view_bar()
         yield CheckedInput(
             "filter", self._check_filter, label("traffic.filter.hint"), label("traffic.filter")
@@ -115,7 +105,6 @@ class TrafficViews(ViewsScreen):
             yield PacketView(id="packet")
 
     def on_mount(self) -> None:
-        """Subscribe to the feed."""
         app_of(self).add_closer(self._close)
         for target in (self.frames, self.calls):
             self.watch(target, "cursor", self._cursor_moved, init=False)
@@ -131,7 +120,6 @@ class TrafficViews(ViewsScreen):
         self.show_state()
 
     def _post_update(self, feed: TrafficFeed, update: FeedUpdate) -> None:
-        """Forward an update from another thread."""
         self.post_message(FeedUpdated(feed, update))
 
     async def _close(self) -> None:
@@ -144,7 +132,6 @@ class TrafficViews(ViewsScreen):
         self.feed.close()
 
     def replace_feed(self, feed: TrafficFeed, title: str) -> None:
-        """Show another feed instead."""
         self._close_feed()
         self._show_analysis(NO_ANALYSIS)
         self._set_feed(feed, title)
@@ -154,7 +141,6 @@ class TrafficViews(ViewsScreen):
     # updates
 
     def on_feed_updated(self, message: FeedUpdated) -> None:
-        """Apply an update from a process of the feed."""
         message.stop()
         update = message.update
         if message.feed is not self.feed or message.feed.is_closed:
@@ -191,7 +177,7 @@ class TrafficViews(ViewsScreen):
     def _show_growth(self) -> None:
         """Show new rows in the visible list; the other list updates when it is shown."""
         target = self.shown_list
-        if isinstance(target, FrameList | CallList):
+        if isinstance(target, RecordList):
             target.lines_added()
 
     def _show_analysis(self, analysis: TrafficAnalysis) -> None:
@@ -209,8 +195,8 @@ class TrafficViews(ViewsScreen):
         rows = array("I")
         rows.frombytes(matches.rows)
         target = self.shown_list
-        if isinstance(target, FrameList | CallList) and rows and target.rows.matches is not None:
-            target.rows.matches.extend(rows)
+        if isinstance(target, RecordList) and rows and target.matches is not None:
+            target.matches.extend(rows)
             target.lines_added()
 
     # display
@@ -228,7 +214,7 @@ class TrafficViews(ViewsScreen):
         journal = self.feed.journal
         first = journal.time_of(1) if journal is not None and len(journal) else 0
         several = self.feed.progress.clients > 1
-        self.frames.set_line_format(self.clock, several)
+        self.frames.set_line_format(self.clock, several, first)
         self.calls.set_line_format(self.clock, several, first)
         head = {"frames": self.frames.header, "calls": self.calls.header}.get(self.view)
         text = "" if head is None else head()
@@ -237,14 +223,13 @@ class TrafficViews(ViewsScreen):
             self.query_one("#head", Static).update(Text(text), layout=False)
 
     def show_state(self) -> None:
-        """Show the counts of the views, and the progress of reading and searching."""
         journal, calls, brief = self.feed.journal, self.feed.calls, self.size.width < _NARROW_WIDTH
         counts = {"findings": str(len(self.analysis.findings) or "")}
         if journal is not None and calls is not None:
             counts |= {"frames": count_text(len(journal), brief), "calls": count_text(len(calls), brief)}
             target = self.shown_list
-            if isinstance(target, FrameList | CallList) and target.rows.matches is not None:
-                counts[self.view] = f"{count_text(len(target.rows.matches), brief)}/{counts[self.view]}"
+            if isinstance(target, RecordList) and target.matches is not None:
+                counts[self.view] = f"{count_text(len(target.matches), brief)}/{counts[self.view]}"
         states = progress_texts(self.feed.progress, self._source_problem, self._search_percent(), self._title)
         self.query_one(ViewBar).show_counts(self.view, counts, states)
 
@@ -274,12 +259,16 @@ class TrafficViews(ViewsScreen):
             return None if current is None else current[1]
         return self.frames.frame_number if self.view == "frames" else None
 
+    def settled_at(self, number: int) -> PairingResult | None:
+        """Return the call, or stray reply, that a frame belongs to; None if it has not settled yet."""
+        calls = self.feed.calls
+        row = None if calls is None else calls.index_of_frame(number)
+        return None if calls is None or row is None else calls.read_call(row).settled
+
     def show_frame(self) -> None:
-        """Show the frame under the cursor below the list."""
-        number, calls = self.frame_number, self.feed.calls
-        self._shown_frame = number
+        number = self._shown_frame = self.frame_number
         packet = self.query_one(PacketView)
-        if number is None or calls is None:
+        if number is None:
             packet.show_packet(None)
             self.query_one("#about", Static).update("", layout=False)
             return
@@ -289,25 +278,20 @@ class TrafficViews(ViewsScreen):
 
     def _show_about(self, frame: AnnotatedFrame) -> None:
         """Show which call a frame belongs to, once that call has settled."""
-        calls, number = self.feed.calls, frame.observation.number
-        if calls is None:
-            return
-        row = calls.index_of_frame(number)
-        self._unsettled_frame = frame if row is None else None
-        settled = None if row is None else calls.read_call(row).settled
+        number = frame.observation.number
+        settled = self.settled_at(number)
+        self._unsettled_frame = frame if settled is None else None
         self.frames.show_related(frame_relations.call_frames(settled))
         about = frame_relations.frame_description(frame, settled, self.frames.marks.get(number))
         self.query_one("#about", Static).update(Text(about, no_wrap=True, overflow="ellipsis"), layout=False)
 
     def on_resize(self, event: Resize) -> None:
-        """Adapt the height of the frame to the screen."""
         height = event.size.height
         self.query_one("#detail").styles.height = max(8, min(26, height * 2 // 5))
 
     # views and filter
 
     def show_view(self) -> None:
-        """Show the filter, and the frame in views that list frames."""
         of_frames = self.view in RECORD_KINDS
         for name in ("#filter-line", "#head", "#detail"):
             self.query_one(name).display = of_frames
@@ -329,12 +313,10 @@ class TrafficViews(ViewsScreen):
 
     @on(CheckedInput.Typed)
     def _filter_typed(self, message: CheckedInput.Typed) -> None:
-        """Start a search as soon as a valid expression is typed."""
         self._apply_filter(message.text)
 
     @on(CheckedInput.Entered)
     def _filter_entered(self) -> None:
-        """Focus the list of matches."""
         self.set_focus(self.shown_list)
 
     def _apply_filter(self, expression: str) -> None:
@@ -345,17 +327,17 @@ class TrafficViews(ViewsScreen):
     def _search(self) -> None:
         """Search for the view's expression from the start, or show all rows."""
         target, expression = self.shown_list, self.expressions[self.view]
-        if not isinstance(target, FrameList | CallList):
+        if not isinstance(target, RecordList):
             return
         here = self.frame_number if target is self.frames else None
-        was_filtered = target.rows.matches is not None
+        was_filtered = target.matches is not None
         self._searched = 0
         self._generation = self.feed.search(RECORD_KINDS[self.view], expression)
         if not expression and not was_filtered:
             return
-        target.rows.matches = array("I") if expression else None
+        target.matches = array("I") if expression else None
         if isinstance(target, CallList):
             target.show_rows()
         else:
-            target.reset_lines(target.rows.nearest(here) if here is not None and not expression else 0)
+            target.reset_lines(target.nearest_row(here) if here is not None and not expression else 0)
         self.show_state()

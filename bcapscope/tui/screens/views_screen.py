@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import ClassVar
 
-from textual import on
 from textual.binding import Binding
 
 from bcapscope.tui.screens.base_screen import BaseScreen
@@ -28,7 +27,6 @@ class ViewsScreen(BaseScreen):
 
     Attributes:
         VIEWS: Catalogue key of the label, by name of the view. The first view is shown initially.
-        view: Name of the visible view.
     """
 
     VIEWS: ClassVar[Mapping[str, str]]
@@ -46,12 +44,7 @@ class ViewsScreen(BaseScreen):
         assert isinstance(found, Lines)
         return found
 
-    @on(ViewBar.ViewWanted)
-    def _view_wanted(self, message: ViewBar.ViewWanted) -> None:
-        self.action_view(message.view)
-
     def action_view(self, view: str) -> None:
-        """Show another view."""
         self.view = view
         self.query_one(Switcher).current = view
         self.show_view()
@@ -68,5 +61,4 @@ class ViewsScreen(BaseScreen):
         raise NotImplementedError
 
     def action_back(self) -> None:
-        """Focus the list."""
         self.set_focus(self.shown_list)

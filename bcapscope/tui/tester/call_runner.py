@@ -8,23 +8,28 @@ from typing import Any
 
 from bcapscope.client.handle_table import ObjectHandle
 from bcapscope.errors import BcapError
-from bcapscope.messages import Message
-from bcapscope.protocol.codec.variant import VT, Variant
-from bcapscope.protocol.tables.function_table import FUNCTIONS, Function, ObjectClass
-from bcapscope.render.escape import printable
-from bcapscope.tui.controller_access.controller_session import (
+from bcapscope.live.controller.controller_session import (
     ControllerSession,
     NotArmedError,
 )
-from bcapscope.tui.controller_access.guided_connect import add_robot, start_robslave
-from bcapscope.tui.controller_access.history_record import HistoryRecord, error_text
-from bcapscope.tui.controller_access.saved_requests import SavedRequest
+from bcapscope.live.controller.guided_connect import add_robot, start_robslave
+from bcapscope.live.controller.history_record import HistoryRecord, RecordOutcome
+from bcapscope.messages import Message
+from bcapscope.protocol.codec.variant import VT, Variant
+from bcapscope.protocol.tables.command_catalogue import call_name
+from bcapscope.protocol.tables.function_table import FUNCTIONS, ObjectClass
+from bcapscope.protocol.tables.hresult import hresult_name
+from bcapscope.render.escape import printable
+from bcapscope.render.result_values import reply_values_text
+from bcapscope.tui.app import BcapApp
+from bcapscope.tui.controller_access.reason_text import error_text, failure_text
 from bcapscope.tui.reader_language import label
-from bcapscope.tui.tester.wanted_messages import CallWanted, OpenWanted, ResultDisplay
+from bcapscope.tui.tester.wanted_messages import CallWanted, OpenWanted, RawWanted, ResultDisplay
 
 CallStep = Callable[[], Coroutine[Any, Any, HistoryRecord]]
 
-_RELEASES = {function.releases: function for function in FUNCTIONS.values() if function.releases}
+
+_MAX_NOTICE = 300
 
 
 class ObjectMissingError(BcapError):
@@ -35,47 +40,30 @@ class CallRunner:
     """Connects the screen to the session. Its coroutines run in the screen's event loop."""
 
     def __init__(self, session: ControllerSession, ask_to_arm: Callable[[], Awaitable[bool]]) -> None:
-        """Store the session and the coroutine function that asks the user to arm."""
         self._session = session
         self._ask_to_arm = ask_to_arm
 
-    async def make_wanted_call(self, wanted: CallWanted) -> None:
-        """Make the call that a widget requested."""
-        await self.make_call(wanted.result_display, wanted.function, wanted.values, wanted.subject)
-
-    async def make_call(
-        self,
-        result_display: ResultDisplay,
-        function: Function,
-        values: tuple[Variant, ...],
-        subject: ObjectHandle | None = None,
-    ) -> None:
-        """Make a call with arguments that do not include the handle."""
+    async def make_call(self, wanted: CallWanted) -> None:
+        function, values = wanted.function, wanted.values
 
         async def step() -> HistoryRecord:
             if not function.takes_handle:
                 return await self._session.call(function, values)
-            handle = Variant(VT.I4, (subject or self._object_of(function.owner)).handle)
+            handle = Variant(VT.I4, (wanted.subject or self._object_of(function.owner)).handle)
             return await self._session.call(function, (handle, *values))
 
-        await self._run_reported(result_display, step)
+        await self._run_reported(wanted.result_display, step)
 
     async def repeat_call(self, result_display: ResultDisplay, record: HistoryRecord) -> None:
         """Repeat a call unchanged, with the same handle."""
         function = FUNCTIONS.get(record.function_id)
         if function is None:
-            await self.send_raw(
-                result_display, record.sent_packets[0].item.raw if record.sent_packets else b""
-            )
+            await self.send_raw(RawWanted(result_display, record.sent_packets[0].item.raw))
             return
         await self._run_reported(result_display, lambda: self._session.call(function, record.arguments))
 
-    async def make_saved_call(self, result_display: ResultDisplay, saved: SavedRequest) -> None:
-        await self.make_call(result_display, saved.function, saved.values)
-
-    async def send_raw(self, result_display: ResultDisplay, raw: bytes) -> None:
-        """Send bytes unchanged."""
-        await self._run_reported(result_display, lambda: self._session.send_raw(raw))
+    async def send_raw(self, wanted: RawWanted) -> None:
+        await self._run_reported(wanted.result_display, lambda: self._session.send_raw(wanted.raw))
 
     async def open_object(self, wanted: OpenWanted) -> bool:
         """Open an object; return whether the call was made, with any outcome. A robot is also selected."""
@@ -85,23 +73,12 @@ class CallRunner:
             if wanted.kind is ObjectClass.ROBOT:
                 return await add_robot(session, wanted.name, wanted.option)
             parent = self._object_of(wanted.parent)
-            name = f"{wanted.parent}_Get{wanted.kind}"
-            return await session.invoke(name, parent.handle, wanted.name, wanted.option)
+            await session.open_object(parent, wanted.kind, wanted.name, wanted.option)
+            return session.last_record
 
         return await self._run_reported(wanted.result_display, step)
 
-    async def release_object(self, wanted: OpenWanted) -> None:
-        """Release the open object with the requested name."""
-        name = wanted.name.casefold()
-        found = [one for one in self._session.status.open_objects if one.kind is wanted.kind]
-        subject = next((one for one in reversed(found) if one.label.casefold() == name), None)
-        if subject is None:
-            wanted.result_display.show_error(label("tester.release.missing", name=printable(wanted.name)))
-            return
-        await self.make_call(wanted.result_display, _RELEASES[wanted.kind], (), subject)
-
     async def run_robslave(self, result_display: ResultDisplay) -> None:
-        """Open the task RobSlave and start it."""
         await self._run_reported(result_display, lambda: start_robslave(self._session))
 
     def _object_of(self, kind: ObjectClass) -> ObjectHandle:
@@ -115,11 +92,7 @@ class CallRunner:
         return found
 
     async def _run_reported(self, result_display: ResultDisplay, step: CallStep) -> bool:
-        """Run a step and report its outcome to the widget; ask the user to arm first if needed.
-
-        Returns:
-            Whether the step ran, with any outcome.
-        """
+        """Run a step, after arming if needed, and report its outcome to the widget; return whether it ran."""
         result_display.show_pending()
         try:
             result_display.show_record(await run_armed(self._session, self._ask_to_arm, step))
@@ -149,3 +122,24 @@ async def run_armed(
         if not await ask_to_arm():
             raise
     return await session.run_in_loop(step())
+
+
+class CallNotice:
+    """Shows the results of calls that have no result field as temporary messages."""
+
+    def __init__(self, app: BcapApp) -> None:
+        self._app = app
+
+    def show_pending(self) -> None:
+        """Show nothing: the message appears when the call ends."""
+
+    def show_record(self, record: HistoryRecord) -> None:
+        name = printable(call_name(record.function_id, record.arguments))
+        if record.outcome is RecordOutcome.ANSWERED and record.reply is not None:
+            text = f"{name}: {hresult_name(record.reply.code)} {reply_values_text(record.reply)}"
+            self._app.show_message(text[:_MAX_NOTICE])
+        else:
+            self._app.show_message(f"{name}: {failure_text(record)}", "error")
+
+    def show_error(self, reason: str) -> None:
+        self._app.show_message(reason[:_MAX_NOTICE], "error")

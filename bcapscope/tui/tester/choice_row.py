@@ -3,25 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import ClassVar
 
 from rich.text import Text
 from textual.app import RenderResult
 from textual.binding import Binding, BindingType
-from textual.events import Click
 from textual.message import Message
 from textual.reactive import reactive
-from textual.widget import Widget
 
 from bcapscope.tui.reader_language import label
+from bcapscope.tui.widgets.click_bar import ClickBar
 
 
-class ChoiceRow(Widget, can_focus=True):
-    """Shows names, one of which is chosen.
-
-    Attributes:
-        chosen: The chosen value.
-    """
+class ChoiceRow(ClickBar, can_focus=True):
+    """Shows names, one of which is chosen."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("left", "step(-1)", "", show=False),
@@ -30,16 +26,13 @@ class ChoiceRow(Widget, can_focus=True):
     COMPONENT_CLASSES: ClassVar[set[str]] = {"choice--chosen", "choice--other"}
     chosen: reactive[str] = reactive("", init=False)
 
+    @dataclass
     class Chosen(Message):
-        """The user chose another value."""
-
-        def __init__(self, choice: ChoiceRow, value: str) -> None:
-            super().__init__()
-            self.choice, self.value = choice, value
+        choice: ChoiceRow
+        value: str
 
         @property
         def control(self) -> ChoiceRow:
-            """The row that sent the message."""
             return self.choice
 
     def __init__(self, options: Sequence[tuple[str, str]], *, id: str | None = None) -> None:
@@ -49,27 +42,18 @@ class ChoiceRow(Widget, can_focus=True):
         self.set_reactive(ChoiceRow.chosen, self._options[0][0])
 
     def watch_chosen(self, value: str) -> None:
-        """Post `Chosen`."""
         self.post_message(self.Chosen(self, value))
 
     def render(self) -> RenderResult:
         text = Text(no_wrap=True, end="")
         for value, name in self._options:
             kind = "choice--chosen" if value == self.chosen else "choice--other"
-            text.append(f" {label(name)} ", style=self.get_component_rich_style(kind))
+            text.append(f" {label(name)} ", style=self.style_for(kind, f"choose({value!r})"))
         return text
 
     def action_step(self, by: int) -> None:
-        """Choose a neighbour."""
         values = [value for value, _ in self._options]
         self.chosen = values[(values.index(self.chosen) + by) % len(values)]
 
-    def on_click(self, event: Click) -> None:
-        """Choose the clicked name."""
-        at = 0
-        for value, name in self._options:
-            width = Text(f" {label(name)} ").cell_len
-            if at <= event.x < at + width:
-                self.chosen = value
-                return
-            at += width
+    def action_choose(self, value: str) -> None:
+        self.chosen = value

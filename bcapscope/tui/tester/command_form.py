@@ -15,7 +15,7 @@ from bcapscope.protocol.codec.variant import VT, Variant
 from bcapscope.protocol.tables.command_catalogue import commands_of
 from bcapscope.protocol.tables.function_table import FUNCTIONS
 from bcapscope.tui.app import app_of
-from bcapscope.tui.controller_access.parameter_input import command_hint, expected_input
+from bcapscope.tui.controller_access.parameter_input import command_hint
 from bcapscope.tui.reader_language import label
 from bcapscope.tui.tester.caption import Caption
 from bcapscope.tui.tester.list_pickers import CommandPicker
@@ -28,18 +28,16 @@ class CommandForm(Vertical):
     """Makes calls of one ..._Execute function, with completion of command names."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("f4", "pick", "tester.pick", id="command.pick", tooltip="tester.pick.tip"),
+        Binding("f4", "pick", "tester.pick"),
     ]
 
     def __init__(self, function_id: int, *, id: str | None = None) -> None:
-        """Store the function: Controller_Execute, Robot_Execute and similar."""
         super().__init__(id=id)
         self.function = FUNCTIONS[function_id]
         self._sent_parameters: dict[str, tuple[int, str]] = {}
         self._last_parameter: tuple[int, str] | None = None
 
     def compose(self) -> ComposeResult:
-        """Put command, type and parameter into two rows, and the result below."""
         names = [each.name for each in commands_of(self.function.id)]
         with Horizontal(classes="row"):
             yield Caption("tester.command")
@@ -49,11 +47,6 @@ class CommandForm(Vertical):
             yield TypedValue()
             yield Button(label("tester.execute"), compact=True, variant="primary", classes="execute")
         yield ResultView()
-
-    def fill_command(self, name: str, parameter: Variant, text: str) -> None:
-        with self.prevent(Input.Changed):
-            self.query_one(".command", Input).value = name
-        self.query_one(TypedValue).fill_value(parameter.vt, text)
 
     @on(Input.Changed, ".command")
     def _show_suggestion(self, message: Input.Changed) -> None:
@@ -79,13 +72,9 @@ class CommandForm(Vertical):
     @on(TypedValue.Changed)
     def _show_check(self, message: TypedValue.Changed) -> None:
         message.stop()
-        if message.problem:
-            self.query_one(ResultView).show_problem(message.problem)
-            return
         found = command_hint(self.function.id, self.query_one(".command", Input).value)
-        vt = message.value.vt
-        wanted = "" if vt in (VT.EMPTY, VT.NULL) else expected_input(vt)
-        self.query_one(ResultView).show_hint(found.text if found else wanted)
+        hint = found.text if found else message.value.hint
+        self.query_one(ResultView).show_check(message.problem, hint)
 
     @on(Input.Submitted, ".command")
     def _submit_command(self, message: Input.Submitted) -> None:
@@ -125,8 +114,6 @@ class CommandForm(Vertical):
             self.post_message(CallWanted(result, self.function, (Variant(VT.BSTR, name), checked.value)))
 
     def action_pick(self) -> None:
-        """Choose from all known commands."""
-
         def take(name: str | None) -> None:
             if name:
                 self.query_one(".command", Input).value = name

@@ -9,11 +9,12 @@ from textual.suggester import SuggestFromList
 from textual.widgets import Button, Input
 
 from bcapscope.client.controller_target import split_host_port
+from bcapscope.live.controller.session_updates import ConnectStep, ConnectStepUpdate, SessionStatus
 from bcapscope.protocol.number_parsing import parse_integer
 from bcapscope.render.escape import printable
 from bcapscope.tui.app import app_of
 from bcapscope.tui.controller_access.option_field import read_option_field
-from bcapscope.tui.controller_access.session_updates import ConnectStep, ConnectStepUpdate, SessionStatus
+from bcapscope.tui.controller_access.reason_text import reason_text
 from bcapscope.tui.ink import INK
 from bcapscope.tui.reader_language import label
 from bcapscope.tui.tester.caption import Caption
@@ -37,7 +38,6 @@ class ConnectionPanel(Vertical):
         self._is_connect_pending = False
 
     def compose(self) -> ComposeResult:
-        """Put the fields above the buttons and steps, and the result below."""
         host, port, tcp, option = self._initial_fields
         with Horizontal(classes="row"):
             yield Caption("tester.ip")
@@ -54,7 +54,6 @@ class ConnectionPanel(Vertical):
         yield InkedText(id="found")
 
     def on_mount(self) -> None:
-        """Show the first instruction."""
         self._update_texts()
 
     def wait_for_address(self) -> None:
@@ -94,7 +93,6 @@ class ConnectionPanel(Vertical):
         return host, port or self.query_one("#port", Input).value.strip()
 
     def clear_steps(self) -> None:
-        """Clear the steps of the previous connection."""
         self._steps = {}
         self._problem = ""
         self._update_texts()
@@ -109,7 +107,6 @@ class ConnectionPanel(Vertical):
         self._update_texts()
 
     def show_status(self, status: SessionStatus) -> None:
-        """Show whether there is a connection."""
         self.query_one("#disconnect", Button).disabled = not status.is_connected
         for name in ("#host", "#port", "#option", "#udp", "#connect"):
             self.query_one(name).disabled = status.is_connected
@@ -125,12 +122,12 @@ class ConnectionPanel(Vertical):
     def _update_texts(self) -> None:
         parts = [self._step_text(step) for step in ConnectStep]
         last = next(
-            (each for each in reversed(self._steps.values()) if each.text or each.done is False), None
+            (each for each in reversed(self._steps.values()) if each.result or each.done is False), None
         )
         text = f"{INK.bad}{printable(self._problem)}{INK.reset}" if self._problem else ""
         if not text and last is not None:
             color = INK.bad if last.done is False else INK.dim
-            text = f"{color}{printable(last.text)}{INK.reset}"
+            text = f"{color}{printable(reason_text(last.result))}{INK.reset}"
         if not text:
             hint = "tester.simulator.starting" if self._is_address_pending else "tester.connect.hint"
             text = f"{INK.dim}{label(hint)}{INK.reset}"

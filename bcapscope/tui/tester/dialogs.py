@@ -1,4 +1,4 @@
-"""Small dialogs: a question with answers to choose from, and a request for a name."""
+"""Small dialogs: questions with answers to choose from."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, Vertical
 from textual.screen import ModalScreen
-from textual.widgets import Button, Input, Static
+from textual.widgets import Button, Static
 
 from bcapscope.tui.reader_language import label
 
@@ -86,23 +86,3 @@ class ChoiceDialog(ModalScreen[str | None]):
     @on(Button.Pressed)
     def _answer(self, message: Button.Pressed) -> None:
         self.dismiss(self._choices[int((message.button.id or "choice0").removeprefix("choice"))])
-
-
-class NameDialog(ModalScreen[str | None]):
-    BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("escape", "dismiss(None)", "shell.close", key_display="esc"),
-    ]
-
-    def __init__(self, title: str, initial_name: str) -> None:
-        super().__init__()
-        self._title, self._initial_name = title, initial_name
-
-    def compose(self) -> ComposeResult:
-        """Put the field under the title."""
-        with Vertical(classes="dialog -small") as box:
-            box.border_title = self._title
-            yield Input(self._initial_name)
-
-    @on(Input.Submitted)
-    def _submit(self, message: Input.Submitted) -> None:
-        self.dismiss(message.value.strip() or None)

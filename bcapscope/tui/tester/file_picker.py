@@ -28,14 +28,12 @@ class FilePicker(ModalScreen[str | None]):
     ]
 
     def __init__(self, title: str, recent: Sequence[str], folder: Path) -> None:
-        """Store the title, recent files and the initial folder."""
         super().__init__()
         self._title = title
         self._recent = [path for path in recent if Path(path).exists()]
         self._folder = folder.absolute()  # a relative path has no name to show and no parent
 
     def compose(self) -> ComposeResult:
-        """Put the recent files above the tree."""
         with Vertical(classes="dialog -tall") as box:
             box.border_title = self._title
             box.border_subtitle = label("tester.browse.hint")
@@ -46,7 +44,6 @@ class FilePicker(ModalScreen[str | None]):
             yield DirectoryTree(self._folder, id="tree")
 
     def action_up(self) -> None:
-        """Show the parent folder."""
         tree = self.query_one(DirectoryTree)
         tree.path = Path(tree.path).parent
         tree.focus()

@@ -10,13 +10,14 @@ from textual.containers import Vertical
 from textual.widgets import Button, ContentSwitcher
 
 from bcapscope.client.handle_table import ObjectHandle
+from bcapscope.live.controller.history_record import HistoryRecord
 from bcapscope.protocol.codec.variant import Variant
 from bcapscope.protocol.tables.function_table import FUNCTIONS, Function, ObjectClass, function_by_name
 from bcapscope.render.notation_text import untyped_text
-from bcapscope.tui.controller_access.history_record import HistoryRecord
 from bcapscope.tui.tester.choice_row import ChoiceRow
 from bcapscope.tui.tester.function_form import FunctionForm, FunctionPanel
 from bcapscope.tui.tester.list_pickers import FunctionPicker
+from bcapscope.tui.tester.open_object_row import OpenObjectRow
 from bcapscope.tui.tester.raw_form import RawForm
 from bcapscope.tui.tester.robot_panel import RobotPanel
 from bcapscope.tui.tester.task_panel import TaskPanel
@@ -30,12 +31,10 @@ class FormTabs(Vertical):
     """Shows one tab at a time; fills forms with earlier calls."""
 
     def __init__(self, initial_function: Function, *, id: str | None = None) -> None:
-        """Store the function whose form is shown first."""
         super().__init__(id=id)
         self._initial_function = initial_function
 
     def compose(self) -> ComposeResult:
-        """Put the tab names above the selected tab."""
         yield ChoiceRow([(tab, f"tester.tab.{tab}") for tab in TABS], id="tabs")
         with ContentSwitcher(initial=TABS[0], id="panels"):
             yield RobotPanel(id="robot")
@@ -45,12 +44,10 @@ class FormTabs(Vertical):
             yield RawForm(id="raw")
 
     def set_open_objects(self, open_objects: Sequence[ObjectHandle]) -> None:
-        for panel in self.query(VariablePanel):
-            panel.set_open_objects(open_objects)
-        self.query_one(TaskPanel).set_open_objects(open_objects)
+        for row in self.query(OpenObjectRow):
+            row.set_open_objects(open_objects)
 
     def variable_opened(self, owner: ObjectClass, name: str) -> None:
-        """Prepare the form for a variable that the user has opened."""
         for panel in self.query(VariablePanel):
             panel.variable_opened(owner, name)
 

@@ -12,7 +12,7 @@ from textual.widgets import Button, Label, Select
 from bcapscope.protocol.codec.variant import VT, Variant
 from bcapscope.protocol.tables.enumerations import INTERPOLATIONS, TASK_START_MODES, TASK_STOP_MODES
 from bcapscope.protocol.tables.function_table import Function, Param
-from bcapscope.tui.controller_access.parameter_input import PARAMETER_TYPES, expected_input
+from bcapscope.tui.controller_access.parameter_input import PARAMETER_TYPES
 from bcapscope.tui.reader_language import label, table_text
 from bcapscope.tui.tester.caption import Caption
 from bcapscope.tui.tester.result_view import ResultView
@@ -36,7 +36,6 @@ class FunctionForm(Vertical):
         self.params = function.params[1:] if function.takes_handle else function.params
 
     def compose(self) -> ComposeResult:
-        """Create the rows."""
         for index, param in enumerate(self.params):
             last = index == len(self.params) - 1
             with Horizontal(classes="row"):
@@ -55,8 +54,7 @@ class FunctionForm(Vertical):
     def _make_field(self, index: int, param: Param) -> Iterator[Select[int] | TypedValue]:
         known = _NAMED_VALUES.get((self.function.name, param.name))
         if known is not None:
-            options = [(f"{value} {table_text(text)}", value) for value, text in known.items()]
-            yield Select(options, allow_blank=False, compact=True, id=f"field{index}", classes="named")
+            yield select_named_value(known, f"field{index}")
         elif param.type == "VARIANT":
             yield TypedValue(VT.BSTR, PARAMETER_TYPES, id=f"field{index}")
         else:
@@ -64,13 +62,11 @@ class FunctionForm(Vertical):
             yield TypedValue(vt, (vt,), id=f"field{index}")
 
     def focus_first(self) -> None:
-        """Focus the first field, or the button if there is none."""
         found = [each for each in self.query("Input, Select, Button") if each.focusable]
         if found:
             found[0].focus()
 
     def fill_values(self, values: tuple[Variant, ...], texts: tuple[str, ...]) -> None:
-        """Show arguments."""
         for index, (value, text) in enumerate(zip(values, texts, strict=True)):
             field = self.query_one(f"#field{index}")
             if isinstance(field, TypedValue):
@@ -95,12 +91,7 @@ class FunctionForm(Vertical):
     @on(TypedValue.Changed)
     def _show_check(self, message: TypedValue.Changed) -> None:
         message.stop()
-        result = self.query_one(ResultView)
-        if message.problem:
-            result.show_problem(message.problem)
-        else:
-            vt = message.value.vt
-            result.show_hint("" if vt in (VT.EMPTY, VT.NULL) else expected_input(vt))
+        self.query_one(ResultView).show_check(message.problem, message.value.hint)
 
     @on(Button.Pressed, ".execute")
     @on(TypedValue.Submitted)
@@ -114,6 +105,12 @@ class FunctionForm(Vertical):
             self.post_message(CallWanted(result, self.function, values))
 
 
+def select_named_value(texts: Mapping[int, str], name: str) -> Select[int]:
+    """Return a widget that chooses one of some numbers, each with its meaning."""
+    options = [(f"{value} {table_text(text)}", value) for value, text in texts.items()]
+    return Select(options, allow_blank=False, compact=True, id=name, classes="named")
+
+
 class FunctionPanel(Vertical):
     """Chooses one of the 137 functions and shows its form."""
 
@@ -122,7 +119,6 @@ class FunctionPanel(Vertical):
         self._initial_function = initial_function
 
     def compose(self) -> ComposeResult:
-        """Put the choice above the form."""
         with Horizontal(classes="row"):
             yield Caption("tester.function")
             yield Button(self._button_label(self._initial_function), compact=True, id="choose-function")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import ClassVar
 
 from textual import on
@@ -10,8 +11,8 @@ from textual.binding import Binding, BindingType
 from textual.containers import Vertical
 from textual.message import Message
 
+from bcapscope.live.controller.history_record import HistoryRecord
 from bcapscope.tui.controller_access.call_history import history_filter, history_line
-from bcapscope.tui.controller_access.history_record import HistoryRecord
 from bcapscope.tui.ink import INK
 from bcapscope.tui.reader_language import label
 from bcapscope.tui.widgets.checked_input import CheckedInput
@@ -29,36 +30,25 @@ class HistoryLines(Lines):
     """The calls that match the filter, the latest last."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("r", "want('again')", "tester.again", id="history.again", tooltip="tester.again.tip"),
-        Binding("e", "want('edit')", "tester.edit", id="history.edit", tooltip="tester.edit.tip"),
-        Binding("x", "want('hex')", "tester.copy.hex", id="history.hex"),
-        Binding("p", "want('python')", "tester.copy.python", id="history.python"),
-        Binding("c", "want('line')", "tester.copy.line", id="history.line"),
-        Binding("s", "want('save')", "tester.save", id="history.save", tooltip="tester.save.tip"),
-        Binding(
-            "slash",
-            "filter",
-            "traffic.filter",
-            id="history.filter",
-            key_display="/",
-            tooltip="traffic.filter.tip",
-        ),
+        Binding("r", "want('again')", "tester.again"),
+        Binding("e", "want('edit')", "tester.edit"),
+        Binding("x", "want('hex')", "tester.copy.hex"),
+        Binding("p", "want('python')", "tester.copy.python"),
+        Binding("c", "want('line')", "tester.copy.line"),
+        Binding("s", "want('save')", "tester.save"),
+        Binding("slash", "filter", "traffic.filter", key_display="/"),
     ]
+    follows_end = True
 
     class FilterWanted(Message):
         """The user wants to type a filter."""
 
+    @dataclass
     class ActionWanted(Message):
-        """The user requested an action on a call.
+        """The user wants ``again``, ``edit``, ``hex``, ``python``, ``line`` or ``save`` for a call."""
 
-        Attributes:
-            record: The call.
-            what: ``again``, ``edit``, ``hex``, ``python``, ``line`` or ``save``.
-        """
-
-        def __init__(self, record: HistoryRecord, what: str) -> None:
-            super().__init__()
-            self.record, self.what = record, what
+        record: HistoryRecord
+        what: str
 
     def __init__(self, *, id: str | None = None) -> None:
         super().__init__(id=id)
@@ -66,17 +56,10 @@ class HistoryLines(Lines):
 
     @property
     def count(self) -> int:
-        """Number of calls shown."""
         return len(self._records)
 
     @property
-    def follows_end(self) -> bool:
-        """Whether a cursor on the last line follows new calls: yes."""
-        return True
-
-    @property
     def current_record(self) -> HistoryRecord | None:
-        """The call under the cursor; None if there is none."""
         return self._records[self.cursor] if self._records else None
 
     def line(self, index: int) -> str:
@@ -94,18 +77,16 @@ class HistoryLines(Lines):
         self.post_message(self.FilterWanted())
 
     def action_want(self, what: str) -> None:
-        """Request an action on the call under the cursor."""
         if self.current_record is not None:
             self.post_message(self.ActionWanted(self.current_record, what))
 
 
 class HistoryPanel(Vertical):
+    @dataclass
     class RecordSelected(Message):
         """The cursor is on a call; the screen shows its packets."""
 
-        def __init__(self, record: HistoryRecord) -> None:
-            super().__init__()
-            self.record = record
+        record: HistoryRecord
 
     def __init__(self, *, id: str | None = None) -> None:
         super().__init__(id=id)
@@ -114,7 +95,6 @@ class HistoryPanel(Vertical):
         self._matches_filter = history_filter("")
 
     def compose(self) -> ComposeResult:
-        """Put the filter above the calls."""
         yield CheckedInput("history-filter", history_filter, label("tester.filter"))
         yield HistoryLines()
 
@@ -124,7 +104,6 @@ class HistoryPanel(Vertical):
         return count > MAX_CALLS or (self._bytes > MAX_BYTES and count > 1)
 
     def add_record(self, record: HistoryRecord) -> None:
-        """Add a call that has ended."""
         self._records.append(record)
         self._bytes += record.size
         if self._is_full:

@@ -35,14 +35,12 @@ class ListPicker(ModalScreen[str | None]):
         self._title = title
 
     def compose(self) -> ComposeResult:
-        """Put the field above the list."""
         with Vertical(classes="dialog") as box:
             box.border_title = self._title
             yield Input(placeholder=label("tester.narrow"))
             yield OptionList(markup=False)
 
     def on_mount(self) -> None:
-        """Show all options."""
         self._show_matching("")
 
     def matching_options(self, words: list[str]) -> list[Option]:
@@ -82,7 +80,6 @@ class CommandPicker(ListPicker):
         self._commands = commands_of(function_id)
 
     def matching_options(self, words: list[str]) -> list[Option]:
-        """Return options with name, types, motion and purpose."""
         return [
             Option(self._command_text(each), id=each.name)
             for each in self._commands
@@ -105,7 +102,6 @@ class FunctionPicker(ListPicker):
         super().__init__(label("tester.functions"))
 
     def matching_options(self, words: list[str]) -> list[Option]:
-        """Return options with id, name and arguments."""
         inks = app_of(self).text_styles
         return [
             Option(

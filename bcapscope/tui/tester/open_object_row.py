@@ -10,16 +10,16 @@ from textual.containers import Horizontal
 from textual.suggester import SuggestFromList
 from textual.widgets import Button, Input
 
+from bcapscope.client.handle_table import ObjectHandle
+from bcapscope.protocol.closing_calls import RELEASES
 from bcapscope.protocol.tables.function_table import ObjectClass
+from bcapscope.render.escape import printable
 from bcapscope.tui.reader_language import label
 from bcapscope.tui.tester.caption import Caption
-from bcapscope.tui.tester.wanted_messages import OpenWanted, ResultDisplay
+from bcapscope.tui.tester.wanted_messages import CallWanted, OpenWanted, ResultDisplay
 
 
 class OpenObjectRow(Horizontal):
-    class ReleaseWanted(OpenWanted):
-        """The user wants to release the object with this name."""
-
     def __init__(
         self,
         parent: ObjectClass,
@@ -30,25 +30,16 @@ class OpenObjectRow(Horizontal):
         *,
         id: str | None = None,
     ) -> None:
-        """Describe the objects to open.
-
-        Args:
-            parent: Class of the object that the new one belongs to.
-            kind: Class of the new object.
-            name: Initial name.
-            known: Names for completion.
-            result_display: Shows the result.
-            id: Id of the widget.
-        """
+        """Describe the objects to open; `parent` is the class of their owners."""
         super().__init__(id=id, classes="row")
         self._parent_kind = parent
         self._kind = kind
         self._initial_name = name
         self._known = list(known)
         self._result_display = result_display
+        self._open_objects: tuple[ObjectHandle, ...] = ()
 
     def compose(self) -> ComposeResult:
-        """Put everything into one row."""
         yield Caption("tester.name")
         yield Input(
             self._initial_name, suggester=SuggestFromList(self._known, case_sensitive=False), classes="name"
@@ -62,9 +53,17 @@ class OpenObjectRow(Horizontal):
     def object_name(self) -> str:
         return self.query_one(".name", Input).value.strip()
 
-    def _make_message(self, kind: type[OpenWanted]) -> OpenWanted:
-        option = self.query_one(".option", Input).value
-        return kind(self._result_display, self._parent_kind, self._kind, self.object_name, option)
+    def set_open_objects(self, open_objects: Sequence[ObjectHandle]) -> None:
+        self._open_objects = tuple(each for each in open_objects if each.kind is self._kind)
+
+    def find_open(self, owner: ObjectClass | None = None) -> ObjectHandle | None:
+        """Return the latest open object with the name in the field; with `owner`, one of such an owner."""
+        name = self.object_name.casefold()
+        for each in reversed(self._open_objects):
+            is_owned = owner is None or (each.parent is not None and each.parent.kind is owner)
+            if is_owned and each.label.casefold() == name:
+                return each
+        return None
 
     @on(Button.Pressed, ".add")
     @on(Input.Submitted)
@@ -73,9 +72,17 @@ class OpenObjectRow(Horizontal):
         if not self.object_name:
             self._result_display.show_error(label("tester.name.missing"))
             return
-        self.post_message(self._make_message(OpenWanted))
+        option = self.query_one(".option", Input).value
+        self.post_message(
+            OpenWanted(self._result_display, self._parent_kind, self._kind, self.object_name, option)
+        )
 
     @on(Button.Pressed, ".release")
     def _release(self, message: Button.Pressed) -> None:
         message.stop()
-        self.post_message(self._make_message(self.ReleaseWanted))
+        found = self.find_open()
+        if found is None:
+            text = label("tester.release.missing", name=printable(self.object_name))
+            self._result_display.show_error(text)
+        else:
+            self.post_message(CallWanted(self._result_display, RELEASES[self._kind], (), found))

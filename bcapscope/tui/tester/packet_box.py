@@ -25,31 +25,25 @@ class PacketBox(Vertical):
     """Shows one of its packets; ``[`` and ``]`` show the previous and the next."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding(
-            "left_square_bracket", "step(-1)", "tester.packet.before", id="packet.before", key_display="["
-        ),
-        Binding("right_square_bracket", "step(1)", "tester.packet.after", id="packet.after", key_display="]"),
+        Binding("left_square_bracket", "step(-1)", "tester.packet.before", key_display="["),
+        Binding("right_square_bracket", "step(1)", "tester.packet.after", key_display="]"),
     ]
 
     def __init__(self, name: str, *, id: str | None = None) -> None:
-        """Store the key of the title in the catalogue of words."""
         super().__init__(id=id)
         self._title = name
         self._packets: list[tuple[Observation, CallKind | None]] = []
         self._index = 0
 
     def compose(self) -> ComposeResult:
-        """Put the title above the packet."""
         yield InkedText(classes="title")
         yield PacketView()
 
     def on_mount(self) -> None:
-        """Show that there is no packet yet."""
         self._show_packet()
 
     @property
     def shown_packet(self) -> Observation | None:
-        """The visible packet; None if there is none."""
         return self._packets[self._index][0] if self._packets else None
 
     def clear_packets(self) -> None:
@@ -60,14 +54,7 @@ class PacketBox(Vertical):
     def add_packets(
         self, packets: tuple[Observation, ...], question: CallKind | None, overwrite: bool, show_first: bool
     ) -> None:
-        """Add packets and show one of them.
-
-        Args:
-            packets: Packets in the order of their times.
-            question: Kind of the call that they belong to.
-            overwrite: Remove earlier packets first.
-            show_first: Show the first new packet instead of the last.
-        """
+        """Add packets; show the first new one if `show_first` is set, else the last."""
         if overwrite:
             self._packets = []
         self._packets += [(seen, question) for seen in packets]
@@ -78,7 +65,6 @@ class PacketBox(Vertical):
         self._show_packet()
 
     def action_step(self, by: int) -> None:
-        """Show the previous or next packet."""
         if 0 <= self._index + by < len(self._packets):
             self._index += by
             self._show_packet()

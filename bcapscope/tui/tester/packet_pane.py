@@ -9,16 +9,16 @@ from textual.app import ComposeResult
 from textual.containers import Horizontal, Vertical
 from textual.widgets import Button
 
+from bcapscope.live.controller.history_record import HistoryRecord, Initiator
 from bcapscope.protocol.tables.command_catalogue import call_name
 from bcapscope.render.escape import printable
 from bcapscope.traffic.call_kind import CallKind
 from bcapscope.tui.app import app_of
-from bcapscope.tui.controller_access.history_record import HistoryRecord, Initiator
 from bcapscope.tui.controller_access.saved_requests import SavedRequestError, save_request
 from bcapscope.tui.ink import INK
 from bcapscope.tui.reader_language import full_error_text, label, reader_words
+from bcapscope.tui.screens.prompt import Prompt
 from bcapscope.tui.tester.choice_row import ChoiceRow
-from bcapscope.tui.tester.dialogs import NameDialog
 from bcapscope.tui.tester.history_panel import HistoryLines, HistoryPanel
 from bcapscope.tui.tester.packet_box import PacketBox
 from bcapscope.tui.tester.saved_list import SavedList
@@ -39,12 +39,10 @@ class PacketPane(Vertical):
     """
 
     def __init__(self, requests: Path, *, id: str | None = None) -> None:
-        """Store the folder of saved requests."""
         super().__init__(id=id)
         self._requests = requests
 
     def compose(self) -> ComposeResult:
-        """Put the packets above the lists."""
         with Horizontal(classes="row", id="views"):
             yield ChoiceRow([(view, f"tester.view.{view}") for view in VIEWS], id="view")
             yield TickBox(label("tester.overwrite"), True, id="overwrite")
@@ -57,7 +55,6 @@ class PacketPane(Vertical):
         yield SavedList(self._requests, id="saved")
 
     def on_mount(self) -> None:
-        """Show the sent packet first."""
         self._switch_view("sent")
 
     def add_record(self, record: HistoryRecord) -> None:
@@ -67,7 +64,6 @@ class PacketPane(Vertical):
             self.show_record(record, self.query_one("#overwrite", TickBox).value)
 
     def show_record(self, record: HistoryRecord, overwrite: bool = True) -> None:
-        """Show the packets of a call, and its attempts below them."""
         text = next((each.value for each in record.arguments if isinstance(each.value, str)), None)
         question = CallKind(record.function_id, text)
         self.query_one("#sent", PacketBox).add_packets(record.sent_packets, None, overwrite, show_first=True)
@@ -125,7 +121,7 @@ class PacketPane(Vertical):
         record = message.record
 
         def take(name: str | None) -> None:
-            if not name:
+            if not name or not name.strip():
                 return
             try:
                 path = save_request(self._requests, name, record.function_id, record.arguments)
@@ -136,7 +132,7 @@ class PacketPane(Vertical):
             self.query_one(SavedList).reload()
 
         first = call_name(record.function_id, record.arguments)
-        self.app.push_screen(NameDialog(label("tester.save"), printable(first)), take)
+        self.app.push_screen(Prompt(label("tester.save"), "", printable(first)), take)
 
     @on(HistoryPanel.RecordSelected)
     def _record_selected(self, message: HistoryPanel.RecordSelected) -> None:

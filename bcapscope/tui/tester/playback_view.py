@@ -29,10 +29,8 @@ _MIN_CHART_ROWS = 6
 
 
 class PlaybackView(Container, can_focus=True):
-    """Shows one run."""
-
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("right", "axes(1)", "tester.axes", id="slave.axes", tooltip="tester.axes.tip"),
+        Binding("right", "axes(1)", "tester.axes"),
         Binding("left", "axes(-1)", "", show=False),
     ]
 
@@ -42,24 +40,20 @@ class PlaybackView(Container, can_focus=True):
         self._first_axis = 0
 
     def compose(self) -> ComposeResult:
-        """Put the curves beside the figures, or above them on a narrow screen."""
         yield InkedText(id="curves")
         yield InkedText(id="figures")
 
     def show_run(self, run: PlaybackRun) -> None:
-        """Show the present state of a run."""
         self._playback = run
         self.query_one("#curves", InkedText).show_text("\n".join(self._curve_lines(run)), layout=False)
         self.query_one("#figures", InkedText).show_text("\n".join(self._figure_lines(run)), layout=False)
 
     def action_axes(self, by: int) -> None:
-        """Show the curves of other axes."""
         if self._playback is not None:
             self._first_axis = (self._first_axis + by) % len(self._axes_by_travel(self._playback))
             self.show_run(self._playback)
 
     def on_resize(self) -> None:
-        """Redraw for the new size."""
         if self._playback is not None:
             self.show_run(self._playback)
 
@@ -107,6 +101,5 @@ class PlaybackView(Container, can_focus=True):
 
 
 def _wrapped_lines(lines: Iterable[str], ink: str, width: int) -> Iterator[str]:
-    """Wrap lines."""
     for line in lines:
         yield from (f"{ink}{part}{INK.reset}" for part in wrap_text(line.strip(), max(20, width - 2)))

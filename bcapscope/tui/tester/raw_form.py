@@ -36,7 +36,6 @@ class RawForm(Vertical):
     """A field for bytes in hex; shows what they are while the user types."""
 
     def compose(self) -> ComposeResult:
-        """Put the field above its button."""
         with Horizontal(classes="row"):
             yield Caption("tester.bytes")
             yield BytesField(placeholder=_EXAMPLE, classes="value")
@@ -65,11 +64,9 @@ class RawForm(Vertical):
     @on(TickBox.Changed)
     def _check_bytes(self, message: Input.Changed | TickBox.Changed) -> None:
         message.stop()
-        raw, result = self.typed_bytes, self.query_one(ResultView)
-        if isinstance(raw, str):
-            result.show_problem(raw)
-        else:
-            result.show_hint("; ".join(map(_frame_text, parse_datagram(raw))))
+        raw = self.typed_bytes
+        problem, items = (raw, ()) if isinstance(raw, str) else ("", parse_datagram(raw))
+        self.query_one(ResultView).show_check(problem, "; ".join(map(_frame_text, items)))
 
     @on(Button.Pressed)
     @on(Input.Submitted)
@@ -83,7 +80,6 @@ class RawForm(Vertical):
 
 
 def _frame_text(item: object) -> str:
-    """Return a description of the bytes: the function of the frame, and its problems."""
     if isinstance(item, Frame):
         head = label("tester.raw.frame", name=function_name(item.code), serial=item.serial, count=item.argc)
         return ": ".join(filter(None, (head, _problem_text(item.problems))))

@@ -13,21 +13,18 @@ from textual.screen import ModalScreen
 from textual.widgets import Button, Input
 
 from bcapscope.errors import BcapError
-from bcapscope.protocol.number_parsing import parse_integer
-from bcapscope.protocol.tables.hresult import hresult_name
-from bcapscope.render.escape import printable
-from bcapscope.render.result_advice import result_advice
-from bcapscope.tui.controller_access.controller_session import ControllerSession, NotArmedError
-from bcapscope.tui.controller_access.error_recovery import (
+from bcapscope.live.controller.controller_session import ControllerSession, NotArmedError
+from bcapscope.live.controller.error_recovery import (
     RecoveryStep,
     read_current_errors,
     run_recovery_step,
 )
-from bcapscope.tui.controller_access.history_record import (
-    RecordOutcome,
-    error_text,
-    failure_text,
-)
+from bcapscope.live.controller.history_record import RecordOutcome
+from bcapscope.protocol.number_parsing import parse_integer
+from bcapscope.protocol.tables.hresult import hresult_name
+from bcapscope.render.escape import printable
+from bcapscope.render.result_advice import result_advice
+from bcapscope.tui.controller_access.reason_text import error_text, failure_text
 from bcapscope.tui.ink import INK
 from bcapscope.tui.reader_language import label, reader_words
 from bcapscope.tui.tester.call_runner import run_armed
@@ -51,18 +48,13 @@ class RecoveryDialog(ModalScreen[None]):
         first_position: str,
         mode: int,
     ) -> None:
-        """Store the session, the arming question, the known first position and the mode."""
         super().__init__()
-        self._session, self._ask_to_arm, self._initial_position, self._initial_mode = (
-            session,
-            ask_to_arm,
-            first_position,
-            mode,
-        )
+        self._session = session
+        self._ask_to_arm = ask_to_arm
+        self._initial_position, self._initial_mode = first_position, mode
         self._results: dict[RecoveryStep, tuple[bool, str]] = {}
 
     def compose(self) -> ComposeResult:
-        """Put the steps below the errors."""
         with Vertical(classes="dialog") as box:
             box.border_title = label("tester.recovery")
             yield InkedText(id="errors")

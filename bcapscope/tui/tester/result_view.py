@@ -6,6 +6,7 @@ from typing import ClassVar
 
 from textual.binding import Binding, BindingType
 
+from bcapscope.live.controller.history_record import HistoryRecord, RecordOutcome
 from bcapscope.protocol.tables.command_catalogue import command_name
 from bcapscope.protocol.tables.enumerations import result_meanings
 from bcapscope.protocol.tables.function_table import FUNCTIONS
@@ -13,7 +14,7 @@ from bcapscope.protocol.tables.hresult import E_FAIL, S_OK, describe_hresult, hr
 from bcapscope.render.escape import printable
 from bcapscope.render.result_advice import result_advice
 from bcapscope.render.result_values import reply_values_text
-from bcapscope.tui.controller_access.history_record import HistoryRecord, RecordOutcome, failure_text
+from bcapscope.tui.controller_access.reason_text import failure_text
 from bcapscope.tui.ink import INK
 from bcapscope.tui.reader_language import label, reader_words, table_text
 from bcapscope.tui.widgets.inked_text import InkedText
@@ -23,12 +24,11 @@ class ResultView(InkedText, can_focus=True):
     """Shows one result with five decimals, as b-CAP Tester does; ``d`` shows all digits.
 
     Attributes:
-        shows_all_digits: Whether all digits are shown.
         record: The shown call; None if there is none, or something else is shown.
     """
 
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("d", "digits", "tester.digits", id="result.digits", tooltip="tester.digits.tip"),
+        Binding("d", "digits", "tester.digits"),
     ]
 
     def __init__(self, *, id: str | None = None) -> None:
@@ -39,42 +39,41 @@ class ResultView(InkedText, can_focus=True):
 
     @property
     def text(self) -> str:
-        """The shown text, with ink marks."""
         return self._line
 
     def show_pending(self) -> None:
-        """Show that the call is under way."""
         self.record = None
         self._show_line(f"{INK.dim}{label('tester.waiting')}{INK.reset}")
 
     def show_record(self, record: HistoryRecord) -> None:
-        """Show how a call ended."""
         self.record = record
         self._show_line(_record_text(record, self.shows_all_digits))
         self._scroll_into_view()
 
     def show_error(self, reason: str) -> None:
-        """Show why nothing was sent, or which error occurred."""
         self.record = None
         self._show_line(f"{INK.bad}{printable(reason)}{INK.reset}")
         self._scroll_into_view()
 
     def show_hint(self, text: str) -> None:
-        """Show what input is expected."""
         self.record = None
         self._show_line(f"{INK.dim}{printable(text)}{INK.reset}" if text else "")
 
     def show_problem(self, text: str) -> None:
-        """Show what is wrong with the input."""
         self.record = None
         self._show_line(f"{INK.problem}{printable(text)}{INK.reset}")
 
+    def show_check(self, problem: str, hint: str) -> None:
+        """Show what is wrong with the input, or else what is expected."""
+        if problem:
+            self.show_problem(problem)
+        else:
+            self.show_hint(hint)
+
     def action_digits(self) -> None:
-        """Switch between all digits and five decimals."""
         self.show_digits(not self.shows_all_digits)
 
     def show_digits(self, full: bool) -> None:
-        """Show all digits or five decimals."""
         self.shows_all_digits = full
         if self.record is not None:
             self.show_record(self.record)

@@ -21,7 +21,6 @@ _MOVE, _EXECUTE, _CHANGE = 72, 64, 66
 
 class RobotPanel(VerticalScroll, can_focus=False):
     def compose(self) -> ComposeResult:
-        """Put the parts in the order of b-CAP Tester."""
         added = ResultView(id="added")
         with Vertical(classes="box", id="add-robot"):
             yield OpenObjectRow(ObjectClass.CONTROLLER, ObjectClass.ROBOT, "Arm", ["Arm", "Robot0"], added)

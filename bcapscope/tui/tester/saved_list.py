@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import ClassVar
 
@@ -19,43 +20,32 @@ _NAME_WIDTH = 28
 
 
 class SavedList(Lines):
-    """The requests in a folder."""
-
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("e", "edit", "tester.edit", id="saved.edit", tooltip="tester.edit.tip"),
-        Binding("u", "reload", "tester.reload", id="saved.reload"),
+        Binding("e", "edit", "tester.edit"),
+        Binding("u", "reload", "tester.reload"),
     ]
 
+    @dataclass
     class RequestWanted(Message):
-        """The user wants to send or edit a saved request.
+        """The user wants to send a saved request, or with `edit` to put it into a form."""
 
-        Attributes:
-            saved: The request.
-            edit: Whether to put it into a form instead of sending it.
-        """
-
-        def __init__(self, saved: SavedRequest, edit: bool) -> None:
-            super().__init__()
-            self.saved, self.edit = saved, edit
+        saved: SavedRequest
+        edit: bool
 
     def __init__(self, folder: Path, *, id: str | None = None) -> None:
-        """Store the folder."""
         super().__init__(id=id)
         self.folder = folder
         self._requests: list[tuple[str, SavedRequest | str]] = []
 
     def on_mount(self) -> None:
-        """Read the folder."""
         self.reload()
 
     def reload(self) -> None:
-        """Read the folder again."""
         self._requests = list_requests(self.folder)
         self.reset_lines(self.cursor)
 
     @property
     def count(self) -> int:
-        """Number of lines: the files, and one line with the folder."""
         return len(self._requests) + 1
 
     def line(self, index: int) -> str:
@@ -70,16 +60,13 @@ class SavedList(Lines):
         return f"{head} {found.function.name} {INK.number}{values}{INK.reset}{note}"
 
     def on_lines_chosen(self, message: Lines.Chosen) -> None:
-        """Send the request."""
         message.stop()
         self._post_request(False)
 
     def action_edit(self) -> None:
-        """Put the request into a form."""
         self._post_request(True)
 
     def action_reload(self) -> None:
-        """Read the folder again."""
         self.reload()
 
     def _post_request(self, edit: bool) -> None:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+from bcapscope.live.controller.arming_state import ArmingState
+from bcapscope.live.controller.halt_connection import HaltState, HaltUpdate
+from bcapscope.live.controller.reply_monitor import ReplyMonitor
+from bcapscope.live.controller.session_updates import SessionStatus
 from bcapscope.protocol.slave_mode.modes import pose_type_of_mode
 from bcapscope.render.escape import printable
-from bcapscope.tui.controller_access.arming_state import ArmingState
-from bcapscope.tui.controller_access.halt_connection import HaltState, HaltUpdate
-from bcapscope.tui.controller_access.reply_monitor import ReplyMonitor
-from bcapscope.tui.controller_access.session_updates import SessionStatus
 from bcapscope.tui.reader_language import label
 
 StatusPiece = tuple[str, str]

@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-
 from textual import on
 from textual.app import ComposeResult
 from textual.containers import Horizontal, Vertical, VerticalScroll
 from textual.widgets import Button, Select
 
-from bcapscope.client.handle_table import ObjectHandle
 from bcapscope.protocol.codec.variant import EMPTY, VT, Variant
 from bcapscope.protocol.tables.enumerations import TASK_START_MODES, TASK_STOP_MODES
 from bcapscope.protocol.tables.function_table import FUNCTIONS, ObjectClass
-from bcapscope.tui.reader_language import label, table_text
+from bcapscope.tui.reader_language import label
 from bcapscope.tui.tester.caption import Caption
 from bcapscope.tui.tester.command_form import CommandForm
+from bcapscope.tui.tester.function_form import select_named_value
 from bcapscope.tui.tester.open_object_row import OpenObjectRow
 from bcapscope.tui.tester.result_view import ResultView
 from bcapscope.tui.tester.wanted_messages import CallWanted, RobSlaveWanted
@@ -27,37 +25,23 @@ _NO_OPTION = Variant(VT.BSTR, "")
 class TaskPanel(VerticalScroll, can_focus=False):
     """The forms for the task whose name is in the field."""
 
-    def __init__(self, *, id: str | None = None) -> None:
-        super().__init__(id=id)
-        self._open_tasks: tuple[ObjectHandle, ...] = ()
-
     def compose(self) -> ComposeResult:
-        """Put the name above the actions."""
         result = ResultView(id="task-result")
         with Vertical(classes="box", id="task-box"):
             yield OpenObjectRow(ObjectClass.CONTROLLER, ObjectClass.TASK, "RobSlave", ["RobSlave"], result)
             with Horizontal(classes="row"):
                 yield Caption("tester.mode")
-                yield _mode_select(TASK_START_MODES, "start-mode")
+                yield select_named_value(TASK_START_MODES, "start-mode")
                 yield Button(label("tester.start"), compact=True, variant="primary", id="start")
                 yield Button(label("tester.robslave"), compact=True, id="robslave")
             with Horizontal(classes="row"):
                 yield Caption("tester.mode")
-                yield _mode_select(TASK_STOP_MODES, "stop-mode")
+                yield select_named_value(TASK_STOP_MODES, "stop-mode")
                 yield Button(label("tester.stop"), compact=True, id="stop")
                 yield Button(label("tester.state"), compact=True, id="state")
             yield result
         with Vertical(classes="box", id="task-execute"):
             yield CommandForm(_EXECUTE)
-
-    def set_open_objects(self, open_objects: Sequence[ObjectHandle]) -> None:
-        self._open_tasks = tuple(one for one in open_objects if one.kind is ObjectClass.TASK)
-
-    @property
-    def selected_task(self) -> ObjectHandle | None:
-        """The open task with the name in the field; None if there is none."""
-        name = self.query_one(OpenObjectRow).object_name.casefold()
-        return next((one for one in reversed(self._open_tasks) if one.label.casefold() == name), None)
 
     @property
     def _result_view(self) -> ResultView:
@@ -86,13 +70,8 @@ class TaskPanel(VerticalScroll, can_focus=False):
 
     def _call_task(self, message: Button.Pressed, function_id: int, values: tuple[Variant, ...]) -> None:
         message.stop()
-        found = self.selected_task
+        found = self.query_one(OpenObjectRow).find_open()
         if found is None:
             self._result_view.show_error(label("tester.task.missing"))
         else:
             self.post_message(CallWanted(self._result_view, FUNCTIONS[function_id], values, found))
-
-
-def _mode_select(modes: Mapping[int, str], name: str) -> Select[int]:
-    options = [(f"{value} {table_text(text)}", value) for value, text in modes.items()]
-    return Select(options, allow_blank=False, compact=True, id=name, classes="named")

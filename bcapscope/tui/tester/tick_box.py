@@ -6,8 +6,6 @@ from textual.widgets import Checkbox
 
 
 class TickBox(Checkbox):
-    """Shows a cross if it is on, and nothing otherwise."""
-
     def __init__(self, label: str, value: bool = False, *, id: str | None = None) -> None:
         super().__init__(label, value, compact=True, id=id)
         self._update_mark()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 from textual import on
 from textual.app import ComposeResult
@@ -10,11 +11,12 @@ from textual.containers import Horizontal
 from textual.message import Message
 from textual.widgets import Input, Select
 
-from bcapscope.protocol.codec.variant import VT, Variant
+from bcapscope.protocol.codec.variant import VT
 from bcapscope.tui.controller_access.parameter_input import (
     PARAMETER_TYPES,
     CheckedText,
     check_text,
+    expected_input,
     type_label,
 )
 
@@ -22,21 +24,12 @@ from bcapscope.tui.controller_access.parameter_input import (
 class TypedValue(Horizontal):
     """A list of types and a field; reports text that does not fit the type."""
 
+    @dataclass
     class Changed(Message):
-        """The user changed type or text.
+        """The user changed type or text; `problem` says what is wrong, and is empty for an empty text."""
 
-        Attributes:
-            problem: What is wrong with the text and what is expected; empty if the text is empty.
-        """
-
-        def __init__(self, value: TypedValue, problem: str) -> None:
-            super().__init__()
-            self.value, self.problem = value, problem
-
-        @property
-        def control(self) -> TypedValue:
-            """The widget that sent the message."""
-            return self.value
+        value: TypedValue
+        problem: str
 
     class Submitted(Message):
         """The user pressed Enter in the field."""
@@ -44,13 +37,11 @@ class TypedValue(Horizontal):
     def __init__(
         self, vt: int = VT.EMPTY, types: Sequence[int] = PARAMETER_TYPES, *, id: str | None = None
     ) -> None:
-        """Start with a type; offer only the types in `types`."""
         super().__init__(id=id)
         self._types = types
         self._initial_type = int(vt)
 
     def compose(self) -> ComposeResult:
-        """Put the field behind the list."""
         options = [(type_label(vt), vt) for vt in self._types]
         select = Select(options, value=self._initial_type, allow_blank=False, compact=True, classes="type")
         select.can_focus = len(options) > 1  # otherwise there is no choice
@@ -85,9 +76,9 @@ class TypedValue(Horizontal):
         self.query_one(Input).value = text
 
     @property
-    def variant(self) -> Variant | None:
-        """The value; None if the text does not fit the type."""
-        return self.checked_text.value
+    def hint(self) -> str:
+        """What to type; "" for a type without a value."""
+        return "" if self.vt in (VT.EMPTY, VT.NULL) else expected_input(self.vt)
 
     @on(Input.Changed)
     @on(Select.Changed)

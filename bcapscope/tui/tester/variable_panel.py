@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 from textual import on
 from textual.app import ComposeResult
 from textual.containers import Horizontal, Vertical
@@ -28,14 +26,11 @@ class VariablePanel(Vertical):
     """The variables of controller, robot or task; actions apply to the name in the field."""
 
     def __init__(self, owner: ObjectClass, name: str, *, id: str | None = None) -> None:
-        """Store the class of the variables' owner, and an initial name."""
         super().__init__(id=id, classes="box")
         self._owner = owner
         self._initial_name = name
-        self._open_variables: tuple[ObjectHandle, ...] = ()
 
     def compose(self) -> ComposeResult:
-        """Put the name above the value."""
         result = ResultView()
         known = [
             f"{each.name}1" if each.is_numbered else each.name
@@ -51,27 +46,10 @@ class VariablePanel(Vertical):
             yield Button(label("tester.watch"), compact=True, classes="watch")
         yield result
 
-    def set_open_objects(self, open_objects: Sequence[ObjectHandle]) -> None:
-        self._open_variables = tuple(
-            one
-            for one in open_objects
-            if one.kind is ObjectClass.VARIABLE and one.parent is not None and one.parent.kind is self._owner
-        )
-
-    @property
-    def selected_variable(self) -> ObjectHandle | None:
-        """The open variable with the name in the field; the latest if there are several."""
-        name = self.query_one(OpenObjectRow).object_name.casefold()
-        return next((one for one in reversed(self._open_variables) if one.label.casefold() == name), None)
-
     @on(TypedValue.Changed)
     def _show_check(self, message: TypedValue.Changed) -> None:
         message.stop()
-        result = self.query_one(ResultView)
-        if message.problem:
-            result.show_problem(message.problem)
-        else:
-            result.show_hint(expected_input(message.value.vt))
+        self.query_one(ResultView).show_check(message.problem, expected_input(message.value.vt))
 
     @on(Button.Pressed, ".get")
     def _get_value(self, message: Button.Pressed) -> None:
@@ -97,7 +75,7 @@ class VariablePanel(Vertical):
         message.stop()
         found = self._require_variable()
         if found is not None:
-            self.post_message(WatchWanted(found, True))
+            self.post_message(WatchWanted(found))
 
     def variable_opened(self, owner: ObjectClass, name: str) -> None:
         """Select the type of a newly opened variable, if it belongs here and its type is known."""
@@ -110,7 +88,7 @@ class VariablePanel(Vertical):
                 self.query_one(TypedValue).select_type(types[0])
 
     def _require_variable(self) -> ObjectHandle | None:
-        found = self.selected_variable
+        found = self.query_one(OpenObjectRow).find_open(self._owner)
         if found is None:
             self.query_one(ResultView).show_error(label("tester.variable.missing"))
         return found

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Protocol
 
 from textual.message import Message
 
 from bcapscope.client.handle_table import ObjectHandle
+from bcapscope.live.controller.history_record import HistoryRecord
 from bcapscope.protocol.codec.variant import Variant
 from bcapscope.protocol.tables.function_table import Function, ObjectClass
-from bcapscope.tui.controller_access.history_record import HistoryRecord
 
 
 class ResultDisplay(Protocol):
@@ -25,92 +26,57 @@ class ResultDisplay(Protocol):
         """Show why nothing was sent, or which error occurred."""
 
 
+@dataclass
 class ConnectWanted(Message):
-    """The user wants to connect to a controller."""
-
-    def __init__(self, host: str, port: int, tcp: bool, option: str) -> None:
-        super().__init__()
-        self.host, self.port, self.tcp, self.option = host, port, tcp, option
+    host: str
+    port: int
+    tcp: bool
+    option: str
 
 
 class DisconnectWanted(Message):
     """The user wants to disconnect."""
 
 
+@dataclass
 class CallWanted(Message):
     """The user wants to make a call.
 
     Attributes:
-        result_display: Shows the outcome.
-        function: Function to call.
         values: Arguments without the handle.
         subject: Object of the call; None for the selected object of its class.
     """
 
-    def __init__(
-        self,
-        result_display: ResultDisplay,
-        function: Function,
-        values: tuple[Variant, ...],
-        subject: ObjectHandle | None = None,
-    ) -> None:
-        super().__init__()
-        self.result_display, self.function, self.values, self.subject = (
-            result_display,
-            function,
-            values,
-            subject,
-        )
+    result_display: ResultDisplay
+    function: Function
+    values: tuple[Variant, ...]
+    subject: ObjectHandle | None = None
 
 
+@dataclass
 class OpenWanted(Message):
-    """The user wants to open an object of the controller or of the selected robot.
+    """The user wants to open an object of the controller or of the selected robot: of the class `parent`."""
 
-    Attributes:
-        result_display: Shows the outcome.
-        parent: Class of the object that the new one belongs to.
-        kind: Class of the new object.
-        name: Name of the new object.
-        option: Option for opening it.
-    """
-
-    def __init__(
-        self, result_display: ResultDisplay, parent: ObjectClass, kind: ObjectClass, name: str, option: str
-    ) -> None:
-        super().__init__()
-        self.result_display, self.parent, self.kind, self.name, self.option = (
-            result_display,
-            parent,
-            kind,
-            name,
-            option,
-        )
+    result_display: ResultDisplay
+    parent: ObjectClass
+    kind: ObjectClass
+    name: str
+    option: str
 
 
+@dataclass
 class RawWanted(Message):
-    """The user wants to send bytes unchanged."""
-
-    def __init__(self, result_display: ResultDisplay, raw: bytes) -> None:
-        super().__init__()
-        self.result_display, self.raw = result_display, raw
+    result_display: ResultDisplay
+    raw: bytes
 
 
+@dataclass
 class RobSlaveWanted(Message):
-    """The user wants to open and start the task RobSlave."""
-
-    def __init__(self, result_display: ResultDisplay) -> None:
-        super().__init__()
-        self.result_display = result_display
+    result_display: ResultDisplay
 
 
+@dataclass
 class WatchWanted(Message):
-    """The user wants to start or stop watching a variable.
+    """The user wants to watch an open variable."""
 
-    Attributes:
-        variable: An open variable.
-        on: Whether to start.
-    """
-
-    def __init__(self, variable: ObjectHandle, on: bool) -> None:
-        super().__init__()
-        self.variable, self.on = variable, on
+    variable: ObjectHandle

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import ClassVar, NamedTuple
 
 from rich.cells import cell_len, set_cell_size
@@ -30,16 +31,13 @@ WIDE, NARROW = ColumnWidths(28, 12, 30), ColumnWidths(14, 11, 15)
 
 class WatchList(Lines):
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("delete", "remove", "tester.unwatch", id="watch.remove"),
-        Binding("0", "reset", "tester.watch.reset", id="watch.reset", tooltip="tester.watch.reset.tip"),
+        Binding("delete", "remove", "tester.unwatch"),
+        Binding("0", "reset", "tester.watch.reset"),
     ]
 
+    @dataclass
     class RemoveWanted(Message):
-        """The user wants to stop watching a variable."""
-
-        def __init__(self, handle: int) -> None:
-            super().__init__()
-            self.handle = handle
+        handle: int
 
     class ResetWanted(Message):
         """The user wants to clear the extremes."""
@@ -50,11 +48,9 @@ class WatchList(Lines):
 
     @property
     def count(self) -> int:
-        """Number of rows, including the header."""
         return len(self._rows)
 
     def show_variables(self, watched: tuple[WatchedVariable, ...]) -> None:
-        """Show variables with their present readings."""
         rows: list[tuple[WatchedVariable | None, int]] = [(None, 0)]
         for each in watched:
             rows += [(each, index) for index in range(max(1, len(each.series)))]
@@ -68,7 +64,6 @@ class WatchList(Lines):
             self.repaint()
 
     def line(self, index: int) -> str:
-        """Return a row."""
         watched, at = self._rows[index]
         if watched is None:
             return _title_row(self._widths)
@@ -88,7 +83,6 @@ class WatchList(Lines):
         return WIDE if fits else NARROW
 
     def on_resize(self, event: Resize) -> None:
-        """Redraw the rows for the new width."""
         super().on_resize(event)
         self.repaint()
 
@@ -99,7 +93,6 @@ class WatchList(Lines):
             self.post_message(self.RemoveWanted(watched.handle))
 
     def action_reset(self) -> None:
-        """Clear extremes and recent readings."""
         self.post_message(self.ResetWanted())
 
 

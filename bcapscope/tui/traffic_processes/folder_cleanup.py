@@ -13,7 +13,6 @@ process still has open; those processes end soon after."""
 
 
 def remove_folder(folder: str) -> None:
-    """Remove a folder and its content."""
     from os.path import exists  # noqa: PLC0415 - loaded only once the screen has ended
     from shutil import rmtree  # noqa: PLC0415
 

@@ -54,7 +54,6 @@ class ReadProgress(msgspec.Struct, tag=True, frozen=True):
     Attributes:
         position: Bytes of the file read so far.
         size: Size of the file in bytes; 0 if it has none, as in a live capture.
-        ended: Whether reading has ended.
         problem: Why reading ended early; "" otherwise.
         clients: Number of conversations so far.
         packets: Capture file with the packets; "" for none.
@@ -89,14 +88,7 @@ class ShownFinding(msgspec.Struct, frozen=True):
 
 
 class TrafficAnalysis(msgspec.Struct, tag=True, frozen=True):
-    """The analysis of the traffic read so far.
-
-    Attributes:
-        findings: Findings, root cause first.
-        examined: Totals of the traffic examined.
-        slave_sessions: Rendered lines about slave-mode sessions.
-        statistics: Rendered lines of the statistics.
-    """
+    """The analysis of the traffic read so far: findings with root causes first, and rendered lines."""
 
     findings: tuple[ShownFinding, ...]
     examined: TrafficTotals
@@ -126,7 +118,6 @@ class SearchMatches(msgspec.Struct, frozen=True):
     """The matches found since the last report.
 
     Attributes:
-        generation: Number of the search.
         rows: Frame numbers, or call indexes plus 1, as 32-bit numbers in native byte order.
         searched: Number of rows examined so far.
     """
@@ -140,11 +131,9 @@ class SaveJob(msgspec.Struct, frozen=True):
     """What to save: packets of a capture and notes, in a new file.
 
     Attributes:
-        source: Capture file.
         target: New file, which must not exist.
         notes: Notes by packet number.
         max_packets: Maximum number of packets, since a capture may still grow; 0 for all.
-        language: Language of the reason for a failure, ``en`` or ``ja``.
     """
 
     source: str
@@ -179,7 +168,6 @@ def receive_messages(stream: BinaryIO | io.RawIOBase, kind: type[T]) -> Iterator
 
 
 def lower_priority() -> None:
-    """Lower this process's priority below the screen's."""
     if sys.platform != "win32":
         os.nice(_NICE)
 

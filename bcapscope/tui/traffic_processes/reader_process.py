@@ -14,7 +14,7 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import closing
 from functools import partial
 from pathlib import Path
@@ -50,16 +50,12 @@ LIVE_FILE = "live.pcapng"
 
 
 class TrafficReader:
-    """Runs one job."""
-
     def __init__(
         self, job: ReadJob, reports: BinaryIO, ended: threading.Event, cancelled: threading.Event
     ) -> None:
         """Prepare a job.
 
         Args:
-            job: What to read.
-            reports: Output for reports.
             ended: Set when the source has ended: read the data that exists, then finish.
             cancelled: Set when reading must end, even if data remains.
         """
@@ -72,6 +68,7 @@ class TrafficReader:
         self._has_ended = False
         self._problem: Message | None = None
         self._undiagnosed: list[Observation] = []
+        self._analyse = self._undiagnosed.append  # loading the diagnosis first would delay the first frames
         self._file: CaptureFile | None = None
         self._live = _LiveCapture(job.interface, folder / LIVE_FILE) if job.interface else None
         self._packet_file = str(folder / LIVE_FILE) if job.interface else job.path
@@ -95,34 +92,26 @@ class TrafficReader:
     def _read(self) -> None:
         kind_of, comments = RecentRequests().kind_of, self._observer.comments
         add_to_journal = self._publisher.journal.add
-        add: Callable[[Observation], None] = self._buffer_until_loaded
         for seen in self._observer.decode(self._open_source()):
             add_to_journal(seen, kind_of(seen), comments.get(seen.packet, ()) if comments else ())
-            add(seen)
+            self._analyse(seen)
             if not seen.number & _BATCH_MASK:
                 if not self._publisher.has_diagnosis:
                     self._publisher.report_progress()
                     self._load_diagnosis()
-                    add = self._pipeline.add
                 self._publisher.report_if_due(self._observer.end_time)
                 if self._cancelled.is_set():
                     return
-
-    def _buffer_until_loaded(self, observation: Observation) -> None:
-        """Buffer observations until the diagnosis is loaded: loading it first delays the first frames."""
-        if not self._publisher.has_diagnosis:
-            self._undiagnosed.append(observation)
-        else:
-            self._pipeline.add(observation)
 
     def _load_diagnosis(self) -> None:
         """Load the diagnosis, and show it all observations so far."""
         if self._publisher.has_diagnosis:
             return
         self._pipeline = Pipeline(*self._publisher.subscribers())
-        seen, self._undiagnosed = self._undiagnosed, []
-        for observation in seen:
-            self._pipeline.add(observation)
+        self._analyse = self._pipeline.add
+        for observation in self._undiagnosed:
+            self._analyse(observation)
+        self._undiagnosed.clear()
 
     def _open_source(self) -> Iterator[Packet]:
         if self._live is not None:
@@ -169,13 +158,7 @@ class TrafficReader:
 
 
 class _LiveCapture:
-    """Captures on an interface in its own thread and writes all packets to a file.
-
-    Attributes:
-        path: Capture file.
-        problem: Why capturing ended; None while it continues.
-        lost: Packets dropped for lack of buffer space.
-    """
+    """Captures on an interface in its own thread and writes all packets to a file."""
 
     def __init__(self, interface: str, path: Path) -> None:
         self.path = path
@@ -203,7 +186,6 @@ class _LiveCapture:
 
 
 def main() -> None:
-    """Run the job from standard input."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is a key of the screen
     lower_priority()
     asked = io.FileIO(0, closefd=False)  # sys.stdin has a lock that a thread would still hold at the end

@@ -20,28 +20,14 @@ MAX_LINES = 20_000
 
 
 class RunningDiagnosis:
-    """Diagnosis and statistics of the traffic so far; `snapshot` returns them at any time."""
+    """Diagnosis and statistics of the traffic so far, as `subscribers`; `snapshot` returns the analysis."""
 
     def __init__(self, words: MessageFormatter = ENGLISH_WORDS) -> None:
-        """Start without calls.
-
-        Args:
-            words: Language of the lines.
-        """
         self._words = words
-        self._diagnosis = Diagnosis(on_slave_session=self._on_slave_session)
+        self.diagnosis = Diagnosis(on_slave_session=self._on_slave_session)
         self._statistics = StatisticsBuilder()
         self._slave_session_lines: list[str] = []
-
-    @property
-    def diagnosis(self) -> Diagnosis:
-        """The diagnosis, one of `subscribers`."""
-        return self._diagnosis
-
-    @property
-    def subscribers(self) -> tuple[PipelineSubscriber, ...]:
-        """What subscribes to the pipeline."""
-        return self._diagnosis, self._statistics
+        self.subscribers: tuple[PipelineSubscriber, ...] = self.diagnosis, self._statistics
 
     def snapshot(self, ended: int, present: bool = False) -> TrafficAnalysis:
         """Return the analysis so far; more calls can follow.
@@ -50,10 +36,10 @@ class RunningDiagnosis:
             ended: Assumed end of the traffic, ns since 1970.
             present: Whether silent clients are known to be still connected.
         """
-        statistics, totals = self._statistics.statistics(), self._diagnosis.totals(ended)
-        findings = tuple(shown_finding(each, totals) for each in self._diagnosis.findings(ended, present))
+        statistics, totals = self._statistics.statistics(), self.diagnosis.totals(ended)
+        findings = tuple(shown_finding(each, totals) for each in self.diagnosis.findings(ended, present))
         session_lines = self._slave_session_lines.copy()
-        for session in self._diagnosis.remaining_sessions(ended):
+        for session in self.diagnosis.remaining_sessions(ended):
             self._add_slave_session(session, session_lines)
         lines = [] if statistics is None else list(statistics_lines(statistics, INK, self._words))
         return TrafficAnalysis(findings, totals, session_lines, lines)

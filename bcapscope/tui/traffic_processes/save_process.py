@@ -38,7 +38,6 @@ def save_packets(job: SaveJob) -> Message | None:
 
 
 def main() -> None:
-    """Run the job from standard input."""
     for wanted in receive_messages(io.FileIO(0, closefd=False), SaveJob):
         sys.stdout.write(problem_text(save_packets(wanted), wanted))
         return

@@ -58,7 +58,6 @@ class TrafficSearch:
         os._exit(0)
 
     def run(self) -> None:
-        """Run searches forever."""
         while True:
             ask = self._latest_request
             if ask is not None and ask.expression:
@@ -69,9 +68,8 @@ class TrafficSearch:
 
     def _answer_request(self, request: SearchRequest) -> None:
         """Search the existing rows, then new rows, until another request arrives."""
-        fits, size = (
-            self._frame_search(request) if request.kind == RecordKind.FRAME else self._call_search(request)
-        )
+        is_frame = request.kind == RecordKind.FRAME
+        fits, size = self._frame_search(request) if is_frame else self._call_search(request)
         searched, rows, reported = 0, array("I"), 0.0
         reported_at = -1
         while self._latest_request is request:  # checked here, since `_request_arrived` may be set only later
@@ -102,7 +100,6 @@ class TrafficSearch:
 
 
 def main() -> None:
-    """Run searches from standard input."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is a key of the screen
     lower_priority()
     searching = TrafficSearch(Path(sys.argv[1]), cast(BinaryIO, sys.stdout.buffer))

@@ -9,7 +9,6 @@ import sys
 import tempfile
 from contextlib import suppress
 from pathlib import Path
-from types import TracebackType
 
 import platformdirs
 
@@ -33,9 +32,6 @@ class TemporaryFolder:
     Its files need names, since several processes open them, such as the proxy's relay. Windows cannot remove
     a file that is open. A separate process therefore waits for the end of the screen and then removes the
     folder.
-
-    Attributes:
-        path: Path of the folder.
     """
 
     def __init__(self) -> None:
@@ -64,12 +60,7 @@ class TemporaryFolder:
     def __enter__(self) -> TemporaryFolder:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self.close()
 
     def close(self) -> None:
@@ -82,7 +73,6 @@ class TemporaryFolder:
 
 
 def cache_root() -> Path:
-    """Return the platform's cache folder."""
     return platformdirs.user_cache_path("bcapscope", appauthor=False)
 
 

@@ -33,11 +33,7 @@ _END_TIMEOUT = 2.0
 
 @dataclass(frozen=True, slots=True)
 class SourceProblem:
-    """A source problem: it is unknown whether more traffic will follow, or none will.
-
-    Attributes:
-        reason: One sentence; "" withdraws an earlier problem.
-    """
+    """It is unknown whether more traffic follows, or none will; "" as `reason` withdraws that."""
 
     reason: str
 
@@ -56,12 +52,7 @@ class PublishedTraffic:
 
 
 def watcher_job(folder: Path, recording: Path) -> ReadJob:
-    """Return the job of a proxy's watcher.
-
-    Args:
-        folder: Existing folder without files of another job.
-        recording: The proxy's recording.
-    """
+    """Return the job of a proxy's watcher; `folder` exists and holds no files of another job."""
     return ReadJob(str(folder), str(recording), follow=True, language=current_language())
 
 
@@ -73,10 +64,8 @@ class TrafficFeed:
     """One source of traffic. It passes reports to listeners in its own thread.
 
     Attributes:
-        job: What is read.
         journal: All observations; None before the first.
         calls: All settled calls; None before the first.
-        progress: Latest progress.
         is_closed: Whether the data can no longer be read.
     """
 
@@ -91,10 +80,7 @@ class TrafficFeed:
         own_clients: bool = False,
         published: PublishedTraffic | None = None,
     ):
-        """Start to read a capture, finished or growing, or an interface; see `ReadJob`.
-
-        With `published`, read what the watcher of a proxy publishes, and ignore the other arguments.
-        """
+        """Read a capture or interface, see `ReadJob`, or only what a proxy's watcher has `published`."""
         self._folder: TemporaryFolder | None = None
         if published is None:
             self._folder = TemporaryFolder()
@@ -191,11 +177,7 @@ class TrafficFeed:
             listener(message)
 
     def search(self, kind: str, expression: str) -> int:
-        """Search for rows that match an expression; "" ends the search.
-
-        Returns:
-            The generation that the search's `SearchMatches` will carry.
-        """
+        """Search for matching rows ("" ends the search); return the generation of the matches."""
         self._generation += 1
         request = SearchRequest(self._generation, kind, expression)
         if self._searcher is not None and self._searcher.poll() is not None:
@@ -223,11 +205,7 @@ class TrafficFeed:
         return SaveJob(self.progress.packets, target, notes, most, current_language())
 
     def save(self, job: SaveJob) -> str:
-        """Run a save job. Unlike the other methods, this blocks: call it from a separate thread.
-
-        Returns:
-            Why it failed; "" on success.
-        """
+        """Run a save job; return why it failed, or "". This blocks: call it from a separate thread."""
         process = self._start_process("save_process")
         send_message(_pipe(process.stdin), job)
         out, _ = process.communicate()
@@ -249,7 +227,6 @@ class TrafficFeed:
         self._publish(SourceProblem(reason))
 
     def close(self) -> None:
-        """End all processes and remove the journal."""
         self.is_closed = True
         self._listener = lambda message: None
         for process in (self._reader, self._searcher):
@@ -267,19 +244,14 @@ class TrafficFeed:
 
 
 def _end_process(process: subprocess.Popen[bytes]) -> None:
-    _close_stdin(process)
+    with suppress(OSError):  # it ended before it had read everything
+        _pipe(process.stdin).close()
     process.terminate()
     try:
         process.wait(_END_TIMEOUT)
     except subprocess.TimeoutExpired:
         process.kill()
         process.wait()
-
-
-def _close_stdin(process: subprocess.Popen[bytes]) -> None:
-    """Close a process's standard input, which asks it to end."""
-    with suppress(OSError):  # it ended before it had read everything
-        _pipe(process.stdin).close()
 
 
 def _pipe(stream: IO[bytes] | None) -> Any:

@@ -26,11 +26,7 @@ ANALYSIS_INTERVAL = 1.5
 
 
 class CallRecorder(PipelineSubscriber):
-    """Writes calls and stray replies to a call store.
-
-    Attributes:
-        is_active: Whether it still writes.
-    """
+    """Writes calls and stray replies to a call store."""
 
     needs_targets = True
 
@@ -48,29 +44,13 @@ class CallRecorder(PipelineSubscriber):
 
 
 class TrafficPublisher:
-    """Publishes the traffic of one source.
-
-    Attributes:
-        journal: Receives all frames.
-        call_recorder: Receives all completed calls and stray replies.
-    """
-
     def __init__(
         self,
         job: ReadJob,
         send: Callable[[ReadProgress | TrafficAnalysis], object],
         make_progress: Callable[[], ReadProgress],
     ) -> None:
-        """Create the files.
-
-        Args:
-            job: What is read, and the folder for the files.
-            send: Sends a report to the screen.
-            make_progress: Returns the progress of reading.
-
-        Raises:
-            OSError: The files cannot be created.
-        """
+        """Create the files; raises `OSError` if that fails."""
         folder = Path(job.folder)
         self.journal = ObservationStoreWriter(folder)
         self._calls = CallStoreWriter(folder)
@@ -107,11 +87,7 @@ class TrafficPublisher:
         self._last_flush = time.monotonic()
 
     def report_if_due(self, end_time: int) -> None:
-        """Report progress, and more rarely the analysis.
-
-        Args:
-            end_time: Assumed end of the traffic, ns since 1970.
-        """
+        """Report progress, more rarely the analysis; the traffic ends at `end_time` (ns since 1970)."""
         now = time.monotonic()
         if now - self._last_flush < FLUSH_INTERVAL:
             return
@@ -129,6 +105,5 @@ class TrafficPublisher:
         self._send(self._make_progress())
 
     def close(self) -> None:
-        """Close the files."""
         self.journal.close()
         self._calls.close()

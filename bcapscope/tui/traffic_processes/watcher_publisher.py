@@ -35,7 +35,6 @@ class ReportSender:
     """
 
     def __init__(self, stream: io.RawIOBase) -> None:
-        """Start the thread; `stream` is unbuffered."""
         self._stream = stream
         self._waiting: dict[type, ReadProgress | TrafficAnalysis] = {}
         self._changed = threading.Condition()
@@ -44,7 +43,6 @@ class ReportSender:
         self._thread.start()
 
     def send(self, report: ReadProgress | TrafficAnalysis) -> None:
-        """Queue a report."""
         with self._changed:
             self._waiting.pop(type(report), None)  # the new report is the last in the order of sending
             self._waiting[type(report)] = report
@@ -70,19 +68,10 @@ class ReportSender:
 
 
 class WatcherPublisher:
-    """Publishes what the watcher decodes. If a file cannot be written, it reports that and stops.
-
-    Attributes:
-        diagnosis: The watcher's diagnosis.
-        subscribers: What subscribes to the watcher's pipeline, `diagnosis` included.
-    """
+    """Publishes what the watcher decodes. If a file cannot be written, it reports that and stops."""
 
     def __init__(self, job: ReadJob, sender: ReportSender) -> None:
-        """Create the files.
-
-        Raises:
-            OSError: The files cannot be created.
-        """
+        """Create the files; raises `OSError` if that fails."""
         self._job = job
         self._sender = sender
         self._publisher = TrafficPublisher(job, sender.send, self._make_progress)

@@ -35,11 +35,7 @@ class ViewerSeats:
 
     @asynccontextmanager
     async def taken(self) -> AsyncIterator[None]:
-        """Occupy a seat for the length of the block.
-
-        Raises:
-            NoSeat: No seat became free in time.
-        """
+        """Occupy a seat for the length of the block; raises `NoSeat` if none becomes free in time."""
         if not await self._acquire(RELOAD_WITHIN) and not (
             self._ending and await self._acquire(ENDS_WITHIN + _KILLED_WITHIN)
         ):
@@ -82,21 +78,19 @@ class ScreenProcess(AppService):
         """Prepare the process.
 
         Args:
-            argv: Command line, program first.
             write_bytes: Sends drawing data. It must not raise, since the process blocks if its output is not
                 read.
             write_str: Sends messages to the page; must not raise either.
-            close: Ends the viewer's connection.
         """
 
-        async def closed() -> None:
+        async def close_viewer() -> None:
             await close()
 
         super().__init__(
             subprocess.list2cmdline(argv),
             write_bytes=write_bytes,
             write_str=write_str,
-            close=closed,
+            close=close_viewer,
             download_manager=DownloadManager(),
         )
         self._argv = tuple(argv)

@@ -31,12 +31,9 @@ class WebRequest:
 
     Attributes:
         path: Decoded path without the query.
-        hosts: All Host headers.
-        origins: All Origin headers.
         fetch_site: The Sec-Fetch-Site header, "" if missing.
         token: The token in the query, "" if missing.
         cookie: The value of `COOKIE`, "" if missing.
-        is_websocket: Whether it asks for a websocket.
     """
 
     path: str
@@ -52,6 +49,7 @@ class WebGate:
     """The secrets of one served screen.
 
     Attributes:
+        authority: Host and port in the form of Host headers.
         origin: The only origin that may send requests, such as `http://127.0.0.1:8000`.
         entry_url: Address that the user opens, with the token.
         base_path: Path of everything else, without a slash at the end.
@@ -59,27 +57,17 @@ class WebGate:
     """
 
     def __init__(self, address: Endpoint) -> None:
-        """Generate new secrets.
-
-        Args:
-            address: Address of the served screen.
-        """
-        self._authority = str(address).removesuffix(f":{_HTTP_PORT}")
+        self.authority = str(address).removesuffix(f":{_HTTP_PORT}")
         self._token = secrets.token_urlsafe()
-        self.origin = f"http://{self._authority}"
+        self.origin = f"http://{self.authority}"
         self.entry_url = f"{self.origin}/?{TOKEN}={self._token}"
         self.base_path = f"/{secrets.token_urlsafe()}"
         self.cookie = secrets.token_urlsafe()
 
-    @property
-    def authority(self) -> str:
-        """The host and port in the form of Host headers."""
-        return self._authority
-
     def refusal_reason(self, request: WebRequest) -> str:
         """Return why a request is refused; "" if it is accepted."""
-        if list(request.hosts) != [self._authority]:
-            return f"this server answers only to http://{self._authority}"
+        if list(request.hosts) != [self.authority]:
+            return f"this server answers only to {self.origin}"
         if list(request.origins) != [self.origin] and (request.origins or request.is_websocket):
             return "requests from other pages are refused"
         if request.path == "/" and not request.is_websocket:

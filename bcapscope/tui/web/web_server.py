@@ -44,17 +44,12 @@ RequestHandler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
 
 class WebServer:
-    """Serves one command's screen to viewers who know the address.
-
-    Attributes:
-        gate: Checks each request.
-    """
+    """Serves one command's screen to viewers who know the address."""
 
     def __init__(self, argv: Sequence[str], listening: socket.socket, viewers: int) -> None:
         """Prepare the server.
 
         Args:
-            argv: Command that draws the screen, program first.
             listening: Socket that listens on loopback; `run` closes it.
             viewers: Maximum number of viewers; each gets a separate process.
         """
@@ -70,11 +65,7 @@ class WebServer:
         self._pages = Server("", address.host, address.port, "bcapscope", self.gate.origin)
 
     async def run(self, on_listening: Callable[[], None]) -> None:
-        """Serve until SIGINT or SIGTERM, then end every screen in order.
-
-        Args:
-            on_listening: Called once the server accepts connections.
-        """
+        """Serve until SIGINT or SIGTERM, then end every screen in order."""
         runner = web.AppRunner(
             self._application(),
             access_log=None,  # the access log would contain the token
@@ -169,7 +160,6 @@ class WebServer:
         return response
 
     async def _busy_page(self, request: web.Request) -> web.Response:
-        """Return the page for a viewer without a seat."""
         most = "Another viewer is" if self._viewers == 1 else f"{self._viewers} viewers are"
         return _page(
             f"<h1>{most} connected</h1>"
@@ -180,7 +170,6 @@ class WebServer:
         )
 
     async def _serve_viewer(self, request: web.Request) -> web.WebSocketResponse:
-        """Run a screen while the viewer is connected."""
         websocket = web.WebSocketResponse(heartbeat=HEARTBEAT, max_msg_size=_LARGEST_MESSAGE)
         await websocket.prepare(request)
         self._websockets.add(websocket)

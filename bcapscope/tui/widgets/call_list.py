@@ -13,83 +13,44 @@ from bcapscope.render.timestamp import TimeFormat
 from bcapscope.traffic.call import Call
 from bcapscope.tui.ink import INK
 from bcapscope.tui.reader_language import label, reader_words
-from bcapscope.tui.widgets.frame_list import (
-    FilteredRows,
-    client_and_arrow,
-    direction_arrow,
-    left_aligned,
-    right_aligned,
-)
-from bcapscope.tui.widgets.lines import Lines
+from bcapscope.tui.widgets.record_list import EndpointWriter, RecordList, right_aligned
 
 
-class CallList(Lines):
-    """Shows calls; `open_calls` sets their source.
-
-    Attributes:
-        rows: Rows of the calls that the filter selects.
-    """
+class CallList(RecordList):
+    """Shows calls; `open_calls` sets their source."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding(
-            "right",
-            "unfold(True)",
-            "traffic.unfold",
-            id="calls.unfold",
-            show=False,
-            tooltip="traffic.unfold.tip",
-        ),
+        Binding("right", "unfold(True)", "traffic.unfold", show=False),
         Binding("left", "unfold(False)", "", show=False),
         Binding("space", "turn", "", show=False),
     ]
 
     def __init__(self, *, id: str | None = None) -> None:
         super().__init__(id=id)
-        self.rows = FilteredRows()
         self._calls: CallStore | None = None
-        self._clock = TimeFormat.RELATIVE
-        self._with_client = False
-        self._live = False
-        self._start_time = 0
         self._unfolded: list[tuple[int, int]] = []
-        self._renderer = CallRenderer(palette=INK, write_endpoints=lambda flow: "", words=reader_words())
 
     def open_calls(self, calls: CallStore, live: bool) -> None:
-        """Show the calls of a store, from the end if it is `live`."""
         self._calls = calls
-        self._live = live
+        self.follows_end = live
 
     def clear_source(self) -> None:
-        """Show nothing until another source is opened."""
-        self.rows, self._calls = FilteredRows(), None
+        self.matches, self._calls = None, None
         self.show_rows()
 
-    def set_line_format(self, clock: TimeFormat, with_client: bool, first: int) -> None:
-        """Set the time format, the origin of relative times, and whether lines show the client."""
-        if (clock, with_client, first) == (self._clock, self._with_client, self._start_time):
-            return
-        self._clock, self._with_client, self._start_time = clock, with_client, first
-        self._renderer = CallRenderer(
-            clock, INK, client_and_arrow if with_client else direction_arrow, reader_words()
-        )
-        self._renderer.set_time_origin(first)
-        self.repaint()
-
-    @property
-    def follows_end(self) -> bool:
-        """Whether a cursor on the last line follows new calls: only for live traffic."""
-        return self._live
+    def use_format(self, clock: TimeFormat, write_endpoints: EndpointWriter, origin: int) -> None:
+        self._renderer = CallRenderer(clock, INK, write_endpoints, reader_words())
+        self._renderer.set_time_origin(origin)
 
     @property
     def count(self) -> int:
-        """Number of lines, including the frames of unfolded calls."""
         return self._call_count() + sum(extra for _, extra in self._unfolded)
 
     def _call_count(self) -> int:
-        return self.rows.shown_count(len(self._calls)) if self._calls is not None else 0
+        return self.row_count(len(self._calls)) if self._calls is not None else 0
 
     def show_rows(self) -> None:
-        """Redraw after a change of `rows`, with all calls folded."""
+        """Redraw after a change of `matches`, with all calls folded."""
         self._unfolded.clear()
         self.reset_lines()
 
@@ -110,7 +71,7 @@ class CallList(Lines):
 
     def call_row(self, position: int) -> StoredCall:
         assert self._calls is not None
-        return self._calls.read_call(self.rows.number(position) - 1)
+        return self._calls.read_call(self.record_at(position) - 1)
 
     @property
     def current_call(self) -> tuple[StoredCall, int] | None:
@@ -129,7 +90,7 @@ class CallList(Lines):
 
     def go_to_call(self, row: int) -> bool:
         """Select a call by its row from 1; return whether it is shown."""
-        position = self.rows.index(row)
+        position = self.row_of(row)
         if position is None or position >= self._call_count():
             return False
         self.move_cursor_to(self._line_of(position))
@@ -140,8 +101,8 @@ class CallList(Lines):
         row = self.call_row(position)
         call = row.settled
         if not part:
-            if self._clock is TimeFormat.DELTA and position:
-                self._renderer.set_time_origin(_start_of(self.call_row(position - 1)))
+            if self.clock is TimeFormat.DELTA:
+                self._renderer.set_time_origin(_start_of(self.call_row(max(0, position - 1))))
             many = isinstance(call, Call) and bool(call.other_frames)
             fold = " " if not isinstance(call, Call) else "▾" if self._is_unfolded(position) else "▸"
             color = INK.problem if many else INK.dim
@@ -158,7 +119,6 @@ class CallList(Lines):
         return any(each == position for each, _ in self._unfolded)
 
     def action_unfold(self, wanted: bool) -> None:
-        """Show or hide the frames of the call."""
         if self.cursor >= self.count:
             return
         position, _ = self._locate_line(self.cursor)
@@ -174,19 +134,17 @@ class CallList(Lines):
         self.reset_lines(self._line_of(position))
 
     def action_turn(self) -> None:
-        """Show the call's frames if they are hidden, else hide them."""
         if self.cursor < self.count:
             self.action_unfold(not self._is_unfolded(self._locate_line(self.cursor)[0]))
 
     def action_choose(self) -> None:
-        """Unfold the call, or choose the frame."""
         if self.cursor < self.count and self._locate_line(self.cursor)[1]:
             super().action_choose()
         else:
             self.action_turn()
 
     def header(self) -> str:
-        client = f"{left_aligned(label('traffic.head.client'), 21)}   " if self._with_client else "   "
+        client = self.client_header or "   "
         call, time = (
             right_aligned(label("traffic.head.call"), 6),
             right_aligned(label("traffic.head.time"), 12),

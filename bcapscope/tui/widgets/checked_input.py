@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 from rich.text import Text
 from textual.app import ComposeResult
@@ -17,22 +18,16 @@ from bcapscope.tui.reader_language import full_error_text
 class CheckedInput(Vertical):
     """Checks its text while the user types, and posts messages only for valid text."""
 
+    @dataclass
     class Typed(Message):
-        """The user typed valid text, or emptied the line.
+        """The user typed valid text, or emptied the line; then `parsed` is None."""
 
-        Attributes:
-            line: The line.
-            text: Its text without spaces at the ends.
-            parsed: Result of parsing; None for an empty line.
-        """
-
-        def __init__(self, line: CheckedInput, text: str, parsed: object) -> None:
-            super().__init__()
-            self.line, self.text, self.parsed = line, text, parsed
+        line: CheckedInput
+        text: str
+        parsed: object
 
         @property
         def control(self) -> CheckedInput:
-            """The line that sent the message."""
             return self.line
 
     class Entered(Typed):
@@ -45,14 +40,11 @@ class CheckedInput(Vertical):
             name: Id of the field; the id of the line is the name followed by ``-line``.
             parse: Parses text that is not empty. For invalid text it raises `ValueError`, whose text is
                 shown.
-            hint: Placeholder of the empty field.
-            caption: Text before the field; "" for none.
         """
         super().__init__(id=f"{name}-line")
         self._field, self._parse, self._hint, self._caption = name, parse, hint, caption
 
     def compose(self) -> ComposeResult:
-        """Put the field above the error text."""
         with Horizontal(classes="checked-row"):
             if self._caption:
                 yield Static(Text(f" {self._caption} "), classes="checked-caption")
@@ -72,7 +64,6 @@ class CheckedInput(Vertical):
         self._show_problem("")
 
     def on_input_changed(self, event: Input.Changed) -> None:
-        """Check the text after each change."""
         event.stop()
         self._check_text(event.value.strip(), self.Typed)
 

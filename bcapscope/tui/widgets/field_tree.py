@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from itertools import islice
 from typing import ClassVar, NamedTuple
 
@@ -28,7 +29,6 @@ class _Entry(NamedTuple):
     """A row of a section, or the caption above a section.
 
     Attributes:
-        section: Index of the section.
         row: The row; None for the caption.
         stop: Index after the last entry below this one.
     """
@@ -42,18 +42,19 @@ class FieldTree(Lines):
     """Shows the fields; the left and right keys fold and unfold."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("left", "fold", "tree.fold", id="tree.fold", show=False, tooltip="tree.fold.tip"),
-        Binding("right", "unfold", "tree.unfold", id="tree.unfold", show=False),
+        Binding("left", "fold", "tree.fold", show=False),
+        Binding("right", "unfold", "tree.unfold", show=False),
         Binding("space", "turn", "", show=False),
-        Binding("a", "full", "tree.full", id="tree.full", tooltip="tree.full.tip"),
+        Binding("a", "full", "tree.full"),
     ]
 
+    @dataclass
     class FieldSelected(Message):
         """The cursor moved to other bytes: `begin` to `end` (exclusive) of a section."""
 
-        def __init__(self, section: int, begin: int, end: int) -> None:
-            super().__init__()
-            self.section, self.begin, self.end = section, begin, end
+        section: int
+        begin: int
+        end: int
 
     def __init__(self, *, id: str | None = None) -> None:
         super().__init__(id=id)
@@ -69,11 +70,7 @@ class FieldTree(Lines):
         self._rebuild()
 
     def select_field_at(self, section: int, offset: int) -> tuple[int, int]:
-        """Select the innermost field that contains a byte, without posting a message.
-
-        Returns:
-            Begin and end of its bytes; both 0 if no field contains the byte.
-        """
+        """Select the innermost field at a byte without a message; return its begin and end, or 0, 0."""
         found = None
         for index, entry in enumerate(self._entries):
             row = entry.row
@@ -98,7 +95,6 @@ class FieldTree(Lines):
 
     @property
     def count(self) -> int:
-        """Number of visible rows."""
         return len(self._visible)
 
     def line(self, index: int) -> str:
@@ -120,7 +116,6 @@ class FieldTree(Lines):
         return f"{INK.dim}{place} {fold}{INK.reset} {indent}{row.name:<{width}} {colored_value(row, INK)}"
 
     def on_lines_moved(self, message: Lines.Moved) -> None:
-        """Post the bytes of the field under the cursor."""
         if not self._visible:
             return
         section, row, _ = self._entries[self._visible[self.cursor]]
@@ -147,7 +142,6 @@ class FieldTree(Lines):
         return all(each is not None and each.kind is not FieldRowKind.PROBLEM for each in under)
 
     def _update_visible(self) -> None:
-        """Update the list of visible rows."""
         self._visible = []
         at = 0
         while at < len(self._entries):
@@ -176,7 +170,6 @@ class FieldTree(Lines):
             self._set_folded(self._visible[self.cursor], False)
 
     def action_turn(self) -> None:
-        """Fold or unfold the branch."""
         if self._visible:
             at = self._visible[self.cursor]
             if self._entries[at].stop > at + 1:

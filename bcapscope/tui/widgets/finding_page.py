@@ -27,7 +27,7 @@ class FindingPage(Lines):
     """Shows findings as paragraphs; up and down move by lines, Enter chooses the finding."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("enter", "choose", "findings.choose", id="findings.choose", tooltip="findings.choose.tip"),
+        Binding("enter", "choose", "findings.choose"),
     ]
 
     def __init__(self, *, id: str | None = None) -> None:
@@ -36,7 +36,6 @@ class FindingPage(Lines):
         self._lines: list[tuple[str, int]] = []
 
     def show_analysis(self, analysis: TrafficAnalysis) -> None:
-        """Show the findings below a summary line."""
         if analysis != self._analysis:
             self._analysis = analysis
             self._update_lines()
@@ -56,14 +55,12 @@ class FindingPage(Lines):
 
     @property
     def count(self) -> int:
-        """Number of lines."""
         return len(self._lines)
 
     def line(self, index: int) -> str:
         return self._lines[index][0]
 
     def on_resize(self, event: Resize) -> None:
-        """Wrap to the new width."""
         self._update_lines()
 
     @property

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import ClassVar
 
 from textual.binding import Binding, BindingType
@@ -36,13 +37,14 @@ class HexView(Lines):
         Binding("home,g", "first", "", show=False),
         Binding("end,G", "last", "", show=False),
     ]
+    highlights_cursor_line = False  # the cursor is a byte
 
+    @dataclass
     class ByteSelected(Message):
         """The cursor moved to the byte at `offset` of a section."""
 
-        def __init__(self, section: int, offset: int) -> None:
-            super().__init__()
-            self.section, self.offset = section, offset
+        section: int
+        offset: int
 
     def __init__(self, *, id: str | None = None) -> None:
         super().__init__(id=id)
@@ -52,7 +54,6 @@ class HexView(Lines):
         self._cursor_byte = (0, 0)
 
     def show_sections(self, sections: tuple[FrameSection, ...]) -> None:
-        """Show the bytes of the sections."""
         self._sections = sections
         self._highlighted, self._cursor_byte = (0, 0, 0), (0, 0)
         self.reset_lines()
@@ -68,13 +69,7 @@ class HexView(Lines):
         self.repaint()
 
     @property
-    def highlights_cursor_line(self) -> bool:
-        """Whether the cursor's line is highlighted: no, the cursor is a byte."""
-        return False
-
-    @property
     def count(self) -> int:
-        """Number of lines."""
         return sum(map(self._section_height, range(len(self._sections))))
 
     def _section_height(self, section: int) -> int:
@@ -101,7 +96,6 @@ class HexView(Lines):
         return next(hexdump(data, marks, INK, first, self._per_line))
 
     def on_resize(self, event: Resize) -> None:
-        """Show as many bytes per line as fit."""
         fits = PER_LINE if event.size.width >= width_for(PER_LINE) else _NARROW
         if fits != self._per_line:
             self._per_line = fits
@@ -111,11 +105,9 @@ class HexView(Lines):
             self._show_cursor()
 
     def on_focus(self) -> None:
-        """Show the cursor."""
         self.repaint()
 
     def on_blur(self) -> None:
-        """Hide the cursor."""
         self.repaint()
 
     # the cursor
@@ -137,7 +129,6 @@ class HexView(Lines):
         self.post_message(self.ByteSelected(*self._cursor_byte))
 
     def action_step(self, by: int) -> None:
-        """Move to the previous or next byte."""
         section, offset = self._cursor_byte
         offset += by
         if offset < 0 and section:
@@ -148,24 +139,19 @@ class HexView(Lines):
         self._select_byte(section, offset)
 
     def action_row(self, by: int) -> None:
-        """Move to the byte above or below."""
         self.action_step(by * self._per_line)
 
     def action_rows(self, by: int) -> None:
-        """Move up or down by a page."""
         self.action_row(by * max(1, self.size.height - 1))
 
     def action_first(self) -> None:
-        """Move to the first byte."""
         self._select_byte(0, 0)
 
     def action_last(self) -> None:
-        """Move to the last byte."""
         if self._sections:
             self._select_byte(len(self._sections) - 1, len(self._sections[-1].body) - 1)
 
     def on_click(self, event: Click) -> None:
-        """Move to the clicked byte, in hex or text."""
         event.prevent_default()
         offset = event.get_content_offset(self)
         if offset is None:

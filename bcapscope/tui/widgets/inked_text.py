@@ -12,22 +12,15 @@ class InkedText(Static):
     """Shows text rendered with `ink.INK`, and redraws it when the theme changes."""
 
     def __init__(self, *, id: str | None = None, classes: str | None = None) -> None:
-        """Start empty."""
         super().__init__(id=id, classes=classes, markup=False)
         self._source_text = ""
 
     def show_text(self, text: str, *, layout: bool = True) -> None:
-        """Show a text.
-
-        Args:
-            text: Text with ink marks.
-            layout: Whether its size may have changed.
-        """
+        """Show a text with ink marks; `layout` says whether its size may have changed."""
         self._source_text = text
         self.update(styled_text(text, app_of(self).text_styles), layout=layout)
 
     def notify_style_update(self) -> None:
-        """Redraw in the colours of a new theme."""
         super().notify_style_update()
         if self.is_mounted:
             self.show_text(self._source_text, layout=False)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
+from dataclasses import dataclass
 from math import ceil
 from typing import ClassVar
 
@@ -44,6 +45,8 @@ class Lines(ScrollView, can_focus=True):
 
     Attributes:
         cursor: Index of the line under the cursor; 0 if the list is empty.
+        follows_end: Whether a cursor on the last line follows new lines.
+        highlights_cursor_line: Whether the line under the cursor has its own colour.
     """
 
     BINDINGS: ClassVar[list[BindingType]] = [
@@ -51,8 +54,8 @@ class Lines(ScrollView, can_focus=True):
         Binding("down,j", "move(1)", "", show=False),
         Binding("pageup", "page(-1)", "", show=False),
         Binding("pagedown", "page(1)", "", show=False),
-        Binding("home,g", "to_start", "lines.start", id="lines.start", show=False),
-        Binding("end,G", "to_end", "lines.end", id="lines.end", show=False),
+        Binding("home,g", "to_start", "lines.start", show=False),
+        Binding("end,G", "to_end", "lines.end", show=False),
         Binding("left", "sideways(-1)", "", show=False),
         Binding("right", "sideways(1)", "", show=False),
         Binding("enter", "choose", "", show=False),
@@ -60,18 +63,15 @@ class Lines(ScrollView, can_focus=True):
     COMPONENT_CLASSES: ClassVar[set[str]] = {"lines--cursor", "lines--blurred"}
     ALLOW_SELECT = False
     cursor: reactive[int] = reactive(0, repaint=False)
+    follows_end = False
+    highlights_cursor_line = True
 
+    @dataclass
     class Moved(Message):
         """The cursor moved to another line, or its line was replaced."""
 
-        def __init__(self, lines: Lines, index: int) -> None:
-            super().__init__()
-            self.lines, self.index = lines, index
-
-        @property
-        def control(self) -> Lines:
-            """The list that sent the message."""
-            return self.lines
+        lines: Lines
+        index: int
 
     class Chosen(Moved):
         """The user pressed Enter on a line, or clicked the line under the cursor."""
@@ -144,15 +144,9 @@ class Lines(ScrollView, can_focus=True):
             bar.window_virtual_size, bar.window_size, bar.position = there, height, self.scroll_y
 
     def watch_scroll_y(self, old_value: float, new_value: float) -> None:
-        """Draw the lines that came into sight."""
         if round(old_value) != round(new_value):
             self.refresh(self.size.region)
             self._update_scrollbar_thumb()
-
-    @property
-    def follows_end(self) -> bool:
-        """Whether a cursor on the last line follows new lines."""
-        return False
 
     def repaint(self) -> None:
         """Redraw the same lines, for example in another format."""
@@ -169,13 +163,11 @@ class Lines(ScrollView, can_focus=True):
     # drawing
 
     def notify_style_update(self) -> None:
-        """Redraw everything in other colours."""
         self._strips.clear()
         self._styles.clear()
         super().notify_style_update()
 
     def on_resize(self, event: Resize) -> None:
-        """Keep the cursor visible."""
         self._update_extent()
         self._scroll_to_cursor()
 
@@ -210,11 +202,6 @@ class Lines(ScrollView, can_focus=True):
     def line_state(self, index: int) -> str:
         """Return further state that a line depends on, if it changes without `reset_lines` or `repaint`."""
         return ""
-
-    @property
-    def highlights_cursor_line(self) -> bool:
-        """Whether the line under the cursor has its own colour."""
-        return True
 
     def _draw_line(self, line: str, x: int, width: int, is_cursor: bool) -> Strip:
         styles = self._line_styles(("cursor" if self.has_focus else "blurred") if is_cursor else "")
@@ -256,17 +243,14 @@ class Lines(ScrollView, can_focus=True):
         self.cursor = max(0, min(index, self.count - 1))
 
     def watch_cursor(self, old: int, new: int) -> None:
-        """Redraw both lines and post `Moved`."""
         self.redraw_lines(old, new)
         self._scroll_to_cursor()
         self._post_moved()
 
     def on_focus(self) -> None:
-        """Show the cursor as focused."""
         self.refresh()
 
     def on_blur(self) -> None:
-        """Show the cursor as not focused."""
         self.refresh()
 
     def _post_moved(self) -> None:
@@ -282,27 +266,21 @@ class Lines(ScrollView, can_focus=True):
             self.scroll_to(y=max(0, aim), animate=False, force=True)
 
     def action_move(self, by: int) -> None:
-        """Move up or down."""
         self.move_cursor_to(self.cursor + by)
 
     def action_page(self, by: int) -> None:
-        """Move up or down by a page."""
         self.move_cursor_to(self.cursor + by * max(1, self.size.height - 1))
 
     def action_to_start(self) -> None:
-        """Move to the first line."""
         self.move_cursor_to(0)
 
     def action_to_end(self) -> None:
-        """Move to the last line."""
         self.move_cursor_to(self.count - 1)
 
     def action_sideways(self, by: int) -> None:
-        """Scroll left or right."""
         self.scroll_to(x=max(0, self.scroll_offset.x + by * _SIDEWAYS_COLUMNS), animate=False, force=True)
 
     def action_choose(self) -> None:
-        """Choose the line under the cursor."""
         if self.count:
             self.post_message(self.Chosen(self, self.cursor))
 

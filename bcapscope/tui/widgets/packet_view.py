@@ -29,12 +29,7 @@ class PacketView(Horizontal, PlainContainer):
         yield HexView(id="bytes")
 
     def show_packet(self, observation: Observation | None, question: CallKind | None = None) -> None:
-        """Show an observation, or nothing.
-
-        Args:
-            observation: The observation.
-            question: For a reply, the kind of the call that it answers, if known.
-        """
+        """Show an observation, or nothing; `question` is the kind of the call that a reply answers."""
         found = () if observation is None else frame_sections(observation, question)
         self.query_one(HexView).show_sections(found)
         with self.prevent(Lines.Moved):
@@ -48,7 +43,6 @@ class PacketView(Horizontal, PlainContainer):
         self.query_one(HexView).styles.width = wide if fits else width_for(8) + scrollbar
 
     def on_field_tree_field_selected(self, message: FieldTree.FieldSelected) -> None:
-        """Highlight the bytes of the field."""
         message.stop()
         self.query_one(HexView).highlight_bytes(message.section, message.begin, message.end)
 

@@ -21,7 +21,6 @@ class TextPage(Lines):
 
     @property
     def count(self) -> int:
-        """Number of lines."""
         return len(self._lines)
 
     def line(self, index: int) -> str:

@@ -2,26 +2,22 @@
 
 from __future__ import annotations
 
-from rich.style import Style
+from typing import ClassVar
+
 from rich.text import Text
 from textual.app import RenderResult
-from textual.events import Click
-from textual.widget import Widget
 
 from bcapscope.tui.app import app_of
 from bcapscope.tui.reader_language import label
+from bcapscope.tui.widgets.click_bar import ClickBar
 
 
-class TopBar(Widget):
-    """Shows the screens with their keys, and `BcapApp.status` at the right.
+class TopBar(ClickBar):
+    """Shows the screens with their keys, which a click opens, and `BcapApp.status` at the right."""
 
-    A click on a name opens that screen.
-    """
-
-    COMPONENT_CLASSES = {"topbar--title", "topbar--here", "topbar--there"}  # noqa: RUF012 - as Textual has it
+    COMPONENT_CLASSES: ClassVar[set[str]] = {"topbar--title", "topbar--here", "topbar--there"}
 
     def on_mount(self) -> None:
-        """Redraw for each new status."""
         self.watch(self.app, "status", self._show_status)
 
     def _show_status(self) -> None:
@@ -32,27 +28,11 @@ class TopBar(Widget):
         app = app_of(self)
         status = Text.assemble(*((text, app.text_styles.get(ink, "")) for text, ink in app.status))
         left = Text(" bcapscope ", style=self.get_component_rich_style("topbar--title"), end="")
-        for mode, text in self._screen_labels():
-            left.append(text, style=self._style(mode))
+        for entry in app.screen_entries:
+            kind = "topbar--here" if entry.mode == app.current_mode else "topbar--there"
+            style = self.style_for(kind, f"app.switch_mode({entry.mode!r})")
+            left.append(f" {entry.key.upper()} {label(entry.name)} ", style=style)
         space = self.size.width - left.cell_len - status.cell_len
         if space < 0:
             left.truncate(max(0, self.size.width - status.cell_len))
         return Text.assemble(left, " " * max(0, space), status, no_wrap=True, end="")
-
-    def _style(self, mode: str) -> Style:
-        here = mode == self.app.current_mode
-        return self.get_component_rich_style("topbar--here" if here else "topbar--there")
-
-    def _screen_labels(self) -> list[tuple[str, str]]:
-        return [
-            (spot.mode, f" {spot.key.upper()} {label(spot.name)} ") for spot in app_of(self).screen_entries
-        ]
-
-    async def on_click(self, event: Click) -> None:
-        """Open the clicked screen."""
-        at = len(" bcapscope ")
-        for mode, text in self._screen_labels():
-            width = Text(text).cell_len
-            if at <= event.x < at + width and mode != self.app.current_mode:
-                await self.app.switch_mode(mode)
-            at += width

@@ -27,7 +27,7 @@ SCENES = (
         (11, 609),
         (
             "300 of 309 calls of your client read a single variable, mostly 'IO128' (300)",
-            "Each read took 1.7 ms, and all of them 85% of the time",
+            "Each read took 1.7 ms, and all reads together 85% of the time",
         ),
         _reads(20),
     ),
@@ -35,7 +35,7 @@ SCENES = (
         "polling",
         _reads(200, takes=2.0),
         (11, 409),
-        ("2.0 ms, and all of them 100% of the time",),
+        ("2.0 ms, and all reads together 100% of the time",),
         _reads(20),
     ),
 )

@@ -172,7 +172,7 @@ SCENES = (
         _moves_to_first("@P", 0x600B, 500),
         (13, 14, 15, 16),
         (
-            "Robot_Move 7, passes with @P. slvChangeMode waited 500 ms",
+            "Robot_Move 7, has @P instead of @E. slvChangeMode waited 500 ms",
             "slvChangeMode was refused",
             "0x0000600B",
         ),

@@ -129,7 +129,7 @@ SCENES = (
         "unmarked-retry",
         _again(0),
         (9, 10, 11),
-        ("Motor 6 repeats Motor 5, which got no reply, as if it were new",),
+        ("Motor 6 repeats Motor 5, which got no reply. It is sent as a new call",),
         _again(0, answered=True),
         "no-reply",
     ),
@@ -157,7 +157,7 @@ SCENES = (
         "stale-answer",
         _restarts(7),
         (13, 14, 15, 16),
-        ("with serial 7, the last one answered",),
+        ("has serial 7, which was also the serial of the last reply",),
         _restarts(9),
     ),
     Scene(

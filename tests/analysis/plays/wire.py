@@ -113,7 +113,7 @@ SCENES = (
         "malformed-request",
         _sends(_SHORT),
         (9,),
-        ("Frame 9 from 192.168.0.10:50001 at 0.050 s is malformed", "can stop the official server"),
+        ("Frame 9 from 192.168.0.10:50001 at 0.050 s is malformed", "can stop DENSO's C server"),
         _sends(_SOUND),
     ),
     Scene(
@@ -151,7 +151,7 @@ SCENES = (
         "server-guessed",
         _ports(_UNKNOWN),
         (1,),
-        ("only guesses that 192.168.0.1:6000 is the server and 192.168.0.10:50001 the client",),
+        ("only guesses that 192.168.0.1:6000 is the controller and 192.168.0.10:50001 the client",),
         _ports(_SOUND),
     ),
     Scene(

@@ -204,7 +204,7 @@ def test_an_unknown_mode_says_what_it_takes_for_granted() -> None:
     assert unknown.slots == DEFAULT_SLOTS
     assert "the mode is unknown" in str(unknown.assumptions[0])
     guessed = BufferBehaviour.of_mode(slave_mode_by_number(0x001), guessed=True)
-    assert "the generation is unknown" in str(guessed.assumptions[0])
+    assert "the generation of the controller is unknown" in str(guessed.assumptions[0])
 
 
 def test_lists_are_bounded_and_counts_are_not() -> None:

@@ -56,7 +56,7 @@ def test_drift_is_found_across_wraps(
     assert facts.drift_ppm == pytest.approx(drift, abs=2 if unit else 25)
     assert (facts.missing, facts.repeated, facts.backwards) == (0, 0, 0)
     assert facts.stamps == 5000
-    assert str(facts.unit_known_by) == ("slvRecvFormat" if known else "the pace of the stamps")
+    assert str(facts.unit_known_by) == ("slvRecvFormat" if known else "the pace of the time stamps")
 
 
 def test_each_wrap_is_counted() -> None:

@@ -469,6 +469,18 @@ def test_stays_without_end_are_bounded() -> None:
     assert sum(stay.counts.sent for stay in stays) == 2 * (MAX_SESSIONS + 9)
 
 
+def test_the_session_that_was_silent_longest_ends_when_another_begins() -> None:
+    plan = Plan()
+    for n in range(MAX_SESSIONS + 1):
+        plan.driver(1000 + n, handle=n).move(8.0 + n / 100)
+    newest = plan.driver(2000, handle=2000)
+    newest.moves([50.0, 58.0])
+    stays = plan.stays()
+    assert [stay.counts.sent for stay in stays] == [1] * (MAX_SESSIONS + 1) + [2]
+    ended = [stay.conversation.client.port for stay in stays if stay.exit.reason is ExitReason.SILENT]
+    assert ended == [1000, 1001]
+
+
 def test_the_first_point_is_compared_with_where_the_robot_stands() -> None:
     plan = Plan()
     driver = plan.driver()

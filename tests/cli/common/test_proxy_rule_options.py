@@ -267,7 +267,7 @@ def test_a_script_that_goes_wrong_is_told_once_and_all_passes(tmp_path: Path) ->
             "/dev/zero: longer than",
             marks=pytest.mark.skipif(sys.platform == "win32", reason="no file there that never ends"),
         ),
-        (("--control", "0.0.0.0:5"), 4, "0.0.0.0 is not loopback"),
+        (("--control", "0.0.0.0:5"), 4, "0.0.0.0 is not on loopback"),
     ],
 )
 def test_options_that_make_no_sense_are_told(words: tuple[str, ...], code: int, reason: str) -> None:

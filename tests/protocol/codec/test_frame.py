@@ -22,6 +22,7 @@ from bcapscope.protocol.codec.frame import (
     parse_single_frame,
 )
 from bcapscope.protocol.codec.frame_content import FrameContent
+from bcapscope.protocol.codec.frame_template import FrameTemplates
 from bcapscope.protocol.codec.variant import ARRAY, NUMBER_FORMATS, VT, Variant, encode_argument
 from tests.frames import (
     DAMAGED,
@@ -185,9 +186,10 @@ def test_a_compressed_frame_has_its_code_at_once_and_spans_in_what_it_unpacks_to
 
 
 def test_a_layout_is_known_before_anything_else_is_asked() -> None:
+    templates = FrameTemplates()
     first, second = (
-        Frame(encode_frame(1, 0, 65, [Variant(VT.I8, 1)])),
-        Frame(encode_frame(2, 0, 65, [Variant(VT.I8, 2)])),
+        Frame(encode_frame(1, 0, 65, [Variant(VT.I8, 1)]), None, templates),
+        Frame(encode_frame(2, 0, 65, [Variant(VT.I8, 2)]), None, templates),
     )
     found = [frame.template_match for frame in (first, second)]
     assert found[0] is not None
@@ -257,9 +259,9 @@ def test_refuses_a_frame_that_is_too_large(monkeypatch: pytest.MonkeyPatch) -> N
     largest = Variant.array(VT.UI1, bytes(74))
     assert len(encode_frame(1, 0, 64, [largest])) == 100
     larger = Variant.array(VT.UI1, bytes(75))
-    with pytest.raises(LocalProtocolError, match="100 is the most"):
+    with pytest.raises(LocalProtocolError, match="the limit is 100"):
         encode_frame(1, 0, 64, [larger])
-    with pytest.raises(LocalProtocolError, match="100 is the most"):
+    with pytest.raises(LocalProtocolError, match="the limit is 100"):
         encode_frame(1, 1, 64, [Variant.array(VT.UI1, bytes(1000))], Framing.VERSION_1_ZLIB)
 
 

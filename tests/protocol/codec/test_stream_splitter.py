@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bcapscope.protocol.codec.arguments import Problem
+from bcapscope.protocol.codec.byte_budget import ByteBudget
 from bcapscope.protocol.codec.frame import Frame, Framing, Malformed, encode_frame
 from bcapscope.protocol.codec.stream_splitter import (
     LARGEST_GARBAGE,
@@ -304,6 +305,19 @@ def test_the_limit_holds_however_the_stream_is_cut() -> None:
     for front in (b"", b"?"):
         for way in ([front + too_long + too_long + GOOD], [front, too_long, too_long, GOOD]):
             assert raws(feed(way, limit=len(GOOD))) == [front + too_long + too_long, GOOD]
+
+
+def test_a_shared_budget_counts_what_its_streams_hold() -> None:
+    budget = ByteBudget()
+    splitters = [StreamSplitter(budget=budget), StreamSplitter(synchronized=False, budget=budget)]
+    for segment in bytewise(EVERYTHING + b"garbage" + EVERYTHING):
+        for splitter in splitters:
+            splitter.feed(segment)
+        assert budget.held == sum(splitter.pending_bytes for splitter in splitters)
+    splitters[0].add_gap(5)
+    assert budget.held == splitters[1].pending_bytes
+    splitters[1].close()
+    assert budget.held == 0
 
 
 def test_many_arguments_are_taken_in_step_only() -> None:

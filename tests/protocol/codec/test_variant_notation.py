@@ -70,6 +70,28 @@ def test_what_does_not_go_with_its_type(text: str, reason: str) -> None:
 
 
 @pytest.mark.parametrize(
+    ("vt", "low", "high"),
+    [
+        (VT.I2, -(2**15), 2**15 - 1),
+        (VT.I4, -(2**31), 2**31 - 1),
+        (VT.ERROR, -(2**31), 2**31 - 1),
+        (VT.I8, -(2**63), 2**63 - 1),
+        (VT.CY, -(2**63), 2**63 - 1),
+        (VT.UI1, 0, 2**8 - 1),
+        (VT.UI2, 0, 2**16 - 1),
+        (VT.UI4, 0, 2**32 - 1),
+        (VT.UI8, 0, 2**64 - 1),
+    ],
+)
+def test_the_ends_of_each_integer_type(vt: VT, low: int, high: int) -> None:
+    for value in (low, high):
+        assert parse_variant(f"{vt.name}:{value}") == Variant(vt, value)
+    for value in (low - 1, high + 1):
+        with pytest.raises(ValueError, match=f"'{value}' is no VT_{vt.name}"):
+            parse_variant(f"{vt.name}:{value}")
+
+
+@pytest.mark.parametrize(
     ("text", "types", "variant"),
     [
         ("2", ["VT_I2", "VT_I4"], Variant(VT.I2, 2)),

@@ -9,10 +9,12 @@ from hypothesis import strategies as st
 
 from bcapscope.protocol.codec.frame import encode_frame
 from bcapscope.protocol.codec.frame_content import FrameContent
-from bcapscope.protocol.codec.variant import EMPTY, VT, Variant
+from bcapscope.protocol.codec.variant import EMPTY, VT, Variant, encode_argument
 from bcapscope.protocol.dissection.frame_repair import LONGEST_REPAIRED, ByteEdit, FrameRepair, find_repair
 from tests.damaged import CHANGE_MODE, DONE, GET_MODE, HANDLE, MOVE, MOVED, NUMBER, SOUND, TEXT, without
 from tests.strategies import mutated_frames
+
+ZERO = encode_argument(Variant(VT.I4, 0))
 
 
 def lost(*offsets: int) -> tuple[ByteEdit, ...]:
@@ -84,6 +86,7 @@ def test_a_misspelt_command_is_no_damage() -> None:
         ),
         (TEXT + b"\0", FrameRepair(TEXT, (ByteEdit(40, b"\0", b""),), is_argument=True)),
         (without(TEXT, 13), FrameRepair(TEXT, lost(13), is_argument=True)),
+        (ZERO[:-1], FrameRepair(ZERO, lost(13), is_argument=True)),
     ],
 )
 def test_arguments_on_their_own(raw: bytes, found: FrameRepair) -> None:

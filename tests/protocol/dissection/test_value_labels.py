@@ -80,6 +80,11 @@ def test_the_parts_of_a_pose(type_: Variant, passing: Variant, texts: list[str])
     assert [(each.name, each.unit) for each in numbers] == [(f"J{axis}", "deg") for axis in range(1, 7)]
 
 
+def test_a_mixed_array_without_numbers_in_front_is_no_pose() -> None:
+    pose = arguments(72, ONE, ONE, mixed(ONE, Variant(VT.I4, 2), Variant(VT.I4, -2)), bstr(""))[2]
+    assert {parts for parts in parts_of(pose)} == {("[0]", ""), ("[1]", ""), ("[2]", "")}
+
+
 def test_the_parts_of_an_approach() -> None:
     distance = Variant(VT.R4, 20.0)
     given = mixed(ONE, mixed(JOINTS, Variant(VT.I4, 2), Variant(VT.I4, 10)), distance)

@@ -88,14 +88,6 @@ def test_acceptance_in_slave_mode(owner: int, name: str, accepted: bool | None) 
     assert found.in_slave_mode is accepted
 
 
-def test_inferred_results_are_marked() -> None:
-    take_arm, current = find_command(64, "TakeArm"), find_command(64, "CurPos")
-    assert take_arm is not None
-    assert take_arm.result_inferred
-    assert current is not None
-    assert not current.result_inferred
-
-
 @pytest.mark.parametrize("entry", ALL, ids=lambda entry: f"{entry.function_id}-{entry.name}")
 def test_every_entry_is_sound(entry: CommandSpec) -> None:
     assert find_command(entry.function_id, entry.name.upper()) is entry

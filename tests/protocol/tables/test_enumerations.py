@@ -19,6 +19,14 @@ def test_sys_state_names_the_bits() -> None:
     assert sys_state_texts(0) == ()
     assert sys_state_texts(1 << 2 | 1 << 10) == ("servo on", "emergency stop")
     assert sys_state_texts(1 << 9) == ("bit 9",)
+    reserved = [bit for bit in range(32) if sys_state_texts(1 << bit) == (f"bit {bit}",)]
+    assert reserved == [9, 14, 15, 22, 23, 25, 26, 27, 28, 29, 30, 31]
+    assert sys_state_texts(0b1111 << 16) == (
+        "program start reset",
+        "calibration done",
+        "manual mode",
+        "one cycle done",
+    )
 
 
 @given(st.integers(-(2**31), 2**31 - 1))

@@ -177,7 +177,7 @@ def test_digits_of_an_unknown_controller_code(
     part = None if result.subsystem is None else str(result.subsystem)
     assert (result.level, part, result.axis) == (level, subsystem, axis)
     assert (result.is_listed, result.is_guess, result.name) == (False, True, None)
-    assert "read off the digits" in result.text
+    assert "derived from the digits" in result.text
     assert f"level {level}" in result.text
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from bcapscope.tui.controller_access.arming_state import DISARM_AFTER, ArmingState
+from bcapscope.live.controller.arming_state import DISARM_AFTER, ArmingState
 
 
 def test_it_lapses_unless_it_is_used() -> None:

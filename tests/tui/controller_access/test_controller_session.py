@@ -15,6 +15,22 @@ import pytest
 
 from bcapscope.client.controller_target import ControllerTarget
 from bcapscope.errors import CallTimeout, LocalProtocolError
+from bcapscope.live.controller.controller_session import (
+    ControllerSession,
+    NotArmedError,
+    NotConnectedError,
+)
+from bcapscope.live.controller.error_recovery import read_current_errors
+from bcapscope.live.controller.guided_connect import add_robot, connect
+from bcapscope.live.controller.halt_connection import HaltState, HaltUpdate
+from bcapscope.live.controller.history_record import HistoryRecord, Initiator, RecordOutcome
+from bcapscope.live.controller.session_updates import (
+    ConnectionLost,
+    ConnectStep,
+    ConnectStepUpdate,
+    SessionProblem,
+    SessionUpdate,
+)
 from bcapscope.protocol.codec.frame import Frame, encode_frame
 from bcapscope.protocol.codec.variant import ARRAY, EMPTY, VT, Variant
 from bcapscope.protocol.tables.function_table import ID, ObjectClass, function_name
@@ -25,23 +41,8 @@ from bcapscope.tui.controller_access.builtin_simulator import (
     BuiltInSimulator,
     run_builtin_simulator,
 )
-from bcapscope.tui.controller_access.controller_session import (
-    ControllerSession,
-    NotArmedError,
-    NotConnectedError,
-)
-from bcapscope.tui.controller_access.error_recovery import read_current_errors
-from bcapscope.tui.controller_access.guided_connect import add_robot, connect
-from bcapscope.tui.controller_access.halt_connection import HaltState, HaltUpdate
-from bcapscope.tui.controller_access.history_record import HistoryRecord, Initiator, RecordOutcome
 from bcapscope.tui.controller_access.option_field import AUTOMATIC_PROVIDERS
-from bcapscope.tui.controller_access.session_updates import (
-    ConnectionLost,
-    ConnectStep,
-    ConnectStepUpdate,
-    SessionProblem,
-    SessionUpdate,
-)
+from bcapscope.tui.controller_access.reason_text import reason_text
 from bcapscope.tui.tester.status_line import status_pieces
 from tests.client.server import answering, udp_server
 
@@ -282,7 +283,7 @@ def test_a_refused_step_says_why(tmp_path: Path) -> None:
         assert not join(session, server.port)
         last = received.all(ConnectStepUpdate)[-1]
         assert (last.step, last.done) == (ConnectStep.CONTROLLER, False)
-        assert "E_NO_LICENSE" in last.text
+        assert "E_NO_LICENSE" in reason_text(last.result)
         assert not session.status.is_connected
 
 
@@ -296,9 +297,9 @@ def test_each_provider_is_tried(tmp_path: Path) -> None:
 def test_nobody_there(tmp_path: Path) -> None:
     with open_tester(tmp_path) as (session, received):
         assert not join(session, 9, tcp=True)
-        assert received.all(ConnectStepUpdate)[-1] == ConnectStepUpdate(
-            ConnectStep.LINK, False, "connection refused"
-        )
+        last = received.all(ConnectStepUpdate)[-1]
+        assert (last.step, last.done) == (ConnectStep.LINK, False)
+        assert reason_text(last.result) == "connection refused"
         with pytest.raises(NotConnectedError):
             asyncio.run(session.run_in_loop(session.invoke("Service_Stop")))
 
@@ -342,6 +343,37 @@ def test_a_call_can_be_cancelled(tmp_path: Path) -> None:
         received.wait_for(lambda: received.all(HistoryRecord)[-1].outcome is RecordOutcome.ABANDONED)
         record = received.all(HistoryRecord)[-1]
         assert (record.initiator, len(record.sent_packets)) == (Initiator.USER, 1)
+
+
+def test_a_waiting_call_can_be_cancelled_without_touching_the_call_under_way(tmp_path: Path) -> None:
+    with answering(Robot_Execute=None) as server, open_tester(tmp_path) as (session, received):
+        assert join(session, server.port, timeout=1000 * LIMIT)
+        gone = threading.Event()
+
+        async def wait_in_line() -> None:
+            try:
+                await session.invoke("Controller_GetAttribute", session.controller.handle)
+            finally:
+                gone.set()
+
+        async def cancel() -> None:
+            assert session.status.robot is not None
+            values = (session.status.robot.handle, Variant(VT.BSTR, "slvGetMode"), EMPTY)
+            first = asyncio.ensure_future(session.run_in_loop(session.invoke("Robot_Execute", *values)))
+            await received.wait_for_request("Robot_Execute")
+            before = received.all(HistoryRecord)
+            waiting = asyncio.ensure_future(session.run_in_loop(wait_in_line()))
+            await session.run_in_loop(asyncio.sleep(0))
+            waiting.cancel()
+            assert await asyncio.to_thread(gone.wait, LIMIT)
+            assert received.all(HistoryRecord) == before
+            first.cancel()
+            await asyncio.to_thread(received.wait_for, lambda: len(received.all(HistoryRecord)) > len(before))
+            last = received.all(HistoryRecord)[-1]
+            assert (last.function_id, last.outcome) == (ID["Robot_Execute"], RecordOutcome.ABANDONED)
+            assert "Controller_GetAttribute" not in received.sent
+
+        asyncio.run(cancel())
 
 
 def test_connecting_can_be_cancelled(tmp_path: Path) -> None:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from bcapscope.live.controller.error_recovery import LastSlaveSession
+from bcapscope.live.controller.history_record import HistoryRecord, Initiator, RecordOutcome
 from bcapscope.protocol.codec.variant import VT, Variant
-from bcapscope.tui.controller_access.error_recovery import LastSlaveSession
-from bcapscope.tui.controller_access.history_record import HistoryRecord, Initiator, RecordOutcome
 
 ROBOT_EXECUTE = 64
 

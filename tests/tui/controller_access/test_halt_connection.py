@@ -11,9 +11,9 @@ from dataclasses import replace
 import pytest
 
 from bcapscope.client.controller_target import ControllerTarget
+from bcapscope.live.controller.halt_connection import HaltConnection, HaltState, HaltUpdate
 from bcapscope.protocol.codec.frame import Frame
 from bcapscope.protocol.tables.hresult import E_ACCESSDENIED, E_BUSY, E_HANDLE
-from bcapscope.tui.controller_access.halt_connection import HaltConnection, HaltState, HaltUpdate
 from tests.client.peer import Peer
 from tests.client.server import UdpServer, answering, udp_server
 
@@ -97,7 +97,7 @@ def test_it_is_said_again_to_a_controller_that_is_busy() -> None:
 def test_where_nobody_listens_it_fails_after_some_tries_and_is_not_said_later(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("bcapscope.tui.controller_access.halt_connection.RETRY_WITHIN", 0.3)
+    monkeypatch.setattr("bcapscope.live.controller.halt_connection.RETRY_WITHIN", 0.3)
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))  # and nobody listens there
         with line(probe.getsockname()[1], tcp=True) as (made, heard):

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from bcapscope.client.controller_target import ControllerTarget
-from bcapscope.tui.controller_access.arming_state import ArmingState
-from bcapscope.tui.controller_access.halt_connection import HaltState, HaltUpdate
-from bcapscope.tui.controller_access.reply_monitor import REPLY_OVERDUE_AFTER, ReplyMonitor
-from bcapscope.tui.controller_access.session_updates import SessionStatus
+from bcapscope.live.controller.arming_state import ArmingState
+from bcapscope.live.controller.halt_connection import HaltState, HaltUpdate
+from bcapscope.live.controller.reply_monitor import REPLY_OVERDUE_AFTER, ReplyMonitor
+from bcapscope.live.controller.session_updates import SessionStatus
 from bcapscope.tui.tester.status_line import status_pieces
 
 SECOND = 1_000_000_000

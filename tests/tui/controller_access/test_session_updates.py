@@ -6,12 +6,12 @@ import pytest
 
 from bcapscope.client.controller_target import ControllerTarget
 from bcapscope.client.handle_table import ObjectHandle
+from bcapscope.live.controller.history_record import HistoryRecord, Initiator, RecordOutcome
+from bcapscope.live.controller.session_updates import SessionStatus
 from bcapscope.protocol.codec.frame import Frame, encode_frame
 from bcapscope.protocol.codec.variant import EMPTY, VT, Variant
 from bcapscope.protocol.tables.function_table import ObjectClass
 from bcapscope.protocol.tables.hresult import E_INVALIDARG, E_NOT_IN_SLAVE_MODE, S_OK
-from bcapscope.tui.controller_access.history_record import HistoryRecord, Initiator, RecordOutcome
-from bcapscope.tui.controller_access.session_updates import SessionStatus
 
 ROBOT = ObjectHandle(ObjectClass.ROBOT, 2, ("Arm", ""), None)
 STATUS = SessionStatus(ControllerTarget("10.0.0.1"), open_objects=(ROBOT,), robot=ROBOT, round_trip=7)

@@ -28,7 +28,7 @@ def test_text_has_no_course() -> None:
 
 def test_what_cannot_be_read_says_why_until_it_can() -> None:
     watched = WatchedVariable("I1", 3)
-    watched.set_problem("E_HANDLE")
+    watched.problem = "E_HANDLE"
     assert watched.problem == "E_HANDLE"
     watched.add_reading(Variant(VT.I4, 1), 0)
     assert watched.problem == ""

@@ -49,6 +49,19 @@ def test_frames_calls_findings_slave_mode_statistics() -> None:
     act_on(SESSION, act, (160, 48))
 
 
+@pytest.mark.parametrize("view", ["frames", "calls"])
+def test_the_time_since_the_line_above_does_not_depend_on_what_was_drawn_before(view: str) -> None:
+    async def act(pilot: Pilot[None]) -> None:
+        here = screen(pilot)
+        here.action_view(view)
+        await pilot.press("t")
+        lines = here.shown_list
+        first, fifth = lines.line(0), lines.line(4)
+        assert (lines.line(0), lines.line(4)) == (first, fifth)
+
+    act_on(SESSION, act)
+
+
 def test_from_frame_to_reply_to_call_to_finding_and_back() -> None:
     async def act(pilot: Pilot[None]) -> None:
         assert "Frame 1, request of call 1 · answered in 6" in about(pilot)

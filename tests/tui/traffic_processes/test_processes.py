@@ -24,7 +24,6 @@ from bcapscope.render.diagnosis_summary import diagnosis_summary as verdict_line
 from bcapscope.traffic.call import Call
 from bcapscope.traffic.call_verdict import Outcome
 from bcapscope.traffic.filter.field_table import RecordKind
-from bcapscope.tui.ink import strip_styles
 from bcapscope.tui.traffic_processes import reader_process as readings
 from bcapscope.tui.traffic_processes import traffic_publisher
 from bcapscope.tui.traffic_processes.process_messages import (
@@ -45,6 +44,7 @@ from tests.capture.test_rotating_recording import SmallDisk
 from tests.cli.common.test_call_reading import captured, in_slave_mode
 from tests.cli.run import CAPTURES, run
 from tests.samples.calls import r8s, text
+from tests.tui.marks import strip_styles
 
 LIMIT = 20.0
 

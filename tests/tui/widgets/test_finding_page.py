@@ -6,13 +6,13 @@ from textual.pilot import Pilot
 
 from bcapscope.messages import Language
 from bcapscope.protocol.text_format import display_width
-from bcapscope.tui.ink import strip_styles
 from bcapscope.tui.reader_language import set_language
 from bcapscope.tui.traffic_processes.process_messages import TrafficAnalysis
 from bcapscope.tui.traffic_processes.running_diagnosis import shown_finding
 from bcapscope.tui.widgets.finding_page import FindingPage
 from tests.analysis.plays import SCENES
 from tests.analysis.scenes import stage
+from tests.tui.marks import strip_styles
 from tests.tui.pilot import shown
 from tests.tui.widgets.stage import on_stage, scope
 

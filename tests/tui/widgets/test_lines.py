@@ -14,16 +14,12 @@ class Numbers(Lines):
 
     def __init__(self, count: int, live: bool = False) -> None:
         super().__init__(id="numbers")
-        self.there, self.live = count, live
+        self.there, self.follows_end = count, live
         self.asked: list[int] = []
 
     @property
     def count(self) -> int:
         return self.there
-
-    @property
-    def follows_end(self) -> bool:
-        return self.live
 
     def line(self, index: int) -> str:
         self.asked.append(index)

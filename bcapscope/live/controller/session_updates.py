@@ -7,22 +7,21 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from enum import StrEnum
+from pathlib import Path
 from typing import TypeAlias
 
 from bcapscope.client.controller_target import ControllerTarget
 from bcapscope.client.handle_table import ObjectHandle
 from bcapscope.client.session import command_of, requested_slave_mode
+from bcapscope.live.controller.halt_connection import HaltUpdate
+from bcapscope.live.controller.history_record import HistoryRecord, Reason, RecordOutcome
 from bcapscope.protocol.tables.hresult import E_NOT_IN_SLAVE_MODE, describe_hresult
-from bcapscope.tui.controller_access.halt_connection import HaltUpdate
-from bcapscope.tui.controller_access.history_record import HistoryRecord, RecordOutcome
 
 _ARM_COMMANDS = ("takearm", "givearm")
 _LEVEL_THAT_ENDS_SLAVE_MODE = 3
 
 
 class ConnectStep(StrEnum):
-    """A step of the guided connect."""
-
     LINK = "link"
     SERVICE = "service"
     CONTROLLER = "controller"
@@ -35,14 +34,13 @@ class ConnectStepUpdate:
     """A step of the guided connect has started or ended.
 
     Attributes:
-        step: The step.
         done: Whether it succeeded; None while it runs.
-        text: What it found, or why it failed.
+        result: What it found, or why it failed.
     """
 
     step: ConnectStep
     done: bool | None
-    text: str = ""
+    result: Reason = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +48,6 @@ class ControllerIdentity:
     """What the controller reports about itself.
 
     Attributes:
-        is_simulator: Whether it is the built-in simulator.
         version: Version of its software; empty if not reported.
         type_name: Type of the robot; empty if not reported or no robot is open.
         type_number: Value of @TYPE; empty likewise.
@@ -67,8 +64,6 @@ class SessionStatus:
     """The state that the screen always shows.
 
     Attributes:
-        target: The controller; None without a connection.
-        identity: What the controller reports about itself.
         open_objects: Open objects in the order of opening.
         robot: The robot that receives commands.
         slave_mode: Slave mode of the robot, derived from this client's own calls.
@@ -86,7 +81,6 @@ class SessionStatus:
 
     @property
     def is_connected(self) -> bool:
-        """Whether there is a connection."""
         return self.target is not None
 
     def after_call(self, record: HistoryRecord, open_objects: tuple[ObjectHandle, ...]) -> SessionStatus:
@@ -118,9 +112,9 @@ def _slave_mode_after(record: HistoryRecord) -> int | None:
 
 @dataclass(frozen=True, slots=True)
 class ConnectionLost:
-    """The connection was lost; carries the reason as text."""
+    """The connection was lost."""
 
-    reason: str
+    reason: Reason
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,9 +124,10 @@ class WatchUpdate:
 
 @dataclass(frozen=True, slots=True)
 class SessionProblem:
-    """A function of the session failed, such as the action log; carries the reason as text."""
+    """A function of the session failed, such as writing the action log at `path`."""
 
-    text: str
+    path: Path
+    reason: Reason
 
 
 SessionUpdate: TypeAlias = (

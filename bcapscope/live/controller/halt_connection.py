@@ -21,9 +21,9 @@ from bcapscope.client.object_opener import ObjectOpener
 from bcapscope.client.robot_halt import halt_robot
 from bcapscope.client.session import Session, open_target_session
 from bcapscope.errors import BcapError, ControllerError
+from bcapscope.live.controller.history_record import Reason, error_reason
 from bcapscope.protocol.tables.function_table import ObjectClass
 from bcapscope.protocol.tables.hresult import E_HANDLE, E_NOT_CONNECTED
-from bcapscope.tui.controller_access.history_record import error_text
 
 HEARTBEAT = 2.0
 """Seconds between two heartbeat calls."""
@@ -60,13 +60,12 @@ class HaltUpdate:
     """The state of the HALT connection has changed.
 
     Attributes:
-        state: New state.
-        reason: Why it failed; empty otherwise.
+        reason: Why it failed; () otherwise.
         round_trip: Round trip of the call that showed it, ns; 0 if none did.
     """
 
     state: HaltState
-    reason: str = ""
+    reason: Reason = ()
     round_trip: int = 0
 
 
@@ -87,8 +86,6 @@ class HaltConnection:
             target: The controller. The same name of Controller_Connect is not used twice.
             report: Called for every change, in this connection's thread.
             observer: Called for every packet, in the same thread.
-            robot: Name of the robot to halt.
-            heartbeat: Seconds between two heartbeat calls.
         """
         self._target = replace(target, name=f"{target.name}-halt" if target.name else "")
         self._report = report
@@ -151,9 +148,9 @@ class HaltConnection:
                 async with open_target_session(self._target, observer=self._observer) as session:
                     await self._serve_session(session)
             except (BcapError, OSError) as error:
-                await self._handle_loss(error_text(error))
+                await self._handle_loss(error_reason(error))
 
-    async def _handle_loss(self, reason: str) -> None:
+    async def _handle_loss(self, reason: Reason) -> None:
         """Wait before the connection is reopened: only briefly while a HALT is pending.
 
         A pending HALT fails after `RETRY_WITHIN` seconds. Sent minutes later, it could interrupt another
@@ -219,9 +216,9 @@ class HaltConnection:
                 self._was_refused = True
                 self._pressed.set()
                 raise
-            self._report(HaltUpdate(HaltState.FAILED, error_text(error)))
+            self._report(HaltUpdate(HaltState.FAILED, error_reason(error)))
         except (BcapError, OSError) as error:
-            self._report(HaltUpdate(HaltState.FAILED, error_text(error)))
+            self._report(HaltUpdate(HaltState.FAILED, error_reason(error)))
             raise
         else:
             self._report(HaltUpdate(HaltState.HALTED, round_trip=round((self._loop.time() - began) * 1e9)))

@@ -24,6 +24,22 @@ from bcapscope.client.remote_objects import Robot
 from bcapscope.client.session import Session, open_target_session
 from bcapscope.client.variant_values import arguments_of
 from bcapscope.errors import BcapError, CallTimeout, ControllerError
+from bcapscope.live.controller.arming_state import ArmingState
+from bcapscope.live.controller.halt_connection import HaltConnection, HaltState, HaltUpdate
+from bcapscope.live.controller.history_record import (
+    HistoryRecord,
+    Initiator,
+    RecordOutcome,
+    error_reason,
+)
+from bcapscope.live.controller.history_recorder import INITIATOR, HistoryRecorder
+from bcapscope.live.controller.reply_monitor import ReplyMonitor
+from bcapscope.live.controller.session_updates import (
+    ConnectionLost,
+    SessionProblem,
+    SessionStatus,
+    SessionUpdate,
+)
 from bcapscope.messages import Message
 from bcapscope.protocol.codec.frame import Frame, Malformed, parse_datagram
 from bcapscope.protocol.codec.variant import Variant
@@ -32,22 +48,6 @@ from bcapscope.protocol.retry.requester import RequesterEvent, RetryPolicy
 from bcapscope.protocol.tables.call_effect import CallEffect
 from bcapscope.protocol.tables.function_table import FUNCTIONS, ID, Function, ObjectClass, function_by_name
 from bcapscope.traffic.observation import Direction, Observation
-from bcapscope.tui.controller_access.arming_state import ArmingState
-from bcapscope.tui.controller_access.halt_connection import HaltConnection, HaltState, HaltUpdate
-from bcapscope.tui.controller_access.history_record import (
-    HistoryRecord,
-    Initiator,
-    RecordOutcome,
-    error_text,
-)
-from bcapscope.tui.controller_access.history_recorder import INITIATOR, HistoryRecorder
-from bcapscope.tui.controller_access.reply_monitor import ReplyMonitor
-from bcapscope.tui.controller_access.session_updates import (
-    ConnectionLost,
-    SessionProblem,
-    SessionStatus,
-    SessionUpdate,
-)
 
 R = TypeVar("R")
 
@@ -70,11 +70,7 @@ class ControllerSession:
     """A connection to a controller, and everything the Tester does with it.
 
     Attributes:
-        arming: Arming state.
-        action_log: Log of the user's actions.
         status: What the screen shows. It is replaced as a whole, so any thread may read it.
-        reply_monitor: When the controller last sent something.
-        client_session: The session in use; None without a connection.
         polling_paused: Suspends automatic reads, which might end the slave mode of another client.
     """
 
@@ -88,7 +84,6 @@ class ControllerSession:
 
         Args:
             report: Called for every update, in this session's threads.
-            log_folder: Folder of the action log.
             tap: Called for every packet, in the same threads; returns at once and never raises.
         """
         self.report = report
@@ -190,7 +185,6 @@ class ControllerSession:
                 self.report(self.status)
 
     def update_status(self, **changes: Any) -> None:
-        """Change the status and report it."""
         self.status = replace(self.status, **changes)
         self.report(self.status)
 
@@ -198,11 +192,7 @@ class ControllerSession:
 
     @property
     def opener(self) -> ObjectOpener:
-        """The opener of objects, with the session in use.
-
-        Raises:
-            NotConnectedError: There is no connection.
-        """
+        """The opener of objects of the present connection; raises `NotConnectedError` without one."""
         if self._opener is None:
             raise NotConnectedError(Message("tester.not_connected"))
         return self._opener
@@ -248,22 +238,14 @@ class ControllerSession:
 
     @property
     def controller(self) -> ObjectHandle:
-        """The controller object.
-
-        Raises:
-            NotConnectedError: No controller object is open.
-        """
+        """The controller object; raises `NotConnectedError` if none is open."""
         found = self.opener.session.handles.latest(ObjectClass.CONTROLLER)
         if found is None:
             raise NotConnectedError(Message("tester.not_connected"))
         return found
 
     def selected_robot(self) -> Robot:
-        """Return the robot that receives robot commands.
-
-        Raises:
-            NotConnectedError: None is open.
-        """
+        """Return the robot that receives robot commands; raises `NotConnectedError` if none is open."""
         if self.status.robot is None:
             raise NotConnectedError(Message("controller.robot.missing"))
         return Robot(self.opener.session, self.status.robot.handle)
@@ -315,13 +297,13 @@ class ControllerSession:
         try:
             return await steps
         except asyncio.CancelledError:
-            self._recorder.abandon_call(time.time_ns())
+            self._recorder.abandon_own_call(time.time_ns())
             raise
         except OSError as error:
             if not isinstance(error, BcapError):
-                self._recorder.abandon_call(time.time_ns())
+                self._recorder.abandon_own_call(time.time_ns())
                 await self.disconnect()
-                self.report(ConnectionLost(error_text(error)))
+                self.report(ConnectionLost(error_reason(error)))
             raise
 
     # HALT.
@@ -347,7 +329,7 @@ class ControllerSession:
             if self._halt_connection is None:
                 done = record.outcome is RecordOutcome.ANSWERED
                 state = HaltState.HALTED if done else HaltState.FAILED
-                self.report(HaltUpdate(state, record.outcome.value, record.took))
+                self.report(HaltUpdate(state, (record.outcome.value,), record.took))
             if self.status.slave_mode:
                 values = (robot.handle, "slvChangeMode", 0)
                 await self.invoke("Robot_Execute", *values, initiator=Initiator.SCREEN)
@@ -387,7 +369,7 @@ class ControllerSession:
         )
 
     def _on_log_error(self, path: Path, error: OSError) -> None:
-        self.report(SessionProblem(f"{path}: {error_text(error)}"))
+        self.report(SessionProblem(path, error_reason(error)))
 
     def _on_record(self, record: HistoryRecord) -> None:
         """Update the status from a call that has ended, and report its record."""

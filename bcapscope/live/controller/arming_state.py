@@ -7,14 +7,9 @@ DISARM_AFTER = 180_000_000_000
 
 
 class ArmingState:
-    """Armed by the user; disarmed by the user or by timeout. The built-in simulator needs no arming.
-
-    Attributes:
-        is_required: Whether the controller is anything but the built-in simulator.
-    """
+    """Armed by the user; disarmed by the user or by timeout. The built-in simulator clears `is_required`."""
 
     def __init__(self) -> None:
-        """Start disarmed."""
         self.is_required = True
         self._armed_until: int | None = None
 
@@ -23,7 +18,6 @@ class ArmingState:
         self._armed_until = now + DISARM_AFTER
 
     def disarm(self) -> None:
-        """Disarm at once."""
         self._armed_until = None
 
     def extend(self, now: int) -> None:
@@ -36,7 +30,6 @@ class ArmingState:
         return self._armed_until is not None and now < self._armed_until
 
     def allows_armed_calls(self, now: int) -> bool:
-        """Return whether calls that need arming may be sent."""
         return not self.is_required or self.is_armed(now)
 
     def remaining(self, now: int) -> int:

@@ -11,17 +11,15 @@ from enum import StrEnum
 from bcapscope.client.controller_errors import clear_errors, read_errors
 from bcapscope.client.remote_objects import PTP, Controller
 from bcapscope.client.session import command_of
+from bcapscope.live.controller.controller_session import ControllerSession
+from bcapscope.live.controller.guided_connect import start_robslave
+from bcapscope.live.controller.history_record import HistoryRecord, Initiator, RecordOutcome
 from bcapscope.protocol.codec.variant import integer_value
 from bcapscope.protocol.slave_mode.modes import pose_type_of_mode
 from bcapscope.protocol.slave_mode.poses import pose_numbers
-from bcapscope.tui.controller_access.controller_session import ControllerSession
-from bcapscope.tui.controller_access.guided_connect import start_robslave
-from bcapscope.tui.controller_access.history_record import HistoryRecord, Initiator, RecordOutcome
 
 
 class RecoveryStep(StrEnum):
-    """A step of the recovery, in order."""
-
     READ = "read"
     CLEAR = "clear"
     ROBSLAVE = "robslave"
@@ -81,10 +79,7 @@ async def run_recovery_step(
     """Run one step; return the record of its call.
 
     Args:
-        session: Connected session.
-        recovery_step: Step to run.
         first_position: Target position in the notation of Robot_Move.
-        mode: Mode number for slvChangeMode.
 
     Raises:
         BcapError, OSError: As for `ControllerSession.call`.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Awaitable, Callable, Sequence
+from collections.abc import Awaitable, Sequence
 from dataclasses import replace
 
 from bcapscope.client.controller_target import DEFAULT_ROBOT, ROBSLAVE, ControllerTarget
@@ -11,20 +11,28 @@ from bcapscope.client.handle_table import ObjectHandle
 from bcapscope.client.object_opener import read_variable_once
 from bcapscope.client.remote_objects import ONE_CYCLE, Controller, Robot, Task
 from bcapscope.errors import BcapError, CallTimeout, RemoteProtocolError
+from bcapscope.live.controller.controller_session import ControllerSession
+from bcapscope.live.controller.history_record import (
+    HistoryRecord,
+    Initiator,
+    Reason,
+    error_reason,
+    failure_reason,
+)
+from bcapscope.live.controller.history_recorder import INITIATOR
+from bcapscope.live.controller.session_updates import ConnectStep, ConnectStepUpdate, ControllerIdentity
 from bcapscope.messages import Message
-from bcapscope.messages.message import foreign_text
 from bcapscope.protocol.codec.variant import EMPTY
 from bcapscope.protocol.tables.function_table import ObjectClass
 from bcapscope.render.field_meaning import value_text
-from bcapscope.tui.controller_access.controller_session import ControllerSession
-from bcapscope.tui.controller_access.history_record import HistoryRecord, Initiator, error_text, failure_text
-from bcapscope.tui.controller_access.history_recorder import INITIATOR
-from bcapscope.tui.controller_access.session_updates import ConnectStep, ConnectStepUpdate, ControllerIdentity
-from bcapscope.tui.reader_language import label
 
 
 class ConnectStepError(BcapError):
-    """A step failed; the step and the reason have been reported."""
+    """A step failed for a reason, which has been reported."""
+
+    def __init__(self, reason: Reason) -> None:
+        super().__init__(Message("controller.step-failed"))
+        self.reason = reason
 
 
 async def connect(
@@ -33,22 +41,17 @@ async def connect(
     """Run the steps until one fails.
 
     Args:
-        session: Session to connect.
-        target: The controller.
         providers: Provider names to try, in order.
         robot: Name of the robot to open; empty to open none.
-        option: Option for opening the robot.
 
     Returns:
         Whether all steps succeeded. If the controller was not connected, the link is closed.
     """
     INITIATOR.set(Initiator.SCREEN)
     try:
-        await _run_step(session, ConnectStep.LINK, lambda: _open_link(session, target))
-        await _run_step(session, ConnectStep.SERVICE, lambda: _start_service(session))
-        await _run_step(
-            session, ConnectStep.CONTROLLER, lambda: _connect_controller(session, target, providers)
-        )
+        await _run_step(session, ConnectStep.LINK, _open_link(session, target))
+        await _run_step(session, ConnectStep.SERVICE, _start_service(session))
+        await _run_step(session, ConnectStep.CONTROLLER, _connect_controller(session, target, providers))
     except ConnectStepError:
         await session.disconnect()
         return False
@@ -57,20 +60,16 @@ async def connect(
         raise
     session.open_halt_connection(robot or DEFAULT_ROBOT)
     try:
-        await _run_step(session, ConnectStep.IDENTITY, lambda: _identify_controller(session))
+        await _run_step(session, ConnectStep.IDENTITY, _identify_controller(session))
         if robot:
-            await _run_step(session, ConnectStep.ROBOT, lambda: _open_first_robot(session, robot, option))
+            await _run_step(session, ConnectStep.ROBOT, _open_first_robot(session, robot, option))
     except ConnectStepError:
         return False
     return True
 
 
 async def add_robot(session: ControllerSession, robot: str, option: str) -> HistoryRecord:
-    """Open and select a robot, read its type, and prepare HALT for it; return the record of the opening call.
-
-    Raises:
-        BcapError, OSError: As for `ControllerSession.call`.
-    """
+    """Open and select a robot, read its type, prepare HALT for it; return the record of the opening call."""
     record, text = await _open_robot(session, robot, option)
     if text is not None:
         session.report(ConnectStepUpdate(ConnectStep.ROBOT, True, text))
@@ -79,11 +78,7 @@ async def add_robot(session: ControllerSession, robot: str, option: str) -> Hist
 
 
 async def start_robslave(session: ControllerSession) -> HistoryRecord:
-    """Start the task RobSlave for one cycle, opened first if needed; return the record of the last call.
-
-    Raises:
-        BcapError, OSError: As for `ControllerSession.call`.
-    """
+    """Start the task RobSlave for one cycle, opened first if needed; return the record of the last call."""
     opener, controller = session.opener, session.controller
 
     async def steps() -> None:
@@ -93,66 +88,69 @@ async def start_robslave(session: ControllerSession) -> HistoryRecord:
     return await session.record_calls(steps())
 
 
-async def _run_step(
-    session: ControllerSession, step: ConnectStep, action: Callable[[], Awaitable[str]]
-) -> None:
+async def _run_step(session: ControllerSession, step: ConnectStep, action: Awaitable[Reason]) -> None:
     session.report(ConnectStepUpdate(step, None))
     try:
-        text = await action()
-    except CallTimeout as error:
-        session.report(ConnectStepUpdate(step, False, failure_text(session.last_record)))
-        raise ConnectStepError(Message("controller.step-failed")) from error
+        found = await action
     except (BcapError, OSError) as error:
-        session.report(ConnectStepUpdate(step, False, error_text(error)))
-        raise ConnectStepError(Message("controller.step-failed")) from error
-    session.report(ConnectStepUpdate(step, True, text))
+        reason = error_reason(error)
+        if isinstance(error, ConnectStepError):
+            reason = error.reason
+        elif isinstance(error, CallTimeout):
+            reason = failure_reason(session.last_record)
+        session.report(ConnectStepUpdate(step, False, reason))
+        raise ConnectStepError(reason) from error
+    session.report(ConnectStepUpdate(step, True, found))
 
 
-async def _open_link(session: ControllerSession, target: ControllerTarget) -> str:
+async def _open_link(session: ControllerSession, target: ControllerTarget) -> Reason:
     await session.open_link(target)
-    return label("controller.target", address=target.address, transport="TCP" if target.tcp else "UDP")
+    transport = "TCP" if target.tcp else "UDP"
+    return (Message("controller.target", address=target.address, transport=transport),)
 
 
-async def _start_service(session: ControllerSession) -> str:
+async def _start_service(session: ControllerSession) -> Reason:
     await session.opener.start_service()
-    return "Service_Start"
+    return ("Service_Start",)
 
 
 async def _connect_controller(
     session: ControllerSession, target: ControllerTarget, providers: Sequence[str]
-) -> str:
+) -> Reason:
     """Connect with the first provider that the controller knows."""
     provider = await session.opener.connect_controller(providers)
     session.update_status(target=replace(target, provider=provider))
-    return provider or "Controller_Connect"
+    return (provider or "Controller_Connect",)
 
 
-async def _open_first_robot(session: ControllerSession, name: str, option: str) -> str:
-    record, text = await _open_robot(session, name, option)
-    if text is None:
-        raise ConnectStepError(foreign_text(failure_text(record)))
-    return text
+async def _open_first_robot(session: ControllerSession, name: str, option: str) -> Reason:
+    record, found = await _open_robot(session, name, option)
+    if found is None:
+        raise ConnectStepError(failure_reason(record))
+    return found
 
 
-async def _open_robot(session: ControllerSession, name: str, option: str) -> tuple[HistoryRecord, str | None]:
+async def _open_robot(
+    session: ControllerSession, name: str, option: str
+) -> tuple[HistoryRecord, Reason | None]:
     """Open and select a robot; return the record of the opening call, and name and type if it succeeded."""
     robot = await session.open_object(session.controller, ObjectClass.ROBOT, name, option)
     record = session.last_record
     if robot is None:
         return record, None
     session.update_status(robot=robot)
-    return record, ", ".join(filter(None, (name, await _read_robot_type(session, robot))))
+    return record, (name, await _read_robot_type(session, robot))
 
 
-async def _identify_controller(session: ControllerSession) -> str:
+async def _identify_controller(session: ControllerSession) -> Reason:
     """Read what the controller is: the built-in simulator, or a controller with name and version."""
     opener, controller = session.opener, session.controller
     simulator = await opener.is_simulator()
     version = await _read_fact(session, Controller(opener.session, controller.handle), "@VERSION")
     session.arming.is_required = not simulator
     session.update_status(identity=ControllerIdentity(simulator, version))
-    kind = label("controller.kind.simulator" if simulator else "controller.kind.controller")
-    return f"{kind}, {label('controller.version', version=version)}" if version else kind
+    kind = Message("controller.kind.simulator" if simulator else "controller.kind.controller")
+    return (kind, Message("controller.version", version=version)) if version else (kind,)
 
 
 async def _read_robot_type(session: ControllerSession, robot: ObjectHandle) -> str:

@@ -4,21 +4,23 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from enum import StrEnum
+from typing import TypeAlias
 
 from bcapscope.client.handle_table import ObjectHandle
 from bcapscope.errors import Attempt, BcapError
+from bcapscope.messages import Message
 from bcapscope.messages.os_errors import os_reason
 from bcapscope.messages.places import Count
 from bcapscope.protocol.codec.frame import Frame
 from bcapscope.protocol.codec.variant import Variant
 from bcapscope.protocol.tables.hresult import describe_hresult, hresult_name
 from bcapscope.traffic.observation import Direction, Observation
-from bcapscope.tui.reader_language import label, reader_words
+
+Reason: TypeAlias = tuple[Message | str, ...]
+"""What was found, or why something failed: parts of one clause, which commas separate; () for nothing."""
 
 
 class RecordOutcome(StrEnum):
-    """How a call ended."""
-
     ANSWERED = "answered"
     REFUSED = "refused"
     UNANSWERED = "unanswered"
@@ -27,8 +29,6 @@ class RecordOutcome(StrEnum):
 
 
 class Initiator(StrEnum):
-    """Who started a call."""
-
     USER = "user"
     SCREEN = "screen"
     """bcapscope itself: to identify the controller, to recover, to release objects."""
@@ -41,14 +41,8 @@ class HistoryRecord:
 
     Attributes:
         number: Number from 1, in the order of their starts.
-        initiator: Who started it.
         began: Time of the first attempt, ns since 1970-01-01 UTC.
-        function_id: Id of the called function.
-        arguments: Arguments of the request.
-        outcome: How it ended.
-        reply: The accepted reply; None without one.
         took: Time from the first attempt to the reply or the end, ns.
-        attempts: All attempts.
         packets: All packets sent and received for it, in order.
         notices: Number of S_EXECUTING notices.
         late_replies: Replies that were not accepted.
@@ -71,36 +65,30 @@ class HistoryRecord:
 
     @property
     def size(self) -> int:
-        """Bytes in all packets."""
         return sum(len(each.item.raw) for each in self.packets)
 
     @property
     def sent_packets(self) -> tuple[Observation, ...]:
-        """Packets that the client sent."""
         return tuple(each for each in self.packets if each.flow.direction is Direction.REQUEST)
 
     @property
     def received_packets(self) -> tuple[Observation, ...]:
-        """Packets that the client received."""
         return tuple(each for each in self.packets if each.flow.direction is Direction.RESPONSE)
 
     @property
     def retries(self) -> int:
-        """Number of attempts after the first."""
         return max(0, len(self.sent_packets) - 1)
 
 
-def error_text(error: BcapError | OSError) -> str:
-    """Return an error in one line; the record of a call shows the attempts of a time-out."""
-    reason = error.message if isinstance(error, BcapError) else os_reason(error)
-    return reader_words().text(reason).partition("\n")[0]
+def error_reason(error: BcapError | OSError) -> Reason:
+    return (error.message if isinstance(error, BcapError) else os_reason(error),)
 
 
-def failure_text(record: HistoryRecord) -> str:
-    """Return in one clause why a call failed."""
+def failure_reason(record: HistoryRecord) -> Reason:
+    """Return why a call failed."""
     if record.outcome is RecordOutcome.REFUSED and record.reply is not None:
         code = record.reply.code
-        return f"{hresult_name(code)}, {reader_words().text(describe_hresult(code).meaning)}"
+        return hresult_name(code), describe_hresult(code).meaning
     if record.outcome is RecordOutcome.UNANSWERED:
-        return label("controller.no-reply", attempts=Count(len(record.attempts), "attempt"))
-    return label("controller.cancelled")
+        return (Message("controller.no-reply", attempts=Count(len(record.attempts), "attempt")),)
+    return (Message("controller.cancelled"),)

@@ -5,11 +5,14 @@ Calls of the user and of bcapscope itself share the link, so both are recorded.
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Callable, Sequence
 from contextvars import ContextVar
+from dataclasses import dataclass, field
 
 from bcapscope.client.handle_table import ObjectHandle
 from bcapscope.errors import Attempt
+from bcapscope.live.controller.history_record import HistoryRecord, Initiator, RecordOutcome
 from bcapscope.protocol.codec.frame import Frame
 from bcapscope.protocol.codec.variant import Variant
 from bcapscope.protocol.retry.requester import (
@@ -22,7 +25,6 @@ from bcapscope.protocol.retry.requester import (
 )
 from bcapscope.protocol.tables.hresult import is_failure
 from bcapscope.traffic.observation import Direction, Observation
-from bcapscope.tui.controller_access.history_record import HistoryRecord, Initiator, RecordOutcome
 
 INITIATOR: ContextVar[Initiator] = ContextVar("who", default=Initiator.SCREEN)
 """Initiator of the calls in the running task."""
@@ -32,23 +34,14 @@ MAX_PACKETS = 256
 
 
 class HistoryRecorder:
-    """Records one session, in which calls follow one another.
-
-    Attributes:
-        last_record: Record of the call that ended last.
-    """
+    """Records one session, in which calls follow one another."""
 
     def __init__(
         self,
         on_record: Callable[[HistoryRecord], None],
         subject_of: Callable[[int, Sequence[Variant]], ObjectHandle | None],
     ) -> None:
-        """Pass each record to `on_record` as soon as its call has ended.
-
-        Args:
-            on_record: Called with each record.
-            subject_of: Returns the object of a call from its function id and arguments.
-        """
+        """Pass records to `on_record`; `subject_of` finds a call's object by function id and arguments."""
         self._on_record = on_record
         self._subject_of = subject_of
         self._next_number = 1
@@ -59,17 +52,12 @@ class HistoryRecorder:
         """Add a packet that was sent or received."""
         call = self._call
         if observation.flow.direction is Direction.REQUEST and call is None:
-            call = self._call = _CallInProgress(observation, INITIATOR.get())
+            call = self._call = _CallInProgress(observation.time, INITIATOR.get(), asyncio.current_task())
         if call is not None:
             call.add_packet(observation)
 
     def on_event(self, event: RequesterEvent, now: int) -> None:
-        """Handle an event of the session.
-
-        Args:
-            event: Event from the requester.
-            now: ns since 1970-01-01 UTC.
-        """
+        """Handle an event of the session at `now` (ns since 1970-01-01 UTC)."""
         call = self._call
         if call is None:
             return
@@ -77,14 +65,19 @@ class HistoryRecorder:
             call.notices += 1
         elif isinstance(event, LateReply):
             call.late_replies += 1
-        elif isinstance(event, CallAnswered):
-            self._complete_call(call, RecordOutcome.ANSWERED, event.reply, event.attempts, event.elapsed)
-        elif isinstance(event, CallRefused):
-            self._complete_call(call, RecordOutcome.REFUSED, event.reply, event.attempts, event.elapsed)
+        elif isinstance(event, CallAnswered | CallRefused):
+            answered = isinstance(event, CallAnswered)
+            outcome = RecordOutcome.ANSWERED if answered else RecordOutcome.REFUSED
+            self._complete_call(call, outcome, event.reply, event.attempts, event.elapsed)
         elif isinstance(event, CallTimedOut):
             self._complete_call(
                 call, RecordOutcome.UNANSWERED, None, event.attempts, max(0, now - call.began)
             )
+
+    def abandon_own_call(self, now: int) -> None:
+        """Abandon the call under way if the running task made it; a task may also wait for its turn."""
+        if self._call is not None and self._call.task is asyncio.current_task():
+            self.abandon_call(now)
 
     def abandon_call(self, now: int) -> None:
         """End the call under way, if any, without a reply; `now` is ns since 1970-01-01 UTC."""
@@ -93,11 +86,7 @@ class HistoryRecorder:
             self._complete_call(self._call, RecordOutcome.ABANDONED, None, (), took)
 
     def complete_raw_call(self, now: int) -> None:
-        """End a call that was sent as raw bytes. The last frame received, if any, is its reply.
-
-        Args:
-            now: ns since 1970-01-01 UTC.
-        """
+        """End a call of raw bytes at `now` (ns since 1970 UTC). The last frame received is its reply."""
         call = self._call
         if call is None:
             return
@@ -142,14 +131,15 @@ class HistoryRecorder:
         self._on_record(self.last_record)
 
 
+@dataclass(slots=True)
 class _CallInProgress:
-    def __init__(self, first: Observation, initiator: Initiator) -> None:
-        self.began = first.time
-        self.initiator = initiator
-        self.packets: list[Observation] = []
-        self.elapsed = 0
-        self.notices = 0
-        self.late_replies = 0
+    began: int
+    initiator: Initiator
+    task: asyncio.Task[object] | None
+    packets: list[Observation] = field(default_factory=list)
+    elapsed: int = 0
+    notices: int = 0
+    late_replies: int = 0
 
     def add_packet(self, observation: Observation) -> None:
         self.elapsed = max(self.elapsed, observation.time - self.began)

@@ -14,7 +14,6 @@ class ReplyMonitor:
     """
 
     def __init__(self, now: int) -> None:
-        """Start without a pending request."""
         self._last_received = now
         self._waiting_since = 0
 
@@ -23,7 +22,6 @@ class ReplyMonitor:
         self._waiting_since = self._waiting_since or now
 
     def on_received(self, now: int) -> None:
-        """Note that something was received."""
         self._last_received, self._waiting_since = now, 0
 
     def silence(self, now: int) -> int:

@@ -1,0 +1,49 @@
+"""The calls that close a session, for a client that ends and for the proxy in a client's place."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+
+from bcapscope.protocol.codec.variant import EMPTY, VT, Variant
+from bcapscope.protocol.tables.function_table import FUNCTIONS, ID, Function, ObjectClass
+
+RELEASES: Mapping[ObjectClass, Function] = {
+    function.releases: function for function in FUNCTIONS.values() if function.releases is not None
+}
+"""The function that releases an object of each class; Service_Stop for the service."""
+
+ClosingCall = tuple[int, tuple[Variant, ...]]
+
+
+def closing_calls(
+    robots: Iterable[int],
+    arms: Iterable[int],
+    objects: Iterable[tuple[ObjectClass, int]],
+    *,
+    stops_service: bool = True,
+) -> Iterator[ClosingCall]:
+    """Yield the calls in order: leave slave mode, give the arm back, release objects, stop the service.
+
+    None of them moves a robot.
+
+    Args:
+        robots: Handles of the robots in slave mode.
+        arms: Handles of the robots whose arm the client holds.
+        objects: Class and handle of what is not released, newest first.
+        stops_service: Whether the service was started.
+
+    Yields:
+        Function id and arguments.
+    """
+    for handle in robots:
+        yield _robot_command(handle, "slvChangeMode", Variant(VT.I4, 0))
+    for handle in arms:
+        yield _robot_command(handle, "GiveArm", EMPTY)
+    for kind, handle in objects:
+        yield RELEASES[kind].id, (Variant(VT.I4, handle),)
+    if stops_service:
+        yield ID["Service_Stop"], ()
+
+
+def _robot_command(handle: int, command: str, parameter: Variant) -> ClosingCall:
+    return ID["Robot_Execute"], (Variant(VT.I4, handle), Variant(VT.BSTR, command), parameter)

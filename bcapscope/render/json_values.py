@@ -1,0 +1,67 @@
+"""Values in JSON: text escaped as on a terminal, exact times, and numbers that JSON does not have."""
+
+from __future__ import annotations
+
+import json
+import math
+
+import orjson
+
+from bcapscope.analysis.statistics.distribution import DistributionSummary
+from bcapscope.protocol.tables.hresult import hresult_name
+from bcapscope.render.timestamp import epoch_text
+
+
+def json_text(value: str | None) -> bytes:
+    """Write a string as JSON in which every character that is not plainly visible is escaped.
+
+    A lone surrogate comes out as its escape, which JSON allows, so that nothing is lost.
+    """
+    if value is None:
+        return b"null"
+    if value.isprintable():
+        return orjson.dumps(value)
+    return json.dumps(value).replace("\x7f", "\\u007f").encode("ascii")
+
+
+def json_number(value: object) -> bytes:
+    """Write a number, or a tuple of numbers; NaN and infinities become strings."""
+    text = orjson.dumps(value)
+    return text if b"null" not in text else orjson.dumps(json_ready(value))
+
+
+def json_ready(value: object) -> object:
+    """Return a number or a tuple of numbers; NaN and infinities as text."""
+    if isinstance(value, tuple):
+        return [json_ready(item) for item in value]
+    if not isinstance(value, float) or math.isfinite(value):
+        return value
+    return "NaN" if math.isnan(value) else "Infinity" if value > 0 else "-Infinity"
+
+
+def text_fragment(text: str | None) -> orjson.Fragment:
+    """Return a string for `orjson.dumps`, escaped as by `json_text`."""
+    return orjson.Fragment(json_text(text))
+
+
+def time_fragment(time: int) -> orjson.Fragment:
+    """Return ns since 1970 as seconds with nine digits."""
+    return orjson.Fragment(epoch_text(time))
+
+
+def result_object(code: int | None) -> dict[str, object]:
+    """Return a result code and its name."""
+    return {"hresult": code, "hresult_name": None if code is None else hresult_name(code)}
+
+
+def percentiles_object(found: DistributionSummary) -> dict[str, object]:
+    """Return the mean and the percentiles of a distribution."""
+    return {
+        "mean": json_ready(found.mean),
+        "min": json_ready(found.least),
+        "p50": json_ready(found.p50),
+        "p90": json_ready(found.p90),
+        "p99": json_ready(found.p99),
+        "p99.9": json_ready(found.p999),
+        "max": json_ready(found.most),
+    }

@@ -1,0 +1,52 @@
+"""Texts of the tables of the protocol: each has a translation under its own code, and none is left over."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from bcapscope.messages.message import Message
+from bcapscope.protocol.slave_mode.modes import MODES, describe_mode
+from bcapscope.protocol.tables.hresult import describe_hresult
+from bcapscope.protocol.tables.hresult_table import (
+    AXIS_FAMILIES,
+    CODE_RANGES,
+    NAMED_CODES,
+    RC7_CODES,
+    SLAVE_MODE_CODES,
+    STATE_CODES,
+)
+from tests.messages.test_catalogue import ENGLISH, JAPANESE
+
+ONLY_JAPANESE = set(JAPANESE) - set(ENGLISH)
+
+
+def table_ids(message: Message | None) -> Iterator[str]:
+    """Yield the ids of a message, and of those that stand in its places, whose English is in a table."""
+    if message is None:
+        return
+    if message.english is not None:
+        yield message.id
+    for value in message.places.values():
+        if isinstance(value, Message):
+            yield from table_ids(value)
+
+
+def test_each_result_code_is_translated() -> None:
+    codes = [entry.code for entry in (*NAMED_CODES, *SLAVE_MODE_CODES, *STATE_CODES, *RC7_CODES)]
+    codes += [family.base + axis for family in AXIS_FAMILIES for axis in range(1, 9)]
+    for span in CODE_RANGES:
+        span_codes = range(span.first, span.last + 1)
+        codes.append(next(code for code in span_codes if not describe_hresult(code).is_listed))
+    found: set[str] = set()
+    for result in map(describe_hresult, codes):
+        found.update(table_ids(result.meaning), table_ids(result.advice))
+    assert found == {name for name in ONLY_JAPANESE if name.startswith("hresult.")}
+
+
+def test_each_slave_mode_is_translated() -> None:
+    found: set[str] = set()
+    for mode in MODES:
+        found.update(table_ids(mode.description))
+        if mode.pose_type is not None:  # nobody enters the mode that is off
+            found.update(table_ids(describe_mode(mode)))
+    assert found == {name for name in ONLY_JAPANESE if name.startswith("slave-mode.")}
