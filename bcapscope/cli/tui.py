@@ -147,7 +147,7 @@ def command(
         return
     is_file = bool(path) and Path(path or "").exists()
     if path and not is_file and (os.sep in path or Path(path).suffix in _SUFFIXES):
-        print_stderr(f"{printable(path)}: no such file. Check the path")
+        print_stderr(words("tui.no-file", path=printable(path)))
         sys.exit(ExitCode.UNREADABLE)
     with _exit_without_folder():
         if is_file or interface:
@@ -176,12 +176,13 @@ def _server_port(ports: tuple[int, ...]) -> int:
 @contextmanager
 def _exit_without_folder() -> Iterator[None]:
     """Exit if the screen cannot create its temporary folder."""
+    from bcapscope.tui.reader_language import full_error_text
     from bcapscope.tui.traffic_processes.temporary_folder import TemporaryFolderError
 
     try:
         yield
     except TemporaryFolderError as error:
-        print_stderr(printable(str(error)))
+        print_stderr(printable(full_error_text(error)))
         sys.exit(ExitCode.UNWRITABLE)
 
 

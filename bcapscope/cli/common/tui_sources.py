@@ -179,12 +179,13 @@ def _read_figures(address: str) -> ProxyStats:
     from bcapscope.errors import BcapError
     from bcapscope.proxy.control_client import ControlClient
     from bcapscope.proxy.control_messages import GetStats, ProxyStats
+    from bcapscope.tui.reader_language import full_error_text
 
     client = ControlClient(address)
     try:
         return client.request(GetStats(), ProxyStats)
     except BcapError as error:
-        print_stderr(printable(str(error)))
+        print_stderr(printable(full_error_text(error)))
     finally:
         client.close()
     sys.exit(ExitCode.UNREADABLE)
