@@ -142,7 +142,7 @@ def command(
         return
     is_file = bool(path) and Path(path or "").exists()
     if path and not is_file and (os.sep in path or Path(path).suffix in _SUFFIXES):
-        exit_with(f"{printable(path)}: no such file. Check the path", ExitCode.UNREADABLE)
+        exit_with(words("tui.no-file", path=printable(path)), ExitCode.UNREADABLE)
     with _exit_without_folder():
         if is_file or interface:
             _show_traffic(path or "", interface or "", ports)
@@ -170,12 +170,13 @@ def _server_port(ports: tuple[int, ...]) -> int:
 @contextmanager
 def _exit_without_folder() -> Iterator[None]:
     """Exit if the screen cannot create its temporary folder."""
+    from bcapscope.tui.reader_language import full_error_text
     from bcapscope.tui.traffic_processes.temporary_folder import TemporaryFolderError
 
     try:
         yield
     except TemporaryFolderError as error:
-        exit_with(printable(str(error)), ExitCode.UNWRITABLE)
+        exit_with(printable(full_error_text(error)), ExitCode.UNWRITABLE)
 
 
 def _show_tester(wanted: TesterTarget, requests: Path | None) -> None:

@@ -53,6 +53,28 @@ def test_no_room_for_a_journal_is_told_in_one_sentence(tmp_path: Path) -> None:
         assert done.stderr.count("\n") == 1
 
 
+@pytest.mark.parametrize(
+    ("options", "saved", "wanted"),
+    [
+        ([], "", "no proxy listens for control on"),
+        ([], "language: ja", "制御を待ち受けるプロキシがありません"),
+        (["--lang", "ja"], "", "制御を待ち受けるプロキシがありません"),
+        (["--lang", "en"], "language: ja", "no proxy listens for control on"),
+    ],
+)
+def test_the_option_chooses_the_language_before_the_settings(
+    options: list[str], saved: str, wanted: str, tmp_path: Path
+) -> None:
+    settings = tmp_path / "bcapscope" / "screen.yaml"
+    settings.parent.mkdir()
+    settings.write_text(saved or "theme: dark")
+    env = {**os.environ, "XDG_CONFIG_HOME": str(tmp_path), "LC_ALL": "C.UTF-8"}
+    argv = [sys.executable, "-m", "bcapscope", "tui", *options, "--proxy", "127.0.0.1:9"]
+    done = subprocess.run(argv, env=env, capture_output=True, text=True, check=False, timeout=LIMIT)
+    assert done.returncode == 4
+    assert wanted in done.stderr
+
+
 def _read_until(descriptor: int, wanted: bytes) -> None:
     seen, end = b"", time.monotonic() + LIMIT
     while wanted not in seen:

@@ -15,7 +15,7 @@ from bcapscope.messages.message import has_message
 from bcapscope.tui.reader_language import label, set_language
 
 (_ROOT,) = map(Path, bcapscope.tui.__path__)
-SOURCES = sorted(path for path in _ROOT.rglob("*.py") if path.parent.name != "words")
+SOURCES = sorted(_ROOT.rglob("*.py"))
 LABELS = {"Static": 0, "Label": 0, "Button": 0, "notify": 0, "show_message": 0, "Prompt": 0}
 """Calls whose first argument people read."""
 

@@ -165,12 +165,13 @@ def _read_figures(address: str) -> ProxyStats:
     from bcapscope.errors import BcapError
     from bcapscope.proxy.control_client import ControlClient
     from bcapscope.proxy.control_messages import GetStats, ProxyStats
+    from bcapscope.tui.reader_language import full_error_text
 
     client = ControlClient(address)
     try:
         return client.request(GetStats(), ProxyStats)
     except BcapError as error:
-        exit_with(printable(str(error)), ExitCode.UNREADABLE)
+        exit_with(printable(full_error_text(error)), ExitCode.UNREADABLE)
     finally:
         client.close()
 

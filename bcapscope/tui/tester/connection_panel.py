@@ -16,7 +16,7 @@ from bcapscope.tui.app import app_of
 from bcapscope.tui.controller_access.option_field import read_option_field
 from bcapscope.tui.controller_access.reason_text import reason_text
 from bcapscope.tui.ink import INK
-from bcapscope.tui.reader_language import label
+from bcapscope.tui.reader_language import full_error_text, label
 from bcapscope.tui.tester.caption import Caption
 from bcapscope.tui.tester.tick_box import TickBox
 from bcapscope.tui.tester.wanted_messages import ConnectWanted, DisconnectWanted
@@ -84,7 +84,7 @@ class ConnectionPanel(Vertical):
         try:
             read_option_field(option, host, number, tcp)
         except ValueError as error:
-            return str(error)
+            return full_error_text(error)
         return ConnectWanted(host, number, tcp, option)
 
     def _host_and_port(self) -> tuple[str, str]:

@@ -1,4 +1,4 @@
-"""Whatever rooms below say on a screen is in Japanese: as their modules have it, and as it comes out."""
+"""What lower layers report is in Japanese on a Japanese screen."""
 
 from __future__ import annotations
 

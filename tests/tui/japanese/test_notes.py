@@ -1,4 +1,4 @@
-"""What rooms below say, in Japanese."""
+"""Notes of the proxy, commands, and the player at work, in Japanese."""
 
 from __future__ import annotations
 
