@@ -252,7 +252,7 @@ class WireText(Place):
         return self.value
 
 
-class _Several(Place):
+class _Several:
     """Several messages or strings."""
 
     def __init__(self, items: tuple[Message | str, ...]) -> None:
@@ -265,7 +265,7 @@ class _Several(Place):
         return [str(each) for each in self.items]
 
 
-class Listing(_Several):
+class Listing(_Several, Place):
     """Several in a row; the last one follows "and"."""
 
     type_name = "list"
@@ -277,7 +277,7 @@ class Listing(_Several):
         return words("list.and", items=words("list.comma").join(texts[:-1]), last=texts[-1])
 
 
-class Enumeration(_Several):
+class Enumeration(_Several, Place):
     """Several in a row, all separated alike."""
 
     type_name = "enumeration"
@@ -286,7 +286,7 @@ class Enumeration(_Several):
         return words("list.comma").join(self.texts(words))
 
 
-class Clauses(_Several):
+class Clauses(_Several, Place):
     """Several in a row, separated by semicolons."""
 
     type_name = "clauses"
@@ -303,7 +303,7 @@ def joined_clauses(clauses: Iterable[Message]) -> Message | None:
     return Message("list.clauses", items=Clauses(items))
 
 
-class IndentedLines(_Several):
+class IndentedLines(_Several, Place):
     """Several, each on a line of its own below the sentence."""
 
     type_name = "lines"
