@@ -93,7 +93,13 @@ def test_a_condition_has_the_error_of_its_filter() -> None:
 
 
 @pytest.mark.parametrize(
-    ("path", "indexes"), [("arg[0]", (0,)), ("arg[2][0]", (2, 0)), ("arg[65535][1][2]", (65535, 1, 2))]
+    ("path", "indexes"),
+    [
+        ("arg[0]", (0,)),
+        ("arg[2][0]", (2, 0)),
+        ("arg[65535][1][2]", (65535, 1, 2)),
+        ("arg" + "[1]" * 8, (1,) * 8),
+    ],
 )
 def test_a_path_is_read(path: str, indexes: tuple[int, ...]) -> None:
     assert read_path(path) == indexes

@@ -80,6 +80,12 @@ def test_bytes_pass_as_they_come_frames_or_not() -> None:
         assert 0 < record.received_at <= record.sent_at
 
 
+def test_small_messages_are_sent_at_once() -> None:
+    with standing() as (_, _, _, session):
+        for sock in (session._up.source, session._up.sink):
+            assert sock.getsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY)
+
+
 def test_half_close_passes_through_and_the_other_half_goes_on() -> None:
     with connected() as (client, server, proxy):
         client.sendall(b"all I have")

@@ -11,6 +11,8 @@ from bcapscope.analysis.diagnosis import Diagnosis
 from bcapscope.analysis.rules.rule_checker import RuleChecker
 from bcapscope.traffic import pipeline as pipeline_module
 from bcapscope.traffic.call import Call, StrayReply
+from bcapscope.traffic.call_verdict import Outcome
+from bcapscope.traffic.conversation_pairing import EXECUTION_NS
 from bcapscope.traffic.handle_tracker import HandleTracker, TrackedObject
 from bcapscope.traffic.observation import Conversation, Observation
 from bcapscope.traffic.pipeline import CallCollector, Pipeline, PipelineSubscriber
@@ -169,6 +171,39 @@ def test_a_closed_conversation_gives_its_calls_first_and_is_forgotten() -> None:
     assert runs.events[-3:] == [("call", 1), ("mode", 1), ("closed", 50001)]
     (session,) = handles.sessions()
     assert session.started_by_call == 1
+
+
+@pytest.mark.parametrize(("is_closed", "targets"), [(False, {2: "ctrl"}), (True, {})])
+def test_a_client_that_comes_again_has_no_handles_yet(is_closed: bool, targets: dict[int, str]) -> None:
+    script = Script()
+    client = script.client()
+    client.ask(0, 1, 0, (CONNECT, (text("ctrl"), text(""), text(""), text(""))))
+    client.reply(1, 1, 0, 0, i4(9))
+    client.ask(200, 2, 0, (7, (i4(9), text("Arm"), text(""))))
+    client.reply(201, 2, 0, 0, i4(1))
+    singles = Singles()
+    pipeline = Pipeline(singles, handles=HandleTracker())
+    for seen in script.seen[:2]:
+        pipeline.add(seen)
+    if is_closed:
+        pipeline.close_conversation(client.conversation)
+    for seen in script.seen[2:]:
+        pipeline.add(seen)
+    pipeline.finish()
+    assert singles.targets == targets
+
+
+@pytest.mark.parametrize(
+    ("after", "outcome"), [(0, Outcome.CAPTURE_ENDED), (EXECUTION_NS, Outcome.UNANSWERED)]
+)
+def test_traffic_may_end_after_the_last_frame(after: int, outcome: Outcome) -> None:
+    script = Script()
+    script.client().ask(0, 1, 0, MOVE)
+    calls = CallCollector()
+    pipeline = Pipeline(calls)
+    pipeline.add(script.seen[0])
+    pipeline.finish(script.seen[0].time + after if after else 0)
+    assert [call.outcome for call in calls.calls] == [outcome]
 
 
 @given(steps)

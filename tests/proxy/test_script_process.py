@@ -1,0 +1,111 @@
+"""The process of the scripts: how it loads, what it is sent, and that nothing of it stays."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager, suppress
+from pathlib import Path
+
+import pytest
+
+from bcapscope.errors import BcapError
+from bcapscope.faults.fault_injector import FaultInjector
+from bcapscope.proxy import script_process
+from bcapscope.proxy.poller import READ, WRITE
+from bcapscope.proxy.rule_policy import RulePolicy
+from bcapscope.proxy.script_process import ScriptProcess
+from bcapscope.proxy.script_queue import ScriptQueue
+from tests.proxy.relaying import PATIENCE, listening, port_of
+
+pytestmark = [
+    pytest.mark.lifecycle,
+    pytest.mark.skipif(sys.platform == "win32", reason="stops processes by signals"),
+]
+
+OBSERVER = """
+class Observer:
+    def request(self, message): pass
+addons = [Observer()]
+"""
+PARENT = """
+import socket, subprocess, sys
+sock = socket.create_connection(("127.0.0.1", {port}))
+subprocess.Popen([sys.executable, "-c", "import time; time.sleep(600)"], pass_fds=[sock.fileno()])
+"""
+
+
+class Watcher:
+    """Notes for which events the process has the relay wait."""
+
+    def __init__(self) -> None:
+        self.masks: list[int] = []
+
+    def watch(self, descriptor: int, handler: Callable[[int], None], mask: int = READ) -> None:
+        self.masks.append(mask)
+
+    def change(self, descriptor: int, mask: int) -> None:
+        self.masks.append(mask)
+
+    def pause(self, descriptor: int) -> None:
+        raise AssertionError
+
+    def unwatch(self, descriptor: int) -> None:
+        self.masks.append(0)
+
+
+@contextmanager
+def started(folder: Path, text: str) -> Iterator[tuple[ScriptProcess, Watcher]]:
+    """Start a process for one script."""
+    path = folder / "mine.py"
+    path.write_text(text)
+    watcher = Watcher()
+    with closing(ScriptProcess([str(path)])) as process:
+        queue = ScriptQueue("mine.py", process)  # type: ignore[var-annotated]  # no message waits
+        process.attach(RulePolicy(FaultInjector(now=0), None, None, queue), watcher, lambda: False)
+        yield process, watcher
+
+
+def test_a_script_that_is_loaded_has_nothing_more_to_say(tmp_path: Path) -> None:
+    with started(tmp_path, OBSERVER) as (process, watcher):
+        assert process.load(PATIENCE)
+        assert process.receive() == b""
+        process.send(b"\0\0\0\0")
+        assert watcher.masks == [READ]
+
+
+def test_a_script_that_cannot_be_used_says_why(tmp_path: Path) -> None:
+    with started(tmp_path, "1 / 0") as (process, _), pytest.raises(BcapError, match="ZeroDivisionError"):
+        process.load(PATIENCE)
+
+
+def test_a_process_that_reads_nothing_is_written_to_later(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(script_process, "FINISHES_WITHIN", 0.05)
+    with started(tmp_path, OBSERVER) as (process, watcher):
+        assert process.load(PATIENCE)
+        os.kill(process._process.pid, signal.SIGSTOP)
+        process.send(bytes(1 << 22))
+        process.send(bytes(1))
+        assert watcher.masks == [READ, READ | WRITE]
+    with started(tmp_path, OBSERVER) as (process, watcher):
+        assert process.load(PATIENCE)
+        os.kill(process._process.pid, signal.SIGSTOP)
+        assert not process.finish(bytes(1 << 22), lambda data: True)
+        assert watcher.masks == [READ, 0]
+
+
+def test_what_a_script_has_started_ends_with_it(tmp_path: Path) -> None:
+    with (
+        listening() as door,
+        started(tmp_path, PARENT.format(port=port_of(door)) + OBSERVER) as (process, _),
+    ):
+        assert process.load(PATIENCE)
+        connection, _address = door.accept()
+        with connection, suppress(ConnectionResetError):
+            connection.settimeout(PATIENCE)
+            process.end()
+            assert connection.recv(1) == b""
