@@ -355,7 +355,7 @@ def test_japanese(tmp_path: Path) -> None:
         assert "シミュレータ" in text
         assert "スレーブモードでないときの slvMove" in await executed(pilot, "slvMove", "1,2,3,4,5,6")
         await execute(pilot, "slvChangeMode", "two")
-        assert "整数 -32768 から" in await answered(pilot, RESULT, "「two」は VT_I2 ではありません")
+        assert "整数 -32768 から" in await answered(pilot, RESULT, "'two' は VT_I2 ではありません")
         await finish(pilot)
 
     drive(make_tester(tmp_path, japanese=True), act)
@@ -439,7 +439,7 @@ def test_limits_that_the_user_knows_are_kept(tmp_path: Path) -> None:
         await until(pilot, lambda: not start.disabled)
         assert "limits of an unknown arm" in sight(pilot)
         here.query_one("#limits", Input).value = "J6=20..25 J6.speed"
-        await until(pilot, lambda: "'J6.speed' is no limit" in sight(pilot))
+        await until(pilot, lambda: "'J6.speed' is not a limit" in sight(pilot))
         here.query_one("#limits", Input).value = "J6=20..25"
         await until(pilot, lambda: "its limits are 20 and 25" in sight(pilot))
         assert start.disabled
