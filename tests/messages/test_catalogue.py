@@ -15,15 +15,16 @@ from babel.messages import Catalog
 from babel.messages.catalog import Message as Entry
 from babel.messages.pofile import read_po
 
-import bcapscope.messages.places  # it defines the types of places
+import bcapscope
 from bcapscope.messages import Language
+from bcapscope.messages import places as places_module
 from bcapscope.messages.message import Place
-from bcapscope.messages.places import Duration
 
 PACKAGE = Path(bcapscope.__file__).parent
 LOCALE = PACKAGE / "messages" / "locale"
 SOURCES = sorted(PACKAGE.rglob("*.py"))
-TYPES = {Duration.type_name, *(kind.type_name for kind in Place.__subclasses__())} | {"message", ""}
+KINDS = [each for each in vars(places_module).values() if isinstance(each, type) and issubclass(each, Place)]
+TYPES = {kind.type_name for kind in KINDS if hasattr(kind, "type_name")} | {"message", ""}
 MAKERS = ("Message", "words", "label")
 """What makes a message from a literal id."""
 

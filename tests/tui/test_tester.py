@@ -355,7 +355,7 @@ def test_japanese(tmp_path: Path) -> None:
         assert "シミュレータ" in text
         assert "スレーブモードでないときの slvMove" in await executed(pilot, "slvMove", "1,2,3,4,5,6")
         await execute(pilot, "slvChangeMode", "two")
-        assert "整数 -32768 から" in await answered(pilot, RESULT, "「two」は VT_I2 ではありません")
+        assert "整数 -32768 から" in await answered(pilot, RESULT, "'two' は VT_I2 ではありません")
         await finish(pilot)
 
     drive(make_tester(tmp_path, japanese=True), act)
