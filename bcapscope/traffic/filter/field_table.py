@@ -1,6 +1,6 @@
-"""Table of the filter fields, used by the compiler and by the help.
+"""Table of all fields of the filter syntax, for the compiler and for the help.
 
-Field names are those of the JSON that `decode` and `calls` print. A getter returns a value of the field's
+The field names are the same as in the JSON of `decode` and `calls`. A getter returns a value of the field's
 `FieldType`, or None if the record has no such value.
 """
 
@@ -23,7 +23,7 @@ class RecordKind(StrEnum):
 
 
 class FieldType(Enum):
-    """Type of a field's values. The value of each member is its display name."""
+    """Type of a field's values. The value of each member is its name in messages."""
 
     NUMBER = "number"
     """An int or a float."""
@@ -36,7 +36,7 @@ class FieldType(Enum):
     HRESULT = "HRESULT"
     """A 32-bit int, signed or unsigned."""
     ENDPOINT = "endpoint"
-    """An `Endpoint`, or its text form."""
+    """An `Endpoint`, or its text."""
     NUMBERS = "list of numbers"
     """A list or tuple of int."""
     TEXTS = "list of texts"
@@ -48,7 +48,7 @@ class FieldType(Enum):
 
     @property
     def element(self) -> FieldType | None:
-        """Type of an element; None if the type has no elements."""
+        """Type of the list's elements; None if the type is no list."""
         return _ELEMENTS.get(self)
 
 
@@ -64,12 +64,12 @@ class FilterField(NamedTuple):
     """One field of the language.
 
     Attributes:
-        type: Type of the values, which determines the permitted comparisons.
+        type: Type of the field's values. The type determines which comparisons are permitted.
         applies_to: Kinds of record that have the field.
-        meaning: Description for people, one clause.
-        unit: Unit of a bare number compared with the field; "" if it has none or the unit must be written.
-        values: All bare words that the field can equal; () for any word.
-        reads_as: Field whose getter it uses; "" for its own.
+        meaning: Description of the field for the help.
+        unit: Unit of a number without a unit that is compared with the field; "" if there is none.
+        values: All words that the field can equal; () if the field can equal any word.
+        reads_as: Name of the field whose getter this field uses; "" if the field has its own getter.
     """
 
     name: str
@@ -181,7 +181,7 @@ FIELDS: tuple[FilterField, ...] = (
         values=tuple(CallVerdict),
     ),
 )
-"""Every field, in reading order for people."""
+"""All fields, in the order in which the help lists them."""
 
 FIELD_BY_NAME: Mapping[str, FilterField] = MappingProxyType({field.name: field for field in FIELDS})
 
