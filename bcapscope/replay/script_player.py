@@ -74,8 +74,8 @@ class PlayedCall(NamedTuple):
 class ScriptPlayer:
     """Plays a script.
 
-    If the recording begins late, it may use objects that it does not open. `ObjectOpener` opens these. The
-    session releases what the recording leaves open.
+    If the recording does not begin with Service_Start, it may use objects that it does not open.
+    `ObjectOpener` opens these. The session releases the objects that the recording leaves open.
     """
 
     def __init__(
