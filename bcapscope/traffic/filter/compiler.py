@@ -188,7 +188,7 @@ class _Parser:
         opening = self.advance()
         self.depth += 1
         if self.depth > DEEPEST_PARENTHESES:
-            self.fail_at(opening, f"more than {DEEPEST_PARENTHESES} parentheses inside each other")
+            self.fail_at(opening, f"more than {DEEPEST_PARENTHESES} nested parentheses")
         binder = self.parse_or()
         self.expect(")", "expected and, or, or )")
         self.depth -= 1
@@ -224,9 +224,9 @@ class _Parser:
         opening, index = self.advance(), self.advance()
         type_ = subject.type.element
         if type_ is None:
-            self.fail_at(opening, f"{subject.name} is no list, it has no elements")
+            self.fail_at(opening, f"{subject.name} is no list and has no elements")
         if index.kind is not TokenKind.NUMBER or not index.text.isdecimal() or index.unit:
-            self.fail_at(index, "expected the number of an element, from 0")
+            self.fail_at(index, "expected the index of an element, counted from 0")
         self.expect("]", "expected ]")
         path.append(int(index.text))
         return subject._replace(type=type_, name=f"{subject.name}[{index.text}]")

@@ -81,7 +81,7 @@ def contains(compared: ComparedField, literal: Token) -> Match:
     """Compile ``contains``."""
     check_literal(compared, literal)
     if compared.type in NUMERIC or compared.type is FieldType.HRESULT:
-        compared.fail(f"{compared.name_and_type}, it contains nothing")
+        compared.fail(f"{compared.name_and_type}; contains works only on texts and lists")
     if compared.type is FieldType.NUMBERS or (
         literal.kind is TokenKind.NUMBER and compared.type in (FieldType.VALUE, FieldType.VALUES)
     ):
@@ -97,10 +97,10 @@ def contains(compared: ComparedField, literal: Token) -> Match:
 def search(compared: ComparedField, literal: Token) -> Match:
     """Compile ``~``."""
     if compared.type in NUMERIC or compared.type in (FieldType.HRESULT, FieldType.NUMBERS):
-        compared.fail(f"{compared.name_and_type}, a regular expression needs text")
+        compared.fail(f"{compared.name_and_type}; a regular expression needs a text")
     check_literal(compared, literal)
     if literal.kind not in (TokenKind.TEXT, TokenKind.WORD):
-        compared.fail_at(literal, "a regular expression stands in quotes")
+        compared.fail_at(literal, "write a regular expression in quotes")
     try:
         return matches.search(literal.text)
     except ValueError as error:
@@ -177,7 +177,7 @@ def _endpoint(compared: ComparedField, token: Token) -> LiteralMatch:
     found = matches.parse_endpoint(token.text) if token.kind in (TokenKind.ADDRESS, TokenKind.TEXT) else None
     if found is None:
         compared.fail_at(
-            token, f"{token.text!r} is no IP address; 10.0.0.2, 10.0.0.2:5007 or [::1]:5007 would be"
+            token, f"{token.text!r} is no IP address; write 10.0.0.2, 10.0.0.2:5007 or [::1]:5007"
         )
     return matches.endpoint(*found)
 
@@ -193,7 +193,7 @@ def _number(compared: ComparedField, token: Token) -> Number:
 
 def _check_number(compared: ComparedField, token: Token) -> None:
     if token.kind is not TokenKind.NUMBER:
-        compared.fail_at(token, f"{compared.name_and_type}, {token.text!r} is none")
+        compared.fail_at(token, f"{compared.name_and_type}, but {token.text!r} is not")
 
 
 def _plain_number(compared: ComparedField, token: Token) -> int | float:
@@ -214,7 +214,7 @@ def _nanoseconds(compared: ComparedField, token: Token) -> Number:
     if not unit and value:
         compared.fail_at(token, f"{compared.name} needs a unit: {token.text}ms, or us, ns, s")
     if unit and unit not in UNITS:
-        compared.fail_at(token.start + len(token.text), f"{unit!r} is no unit; ns, us, ms and s are")
+        compared.fail_at(token.start + len(token.text), f"{unit!r} is no unit; use ns, us, ms or s")
     value *= UNITS[unit] if unit else 1
     return value.numerator if value.denominator == 1 else value
 

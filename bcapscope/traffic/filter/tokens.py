@@ -109,7 +109,7 @@ _HINTS = {
     "=": "write == to compare",
     "&": "write && or and",
     "|": "write || or or",
-    ":": "an IPv6 address stands in brackets, [::1] or [::1]:5007",
+    ":": "write an IPv6 address in brackets: [::1] or [::1]:5007",
     '"': "this text has no closing quote",
     "'": "this text has no closing quote",
 }
