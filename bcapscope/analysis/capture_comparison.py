@@ -23,8 +23,7 @@ NOTABLE_RATIO = 1.5
 """Smallest notable ratio of two times or two rates. Two captures of the same program can differ by less."""
 
 NOTABLE_CYCLE = 1.1
-"""Smallest notable ratio of two median cycle times of set points. It is near 1, because clients should keep a
-constant cycle time."""
+"""Smallest notable ratio of two median cycle times of set points, which clients should keep constant."""
 
 NOTABLE_MS = 0.2
 """Smallest notable difference of two latencies, ms. The shortest time-out in use is 2 ms (DENSO Wave
@@ -165,8 +164,8 @@ def _unmatched_kinds(
             yield UnmatchedKind(kind, figures.calls)
 
 
-# The functions below decide whether a difference is notable. Each takes both values, and the number of calls
-# or cycles from which each value was computed.
+# Each function below decides whether the difference of two values is notable.
+# The third argument is the number of calls or cycles from which each of the two values was computed.
 
 _JudgeFigure: TypeAlias = Callable[[Value, Value, "tuple[int, int]"], bool]
 

@@ -24,14 +24,14 @@ MAX_HANDLES = 1024
 """
 
 MAX_CLOSED_CLIENTS = 32
-"""Maximum number of clients with a closed connection that are remembered. Such clients may have left slave
-mode on or objects open."""
+"""Maximum number of clients with a closed connection that are remembered. A client with a closed connection
+may have left slave mode on or objects open."""
 
 SLOW_CALL_NS = 50_000_000
 """Latency in ns above which a call counts as slow: the controller may still execute it when the next call
 arrives."""
 
-# bytes of request, retries and reply; the frames of a real set point have a few hundred bytes each
+# Maximum size in bytes of all frames of a remembered set point; a real frame has a few hundred bytes.
 _LARGEST_POINT = 8192
 RECENT_SET_POINTS = 64
 """Maximum number of remembered set points, to explain a refused one: half a second at 8 ms."""
@@ -103,7 +103,7 @@ class ClientState:
     Attributes:
         longest_pause_ns: Longest time in ns between two calls of the client; pauses between set points do not
             count.
-        service_start: The Service_Start call of the current session; None if it was not captured.
+        service_start: The Service_Start call of the current session; None if this call was not captured.
         session_end: The Service_Stop or Controller_Disconnect call that ended the session; None while the
             session is open.
         motor_on: Whether the client last switched the motor on; None if unknown.
@@ -118,8 +118,7 @@ class ClientState:
         uncleared_error: The failed call that reported the first controller error since the client last
             cleared errors.
         error_was_read: Whether the client has read the details of the error since `uncleared_error`.
-        slow_call: Latest call that got no reply, or got its reply after more than `SLOW_CALL_NS`. Evicted
-            calls do not count.
+        slow_call: Latest call, not evicted, that got no reply or whose latency exceeds `SLOW_CALL_NS`.
         may_be_answered: Whether a stray reply was captured that may answer one of the client's evicted calls.
         opened_objects: For each handle, the object for which the controller last gave this handle.
         released_by: The latest calls that released handles, by object class and handle.
@@ -163,7 +162,7 @@ class ClientState:
 
     @property
     def controller_closing(self) -> ConnectionEnd | None:
-        """How the controller closed the connection; None if it is open or the client closed it first."""
+        """How the controller closed the connection; None if it did not, or if the client did so first."""
         closing = self.conversation.connection_end
         return closing if closing is not None and closing.by is Direction.RESPONSE else None
 

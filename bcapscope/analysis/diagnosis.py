@@ -44,8 +44,8 @@ _CallHandler: TypeAlias = Callable[[Call, ClientState], None]
 class Diagnosis(PipelineSubscriber):
     """Finds what went wrong in the traffic, in bounded memory.
 
-    You can call `findings`, `totals` and `remaining_sessions` at any time. Each returns what it would return
-    if the traffic ended now, and changes nothing.
+    You can call `findings`, `totals` and `remaining_sessions` at any time. These methods change nothing, and
+    return the same as if the traffic ended now.
     """
 
     needs_targets = True
@@ -58,11 +58,11 @@ class Diagnosis(PipelineSubscriber):
         """Create a diagnosis.
 
         Args:
-            is_selected: Returns whether a call is selected; None to select all calls. Only findings about
-                selected calls, and their causes, are reported. The rules still check all calls.
-            on_slave_session: Receives each slave-mode session when it is complete. With `is_selected`, it
-                receives only sessions with selected set points. `remaining_sessions` returns the sessions
-                that are not complete.
+            is_selected: Returns whether a call is selected; None to select all calls. Findings are reported
+                only about selected calls and their causes, although the rules check all calls.
+            on_slave_session: Receives each slave-mode session when it is complete. With `is_selected`, the
+                function receives only sessions with selected set points. The method `remaining_sessions`
+                returns the sessions that are not complete.
         """
         self._collector = FindingCollector()
         self._selection = (

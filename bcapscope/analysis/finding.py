@@ -53,11 +53,10 @@ class Finding:
     """A root cause or a consequence, as data; `render.finding_text` writes the sentences.
 
     Attributes:
-        fact: Message that says what happened. Its values may be raw text from the wire, so escape the
-            sentence before you show it.
-        frames: Numbers of the frames that prove the finding, in ascending order. If the finding has several
-            occurrences, these are the frames of the described occurrence, and one frame each of the first and
-            the last occurrence.
+        fact: Message that says what happened; it can contain raw text from the wire, which must be escaped
+            for output.
+        frames: Numbers of the frames that prove the described occurrence, and of one frame each of the first
+            and the last occurrence, in ascending order.
         consequence_of: Number of the finding that caused this finding, counted from 1 in the order of the
             report; None if no cause was found.
         began: Time when the described occurrence began, ns since 1970.

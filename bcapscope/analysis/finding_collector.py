@@ -35,8 +35,7 @@ class FindingGroup:
     Attributes:
         selected: True if the finding is about selected calls; False if it is reported only as the cause of
             another.
-        shown: Occurrence that the finding describes. It is set only in the copy of a group that `findings`
-            makes.
+        shown: Occurrence that the finding describes; set only in the copy of a group that `findings` makes.
     """
 
     def __init__(self, rule: DiagnosisRule, selected: bool) -> None:
@@ -170,8 +169,7 @@ class FindingCollector:
         A candidate that began after the effect, or that is a consequence of the effect, cannot be its cause.
         """
         best, best_key = None, (0, 0)
-        # Candidates are roughly in chronological order. Backwards, only the first few candidates need all
-        # checks.
+        # Candidates are roughly in chronological order, so only the latest few need all checks.
         for each in reversed(candidates):
             if each is effect or each.began > effect.completed or (best and each.began < best.began):
                 continue

@@ -61,7 +61,7 @@ class TimelineEventList:
         """Create an empty list.
 
         Args:
-            pause: Initial limit in ns: events that are closer together are joined. The limit is increased
+            pause: Initial limit in ns: events that are closer together are joined. This limit is increased
                 when there are too many events.
         """
         self._most = most

@@ -26,9 +26,8 @@ from bcapscope.simulator.simulator import LARGEST_REQUEST, MAX_CLIENTS, STOP_CLI
 from bcapscope.traffic.call_kind import CallKind, call_kind_of
 
 IDLE_CLIENT_NS = 2_000_000_000
-"""Time in ns without a request after which another client may take the place of a UDP client. The time is
-longer than that between two attempts of a waiting client (DENSO Wave 2009, How to use the Slave mode: 1
-s)."""
+"""Time in ns without a request after which another client may take the place of a UDP client. A waiting
+client sends its next attempt sooner (DENSO Wave 2009, How to use the Slave mode: 1 s)."""
 
 _SERVICE_START = CallKind(1, None)
 
@@ -52,8 +51,8 @@ class ScriptIndex:
 class ScriptLookup:
     """Finds the recorded call that answers a request of one client.
 
-    The answer is the next recorded call with the same function, command and arguments, or the last such call
-    if none is left. If no recorded call has these arguments, the answer is the next one with the same
+    `find` returns the next recorded call with the same function, command and arguments, or the last such call
+    if none is left. If no recorded call has the same arguments, `find` returns the next call with the same
     function and command. A Service_Start after the last recorded Service_Start begins the script again.
     """
 
@@ -191,7 +190,7 @@ class _ReplayClient:
 
 
 class RecordedController:
-    """Plays the role of a recorded controller. Each client gets the whole script.
+    """Plays the role of a recorded controller. Each client is answered with the whole script.
 
     Attributes:
         dropped: Number of datagrams that were dropped: damaged, no frame, or from a client beyond the limit.

@@ -88,14 +88,14 @@ class Call:
         number: Number of the call in starting order, counted from 1 over all conversations.
         request: First attempt of the call or, if it was not captured, the first captured retry.
         reply: Reply that the client accepted; None if no such reply was captured.
-        last_attempt: Latest attempt of the call. The client accepts only a reply to this attempt.
+        last_attempt: Latest attempt of the call, the only one to which the client accepts a reply.
         other_frames: All frames of the call except `request` and `reply`, in capture order.
         abandoned_at: Time when the client began another call without a reply to this one, ns since 1970; 0 if
             it did not.
         last_activity: Time of the latest frame of the call, ns since 1970.
         no_reply_expected: Whether no reply can follow any more, although the client did not begin another
             call.
-        state: State of the call. A complete call is unanswered, settled or evicted.
+        state: State of the call; a complete call is unanswered, settled or evicted.
         skipped_handles: Number of handles that the controller skipped before the accepted handle; 0 unless
             the call has more attempts than that.
         reserved_usage: How client and controller used the reserved field, as far as known when the call
@@ -136,7 +136,8 @@ class Call:
         self.last_activity = request.time
         self.reserved_usage = reserved_usage
         self.reply: FrameObservation | None = None
-        self.other_frames: list[CallFrame] | tuple[()] = ()  # nearly all calls have the shared empty tuple
+        # Nearly all calls share the empty tuple, which saves memory.
+        self.other_frames: list[CallFrame] | tuple[()] = ()
         self.abandoned_at = 0
         self.no_reply_expected = False
         self.state = _WAITING
@@ -268,8 +269,8 @@ class StrayReply:
 
     Attributes:
         call_number: Number of the settled call that had the same serial; None if no such call is remembered.
-        may_answer_evicted: Whether the reply may belong to a call that was evicted from memory. Such a reply
-            is reported neither as late nor as stray.
+        may_answer_evicted: Whether the reply may belong to a call that was evicted from memory, and so is
+            reported neither as late nor as stray.
     """
 
     observation: FrameObservation

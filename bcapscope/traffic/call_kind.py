@@ -11,13 +11,13 @@ from bcapscope.protocol.text_format import shortened
 from bcapscope.traffic.observation import Conversation, Direction, Observation
 
 MAX_KINDS = 4096
-"""Maximum number of request prefixes whose call kind is remembered. Beyond the limit, all prefixes are
+"""Maximum number of request prefixes whose call kind is remembered. Beyond this limit, all prefixes are
 dropped and learned again. A session has a few dozen prefixes: one per pair of handle and command."""
 
 MAX_SERIALS = 1024
 """Minimum number of latest requests of a conversation that `RecentRequests` remembers; the maximum is twice
-this. The number is enough to match replies that are a second late to a client that sends a set point every
-millisecond."""
+this. A thousand requests are enough to match a reply that is a second late to a set point that a client sends
+every millisecond."""
 
 MAX_CONVERSATIONS = 256
 """Maximum number of conversations that are followed. Beyond the limit, the conversation that was silent
@@ -88,11 +88,10 @@ class CallKinds:
         raw = request.raw
         if request.code not in COMMAND_FUNCTIONS or request.reserved == 1 or len(raw) <= _BSTR_START:
             return call_kind_of(request)
-        # Nearly all requests begin with a VT_I4 handle of 14 bytes, then the command with its length in
-        # bytes. The slice contains all bytes that determine the command, and no parameter. `_learn` does not
-        # keep the slice if the length of the string needs more than one byte, or if the handle has another
-        # type. The slice includes the byte after the string: if this byte is missing, the frame ends inside
-        # the string.
+        # Nearly all requests begin with a VT_I4 handle of 14 bytes, then the length of the command in bytes.
+        # The prefix contains all bytes that determine the command, and no parameter.
+        # `_learn` keeps no prefix if the length needs more than one byte or the handle has another type.
+        # The prefix includes the byte after the command, because a frame without this byte is cut.
         prefix = raw[_FUNCTION_ID : _BSTR_DATA + raw[_BSTR_START] + 1]
         return self._by_prefix.get(prefix) or self._learn(request, prefix)
 

@@ -38,8 +38,8 @@ class CallVerdict(StrEnum):
     ANSWERED = "answered"
     REFUSED = "refused"
     UNANSWERED = "unanswered"
-    """No reply to any attempt was captured. All attempts or all replies were lost, or the controller did not
-    reply."""
+    """No reply to any attempt was captured. Either all attempts or all replies were lost, or the controller
+    did not reply."""
     CAPTURE_ENDED = "capture ended"
     NOT_FOLLOWED = "not followed"
     EXECUTED_TWICE = "executed twice"
@@ -53,8 +53,8 @@ class CallVerdict(StrEnum):
     discarded the reply. The client's timeout is too short, or the controller or the network took too long."""
     REPLY_LOST = "reply lost"
     """A reply was captured, yet the client sent another attempt. The reply was lost between the capture point
-    and the client, or the client was too busy to read it. The verdict is the same if S_EXECUTING was captured
-    for an attempt whose result never came."""
+    and the client, or the client was too busy to read it. *Reply lost* is also the verdict if S_EXECUTING was
+    captured for an attempt whose result never came."""
     REQUEST_LOST = "request lost"
     """S_EXECUTING was captured for the answered attempt, and nothing for the earlier attempts. The earlier
     attempts were lost, because the controller would have executed or answered them."""

@@ -31,8 +31,8 @@ COPIES_WITHIN_NS = 100_000_000
 milliseconds. No client restarts on the same port this fast without a Service_Start."""
 
 RETRY_WITHIN_NS = 5_000_000_000
-"""Maximum time in ns from a captured reply to a retry of its request. This time is longer than any timeout in
-use (3 s in DENSO's ROS 2 driver, 1 s in DENSO Wave 2009)."""
+"""Maximum time in ns from a captured reply to a retry of its request. No client waits longer before a retry
+(3 s in DENSO's ROS 2 driver, 1 s in DENSO Wave 2009)."""
 
 LATE_WITHIN_NS = 1_000_000_000
 """Maximum time in ns to wait for a reply after the client began another call, if the controller has answered
@@ -43,8 +43,8 @@ BUSY_WITHIN_NS = 30_000_000_000
 answered a later call. The controller may still be executing the call, because controllers answer in order."""
 
 EXECUTION_NS = 180_000_000_000
-"""Maximum time in ns without a frame of a call, if no later call was answered. This is the server's
-InvokeTimeout, after which the server never answers (orin_bcap C/src/bCAPServer/bcap_server.c)."""
+"""Maximum time in ns without a frame of a call, if no later call was answered: the server's InvokeTimeout,
+after which the server never answers (orin_bcap C/src/bCAPServer/bcap_server.c)."""
 
 MAX_EXTRA_FRAMES = 65536
 """Maximum number of retries, notices and further replies of a conversation's open calls, about 30 MB. The
@@ -53,7 +53,8 @@ older C client retries without end (start-jsk/denso b-Cap.c), and so reaches the
 one retry every 20 ms."""
 
 _FRAME_COST = 512  # bytes of overhead per frame
-_LARGE_CALL = 64 * 1024  # size in bytes above which a settled call does not stay in memory as the newest call
+# Size in bytes above which a settled call does not stay in memory as the newest call.
+_LARGE_CALL = 64 * 1024
 
 _OPENERS = frozenset((SERVICE_START, *(f.id for f in FUNCTIONS.values() if f.result is ResultKind.HANDLE)))
 _WAITING, _ANSWERED, _SETTLED = CallState.WAITING, CallState.ANSWERED, CallState.SETTLED

@@ -1,4 +1,4 @@
-"""Index of the frames of one call. The time of a lookup does not grow with the number of frames."""
+"""Index of the frames of one call, in which a lookup takes the same time for any number of frames."""
 
 from __future__ import annotations
 

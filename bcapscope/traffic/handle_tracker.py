@@ -16,11 +16,11 @@ from bcapscope.traffic.call_kind import LONGEST_NAME, MAX_CONVERSATIONS
 from bcapscope.traffic.observation import Conversation
 
 MAX_OBJECTS = 4096
-"""Maximum number of objects that are remembered per client. Beyond the limit, the oldest is dropped. The
-official server allows 1000 (orin_bcap C/src/bCAPServer/bcap_server.c)."""
+"""Maximum number of objects that are remembered per client. Beyond the limit, the oldest object is dropped.
+The official server allows 1000 (orin_bcap C/src/bCAPServer/bcap_server.c)."""
 
 MAX_SESSIONS = 1024
-"""Maximum number of ended sessions that are remembered. Beyond the limit, the oldest is dropped."""
+"""Maximum number of ended sessions that are remembered. Beyond the limit, the oldest session is dropped."""
 
 _HANDLE_TYPES = (VT.I4, VT.I2, VT.UI4)
 _I4_HANDLE = b"\x0a\x00\x00\x00\x03\x00\x01\x00\x00\x00"  # bytes of a VT_I4 argument before its value
@@ -33,8 +33,8 @@ class TrackedObject:
     Attributes:
         name: Name in the call that opened the object, such as `Arm`; "" if the call has no name.
         parent: Label of the object through which this object was opened; "" for a controller or if unknown.
-        known_to_client: Whether the client received the handle. A client does not receive a handle if the
-            reply was late, or if the call was executed more than once.
+        known_to_client: Whether the client received the handle; False if the reply was late or the call was
+            executed more than once.
     """
 
     kind: ObjectClass
@@ -67,8 +67,8 @@ class ServiceSession:
 
     Attributes:
         started_by_call: Number of the Service_Start call; None if this call was not captured.
-        unreleased: Objects that the client did not release, in creation order. Objects whose handle the
-            client never received come first.
+        unreleased: Objects that the client did not release, in creation order, after those whose handle the
+            client never received.
     """
 
     conversation: Conversation

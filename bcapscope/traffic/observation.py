@@ -45,7 +45,7 @@ class ConnectionEnd:
     Attributes:
         by: Direction of the packet that ended the connection: `REQUEST` if the client ended it, `RESPONSE` if
             the controller did.
-        reset: Whether RST ended the connection. Otherwise FIN closed one direction, and the other end may
+        reset: True if RST ended the connection; False if FIN closed one direction, and the other end may
             still send.
         time: Time of the first RST or FIN, ns since 1970-01-01 UTC.
         both_ended: Whether the other end has also closed the connection, or either end has reset it since.
@@ -116,10 +116,10 @@ class Observation(NamedTuple):
     """A frame, or bytes that are no frame, captured at one point.
 
     Attributes:
-        number: Number of the observation in the traffic, counted from 1. Damaged items have numbers as well.
+        number: Number of the observation in the traffic, counted from 1, including damaged items.
         time: Capture time of the last byte, ns since 1970-01-01 UTC.
-        first_byte_time: Capture time of the first byte, ns since 1970-01-01 UTC. It differs from `time` only
-            if the TCP stream split the frame.
+        first_byte_time: Capture time of the first byte, ns since 1970-01-01 UTC; equal to `time` unless the
+            TCP stream split the frame.
         packet: Number of the captured packet with the last byte, counted from 1 over all packets of the
             source; 0 if the frame is not from a capture.
     """

@@ -81,8 +81,7 @@ TRANSITIONS: dict[tuple[CallState, CallEvent], Transition] = {
     (_EXECUTING, CallEvent.NEXT_CALL): Transition(_ABANDONED, None),
     (_EXECUTING, CallEvent.EXPIRY): Transition(CallState.UNANSWERED, None),
     (_EXECUTING, CallEvent.EVICTION): Transition(CallState.EVICTED, None),
-    # The client has a reply. If it retries the call without having begun another, it did not receive the
-    # reply.
+    # A retry of the newest call shows that the client did not receive the reply.
     (_ANSWERED, CallEvent.RETRY): Transition(_WAITING, FrameRole.RETRY, reply_becomes=FrameRole.LOST),
     (_ANSWERED, CallEvent.LATER_RETRY): Transition(_ANSWERED, FrameRole.RETRY),
     (_ANSWERED, CallEvent.OVERTAKEN_RETRY): Transition(_ANSWERED, FrameRole.RETRY),
@@ -103,6 +102,6 @@ TRANSITIONS: dict[tuple[CallState, CallEvent], Transition] = {
     (_ABANDONED, CallEvent.EARLIER_REPLY): Transition(_ABANDONED, FrameRole.LATE),
     (_ABANDONED, CallEvent.EXPIRY): Transition(CallState.SETTLED, None),
     (_ABANDONED, CallEvent.EVICTION): Transition(CallState.EVICTED, None),
-    # The tracker has returned the call as unanswered. It still records when the client begins another call.
+    # The tracker has returned the call as unanswered, but still records when the client begins another call.
     (CallState.UNANSWERED, CallEvent.NEXT_CALL): Transition(CallState.SETTLED, None),
 }

@@ -82,7 +82,7 @@ class CallCollector(PipelineSubscriber):
 class Pipeline:
     """Turns observations into events for its subscribers, in bounded memory.
 
-    Add observations in capture order. The pipeline uses no clock except the times of the observations (see
+    Add observations in capture order. A pipeline uses no clock except the times of the observations (see
     `Tracker`).
     """
 
@@ -188,8 +188,7 @@ class Pipeline:
         for on_set_points in self._run_handlers:
             on_set_points(calls)
         if self._single_handlers:
-            # One lookup is enough: all set points of a run have the same handle, and no other call is between
-            # them.
+            # One lookup is enough, because all set points of a run have the same handle.
             target = None if self._handles is None else self._handles.on_call(calls[0])
             for on_call in self._single_handlers:
                 for call in calls:

@@ -21,7 +21,7 @@ unanswered, because a reply would be late."""
 MAX_BYTES = 32 * 1024 * 1024
 """Maximum size in bytes of all frames of open calls, with overhead. Beyond the limit, the older half of the
 open calls is evicted from the conversation with the largest calls. One call with the largest possible request
-and reply stays within the limit."""
+and reply stays within this limit."""
 
 SWEEP_NS = 50_000_000
 """Time in ns between two searches for settled calls, by the times of the observations: too short to
@@ -37,7 +37,7 @@ class Tracker:
     returns a call as soon as no further frame can belong to this call or an earlier call of the conversation.
     Conversations do not wait for each other.
 
-    The result depends only on the observations so far. A truncated capture gives the same calls as the whole
+    The calls depend only on the observations so far. A truncated capture gives the same calls as the whole
     capture, except for calls that are open at its end. Beyond the memory limits, the tracker evicts calls: it
     returns calls although a reply may follow.
 

@@ -1,4 +1,5 @@
-"""The rules of `diagnose`. Each module has rules and the checker that applies them."""
+"""The rules of `diagnose`. Each module of this package defines some rules and the checker that applies
+these."""
 
 from __future__ import annotations
 

@@ -85,8 +85,8 @@ class PacingChecker(RuleChecker):
         return health is CallHealth.REFUSED
 
     def on_call(self, call: Call, client: ClientState) -> None:
-        """Find the pause that explains why the controller reported an empty buffer. This is done here,
-        because the set points around the pause are no longer available in `session_occurrences`.
+        """Find the pause that explains why the controller reported an empty buffer. Find the pause here,
+        because `session_occurrences` has no details of the set points around the pause.
         """
         pair = _longest_pause(call, client) if call.hresult in _EMPTY_CODES else None
         if pair is None:

@@ -294,8 +294,8 @@ def _waited_for_room(call: Call, client: ClientState) -> bool:
     """Return whether a reply was late because the controller waited until its buffer had room.
 
     The controller delays replies only in modes that pace the client. DENSO recommends a time-out of 2 ms for
-    these modes, so the client retries in the meantime. The set point still arrives if one of these attempts
-    is lost.
+    these modes, so the client retries in the meantime. The set point still arrives if one of its attempts is
+    lost.
     """
     mode, latency = client.slave_mode, call.latency
     if mode is None or not mode.paces_client or latency is None:

@@ -52,14 +52,14 @@ class Occurrence:
     """One instance of a problem, as a rule reports it.
 
     Attributes:
-        began: Time when the problem began, ns since 1970. A cause begins no later than its consequence ends.
-        completed: Time when the problem ended, ns since 1970. Delays of consequences count from this time.
+        began: Time when the problem began, ns since 1970.
+        completed: Time when the problem ended, ns since 1970; delays of consequences count from this time.
         frames: Numbers of the frames that prove the problem.
         fact: Sentence that says what happened: the message `finding.<rule>` or `finding.<rule>.<case>`.
         clause: Message `clause.<rule>`, which names the problem as a consequence in another finding's
             sentence; None if no sentence names it.
         call: Number of the call that has the problem; 0 if the problem concerns no call.
-        explaining_calls: Numbers of other calls. A problem in one of these calls is the likeliest cause.
+        explaining_calls: Numbers of other calls; a problem in one of these calls is the likeliest cause.
         group_key: Occurrences of one rule with different group keys become different findings.
         advice: What the reader can do in this case; None for the usual advice of the rule.
         count: Number of occurrences that this object represents; 1 if each is reported on its own.
@@ -119,9 +119,10 @@ class RuleChecker:
     change the checker, because they are also called in the middle of live traffic.
 
     Attributes:
-        needs_every_set_point: Whether `on_call` gets every accepted set point (slvMove), perhaps millions.
-            Otherwise `on_call` gets only the first set point of each run of alike set points (see
-            `AlikeSetPoints`). In a run, `client` is the state before its first set point.
+        needs_every_set_point: Whether `on_call` gets every accepted set point (slvMove), perhaps millions. If
+            False, `on_call` gets only the first set point of each run of alike set points (see
+            `AlikeSetPoints`). During a run, the argument `client` of `on_call` is the state before the first
+            set point of the run.
         by_client: Data of the checker for each client, until the client is dropped from memory.
     """
 

@@ -15,8 +15,8 @@ _ROWS_AT_ONCE = 256
 """Maximum number of set points that each call of `add` compares: enough for an estimate, and fast."""
 
 _CLEAR = 4.0
-"""Minimum ratio of the squared errors of the worst and the best lag. Below this ratio, the axis hardly
-moves."""
+"""Minimum ratio of the squared errors of the worst and the best lag. Below this ratio of errors, the axis
+hardly moves."""
 
 
 class AxisLag:

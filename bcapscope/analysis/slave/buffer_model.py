@@ -6,14 +6,16 @@ The model is a prediction, not an observation. It assumes:
 - A set point reaches the controller when the answered request is captured, or the first request if none was
 answered. The network delay is ignored, because it is nearly the same for all set points.
 - The controller does not put a refused set point into the buffer.
-- The clocks of the controller and of the capture agree. In reality they drift slightly, so what the capture
-shows corrects the model. The buffer never holds more set points than it has slots. S_BUF_FULL means that the
-buffer is full. In modes that pace the client, a set point is in the buffer by the time its reply arrives.
+- The clocks of the controller and of the capture agree. In reality the clocks drift slightly, so the results
+in captured replies correct the model. The buffer never holds more set points than it has slots. S_BUF_FULL
+means that the buffer is full. In modes that pace the client, a set point is in the buffer by the time its
+reply arrives.
 
-A capture does not show when within its period the controller takes a set point. This uncertainty alone can
-explain a single period without a set point, which therefore counts only as a possible underflow. An overflow
-is predicted only if the buffer is full even in a controller that takes set points as early as possible. The
-number of slots per mode, the period, and their sources are in `bcapscope.protocol.slave_mode.modes`.
+A capture does not show at which moment of its period (its phase) the controller takes a set point. The
+unknown phase alone can explain a single period without a set point, so the model reports only a possible
+underflow. An overflow is predicted only if the buffer is full even in a controller that takes set points as
+early as possible. The number of slots per mode, the period, and their sources are in
+`bcapscope.protocol.slave_mode.modes`.
 """
 
 from __future__ import annotations
@@ -47,8 +49,8 @@ class PredictedUnderflow(NamedTuple):
         time: Time when the controller needed a set point, ns since 1970.
         late_frame: Number of the request frame of the set point that arrived too late.
         late_ms: Time from `time` to the arrival of the late set point, ms.
-        moving: Whether the two set points before differ, so that the robot was moving; None if they are
-            unreadable.
+        moving: Whether the robot was moving, because the two set points before `time` differ; None if
+            unknown.
     """
 
     time: int
@@ -65,8 +67,7 @@ class BufferFacts:
 
     Attributes:
         slots: Maximum number of set points that the buffer can hold.
-        overwrites: Whether a new set point replaces the waiting one. In such modes an empty buffer is no
-            error.
+        overwrites: Whether a new set point replaces the waiting one, so that an empty buffer is no error.
         replies_pace: Whether the controller delays each reply until the buffer has room.
         underflows: Number of predicted underflows, without those that the controller's unknown phase can
             explain.
@@ -168,13 +169,13 @@ class BufferModel:
         self._behaviour = behaviour
         self._origin = origin
         self._capacity_ns = behaviour.slots * _PERIOD
-        # The controller's unknown phase makes the level uncertain by one set point up or down, so only an
-        # excess of more than two periods proves an overflow. Where a new set point replaces the waiting one,
-        # an excess of more than one period proves it. In modes that pace the client, no overflow occurs.
+        # The phase is unknown, so only an excess of more than two periods proves an overflow.
+        # If a new set point replaces the waiting one, an excess of more than one period proves an overflow.
+        # In modes that pace the client, no overflow occurs.
         self._most_excess_ns = (
             _PERIOD if behaviour.overwrites else _NEVER if behaviour.replies_pace else 2 * _PERIOD
         )
-        self._excess_ns = 0  # set points that arrived beyond the capacity, as ns of periods
+        self._excess_ns = 0  # total period in ns of the set points that arrived beyond the capacity
         self._empty_at = 0  # time when the controller will find the buffer empty if nothing more arrives
         self._last_frame = 0  # frame number of the last set point that was added
         self._underflows: list[PredictedUnderflow] = []
@@ -191,8 +192,9 @@ class BufferModel:
         """Add one or more set points.
 
         Returns:
-            For each set point, the time in ns from its arrival until the buffer would have been empty. The
-                time is negative if the buffer was already empty, and 0 for the very first set point.
+            For each set point, the time in ns from its arrival until the buffer would have been empty. A
+                negative time means that the buffer was already empty; the time of the very first set point is
+                0.
         """
         if not self._last_frame:
             self._empty_at = int(rows.times[0])

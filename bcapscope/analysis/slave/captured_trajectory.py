@@ -1,8 +1,8 @@
 """Extract trajectories from captured set points, one trajectory per slave-mode session.
 
-One step is one slvMove call, however many retries it has. The time of a step is that of the first request.
-Refused set points are left out, because the controller did not take them. Set points without a captured reply
-are kept, because the controller may have taken them and a gap would look like a jump.
+One step is one slvMove call, however many retries it has. The time of a step is the time of its call's first
+request. Refused set points are left out, because the controller did not take them. Set points without a
+captured reply are kept, because the controller may have taken them and a gap would look like a jump.
 """
 
 from __future__ import annotations
@@ -122,7 +122,8 @@ class TrajectoryExtractor(PipelineSubscriber):
         self.ready: list[TrajectoryPiece] = []
         self.set_points = self._step_count = 0
         self._left_out: Counter[LeftOutReason] = Counter()
-        self._not_selected: dict[int, None] = {}  # numbers of calls that are not processed yet, in order
+        # call numbers of unselected set points that are not processed yet, in order
+        self._not_selected: dict[int, None] = {}
 
     def on_call(self, call: Call, target: TrackedObject | None) -> None:
         """Add a completed call of any kind, because any call can begin or end a slave-mode session."""
@@ -141,7 +142,7 @@ class TrajectoryExtractor(PipelineSubscriber):
 
     @property
     def left_out(self) -> Mapping[LeftOutReason, int]:
-        """Number of set points that were left out, by reason. The numbers are final after `finish`."""
+        """Number of set points that were left out, by reason; final after `finish` was called."""
         counted = dict(self._left_out)
         after = self.set_points - self._step_count - sum(counted.values())
         return {**counted, LeftOutReason.AFTER_END: after} if after else counted

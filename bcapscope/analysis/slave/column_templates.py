@@ -1,8 +1,8 @@
 """Read the numbers in many frames at once.
 
 The frames of a slave-mode session's set points differ only in serial, reserved and the numbers in their
-arguments. The reader learns a template from one fully decoded frame without problems. It then reads all
-frames that match the template as columns.
+arguments. A `ColumnReader` learns a template from one fully decoded frame without problems. `ColumnReader`
+then reads all frames that match the template as columns.
 """
 
 from __future__ import annotations
@@ -107,7 +107,7 @@ class ColumnReader:
         self._template_count = 0
 
     def read(self, bodies: FrameBytes, count: int, axes: int) -> PoseColumns:
-        """Read `count` frames; return the first `axes` numbers of each pose. Each frame has at least a
+        """Return time stamps and the first `axes` numbers of each pose in `count` frames, which must have a
         header."""
         columns = PoseColumns(count, axes)
         rows = np.arange(count)

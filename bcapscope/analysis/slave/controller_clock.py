@@ -17,8 +17,8 @@ _LONG_ENOUGH_MS = 1000.0
 _WRAP_AT_LEAST = 1 << 31
 
 _US_AT_LEAST = 30.0
-"""Minimum advance of the time stamps, per ms of the capture, if their unit is µs. The value is the geometric
-mean of 1 (unit ms) and 1000 (unit µs), so neither a fast client nor pauses lead to the wrong unit.
+"""Minimum advance of the time stamps, per ms of the capture, if their unit is µs. This minimum is the
+geometric mean of 1 (unit ms) and 1000 (unit µs), so neither a fast client nor pauses lead to the wrong unit.
 """
 
 
@@ -68,9 +68,9 @@ class ControllerClock:
         # time since the first stamp in ms: by the controller's clock, by the capture's clock
         self._last = (0.0, 0.0)
         self._raw_last = 0
-        self._ticks = 0  # units from the first stamp to the last, with wraps added
+        self._ticks = 0  # difference of the last time stamp from the first in their unit, with wraps added
         self._count = self._repeated = self._backwards = self._wraps = self._missing = 0
-        # sums of x (controller time), y (capture time minus controller time), x² and xy
+        # sums of x, y, x² and xy; x is controller time, y is capture time minus x
         self._sums = np.zeros(4)
         self._jitter, self._step = Histogram(), Histogram()
 

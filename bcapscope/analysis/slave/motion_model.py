@@ -37,8 +37,8 @@ rounding or noise."""
 LARGEST_STEP = 180.0
 """Largest step in degrees or mm that can be normal motion. A larger step is always a jump.
 
-At 8 ms this is 22,500 degrees per second, or 22 m/s. No source gives a limit for every axis. This value is
-far above the limit of any axis.
+At 8 ms this is 22,500 degrees per second, or 22 m/s. No source gives a limit for every axis. This step is far
+above the limit of any axis.
 """
 
 _FIGURE = "Fig"
@@ -93,7 +93,7 @@ class JumpKind(Enum):
     ISOLATED = "isolated"
     """The step is far larger than the steps on both sides."""
     OUTLIER = "outlier"
-    """One set point is off the path.
+    """A single set point is off the path of its neighbours.
 
     The step to this set point and the step back are far larger than the steps before and after.
     """
@@ -128,7 +128,7 @@ class MotionFacts:
     Attributes:
         read: Number of set points with a readable pose.
         unread: Number of set points with an unreadable pose or a pose of another type.
-        not_finite: Number of set points with a NaN or an infinity. No other figure includes these set points.
+        not_finite: Number of set points with a NaN or an infinity, which no other figure includes.
         not_finite_frames: Numbers of the first request frames with a NaN or an infinity.
         pose_type_guessed: Whether the pose type was inferred from the number of values in a pose.
         returned: Number of replies with a pose of the same type as the commanded pose.
@@ -237,8 +237,7 @@ class MotionModel:
         self._largest_step, self._largest_change = _LargestByAxis(count), _LargestByAxis(count)
         self._largest_difference = _LargestByAxis(count)
         self._lag = AxisLag(count)
-        # The last four set points that were added: the steps before and after a step decide whether it is a
-        # jump.
+        # The last four set points that were added, because jumps are found by the steps around them.
         self._tail = np.empty((0, count))
         self._tail_frames = self._tail_times = np.empty(0, np.int64)
 

@@ -13,8 +13,7 @@ MAX_SAMPLES = 2048
 """Maximum number of samples of a slave-mode session: more than a plot on a large screen has pixels in
 width."""
 
-# Columns of a sample: time and frame of its first set point, number of set points, extremes. The columns
-# after these are poses.
+# Columns of a sample before its poses: time and frame of the first set point, number of set points, extremes.
 _TIME, _FRAME, _POINTS, _CYCLE_LEAST, _CYCLE_MOST, _LATENCY_MOST, _SLACK_LEAST = range(7)
 _HEAD = 7
 

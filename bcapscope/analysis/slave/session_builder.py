@@ -16,7 +16,8 @@ from bcapscope.analysis.slave.slave_session import CallFact, FrameTime, SessionE
 from bcapscope.traffic.observation import Conversation
 
 BATCH_SIZE = 4096
-"""Maximum number of set points that are processed together. More are not faster; these take up to 2 MB."""
+"""Maximum number of set points that are processed together. Larger batches need more than 2 MB and are not
+faster."""
 
 _FAILURES = 0x80000000
 _I4_ARGUMENT, _I4_SIZE = b"\x0a\x00\x00\x00\x03\x00", 14
@@ -32,8 +33,8 @@ class SlaveSessionBuilder:
     """Builds the facts of a slave-mode session, which may still continue.
 
     Attributes:
-        key: Client that sends the set points, and its robot's handle. Before the first set point, this is the
-            client that entered slave mode.
+        key: Client that sends the set points (before the first one, the client that entered slave mode), and
+            its robot's handle.
         mode: Value of the slave mode, and how it is known.
         entry_call: The slvChangeMode call that began the session; None if the call was not captured.
         entered_at: Time of the reply to `entry_call`, ns since 1970.
@@ -88,7 +89,7 @@ class SlaveSessionBuilder:
 
     @property
     def last_activity(self) -> int:
-        """Time of the latest set point's reply, or request if unanswered, ns since 1970; 0 if unknown. The
+        """Time of the latest set point's reply, or request if unanswered, ns since 1970; 0 if unknown. This
         time is never before `entered_at`. A client that does not wait for the reply to slvChangeMode sends
         set points before `entered_at`.
         """

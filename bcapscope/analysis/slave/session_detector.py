@@ -46,7 +46,7 @@ failed call to be the cause."""
 
 STILL_TAKING_NS = 200_000_000
 """Maximum time in ns for which a controller may still accept set points after an error that ends slave mode.
-No source gives a value. These 25 cycles allow for a controller that first stops on its path.
+No source gives a value. These 25 cycles of 8 ms allow for a controller that first stops on its path.
 """
 
 BEFORE_NS, AFTER_NS = 1_000_000_000, 500_000_000
@@ -57,8 +57,8 @@ MAX_SESSIONS = 64
 ended."""
 
 MAX_HELD_BACK = 256
-"""Maximum number of ended slave-mode sessions that are held back. Beyond the limit, the oldest is returned at
-once."""
+"""Maximum number of ended slave-mode sessions that are held back. Beyond the limit, the oldest session is
+returned at once."""
 
 MAX_CONTROLLERS = 64
 
@@ -153,8 +153,8 @@ class SlaveSessionDetector:
             ended_at: Time when the traffic ended, ns since 1970. If the last frame is later, its time is used
                 instead.
         """
-        # The result is cached, because building sessions of 100,000 set points takes 13 ms and a diagnosis of
-        # live traffic asks for them twice.
+        # The result is cached, because a live diagnosis needs it twice.
+        # Building the sessions of 100,000 set points takes 13 ms.
         unfinished = self._unfinished
         end = max((self._latest_time, ended_at, *(builder.last_activity for builder in unfinished)))
         if self._remaining is None or self._remaining[0] != end:
@@ -347,8 +347,7 @@ class SlaveSessionDetector:
         controller = self._controller_of(builder)
         exit_ = _find_exit_cause(ended, controller)
         others = controller.calls_between(builder.began_at(exit_.time) - BEFORE_NS, exit_.time + AFTER_NS)
-        # `_begin_session` can add set points to a session after its end, so the waiting set points are
-        # processed here.
+        # `_begin_session` can add set points to a session after its end, so process waiting set points here.
         return builder.processed(ended.slave_setup).session(
             exit_, ended.slave_setup, tuple(map(call_fact, others[-MAX_LISTED:]))
         )
@@ -382,7 +381,7 @@ def _call_frames(call: Call) -> tuple[int, ...]:
 
 def _find_exit_cause(ended: _EndedSession, controller: ControllerState) -> SessionExit:
     """Return the end of a slave-mode session. If its set points do not show the cause, search other calls for
-    it."""
+    the cause."""
     builder, exit_, _ = ended
     if exit_.reason not in (ExitReason.FOUND_OFF, ExitReason.SILENT, ExitReason.CAPTURE_ENDED):
         return exit_
@@ -406,7 +405,7 @@ def _silent_exit(builder: SlaveSessionBuilder) -> SessionExit:
 
 
 def _exit_by_call(reason: ExitReason, call: Call, frames: tuple[int, ...] = ()) -> SessionExit:
-    """Return the end that a call proves. Its frames are those of the call, followed by `frames`."""
+    """Return the end that a call proves. The proving frames are those of the call, followed by `frames`."""
     return SessionExit(reason, _call_end(call), (*_call_frames(call), *frames), call.hresult, call_fact(call))
 
 

@@ -135,7 +135,7 @@ class SetPointCounts:
             other field includes these set points.
         by_retries: Number of set points for each number of retries, including 0.
         retries_forbidden: Number of retries over UDP in a mode where a new set point replaces the waiting
-            one. Such retries waste bandwidth (DENSO Wave 2009, How to use the Slave mode).
+            one, so that retries waste bandwidth (DENSO Wave 2009, How to use the Slave mode).
         late_replies: Number of replies that arrived after the client had sent another attempt.
         lost_replies: Number of replies that were captured, and that the client evidently did not receive.
     """
@@ -171,8 +171,8 @@ class SlaveSession:
         clock: Facts about the controller's time stamps; None if no reply has a time stamp.
         motion: Facts about the commanded motion; None if there are no set points.
         forbidden_retry_frames: Numbers of the first retry frames that the mode forbids.
-        other_calls: The last calls of any client to this controller, other than set points, in chronological
-            order. The list covers the session and a short time before and after it.
+        other_calls: The last calls of any client to this controller, other than set points, during the
+            session and shortly before or after it, in chronological order.
         slices: Figures of the session for each slice of time; () if no slices were requested.
     """
 

@@ -54,8 +54,8 @@ class CallFigures:
         request_bytes: Size of all requests in bytes, including retries.
         calls_per_second: Number of calls divided by the length of the period in seconds; None if the length
             is 0.
-        line_time_share: Sum of the latencies divided by the length of the period; None if the length is 0.
-            The share exceeds 1 if several conversations wait at the same time.
+        line_time_share: Sum of the latencies divided by the length of the period; None if the length is 0;
+            more than 1 if several conversations wait at the same time.
         latency: Time from the first request to the accepted reply, ms; None if no call was answered.
         refusal_codes: Each HRESULT of a failure and the number of its calls, the most frequent first.
     """
@@ -195,8 +195,7 @@ class _CallTally:
 
 
 class StatisticsBuilder(PipelineSubscriber):
-    """Counts completed calls. Its memory grows with the number of call kinds, not with the number of
-    calls."""
+    """Counts completed calls. The memory for the counts grows with the number of call kinds, not of calls."""
 
     def __init__(self, is_selected: Callable[[Call], bool] | None = None) -> None:
         """Create a builder that counts the calls for which `is_selected` returns True, by default all
@@ -276,8 +275,8 @@ def _time_taken(row: StatisticsRow) -> tuple[float, int]:
 class SlicedStatistics:
     """Figures of calls per slice of time. A call belongs to the slice in which it started.
 
-    If time goes back by more than `GRACE_NS`, all slices so far are completed. This happens when captures are
-    not read in chronological order. A slice can then be returned twice, each time with other calls.
+    If time goes back by more than `GRACE_NS`, because captures are not read in chronological order, all
+    slices so far are completed. A slice can then be returned twice, each time with other calls.
     """
 
     def __init__(self, nanoseconds: int) -> None:

@@ -44,7 +44,7 @@ class DistributionSummary:
         mean: Mean value, exact.
         least: Smallest value, exact.
         most: Largest value, exact.
-        p50: Median. All percentiles are exact for up to 8192 values, and within 0.4% for more values.
+        p50: Median, like all percentiles exact for up to 8192 values and within 0.4% for more values.
         bins: The bins that are not empty, in ascending order; () unless requested.
     """
 

@@ -39,7 +39,7 @@ class LiteralMatch(NamedTuple):
     """How a filter compares values with a literal.
 
     Attributes:
-        same_kind: Returns whether a value can be compared with the literal. Otherwise neither == nor != is
+        same_kind: Returns whether a value can be compared with the literal; if not, neither == nor != is
             true.
     """
 
@@ -114,7 +114,7 @@ def number(wanted: Number) -> LiteralMatch:
 
 
 def boolean(wanted: bool) -> LiteralMatch:
-    """Match the boolean true or false. The numbers 1 and 0 do not match."""
+    """Match the boolean true or false. The numbers 1 and 0 are no booleans."""
     return LiteralMatch(lambda value: isinstance(value, bool), lambda value: value is wanted)
 
 
@@ -221,7 +221,7 @@ def _has_number(wanted: int | float) -> Match:
 
     A frame can contain 260,000 numbers, and the proxy forwards nothing during the search. The search
     therefore runs in the interpreter's C code, which takes a millisecond for 65,536 numbers. All elements of
-    a list have one type.
+    a list in a frame have the same type.
     """
     equal = number(wanted).equal
     is_byte = 0 <= wanted <= _LARGEST_BYTE and wanted == int(wanted)
