@@ -40,10 +40,11 @@ On the right is one of
                          number is in seconds since 1970
     true  false  null
 
-Text comparisons ignore case, as controllers do. Regular expressions ignore case, too, unless they contain
-(?-i). With < <= > >= an HRESULT is unsigned if the other side is hexadecimal or a name, and signed if it is
-decimal. Therefore hresult >= 0x80000000 and hresult < 0 select the same, as in C. A VT_R4 seldom equals a
-decimal exactly; compare it with a range.
+Text comparisons ignore case, as controllers do. Regular expressions ignore
+case, too, unless they contain (?-i). With < <= > >= an HRESULT is unsigned if
+the other side is hexadecimal or a name, and signed if it is decimal. Therefore
+hresult >= 0x80000000 and hresult < 0 select the same, as in C. A VT_R4
+seldom equals a decimal exactly; compare it with a range.
 
 A comparison is false, even with != and not in, if the record has no such
 value or a value of another type. Examples are the hresult of a request, an
