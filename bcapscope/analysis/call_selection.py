@@ -15,10 +15,10 @@ from bcapscope.traffic.observation import Observation
 class CallSelection:
     """Marks each occurrence that a rule reports as selected or not, and passes it to `report_occurrence`.
 
-    Rules check all calls, because a selected call can fail because of one that is not selected. An occurrence
-    is selected if one of the frames that prove it belongs to a selected call. A call can be tested against
-    the selection only when the call is complete. An occurrence about a frame therefore waits until the call
-    of that frame is complete.
+    Rules check all calls, because a call that is not selected can cause a problem in a selected call. An
+    occurrence is selected if one of the frames that prove it belongs to a selected call. A call can be tested
+    against the selection only when the call is complete. An occurrence about a frame therefore waits until
+    the call of that frame is complete.
     """
 
     def __init__(self, is_selected: Callable[[Call], bool], report_occurrence: OccurrenceSink) -> None:

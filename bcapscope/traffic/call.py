@@ -68,7 +68,7 @@ class CallState(StrEnum):
     SETTLED = "settled"
     """Complete: no further frame can belong to the call."""
     EVICTED = "evicted"
-    """Complete because memory was needed, while a reply was still possible."""
+    """Complete: the tracker evicted the call to limit memory, although a reply could still follow."""
 
 
 _WAITING = CallState.WAITING
@@ -210,7 +210,7 @@ class Call:
 
     @property
     def serials(self) -> tuple[int, ...]:
-        """Serial of each of `attempts`, in the same order."""
+        """Serial of each captured attempt of the call, oldest first."""
         return tuple(request.item.serial for request in self.attempts)
 
     @property

@@ -270,7 +270,7 @@ class ConversationPairing:
     def _add_retry_of_serial_zero(self, observation: FrameObservation, frame: Frame) -> bool:
         """Add a retry of a call with serial 0.
 
-        The reserved field of such a retry looks like that of a first attempt.
+        The reserved field of a retry of serial 0 looks like that of a first attempt.
 
         Old clients may use serial 0 (start-jsk/denso b-Cap.c). The frame is considered a retry if it repeats
         the newest call, and this call is still unanswered.

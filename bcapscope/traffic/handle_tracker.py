@@ -92,8 +92,8 @@ class HandleTracker:
         """Start without sessions.
 
         Args:
-            max_ended: Maximum number of ended sessions that are remembered; beyond the limit, the oldest is
-                dropped.
+            max_ended: Maximum number of ended sessions that are remembered; beyond the limit, the oldest
+                session is dropped.
         """
         self._clients: dict[Conversation, _ClientObjects] = {}
         self._current_client: _ClientObjects | None = None

@@ -28,7 +28,7 @@ MAX_TEMPLATES = 16
 one."""
 
 MAX_NUMBERS = 256
-"""Maximum number of numbers in a frame that is read by a template; the frame of a set point has about
+"""Largest count of numbers in a frame that is read by a template; the frame of a set point has about
 twelve."""
 
 PickedNumbers: TypeAlias = "tuple[Sequence[float], float | None]"

@@ -202,7 +202,7 @@ class SlaveSessionDetector:
             self._process_batch(builder)
 
     def _is_outside_session(self, key: SessionKey, call: Call, failed: bool) -> bool:
-        """Return whether a set point outside a slave-mode session does not begin a new session."""
+        """Return whether a set point belongs to no slave-mode session and begins none."""
         if self._controller(call).pending_sessions or not (failed or call.reply is None):
             return False
         ended = self._recently_ended.get(key)
