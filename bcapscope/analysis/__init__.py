@@ -1,1 +1,1 @@
-"""Analysis: findings, slave-mode sessions, statistics and comparison, as pure functions of the traffic."""
+"""Analysis of traffic, without any I/O: findings, slave-mode sessions, statistics, comparison of captures."""

@@ -13,18 +13,19 @@ from bcapscope.traffic.observation import Observation
 
 
 class CallSelection:
-    """Filters between the rules, which see all calls, and the collector, which reports on selected calls.
+    """Marks each occurrence that a rule reports as selected or not, and passes it to `report_occurrence`.
 
-    Rules need all calls as context. An occurrence is selected if one of the frames that prove it belongs to a
-    selected call. Whether a call is selected is known only when it is complete. Occurrences about a frame
-    that was just seen therefore wait until the call of that frame is complete.
+    Rules check all calls, because a call that is not selected can cause a problem in a selected call. An
+    occurrence is selected if one of the frames that prove it belongs to a selected call. A call can be tested
+    against the selection only when the call is complete. An occurrence about a frame therefore waits until
+    the call of that frame is complete.
     """
 
     def __init__(self, is_selected: Callable[[Call], bool], report_occurrence: OccurrenceSink) -> None:
         """Create a selection.
 
         Args:
-            report_occurrence: Receives every occurrence, with `selected` set.
+            report_occurrence: Receives every occurrence, with its field `selected` set.
         """
         self.selected_calls = 0
         self._is_selected = is_selected
@@ -34,11 +35,12 @@ class CallSelection:
         self._held_occurrences: dict[int, list[Occurrence]] = {}
 
     def on_frame(self, observation: Observation) -> None:
-        """Hold all occurrences reported from now on, until the call of this frame is complete."""
+        """Hold the occurrences that rules report about this frame until its call is complete."""
         self._unsettled_frame = observation.number if isinstance(observation.item, Frame) else None
 
     def on_call(self, call: Call) -> None:
-        """Register a completed call, before the rules see it."""
+        """Register a completed call and release the held occurrences about its frames, before the rules
+        run."""
         self._unsettled_frame = None
         frames = [seen.number for seen in call_observations(call)]
         if self._is_selected(call):
@@ -50,7 +52,7 @@ class CallSelection:
                 self._release_frame(frame)
 
     def on_stray_reply(self, stray: StrayReply) -> None:
-        """Register a stray reply, before the rules see it."""
+        """Release the held occurrences about a stray reply, before the rules run."""
         self._unsettled_frame = None
         self._release_frame(stray.observation.number)
 
@@ -61,9 +63,8 @@ class CallSelection:
         self._report_occurrence(self._marked(occurrence))
 
     def provisional_occurrences(self, at_end: Iterable[Occurrence]) -> Iterator[Occurrence]:
-        """Yield the occurrences as if the traffic ended now: the held ones, then those of `at_end`.
-
-        The frames of held occurrences then belong to no call. This method reports no occurrence.
+        """Yield the held occurrences, then those of `at_end`, as if the traffic ended now. A held occurrence
+        whose frame belongs to no completed call is not selected. This method reports no occurrence.
         """
         return map(self._marked, chain(*self._held_occurrences.values(), at_end))
 

@@ -1,4 +1,4 @@
-"""Compare two captures, such as one of a good day and one of a bad day."""
+"""Compare two captures, such as one from a good day and one from a bad day."""
 
 from __future__ import annotations
 
@@ -14,19 +14,20 @@ from bcapscope.protocol.tables.hresult import hresult_name
 from bcapscope.traffic.call_kind import CallKind
 
 MAX_SESSIONS = 64
-"""Slave-mode sessions of one capture that are compared, the first ones."""
+"""Maximum number of slave-mode sessions that are compared: the first ones of each capture."""
 
 FEWEST_SAMPLES = 8
-"""Smallest number of calls or cycles that says anything about their speed."""
+"""Minimum number of calls or cycles in each capture for a difference in speed to be notable."""
 
 NOTABLE_RATIO = 1.5
-"""Smallest notable ratio of times or rates; smaller ones occur between two runs of the same program."""
+"""Smallest notable ratio of two times or two rates. Two captures of the same program can differ by less."""
 
 NOTABLE_CYCLE = 1.1
-"""Smallest notable ratio of the typical cycle of set points, which a client should keep."""
+"""Smallest notable ratio of two median cycle times of set points, which clients should keep constant."""
 
 NOTABLE_MS = 0.2
-"""Smallest notable difference in latency, ms: the shortest time-out in use is 2 ms (DENSO Wave 2009)."""
+"""Smallest notable difference of two latencies, ms. The shortest time-out in use is 2 ms (DENSO Wave
+2009)."""
 
 NOTABLE_SHARE = 0.002
 """Smallest notable difference in the share of calls that were retried, refused or left unanswered."""
@@ -39,10 +40,11 @@ Value: TypeAlias = "float | str | None"
 
 @dataclass(frozen=True, slots=True)
 class ComparedCapture:
-    """Contents of one capture that are compared.
+    """The contents of one capture that a comparison uses.
 
     Attributes:
-        slave_sessions: Its slave-mode sessions in the order in which they began, at most `MAX_SESSIONS`.
+        slave_sessions: The first slave-mode sessions of the capture, at most `MAX_SESSIONS`, in the order of
+            their start times.
     """
 
     name: str
@@ -56,14 +58,14 @@ class ComparedCapture:
 class Difference:
     """One figure that differs between two captures.
 
-    It is a figure of a kind of call, of a slave-mode session or of all calls.
+    The figure describes a kind of call, a slave-mode session or all calls.
 
     Attributes:
         subject: Kind of call, or number of the slave-mode session in both captures; None for all calls.
-        figure: Name of the figure, as in the JSON of ``stats`` where that has it.
-        good: Value in the first capture, a number or a word; None without one.
-        bad: Value in the second capture.
-        notable: True if it differs by more than two good runs would.
+        figure: Name of the figure, as in the JSON of ``stats`` if it occurs there.
+        good: Value in the first capture, a number or a word; None if the capture has no such value.
+        bad: Value in the second capture, like `good`.
+        notable: True if the difference is larger than between two captures of the same faultless program.
     """
 
     subject: CallKind | int | None
@@ -74,7 +76,7 @@ class Difference:
 
     @property
     def ratio(self) -> float | None:
-        """Value in the second capture divided by that in the first; None unless both are positive numbers."""
+        """Second value divided by the first; None unless both values are positive numbers."""
         good, bad = self.good, self.bad
         return bad / good if isinstance(good, float) and isinstance(bad, float) and good > 0 < bad else None
 
@@ -84,8 +86,8 @@ class RuleDifference:
     """A rule with a different number of findings in the two captures.
 
     Attributes:
-        good: Findings in the first capture.
-        bad: Findings in the second capture.
+        good: Findings of the rule in the first capture.
+        bad: Findings of the rule in the second capture.
     """
 
     rule: str
@@ -106,11 +108,12 @@ class CaptureComparison:
     """All differences between two captures.
 
     Attributes:
-        differences: Figures that differ, notable ones first. Both parts list slave-mode sessions first, then
-            all calls, then kinds of call in the order of the time that they take.
+        differences: Figures that differ, notable ones first. The notable and the other figures each begin
+            with those of slave-mode sessions, then those of all calls, then those of kinds of call, longest
+            total time first.
         session_counts: Number of slave-mode sessions in the first and in the second capture.
-        rules: Rules that differ. Those with more findings in the second capture come first, in the order of
-            its diagnosis, root cause first.
+        rules: Rules with a different number of findings. Rules with more findings in the second capture come
+            first, in the order in which ``diagnose`` lists them for that capture.
     """
 
     differences: tuple[Difference, ...]
@@ -121,14 +124,14 @@ class CaptureComparison:
 
     @property
     def is_notable(self) -> bool:
-        """Whether anything differs by more than two good runs would, apart from the kinds of call."""
+        """Whether any difference is notable, apart from kinds of call that occur in only one capture."""
         stays = self.session_counts[0] != self.session_counts[1]
         rules = any(each.severity is not Severity.NOTE for each in self.rules)
         return stays or rules or any(each.notable for each in self.differences)
 
 
 def compare(good: ComparedCapture, bad: ComparedCapture) -> CaptureComparison:
-    """Compare figures and findings of two captures, over all clients of each.
+    """Compare the figures and findings of all clients in two captures.
 
     The first slave-mode session of one capture is compared with the first of the other, and so on.
     """
@@ -161,15 +164,15 @@ def _unmatched_kinds(
             yield UnmatchedKind(kind, figures.calls)
 
 
-# Judgement: each function takes both values, and the number of calls or cycles behind each value.
+# Each function below decides whether the difference of two values is notable.
+# The third argument is the number of calls or cycles from which each of the two values was computed.
 
 _JudgeFigure: TypeAlias = Callable[[Value, Value, "tuple[int, int]"], bool]
 
 
 def _judge_ratio(ratio: float, least: float = 0.0) -> _JudgeFigure:
-    """Return a judge for times and rates.
-
-    A difference is notable if the ratio exceeds `ratio` and the difference exceeds `least`.
+    """Return a function that decides whether two times or two rates differ notably. Two values differ notably
+    if their ratio exceeds `ratio` and their difference exceeds `least`.
     """
 
     def judge(good: Value, bad: Value, counts: tuple[int, int]) -> bool:
@@ -182,12 +185,13 @@ def _judge_ratio(ratio: float, least: float = 0.0) -> _JudgeFigure:
 
 
 def _judge_share(good: Value, bad: Value, counts: tuple[int, int]) -> bool:
-    """Judge shares of events that always have a reason, such as refusals."""
+    """Return whether the shares of events that always have a reason, such as refusals, differ notably."""
     return isinstance(good, float) and isinstance(bad, float) and abs(good - bad) > NOTABLE_SHARE
 
 
 def _judge_chance_share(good: Value, bad: Value, counts: tuple[int, int]) -> bool:
-    """Judge shares of random events such as losses, whose counts have a Poisson distribution."""
+    """Return whether the shares of random events differ notably. The counts of random events, such as losses,
+    have a Poisson distribution."""
     if not (isinstance(good, float) and isinstance(bad, float)) or not _judge_share(good, bad, counts):
         return False
     one, two = counts
@@ -196,7 +200,7 @@ def _judge_chance_share(good: Value, bad: Value, counts: tuple[int, int]) -> boo
 
 
 def _judge_word(good: Value, bad: Value, counts: tuple[int, int]) -> bool:
-    """Judge words. A value that is unknown in one capture is no difference."""
+    """Return whether two different words are notable; they are if both captures show the value."""
     unseen = (None, ExitReason.CAPTURE_ENDED.value)
     return good not in unseen and bad not in unseen
 
@@ -233,7 +237,7 @@ def _latency_figure(percentile: str) -> Callable[[CallFigures], Value]:
 _CALL_FIGURES: tuple[tuple[str, Callable[[CallFigures], Value], _JudgeFigure], ...] = (
     ("calls", lambda figures: float(figures.calls), _never_notable),
     ("calls_per_s", lambda figures: figures.calls_per_second, _judge_ratio(NOTABLE_RATIO)),
-    # This one follows from the rate and the latency.
+    # Not notable, because the share of line time follows from the rate and the latency.
     ("line_time_share", lambda figures: figures.line_time_share, _never_notable),
     ("latency_ms.p50", _latency_figure("p50"), _judge_ratio(NOTABLE_RATIO, NOTABLE_MS)),
     ("latency_ms.p99", _latency_figure("p99"), _judge_ratio(NOTABLE_RATIO, NOTABLE_MS)),
@@ -242,15 +246,15 @@ _CALL_FIGURES: tuple[tuple[str, Callable[[CallFigures], Value], _JudgeFigure], .
     ("late_replies_per_call", _per_call(lambda figures: figures.late_replies), _judge_chance_share),
     ("refused_share", _per_call(lambda figures: figures.refused), _judge_share),
     ("unanswered_share", _per_call(lambda figures: figures.unanswered), _judge_share),
-    # This program causes it, not the traffic.
+    # Not notable, because bcapscope's own memory limit causes evictions, not the traffic.
     ("not_followed_share", _per_call(lambda figures: figures.not_followed), _never_notable),
 )
 
 _SPEEDS = ("latency_ms.p50", "latency_ms.p99", "latency_ms.max")
-"""Over different kinds of call, these figures show which kinds were called, not how fast they are."""
+"""Figures that are not compared for all calls together: they depend on which kinds of call were made."""
 
 _PACES = ("calls_per_s", "line_time_share")
-"""For a few calls, these figures show how long the capture is."""
+"""Figures that are not compared for a few calls: they depend on the length of the capture."""
 
 
 # Slave-mode sessions.

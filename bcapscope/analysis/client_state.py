@@ -1,4 +1,4 @@
-"""Follow what each client has done so far; this explains why a later call is refused."""
+"""State of each client, from its calls so far. Rules use it to explain why a controller refuses a call."""
 
 from __future__ import annotations
 
@@ -19,20 +19,22 @@ from bcapscope.traffic.observation import ConnectionEnd, Conversation, Direction
 from bcapscope.traffic.slave_mode_tracker import SlaveModeChange, SlaveModeEffect
 
 MAX_HANDLES = 1024
-"""Handles that are remembered for each client.
-
-The official server gives a client 1000 (orin_bcap C/src/bCAPServer/bcap_server.c).
+"""Maximum number of handles that are remembered for each client. The official server gives a client at most
+1000 (orin_bcap C/src/bCAPServer/bcap_server.c).
 """
 
 MAX_CLOSED_CLIENTS = 32
-"""Clients with a closed connection that are remembered, because they may have left something behind."""
+"""Maximum number of clients with a closed connection that are remembered. A client with a closed connection
+may have left slave mode on or objects open."""
 
 SLOW_CALL_NS = 50_000_000
-"""Duration in ns. A call that takes longer may still run when the next one is sent."""
+"""Latency in ns above which a call counts as slow: the controller may still execute it when the next call
+arrives."""
 
-_LARGEST_POINT = 8192  # bytes of request, retries and reply; real ones have some hundred each
+# Maximum size in bytes of all frames of a remembered set point; a real frame has a few hundred bytes.
+_LARGEST_POINT = 8192
 RECENT_SET_POINTS = 64
-"""Set points that are examined when one is refused: half a second at 8 ms."""
+"""Maximum number of remembered set points, to explain a refused one: half a second at 8 ms."""
 
 EXECUTES = frozenset(
     (ID["Controller_Execute"], ID["Robot_Execute"], ID["Task_Execute"], ID["Extension_Execute"])
@@ -48,13 +50,13 @@ MOTION_COMMANDS = frozenset(("approach", "depart", "driveaex", "driveex"))
 
 
 def argument(call: Call, index: int) -> Variant | None:
-    """Return an argument of the request; None if the request has fewer arguments."""
+    """Return the value of a request's argument; None if the request has fewer arguments."""
     arguments = call.request.item.arguments
     return arguments[index].variant if index < len(arguments) else None
 
 
 def text_argument(call: Call, index: int) -> str:
-    """Return an argument that is a string; empty if it is missing or of another type."""
+    """Return a string argument of a request; "" if the argument is missing or has another type."""
     variant = argument(call, index)
     return variant.value if variant is not None and isinstance(variant.value, str) else ""
 
@@ -67,9 +69,8 @@ def result_of(call: Call) -> Value:
 
 
 def first_number(variant: Variant | None) -> int | None:
-    """Return an integer argument: a number, the first one of an array, or a number written as text.
-
-    Clients send states in all three ways. None if there is none.
+    """Return an argument as an integer. Clients send integers as a number, as the first number of an array,
+    or as text. None if the argument has none of these forms.
     """
     value = variant.value if variant is not None else None
     if isinstance(value, tuple):
@@ -81,7 +82,7 @@ def first_number(variant: Variant | None) -> int | None:
 
 
 def gets_robslave(call: Call) -> bool:
-    """Return whether a call gets the task RobSlave, which the slave mode of an RC7 needs."""
+    """Return whether a call gets a handle for the task RobSlave, which must run for slave mode on an RC7."""
     return call.kind.function_id == ID["Controller_GetTask"] and _is_robslave_name(text_argument(call, 1))
 
 
@@ -97,30 +98,33 @@ class OpenedObject(NamedTuple):
 
 
 class ClientState:
-    """State of one client, as its calls show it.
+    """State of one client, deduced from its completed calls.
 
     Attributes:
-        longest_pause_ns: Longest time between two calls in ns, not counting the pauses between set points.
-        service_start: Accepted Service_Start of this session.
-        session_end: Accepted Service_Stop or Controller_Disconnect since then.
-        motor_on: State that it switched to; None if unknown.
-        take_arm_call: Accepted TakeArm, until GiveArm.
-        robslave_start: Latest accepted start of the task RobSlave.
-        robslave_not_found: First refused Controller_GetTask for the task RobSlave.
-        last_motion: Latest accepted motion command outside slave mode.
+        longest_pause_ns: Longest time in ns between two calls of the client; pauses between set points do not
+            count.
+        service_start: The Service_Start call of the current session; None if this call was not captured.
+        session_end: The Service_Stop or Controller_Disconnect call that ended the session; None while the
+            session is open.
+        motor_on: Whether the client last switched the motor on; None if unknown.
+        take_arm_call: The TakeArm call by which the client holds the arm; None after GiveArm.
+        robslave_start: The client's latest successful start of the task RobSlave.
+        robslave_not_found: The client's first Controller_GetTask call for the task RobSlave that the
+            controller refused.
+        last_motion: Latest motion command outside slave mode that the controller accepted.
         mode_value: Value of the slave mode, 0 for off; None if unknown.
-        mode_entered_by: The slvChangeMode that entered `mode_value`.
-        mode_ended_by: Call that ended slave mode last.
-        uncleared_error: First error of the controller that the client has not cleared since.
-        error_was_read: The client read error details since `uncleared_error`.
-        slow_call: Latest call without a reply, or with a reply after more than `SLOW_CALL_NS`; evicted calls
-            do not count.
-        may_be_answered: A stray reply was captured that may belong to one of its evicted calls.
-        opened_objects: Object that each handle was last given for.
-        released_by: Calls that released handles lately, by class and handle.
-        target_object: Object behind the handle of the current call; None if unknown.
-        recent_set_points: Latest set points of this slave-mode session.
-        silent_session: Latest slave-mode session that ended because the client sent no more set points.
+        mode_entered_by: The latest slvChangeMode call that entered slave mode.
+        mode_ended_by: The latest call that ended slave mode.
+        uncleared_error: The failed call that reported the first controller error since the client last
+            cleared errors.
+        error_was_read: Whether the client has read the details of the error since `uncleared_error`.
+        slow_call: Latest call, not evicted, that got no reply or whose latency exceeds `SLOW_CALL_NS`.
+        may_be_answered: Whether a stray reply was captured that may answer one of the client's evicted calls.
+        opened_objects: For each handle, the object for which the controller last gave this handle.
+        released_by: The latest calls that released handles, by object class and handle.
+        target_object: Object to which the handle of the current call refers; None if unknown.
+        recent_set_points: Latest set points of the current slave-mode session, at most `RECENT_SET_POINTS`.
+        silent_session: Latest slave-mode session that ended because the client stopped sending set points.
     """
 
     def __init__(self, first: Call, registry: ClientRegistry) -> None:
@@ -153,31 +157,30 @@ class ClientState:
 
     @property
     def has_open_session(self) -> bool:
-        """Whether the client started a session that it has not ended."""
+        """Whether the client has started a session and has not ended it."""
         return (self.service_start is not None or self.connect_call is not None) and self.session_end is None
 
     @property
     def controller_closing(self) -> ConnectionEnd | None:
-        """How the controller closed the connection; None if it did not, or if the client closed first."""
+        """How the controller closed the connection; None if it did not, or if the client did so first."""
         closing = self.conversation.connection_end
         return closing if closing is not None and closing.by is Direction.RESPONSE else None
 
     @property
     def session_start_seen(self) -> bool:
-        """Whether the capture holds the Service_Start of this session."""
+        """Whether the capture contains the Service_Start call of the client's current session."""
         return self.service_start is not None
 
     @property
     def generation(self) -> Generation | None:
-        """Generation of the controller, as the traffic shows it; None if unknown."""
+        """Generation of the controller, deduced from the traffic; None if unknown."""
         asked = self.robslave_start is not None or self.robslave_not_found is not None
         return Generation.RC7 if asked else self.generation_clue.generation
 
     @property
     def slave_mode(self) -> SlaveMode | None:
-        """Slave mode that the client has entered; None while it is off.
-
-        If the controller's generation is unknown, the value is read as on an RC8.
+        """Slave mode that the client has entered; None while slave mode is off. If the controller's
+        generation is unknown, the mode is that of an RC8.
         """
         return (
             slave_mode_by_number(self.mode_value, self.generation or Generation.RC8)
@@ -190,7 +193,8 @@ class ClientState:
         return [each for each in self._registry if each is not self and each.conversation.server.host == host]
 
     def on_set_points(self, calls: Sequence[Call]) -> None:
-        """Update the state with set points that are alike, and so answered with S_OK and not large."""
+        """Update the state with alike set points (see `AlikeSetPoints`), which all have small frames and the
+        result S_OK."""
         for call in calls:
             if call.last_activity - call.request.time > SLOW_CALL_NS:
                 self.slow_call = call
@@ -204,7 +208,8 @@ class ClientState:
             self.recent_set_points.append(call)
 
     def on_call(self, call: Call) -> None:
-        """Update the state with a completed call. `target_object` must be that of this call."""
+        """Update the state with a completed call. The caller sets `target_object` to the object of this call
+        before."""
         self.call_count += 1
         self.longest_pause_ns = max(self.longest_pause_ns, call.request.time - self.last_call.last_activity)
         self.last_call = call
@@ -227,7 +232,8 @@ class ClientState:
             self._on_success(call)
 
     def on_slave_mode(self, change: SlaveModeChange) -> None:
-        """Update the slave mode after the call that changed it."""
+        """Update the slave mode. The call that changed the mode must already have been passed to
+        `on_call`."""
         call = change.call
         if change.effect is SlaveModeEffect.MODE_CHANGED:
             self.recent_set_points.clear()
@@ -359,10 +365,11 @@ def _put_bounded(table: dict[_Key, _Value], key: _Key, value: _Value) -> None:
 
 
 class ClientRegistry:
-    """Holds the state of the latest clients, by conversation."""
+    """Holds the `ClientState` of each client that is remembered, by conversation."""
 
     def __init__(self, on_drop: Callable[[ClientState], None]) -> None:
-        """Create an empty registry; it calls `on_drop` for each client that it drops to bound the memory."""
+        """Create an empty registry. When the memory limit is reached, the registry drops a client and calls
+        `on_drop` with its state."""
         self._on_drop = on_drop
         self._by_conversation: dict[Conversation, ClientState] = {}
         self._closed: deque[Conversation] = deque()
@@ -372,7 +379,7 @@ class ClientRegistry:
         return iter(self._by_conversation.values())
 
     def client_of(self, call: Call) -> ClientState:
-        """Return the client of a call; create it at its first call."""
+        """Return the state of the client that made a call. The first call of a client creates the state."""
         client = self._by_conversation.get(call.conversation)
         if client is None:
             self.clients_seen += 1
@@ -384,9 +391,10 @@ class ClientRegistry:
         return client
 
     def on_conversation_closed(self, conversation: Conversation) -> None:
-        """Mark a client as gone.
+        """Record that the conversation of a client was closed.
 
-        The latest `MAX_CLOSED_CLIENTS` are kept, because they explain calls of other clients.
+        The latest `MAX_CLOSED_CLIENTS` closed clients stay in memory, because they can explain failures of
+        other clients.
         """
         client = self._by_conversation.get(conversation)
         if client is None:

@@ -1,4 +1,4 @@
-"""Run all rules in one pass over the traffic."""
+"""Run all rules of `diagnose` in one pass over the traffic."""
 
 from __future__ import annotations
 
@@ -32,10 +32,11 @@ from bcapscope.traffic.pipeline import PipelineSubscriber, overriding_methods
 from bcapscope.traffic.slave_mode_tracker import SlaveModeChange
 
 MAX_CALL_KINDS = 4096
-"""Kinds of call for which the interested checkers are cached; a full cache is cleared."""
+"""Maximum number of call kinds for which the list of interested checkers is cached. A full cache is
+cleared."""
 
 MAX_FLOWS = 65536
-"""Flows that are known not to be new. When there are more, all are forgotten."""
+"""Maximum number of flows that are remembered to recognise a new flow. A full set is cleared."""
 
 _CallHandler: TypeAlias = Callable[[Call, ClientState], None]
 
@@ -43,8 +44,8 @@ _CallHandler: TypeAlias = Callable[[Call, ClientState], None]
 class Diagnosis(PipelineSubscriber):
     """Finds what went wrong in the traffic, in bounded memory.
 
-    `findings`, `totals` and `remaining_sessions` can be called at any time: each answers as if the traffic
-    ended then, and changes nothing.
+    You can call `findings`, `totals` and `remaining_sessions` at any time. These methods change nothing, and
+    return the same as if the traffic ended now.
     """
 
     needs_targets = True
@@ -57,10 +58,11 @@ class Diagnosis(PipelineSubscriber):
         """Create a diagnosis.
 
         Args:
-            is_selected: Returns whether a call is of interest; None for all calls. Only findings about
-                selected calls and their causes are reported. All calls count as context.
-            on_slave_session: Receives each slave-mode session when it is complete; with `is_selected`, only
-                those with selected set points. `remaining_sessions` returns the others.
+            is_selected: Returns whether a call is selected; None to select all calls. Findings are reported
+                only about selected calls and their causes, although the rules check all calls.
+            on_slave_session: Receives each slave-mode session when it is complete. With `is_selected`, the
+                function receives only sessions with selected set points. The method `remaining_sessions`
+                returns the sessions that are not complete.
         """
         self._collector = FindingCollector()
         self._selection = (
@@ -121,7 +123,7 @@ class Diagnosis(PipelineSubscriber):
         client.on_call(call)
 
     def on_set_points(self, calls: Sequence[Call]) -> None:
-        """Check set points that are alike: only checkers that need every set point see each one."""
+        """Check a run of alike set points with the checkers that have `needs_every_set_point`."""
         client = self._clients.client_of(calls[0])
         if self._selection is not None:
             for call in calls:
@@ -147,7 +149,7 @@ class Diagnosis(PipelineSubscriber):
         self._clients.client_of(change.call).on_slave_mode(change)
 
     def _check_frame(self, observation: FrameObservation) -> None:
-        """Show a frame with problems to the checkers; `on_frame` has already shown large ones."""
+        """Pass a frame with problems to the checkers. `on_frame` has already passed large frames."""
         if observation.item.problems and len(observation.item.raw) < CHECKED_FROM_BYTES:
             for check in self._suspect_frame_handlers:
                 check(observation)
@@ -166,7 +168,7 @@ class Diagnosis(PipelineSubscriber):
         return chain.from_iterable(check(session) for check in self._session_handlers)
 
     def on_conversation_closed(self, conversation: Conversation) -> None:
-        """Release what is kept for a closed conversation. All its calls must have been passed before."""
+        """Release the data of a closed conversation, after all its calls were added."""
         self._flows = {flow for flow in self._flows if flow.conversation is not conversation}
         self._on_slave_sessions(self._session_detector.close_conversation(conversation))
         self._clients.on_conversation_closed(conversation)
@@ -177,21 +179,23 @@ class Diagnosis(PipelineSubscriber):
         """Return all findings, root cause first.
 
         Args:
-            ended_at: Time when the traffic ended, ns since 1970; the last frame counts if it is later.
-            clients_present: True if silent clients are known to be still there.
+            ended_at: Time when the traffic ended, ns since 1970. If the last frame is later, its time is used
+                instead.
+            clients_present: True if clients that have fallen silent are known to be still connected.
         """
         at_end = self._end_occurrences(self._end_time(ended_at), clients_present)
         provisional = at_end if self._selection is None else self._selection.provisional_occurrences(at_end)
         return self._collector.findings(provisional)
 
     def remaining_sessions(self, ended_at: int = 0) -> Sequence[SlaveSession]:
-        """Return the slave-mode sessions that `on_slave_session` has not received; `ended_at` as above."""
+        """Return the slave-mode sessions that `on_slave_session` has not received (`ended_at`: see
+        `findings`)."""
         return (self._selected_sessions or self._session_detector).remaining_sessions(
             self._end_time(ended_at)
         )
 
     def totals(self, ended_at: int = 0) -> TrafficTotals:
-        """Return the amount of traffic so far; `ended_at` as above."""
+        """Return the amount of traffic so far (`ended_at`: see `findings`)."""
         first, last = self._first, self._last
         if first is None or last is None:
             return TrafficTotals(0, 0, 0, 0)
@@ -202,14 +206,14 @@ class Diagnosis(PipelineSubscriber):
         return TrafficTotals(frames, calls, clients, lasted, self._not_followed, selected, first.time)
 
     def new_findings(self) -> tuple[Finding, ...]:
-        """Return the findings that are new since the last call, without links to their causes."""
+        """Return the findings since `new_findings` was last called, without links to their causes."""
         return self._collector.new_findings()
 
     def _end_time(self, ended_at: int = 0) -> int:
         return max(ended_at, self._last.time if self._last is not None else 0)
 
     def _end_occurrences(self, ended_at: int, clients_present: bool) -> Iterator[Occurrence]:
-        """Yield what the checkers find if the traffic ended now."""
+        """Yield the occurrences that the checkers would report if the traffic ended now."""
         silent_sessions = {}
         for session in self._session_detector.remaining_sessions(ended_at):
             yield from self._session_occurrences(session)
@@ -223,7 +227,7 @@ class Diagnosis(PipelineSubscriber):
         return chain.from_iterable(check(end) for check in self._end_handlers)
 
     def _on_new_flow(self, observation: Observation) -> None:
-        """Register a flow at its first observation and show that to the checkers."""
+        """Remember a flow when its first observation arrives, and pass this observation to the checkers."""
         if self._first is None:
             self._first = observation
         if len(self._flows) >= MAX_FLOWS:

@@ -1,4 +1,4 @@
-"""Results of a diagnosis: findings, and the amount of traffic examined."""
+"""Results of a diagnosis: the findings, and the amount of traffic that was examined."""
 
 from __future__ import annotations
 
@@ -16,18 +16,19 @@ class Severity(StrEnum):
     ERROR = "error"
     """A request failed or had no effect."""
     WARNING = "warning"
-    """The request worked this time, but will not always."""
+    """The request succeeded this time, but can fail another time."""
     NOTE = "note"
-    """Background that helps to understand the other findings."""
+    """Information that helps you to understand the other findings."""
 
 
 @dataclass(frozen=True, slots=True)
 class Repetition:
-    """How often a finding occurred.
+    """How often the problem that a finding describes occurred.
 
     Attributes:
-        first: Time of the first one, ns since 1970.
-        last: End of the last one, ns since 1970; None if the occurrences were counted, not listed.
+        first: Time of the first occurrence, ns since 1970.
+        last: End of the last occurrence, ns since 1970; None if occurrences were only counted, without their
+            times.
     """
 
     count: int
@@ -37,10 +38,10 @@ class Repetition:
 
 @dataclass(frozen=True, slots=True)
 class Consequence:
-    """A consequence that the text of a root cause names.
+    """A consequence that is named in the text of its root cause.
 
     Attributes:
-        after: Time since the cause, or since the consequence before it, ns.
+        after: Time in ns from the root cause, or from the previous consequence, to this consequence.
     """
 
     clause: Message
@@ -49,18 +50,19 @@ class Consequence:
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """A root cause or a consequence, without a word: `render.finding_text` makes the sentences.
+    """A root cause or a consequence, as data; `render.finding_text` writes the sentences.
 
     Attributes:
-        fact: What happened. Its places may hold raw strings from the wire; escape the text where it is shown.
-        frames: Numbers of the frames that prove it, in order. For several occurrences these are the frames of
-            one occurrence and of the first and last.
-        consequence_of: Number of the finding that caused this one, counted from 1 in the order of the report;
-            None if no cause was found.
-        began: Time when it began, ns since 1970.
-        consequences: The first consequences of a root cause, which its text names.
-        followed_by: Numbers of the first and last finding that follow from a root cause, if its text does not
-            name all of them.
+        fact: Message that says what happened; it can contain raw text from the wire, which must be escaped
+            for output.
+        frames: Numbers of the frames that prove the described occurrence, and of one frame each of the first
+            and the last occurrence, in ascending order.
+        consequence_of: Number of the finding that caused this finding, counted from 1 in the order of the
+            report; None if no cause was found.
+        began: Time when the described occurrence began, ns since 1970.
+        consequences: The consequences that the text of a root cause names; empty for a consequence.
+        followed_by: Numbers of the first and the last consequence of a root cause; None if `consequences`
+            already names all of them.
         explains_rest: Whether all later errors and warnings are consequences of this root cause.
     """
 
@@ -84,11 +86,12 @@ class TrafficTotals(NamedTuple):
     """Amount of traffic that a diagnosis examined.
 
     Attributes:
-        frames: Number of frames and malformed items.
-        duration_ns: Time from the first frame to the end, ns.
+        frames: Number of frames and of damaged items that are no frame.
+        duration_ns: Time from the first frame to the end of the traffic, ns.
         not_followed: Number of calls that were evicted before a reply arrived.
-        selected_calls: Number of selected calls; None if all are selected.
-        began: Time of the first frame, ns since 1970; sentences count their times from there.
+        selected_calls: Number of calls that the filter selected; None if there is no filter.
+        began: Time of the first frame, ns since 1970. Times in the sentences of findings count from this
+            time.
     """
 
     frames: int
@@ -101,7 +104,7 @@ class TrafficTotals(NamedTuple):
 
     @property
     def has_only_client(self) -> bool:
-        """Whether sentences need no address to say which client they mean."""
+        """Whether the traffic has at most one client, so that sentences need no client address."""
         return self.clients <= 1
 
 

@@ -11,33 +11,31 @@ from bcapscope.analysis.rules.rule_checker import DiagnosisRule, Occurrence
 from bcapscope.messages import Message
 
 MAX_KEPT = 32
-"""Occurrences of one finding that are kept from the beginning; as many are kept from the end."""
+"""Maximum number of first occurrences, and also of last occurrences, that are kept for one finding."""
 
 MAX_FINDINGS = 16
-"""Findings of one rule that differ in their group key; further occurrences join the first of them."""
+"""Maximum number of findings of one rule. Occurrences with further group keys are added to the rule's first
+finding."""
 
 MAX_CALLS = 256
-"""Calls whose occurrences can be found by call number: the latest ones.
-
-The cause of an occurrence is rarely long ago. One occurrence may hold all facts of a slave-mode session, some
-20 kB.
-"""
+"""Maximum number of calls, the latest ones, whose occurrences can be found by call number."""
 
 MAX_FRAMES_NAMED = 16
-"""Frames that a finding names."""
+"""Maximum number of frames of one occurrence that a finding lists."""
 
 _MAX_NAMED_STEPS = 3
-"""Consequences that the sentence of a root cause names one by one."""
+"""Maximum number of consequences that the sentence of a root cause names one by one."""
 
 _RANK = {Severity.ERROR: 0, Severity.WARNING: 1, Severity.NOTE: 2}
 
 
 class FindingGroup:
-    """All occurrences that become one finding.
+    """The occurrences that are reported together as one finding.
 
     Attributes:
-        selected: True if the finding is reported for itself; False if only as the cause of another one.
-        shown: Occurrence that the finding describes; only groups of a snapshot have one.
+        selected: True if the finding is about selected calls; False if it is reported only as the cause of
+            another.
+        shown: Occurrence that the finding describes; set only in the copy of a group that `findings` makes.
     """
 
     def __init__(self, rule: DiagnosisRule, selected: bool) -> None:
@@ -54,12 +52,12 @@ class FindingGroup:
         (self._earliest if len(self._earliest) < MAX_KEPT else self._latest).append(occurrence)
 
     def keep_cause(self, occurrence: Occurrence) -> None:
-        """Keep an occurrence that had consequences, even if the limits would drop it."""
+        """Keep an occurrence that has consequences, even if `add` would drop it."""
         if len(self._causes) < MAX_KEPT and occurrence not in self._causes:
             self._causes.append(occurrence)
 
     def replace(self, update: Occurrence) -> Occurrence | None:
-        """Replace the occurrence of the same call; return it, or None if it is not kept."""
+        """Replace the kept occurrence of the same call and return the old one; None if none was kept."""
         replaced = next((each for each in self if each.call == update.call), None)
         if replaced is not None:
             for kept in (self._earliest, self._latest, self._causes):
@@ -75,36 +73,37 @@ class FindingGroup:
         return twin
 
     def __iter__(self) -> Iterator[Occurrence]:
-        """Yield the kept occurrences, each once."""
+        """Yield each kept occurrence once."""
         return iter(dict.fromkeys((*self._earliest, *self._causes, *self._latest)))
 
     @property
     def first(self) -> Occurrence:
-        """Kept occurrence that began first."""
+        """The kept occurrence that began first."""
         return min(self, key=lambda each: each.began)
 
     @property
     def last(self) -> Occurrence:
-        """Kept occurrence that was complete last."""
+        """The kept occurrence that was completed last."""
         return max(self, key=lambda each: each.completed)
 
 
 class FindingCollector:
     """Collects occurrences and builds findings.
 
-    Rules report occurrences in the order in which they find them, which is not always the order in time.
+    Rules do not always report occurrences in chronological order.
     """
 
     def __init__(self) -> None:
         self._groups: dict[tuple[str, bool, str], FindingGroup] = {}
         self._by_rule: dict[str, list[FindingGroup]] = {}
         self._by_call: dict[int, list[Occurrence]] = {}
-        # Causes are linked for the first occurrences of each group, which are kept, so this is bounded.
+        # Bounded, because only the first `MAX_KEPT` occurrences of each group are linked to a cause.
         self._causes: dict[Occurrence, Occurrence] = {}
         self._new_groups: list[FindingGroup] = []
 
     def add_occurrence(self, occurrence: Occurrence) -> None:
-        """Add an occurrence and look for its cause, or replace the occurrence that it updates."""
+        """Add an occurrence and link its cause. An update replaces the earlier occurrence of the same
+        call."""
         if occurrence.is_update:
             self._update(occurrence)
             return
@@ -144,10 +143,9 @@ class FindingCollector:
         return group
 
     def _link_cause(self, occurrence: Occurrence) -> None:
-        """Set the cause of an occurrence: a fault in the calls it names, else the latest possible cause.
+        """Link an occurrence to its cause: a problem in `explaining_calls`, else the latest possible cause.
 
-        A snapshot repeats this for every occurrence: a cause may be reported after its consequence, and may
-        fit better.
+        `findings` searches again for every occurrence, because a better cause may have been reported later.
         """
         known = self._causes.pop(occurrence, None)
         likely = occurrence.rule.possible_causes
@@ -166,12 +164,12 @@ class FindingCollector:
             self._group_of(cause).keep_cause(cause)
 
     def _best_cause(self, candidates: Sequence[Occurrence], effect: Occurrence) -> Occurrence | None:
-        """Return the latest candidate that may be the cause, and the likeliest of several at once.
+        """Return the latest candidate that can be the cause; of simultaneous candidates, the likeliest.
 
-        A candidate is no cause if it began after the effect, or follows from it.
+        A candidate that began after the effect, or that is a consequence of the effect, cannot be its cause.
         """
         best, best_key = None, (0, 0)
-        # Candidates come roughly in order of time. Backwards, only the first few need all checks.
+        # Candidates are roughly in chronological order, so only the latest few need all checks.
         for each in reversed(candidates):
             if each is effect or each.began > effect.completed or (best and each.began < best.began):
                 continue
@@ -206,9 +204,9 @@ class FindingCollector:
                         yield each
 
     def new_findings(self) -> tuple[Finding, ...]:
-        """Return a finding for each group that is new since the last call.
+        """Return a finding for each selected group that is new since `new_findings` was last called.
 
-        `consequence_of` is always None here; only `findings` links consequences to causes.
+        In these findings `consequence_of` is always None; only `findings` links consequences to causes.
         """
         new, self._new_groups = self._new_groups, []
         return tuple(
@@ -218,13 +216,14 @@ class FindingCollector:
         )
 
     def findings(self, provisional: Iterable[Occurrence] = ()) -> tuple[Finding, ...]:
-        """Return the selected findings and their causes. Occurrences can still be added afterwards.
+        """Return the findings about selected calls, and their causes.
 
-        Each root cause is followed by its consequences. Root causes are ordered by the gravest severity among
-        them and their consequences, then by time.
+        Each root cause is followed by its consequences. Root causes are sorted by the gravest severity of the
+        root cause and its consequences, then by time.
 
         Args:
-            provisional: Occurrences that count for these findings only.
+            provisional: Occurrences that are included in the returned findings, but are not added to the
+                collector.
         """
         snapshot = self._copy()
         for occurrence in provisional:
@@ -250,7 +249,7 @@ class FindingCollector:
         return tuple(_ordered_finding(group, order) for group in order.groups)
 
     def _choose_shown(self, groups: Iterable[FindingGroup]) -> None:
-        """Choose the occurrence that each finding describes: the first with consequences, else the first."""
+        """Choose the occurrence that each finding describes: the first with a consequence, else the first."""
         followed = set(self._causes.values())
         for group in groups:
             group.shown = min(group, key=lambda each: (each not in followed, each.began, each.completed))
@@ -263,7 +262,8 @@ def _cause_rank(rule_id: str, likely: tuple[str, ...]) -> int:
 def _parent_groups(
     groups: list[FindingGroup], causes: Mapping[Occurrence, Occurrence]
 ) -> dict[FindingGroup, FindingGroup]:
-    """Map each group to the group that caused its shown occurrence; omit links that would close a cycle."""
+    """Map each group to the group that caused its shown occurrence, without links that would close a
+    cycle."""
     group_of = {occurrence: group for group in groups for occurrence in group}
     parents: dict[FindingGroup, FindingGroup] = {}
     for group in sorted(groups, key=lambda each: each.shown.began):
@@ -280,7 +280,7 @@ def _parent_groups(
 def _selected_groups(
     groups: list[FindingGroup], causes: Mapping[Occurrence, Occurrence]
 ) -> list[FindingGroup]:
-    """Drop groups that are not selected and are no cause of a selected one."""
+    """Return the selected groups, and the groups that caused them directly or indirectly."""
     parents = _parent_groups(groups, causes)
     kept: set[FindingGroup] = set()
     for group in groups:
@@ -292,7 +292,7 @@ def _selected_groups(
 
 
 class _FindingOrder:
-    """The order of the findings, and which follows from which."""
+    """The order of the findings in the report, and the causes that link them."""
 
     def __init__(self, groups: list[FindingGroup], causes: Mapping[Occurrence, Occurrence]) -> None:
         self._parents = _parent_groups(groups, causes)
@@ -307,7 +307,7 @@ class _FindingOrder:
         return self._numbers[group]
 
     def parent(self, group: FindingGroup) -> int | None:
-        """Return the number of the finding that a group follows from; None for a root cause."""
+        """Return the number of the finding that caused this group; None if the group is a root cause."""
         parent = self._parents.get(group)
         return None if parent is None else self.number(parent)
 
@@ -318,7 +318,7 @@ class _FindingOrder:
             yield from self.with_consequences(child)
 
     def first_consequences(self, group: FindingGroup) -> Iterator[FindingGroup]:
-        """Yield the first consequence of a group, then the first consequence of that, and so on."""
+        """Yield the first consequence of a group, then the first consequence of that one, and so on."""
         while self._children.get(group):
             group = self._children[group][0]
             yield group
@@ -327,7 +327,7 @@ class _FindingOrder:
         return min(_RANK[each.rule.severity] for each in self.with_consequences(group))
 
     def explains_the_rest(self, group: FindingGroup) -> bool:
-        """Return whether all later errors and warnings are consequences of this group."""
+        """Return whether this group caused all errors and warnings that began after it."""
         family = set(self.with_consequences(group))
         return all(
             each in family
@@ -371,7 +371,8 @@ def _repetition(group: FindingGroup) -> Repetition | None:
 
 
 def _with_consequences(finding: Finding, root: FindingGroup, order: _FindingOrder) -> Finding:
-    """Add the consequences of a root cause: the first few one by one, and which findings follow from it."""
+    """Return the finding with its consequences: the first few one by one, the others as a range of
+    numbers."""
     named: list[Consequence] = []
     time = root.shown.completed
     for group in order.first_consequences(root):
@@ -390,7 +391,7 @@ def _with_consequences(finding: Finding, root: FindingGroup, order: _FindingOrde
 
 
 def _frames(group: FindingGroup) -> tuple[int, ...]:
-    """Return the frames of the shown occurrence, plus those where the first began and the last ended."""
+    """Return the frame numbers of the shown occurrence, and the first and the last frame of the group."""
     frames = list(group.shown.frames)
     if len(frames) > MAX_FRAMES_NAMED:
         frames = [*frames[: MAX_FRAMES_NAMED // 2], *frames[-MAX_FRAMES_NAMED // 2 :]]

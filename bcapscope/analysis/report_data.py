@@ -1,4 +1,4 @@
-"""Gather the data of a report on captures, in one pass and in bounded memory."""
+"""Gather the data for a report on captures, in one pass over the traffic and in bounded memory."""
 
 from __future__ import annotations
 
@@ -31,34 +31,36 @@ from bcapscope.traffic.observation import Conversation, Flow, Observation
 from bcapscope.traffic.pipeline import PipelineSubscriber
 
 MAX_TIMELINES = 256
-"""Clients that have a timeline of their own."""
+"""Maximum number of clients that have a timeline of their own."""
 
 MAX_COUNTED = 65536
-"""Clients without a timeline that are counted."""
+"""Maximum number of clients that are counted because there is no room for their timeline."""
 
 MAX_RETRY_CHAINS = 12
-"""Calls of which the report shows every frame: those with the most retries, among equals the slowest."""
+"""Maximum number of calls of which the report shows every frame: the calls with the most retries. Of calls
+with equally many retries, the slowest are shown."""
 
 LARGEST_RETRY_CHAIN = 2 << 20
-"""Size of a call's frames in bytes; a larger retry chain is counted and not shown."""
+"""Maximum size in bytes of the frames of a call whose retries are shown one by one. A larger call is only
+counted."""
 
 MAX_DAMAGED = 20
-"""Damaged frames that are listed one by one, the first ones."""
+"""Maximum number of damaged frames that the report lists: the first ones."""
 
 MAX_DAMAGED_BYTES = 24
-"""Bytes of a damaged frame that are kept."""
+"""Maximum number of bytes that are kept of a damaged frame."""
 
 MAX_SESSIONS = 256
-"""Slave-mode sessions that are kept; further ones are counted."""
+"""Maximum number of slave-mode sessions that are kept. Further sessions are only counted."""
 
 
 class DamagedFrame(NamedTuple):
     """A frame with problems, or bytes that are no frame.
 
     Attributes:
-        time: Time, ns since 1970.
-        raw: The first `MAX_DAMAGED_BYTES` bytes.
-        missing_bytes: Bytes that the capture lacks at that place in a stream.
+        time: Time when the damaged frame was captured, ns since 1970.
+        raw: The first `MAX_DAMAGED_BYTES` bytes of the damaged frame.
+        missing_bytes: Number of bytes of the TCP stream that are missing from the capture before this place.
     """
 
     frame: int
@@ -82,17 +84,18 @@ class ClientTimeline:
 
 @dataclass(frozen=True, slots=True)
 class ReportData:
-    """Contents of captures, for a report.
+    """Data from one or more captures for a report.
 
     Attributes:
         start: Time of the first frame, ns since 1970.
         end: Time of the last frame, ns since 1970.
         findings: Findings of all rules, root cause first.
-        timelines: Clients, the one with the most calls first.
-        slave_sessions: Slave-mode sessions in the order in which they began.
-        slave_sessions_left_off: Number of slave-mode sessions beyond `MAX_SESSIONS`.
-        verdicts: Number of calls by verdict, without those that were just answered or refused.
-        retry_chains: The calls with the most retries, in order of time.
+        timelines: Timelines of the clients; the client with the most calls comes first.
+        slave_sessions: Slave-mode sessions in the order of their start times.
+        slave_sessions_left_off: Number of slave-mode sessions that were counted but not kept, because there
+            were more than `MAX_SESSIONS`.
+        verdicts: Number of calls by verdict, for all verdicts other than *answered* and *refused*.
+        retry_chains: The calls with the most retries, in chronological order.
     """
 
     start: int
@@ -116,18 +119,19 @@ _Badness: TypeAlias = "tuple[int, int, int]"
 
 
 class ReportDataBuilder(PipelineSubscriber):
-    """Gathers the data of a report.
+    """Gathers the data for a report.
 
     Attributes:
-        diagnosis: Diagnosis of the report; it subscribes to the same pipeline, before the builder.
+        diagnosis: Diagnosis for the report. The caller subscribes it to the same pipeline, before the
+            builder.
     """
 
     def __init__(self, is_selected: Callable[[Call], bool] | None = None) -> None:
         """Create an empty builder.
 
         Args:
-            is_selected: Returns whether a call is of interest; None for all calls. Damaged frames are
-                reported in any case.
+            is_selected: Returns whether a call is selected; None to select all calls. Damaged frames are
+                always reported.
         """
         self._is_selected = is_selected
         self.diagnosis = Diagnosis(is_selected, self._keep_session)
@@ -158,7 +162,7 @@ class ReportDataBuilder(PipelineSubscriber):
             self._add_selected(call)
 
     def on_set_points(self, calls: Sequence[Call]) -> None:
-        """Add set points that are alike, and so without problems."""
+        """Add a run of alike set points. Their frames have no problems, so only the selection is tested."""
         for call in calls:
             if self._is_selected is None or self._is_selected(call):
                 self._add_selected(call)
@@ -168,10 +172,11 @@ class ReportDataBuilder(PipelineSubscriber):
         self._check_frame(stray.observation)
 
     def report_data(self, ended_at: int = 0) -> ReportData | None:
-        """Return the data of the report so far; None without any observation.
+        """Return the data gathered so far; None if no frame was captured.
 
         Args:
-            ended_at: Time when the traffic ended, ns since 1970. A later last frame takes precedence.
+            ended_at: Time when the traffic ended, ns since 1970. If the last frame is later, its time is used
+                instead.
         """
         if self._start is None:
             return None
@@ -274,7 +279,7 @@ class _TimelineBuilder:
 
 
 def _event_kinds(call: Call) -> Sequence[TimelineEventKind]:
-    """Return the events of a call: at most one about attempts, the gravest, and one about its result."""
+    """Return at most two events of a call: the gravest event about its attempts, and one about its result."""
     kinds = []
     verdict = call.verdict
     if verdict is CallVerdict.EXECUTED_TWICE:

@@ -1,4 +1,5 @@
-"""Events over time, in as many entries as a picture can show, however long the traffic is."""
+"""Events on a timeline. Long traffic has more events than a picture can show, so neighbouring events are
+joined."""
 
 from __future__ import annotations
 
@@ -9,15 +10,15 @@ from bcapscope.messages import Message
 from bcapscope.traffic.call_kind import CallKind
 
 ACTIVITY_PAUSE_NS = 500_000_000
-"""Pause between calls, in ns, that splits activity into two periods. It grows when there are too many
-periods.
+"""Pause in ns between two calls that ends one period of activity and begins the next. The pause is increased
+when there are too many periods.
 """
 
 MAX_ACTIVITY_PERIODS = 512
 """Activity periods of one client."""
 
 MAX_EVENTS = 256
-"""Events of one kind and one client."""
+"""Maximum number of events of one kind on the timeline of one client."""
 
 
 class TimelineEventKind(StrEnum):
@@ -35,12 +36,13 @@ class TimelineEventKind(StrEnum):
 
 
 class TimelineEvent(NamedTuple):
-    """Something that happened, once or several times in a row.
+    """An event on a timeline, or several neighbouring events joined into one.
 
     Attributes:
-        begin: Start of the first occurrence, ns since 1970.
-        end: End of the last occurrence, ns since 1970.
-        call_kind: Kind of the first call; None for activity periods and events without a call.
+        begin: Start of the first joined event, ns since 1970.
+        end: End of the last joined event, ns since 1970.
+        call_kind: Kind of the first call in the event; None for a period of activity or an event that
+            concerns no call.
     """
 
     begin: int
@@ -52,13 +54,15 @@ class TimelineEvent(NamedTuple):
 
 
 class TimelineEventList:
-    """Collects events roughly in order of time; joins neighbours when there are too many."""
+    """Collects events in roughly chronological order, and joins neighbouring events when there are too
+    many."""
 
     def __init__(self, most: int, pause: int = 0) -> None:
         """Create an empty list.
 
         Args:
-            pause: Events closer than this many ns are joined; the value grows when there are too many.
+            pause: Initial limit in ns: events that are closer together are joined. This limit is increased
+                when there are too many events.
         """
         self._most = most
         self._pause = pause

@@ -1,1 +1,1 @@
-"""Replay of recorded sessions, as the client or as the controller."""
+"""Replay a recorded session, in the role of the client or of the controller."""

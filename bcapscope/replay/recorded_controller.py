@@ -1,7 +1,7 @@
-"""Answer a client as the recorded controller did.
+"""Answer a client with the replies of a recorded controller.
 
-The replies contain the recorded handles, so they need no translation. No I/O and no clock: the class can
-replace a `Simulator`.
+The replies contain the recorded handles, so a client that repeats the recorded calls sends these handles.
+`RecordedController` uses no I/O and no clock, and has the interface of a `Simulator`.
 """
 
 from __future__ import annotations
@@ -26,17 +26,17 @@ from bcapscope.simulator.simulator import LARGEST_REQUEST, MAX_CLIENTS, STOP_CLI
 from bcapscope.traffic.call_kind import CallKind, call_kind_of
 
 IDLE_CLIENT_NS = 2_000_000_000
-"""Silence after which a UDP client may be replaced by another, ns. This is longer than the time between two
-attempts of a waiting client (DENSO Wave 2009, How to use the Slave mode: 1 s)."""
+"""Time in ns without a request after which another client may take the place of a UDP client. A waiting
+client sends its next attempt sooner (DENSO Wave 2009, How to use the Slave mode: 1 s)."""
 
 _SERVICE_START = CallKind(1, None)
 
 _AnsweredCallback: TypeAlias = Callable[[CallReport, bool], None]
-"""Called with each answered call, and whether the script had a call for it."""
+"""Called for each answered call, and whether its answer comes from the script."""
 
 
 class ScriptIndex:
-    """The calls of a script by function, command and arguments; all clients share it."""
+    """Index of a script's calls by function, command and arguments, shared by all clients."""
 
     def __init__(self, calls: Iterable[ScriptCall]) -> None:
         self.calls: dict[CallKind, list[ScriptCall]] = {}
@@ -51,9 +51,9 @@ class ScriptIndex:
 class ScriptLookup:
     """Finds the recorded call that answers a request of one client.
 
-    That is the next call with the same function, command and arguments, or the last such call if none is
-    left. If no call has these arguments, it is the next one with the same function and command. After the
-    last recorded Service_Start, another Service_Start begins the script again.
+    `find` returns the next recorded call with the same function, command and arguments, or the last such call
+    if none is left. If no recorded call has the same arguments, `find` returns the next call with the same
+    function and command. A Service_Start after the last recorded Service_Start begins the script again.
     """
 
     def __init__(self, index: ScriptIndex) -> None:
@@ -61,7 +61,8 @@ class ScriptLookup:
         self._next: dict[CallKind, int] = {}
 
     def find(self, kind: CallKind, arguments: tuple[Variant, ...]) -> ScriptCall | None:
-        """Return the recorded call; None if no call has this function and command."""
+        """Return the recorded call that answers a request; None if no recorded call has its function and
+        command."""
         question = _casefolded(kind)
         lines = self._index.calls.get(question)
         if lines is None:
@@ -79,16 +80,16 @@ class ScriptLookup:
 
 
 def _casefolded(kind: CallKind) -> CallKind:
-    """Return the kind with its command in lower case, since controllers ignore case in commands."""
+    """Return the call kind with its command in lower case, because controllers ignore case in commands."""
     command = kind.command
     return kind if command is None else CallKind(kind.function_id, command.casefold())
 
 
 class _ReplayClient:
-    """The replay to one client, one call after another.
+    """The replay to one client, which answers one call at a time.
 
     Attributes:
-        splitter: Splits the TCP stream into frames; None on UDP.
+        splitter: Splits the client's TCP stream into frames; None for a UDP client.
     """
 
     def __init__(
@@ -118,7 +119,7 @@ class _ReplayClient:
         self.last_request_at = now
         decision = self._responder.receive_request(frame)
         if decision.kind is RequestKind.BUSY and self._is_unanswered:
-            # The recorded call had no reply, so it ends when the client sends another call.
+            # The recorded call had no reply, so the current call ends when the client sends another call.
             self._responder.abandon_call()
             decision = self._responder.receive_request(frame)
         if decision.kind is RequestKind.NEW:
@@ -134,7 +135,7 @@ class _ReplayClient:
 
     @property
     def due(self) -> int | None:
-        """Time of the next frame from `poll`, ns; None if none is planned."""
+        """Time when `poll` has the next frame to send, ns; None if no frame is planned."""
         if self._frame is None:
             return None
         if self._notice_offsets:
@@ -154,7 +155,7 @@ class _ReplayClient:
 
     @property
     def _is_unanswered(self) -> bool:
-        """Whether the current call had no reply in the recording."""
+        """Whether the recording has no reply to the current call."""
         return self._frame is not None and self._script_call is not None and self._script_call.hresult is None
 
     def _start_call(self, frame: Frame, now: int) -> None:
@@ -189,14 +190,15 @@ class _ReplayClient:
 
 
 class RecordedController:
-    """Replaces a recorded controller; each client gets the whole script.
+    """Plays the role of a recorded controller. Each client is answered with the whole script.
 
     Attributes:
-        dropped: Number of datagrams dropped: damaged, no frame, or from a client beyond the limit.
-        unknown_calls: Number of calls answered with E_NOTIMPL, because the recording has no similar call or
-            no usable reply.
-        runs_in_real_time: Always False: its time may stop while the process gets no CPU time.
-        has_running_calls: Always False: a call waits for nothing but its delay.
+        dropped: Number of datagrams that were dropped: damaged, no frame, or from a client beyond the limit.
+        unknown_calls: Number of calls that were answered with E_NOTIMPL, because the recording has no such
+            call or no usable reply.
+        runs_in_real_time: Always False, because the replayed time may stop while the process gets no CPU
+            time.
+        has_running_calls: Always False, because a call waits only for its recorded delay.
     """
 
     runs_in_real_time = has_running_calls = False
@@ -207,7 +209,7 @@ class RecordedController:
         """Start without clients.
 
         Args:
-            delays: Whether to reply after the time that the controller took, instead of at once.
+            delays: True to reply after the time that the recorded controller took; False to reply at once.
         """
         self.dropped = 0
         self.unknown_calls = 0
@@ -220,7 +222,7 @@ class RecordedController:
         self._templates = FrameTemplates()
 
     def on_datagram(self, peer: Peer, data: bytes, now: int) -> list[SimulatorOutput]:
-        """Process a UDP datagram; return what to send."""
+        """Process a UDP datagram; return the outputs to send."""
         items = parse_datagram(data, self._templates) if len(data) <= LARGEST_UDP_FRAME else ()
         frame = items[0] if len(items) == 1 else None
         if not isinstance(frame, Frame) or frame.problems:
@@ -235,14 +237,15 @@ class RecordedController:
         return self._outputs(peer, part, [frame], now)
 
     def on_connect(self, peer: Peer, now: int, is_stop: bool = False) -> bool:
-        """Accept a TCP connection; return False if there are too many, and the caller closes it."""
+        """Accept a TCP connection. Return False if there are too many connections; the caller then closes
+        this one."""
         if len(self._clients_on(udp=False)) >= MAX_CLIENTS + STOP_CLIENTS * is_stop:
             return False
         self._add_client(peer, udp=False, now=now)
         return True
 
     def on_segment(self, peer: Peer, data: bytes, now: int) -> list[SimulatorOutput]:
-        """Process bytes of a TCP connection; return what to send. Damaged frames and other bytes are
+        """Process bytes of a TCP connection; return the outputs to send. Damaged frames and other bytes are
         skipped."""
         part = self._clients.get(peer)
         if part is None or part.splitter is None:
@@ -255,7 +258,7 @@ class RecordedController:
         self._clients.pop(peer, None)
 
     def reset(self, now: int) -> list[SimulatorOutput]:
-        """Forget every client; return outputs that close the TCP connections."""
+        """Drop every client; return the outputs that close the TCP connections."""
         peers = [peer for peer, part in self._clients.items() if part.splitter is not None]
         self._clients.clear()
         return [SimulatorOutput(peer, b"") for peer in peers]
@@ -264,7 +267,7 @@ class RecordedController:
         return [each for peer, part in self._clients.items() for each in self._due_outputs(peer, part, now)]
 
     def due(self, now: int) -> int | None:
-        """Return the latest time for the next `advance`, ns; None if no call is pending."""
+        """Return the time by which `advance` must be called next, ns; None if no frame is planned."""
         times = (part.due for part in self._clients.values())
         return min((time for time in times if time is not None), default=None)
 
@@ -285,11 +288,12 @@ class RecordedController:
         self._report(peer, report)
 
     def _clients_on(self, udp: bool) -> dict[Peer, _ReplayClient]:
-        """Return the clients of one transport. Each transport has its own limit."""
+        """Return the clients on UDP or the clients on TCP, because each transport has its own limit of
+        clients."""
         return {peer: part for peer, part in self._clients.items() if (part.splitter is None) is udp}
 
     def _has_room(self, now: int) -> bool:
-        """Tell whether there is room for a UDP client; may forget the client silent for longest."""
+        """Return whether another UDP client fits. If necessary, drop the client that was silent longest."""
         parts = self._clients_on(udp=True)
         if len(parts) < MAX_CLIENTS:
             return True

@@ -1,4 +1,4 @@
-"""A recorded session as a script: its calls with their times, arguments and results."""
+"""A recorded session as a script: the calls of one client, with their times, arguments and results."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ class ScriptCall(NamedTuple):
     """One call, without its retries.
 
     Attributes:
-        offset: Time of the first attempt, ns after the first call of the script.
-        duration: Time from the answered attempt to its reply, ns; 0 without a reply.
-        notice_offsets: Time of each S_EXECUTING notice, ns after the first attempt.
+        offset: Time from the first call of the script to the first attempt of this call, ns.
+        duration: Time from the answered attempt to its reply, ns; 0 if no reply was captured.
+        notice_offsets: Time from the first attempt to each S_EXECUTING notice, ns.
     """
 
     number: int
@@ -32,11 +32,11 @@ class ScriptCall(NamedTuple):
 
 
 class ReplayScript(NamedTuple):
-    """All calls of one client, in the order of their first attempts.
+    """The recorded calls of one client, in the order of their first attempts.
 
     Attributes:
-        calls: The calls; at least one.
-        reply_reserved: How the controller fills the reserved field of its replies.
+        calls: The recorded calls; at least one.
+        reply_reserved: How the recorded controller fills the reserved field of its replies.
     """
 
     conversation: Conversation
@@ -45,9 +45,8 @@ class ReplayScript(NamedTuple):
 
 
 def scripts_of(calls: Iterable[Call]) -> tuple[ReplayScript, ...]:
-    """Return one script per client, the one with the most calls first.
-
-    Calls with a damaged request are left out.
+    """Return one script per client. The script with the most calls comes first. Calls with a damaged request
+    are left out.
     """
     by_client: dict[Conversation, list[Call]] = {}
     for call in calls:

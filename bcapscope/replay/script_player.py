@@ -1,4 +1,4 @@
-"""Play a script to a controller as its client, with the handles that this controller gives."""
+"""Play the calls of a script to a controller, with the handles that this controller gives."""
 
 from __future__ import annotations
 
@@ -22,19 +22,20 @@ from bcapscope.replay.replay_script import ReplayScript, ScriptCall
 from bcapscope.replay.set_point_runs import mode_entered
 
 ABSOLUTE_TOLERANCE, RELATIVE_TOLERANCE = 1e-3, 1e-4
-"""Numbers that differ by less, absolutely or relatively, count as equal. A robot never returns exactly the
-same mm, degrees or seconds twice."""
+"""Largest absolute or relative difference of two numbers that are considered equal. A robot never returns
+exactly the same mm, degrees or seconds twice."""
 
 
 class NotAtStartError(BcapError):
-    """The robot is not where the recording needs it, or its position is unknown."""
+    """The robot is not at the first set point of the recording, or its position is unknown."""
 
 
 class PlayedCall(NamedTuple):
-    """A call of the script that was made again.
+    """A call of the script, and the result that it had when it was played.
 
     Attributes:
-        delay: Delay behind the planned time, ns, because earlier calls took longer than in the recording.
+        delay: Time in ns from the planned time to the time when the call was played. Calls are delayed when
+            earlier calls take longer than in the recording.
     """
 
     script_call: ScriptCall
@@ -44,13 +45,14 @@ class PlayedCall(NamedTuple):
 
     @property
     def differs(self) -> bool:
-        """Whether the result code differs, or only one of the two calls has a reply."""
+        """Whether the recorded and the played call differ in result code, or only one of them has a reply."""
         result = self.result
         return self.script_call.hresult != (None if isinstance(result, CallTimedOut) else result.reply.code)
 
     @property
     def values_differ(self) -> bool:
-        """Whether the values differ under the same result code; a robot is never twice in the same place."""
+        """Whether the returned values differ, beyond the tolerance, although the result codes are the
+        same."""
         call, result = self.script_call, self.result
         if isinstance(result, CallTimedOut) or result.reply.code != call.hresult:
             return False
@@ -72,8 +74,8 @@ class PlayedCall(NamedTuple):
 class ScriptPlayer:
     """Plays a script.
 
-    If the recording begins late, it may use objects that it does not open. `ObjectOpener` opens these. The
-    session releases what the recording leaves open.
+    If the recording does not begin with Service_Start, it may use objects that it does not open.
+    `ObjectOpener` opens these. The session releases the objects that the recording leaves open.
     """
 
     def __init__(
@@ -87,8 +89,8 @@ class ScriptPlayer:
         """Prepare to play; nothing is sent yet.
 
         Args:
-            longest_pause: Limit for pauses between two calls, ns; longer ones are cut to it.
-            anywhere: Whether to enter slave mode wherever the robot is.
+            longest_pause: Maximum pause between two calls, ns. Longer pauses are shortened to this time.
+            anywhere: Whether to enter slave mode even if the robot is not at the first set point.
         """
         self._script = script
         self._opener = opener
@@ -101,13 +103,13 @@ class ScriptPlayer:
         """Play the script to its end.
 
         Args:
-            on_played: Called with every call made; playing ends early if it returns False.
+            on_played: Called after each played call. Playing ends early if `on_played` returns False.
 
         Raises:
-            ValueError: The script needs an object whose name is unknown.
-            NotAtStartError: The robot is too far from the first set point, or its position is unknown; slave
-                mode is not entered.
-            BcapError: A missing object could not be opened, or a call cannot be sent.
+            ValueError: The script uses an object whose name is unknown.
+            NotAtStartError: The robot is too far from the first set point, or its position is unknown. Slave
+                mode was not entered.
+            BcapError: An object could not be opened, or a call could not be sent.
             OSError: The link is lost.
         """
         channel = self._channel
@@ -126,7 +128,7 @@ class ScriptPlayer:
                 return
 
     def _send_times(self) -> Iterator[int]:
-        """Yield the planned time of each call, ns after the start."""
+        """Yield the planned time of each call, in ns after the start of the replay."""
         at = last = 0
         for line in self._script.calls:
             at += min(line.offset - last, self._longest_pause)
@@ -134,8 +136,8 @@ class ScriptPlayer:
             yield at
 
     async def _current_arguments(self, call: ScriptCall) -> tuple[Variant, ...] | None:
-        """Replace the recorded handle by the current one; return None for the release of an object that is
-        not open."""
+        """Return the arguments with the current handle instead of the recorded one; None if the call releases
+        an object that is not open."""
         function = FUNCTIONS.get(call.kind.function_id)
         old = _first_number(call.arguments)
         if function is None or not function.takes_handle or old is None:
@@ -143,7 +145,8 @@ class ScriptPlayer:
         owner = function.owner
         new = self._handles.get((owner, old))
         if new is None and call.hresult is not None and is_failure(call.hresult):
-            return call.arguments  # perhaps refused because of an invalid handle
+            # the recorded controller refused this call, perhaps because of an invalid handle
+            return call.arguments
         if new is None and function.releases is not None:
             return None
         if new is None:
@@ -151,7 +154,7 @@ class ScriptPlayer:
         return (Variant(VT.I4, new), *call.arguments[1:])
 
     async def _check_start(self, place: int) -> None:
-        """Before a call that enters slave mode, check that the robot is at the first set point."""
+        """Check that the robot is at the first set point, before a call that enters slave mode."""
         mode = mode_entered(self._script.calls[place])
         kind = None if mode is None else pose_type_of_mode(mode)
         if kind is None:
@@ -188,7 +191,7 @@ def _first_number(values: Sequence[Variant]) -> int | None:
 
 
 def _nearly_equal(first: object, second: object) -> bool:
-    """Compare values with tolerance; a `Variant` compares as a tuple."""
+    """Compare two values, numbers with tolerance. A `Variant` is compared as a tuple."""
     if isinstance(first, float) and isinstance(second, float):
         same = math.isclose(first, second, rel_tol=RELATIVE_TOLERANCE, abs_tol=ABSOLUTE_TOLERANCE)
         return same or (math.isnan(first) and math.isnan(second))

@@ -25,20 +25,19 @@ from bcapscope.protocol.slave_mode.slvmove_values import parse_set_point
 from bcapscope.replay.replay_script import ReplayScript, ScriptCall
 
 _SHORTEST = 0.001
-"""Shortest time assumed between set points, s; no controller accepts them faster."""
+"""Shortest assumed time between two set points, s. No controller accepts set points faster."""
 
 
 class UnreadableSetPointError(BcapError):
-    """A set point cannot be read, so its target is unknown."""
+    """A set point of the script cannot be read, so the robot's target is unknown."""
 
 
 class SetPointRun(NamedTuple):
-    """Set points sent without leaving slave mode in between.
+    """Successive set points of a script, between which the client does not leave slave mode.
 
     Attributes:
-        trajectory: All set points, whatever the recorded controller answered, because a replay sends all of
-            them.
-        sent_at: Time of each set point, s after the first.
+        trajectory: All set points of the run, even refused ones, because a replay sends all of them.
+        sent_at: Time from the first set point of the run to each set point, s.
     """
 
     first_call: int
@@ -47,7 +46,7 @@ class SetPointRun(NamedTuple):
 
 
 def mode_entered(call: ScriptCall) -> int | None:
-    """Return the slave mode that a call enters; None if it enters none."""
+    """Return the number of the slave mode that a call enters; None if the call enters no slave mode."""
     if call.kind.folded_command != "slvchangemode" or len(call.arguments) < 3:
         return None
     return integer_value(call.arguments[2]) or None
@@ -56,11 +55,11 @@ def mode_entered(call: ScriptCall) -> int | None:
 def set_point_runs(script: ReplayScript) -> Iterator[SetPointRun]:
     """Yield the runs of set points in a script.
 
-    Before any mode is known, set points count as joint positions.
+    Set points before a known mode are read as joint positions.
 
     Raises:
-        UnreadableSetPointError: A set point is no pose, or has another number of axes than the first of its
-            run.
+        UnreadableSetPointError: A set point is no pose, or has another number of axes than the first one of
+            its run.
     """
     kind, points = PoseType.J, list[ScriptCall]()
     for line in script.calls:
@@ -77,7 +76,8 @@ def set_point_runs(script: ReplayScript) -> Iterator[SetPointRun]:
 
 
 def preflight_run(run: SetPointRun, limits: ArmLimits) -> PreflightResult:
-    """Run the pre-flight check on a run of set points at its recorded pace, and report pauses as well."""
+    """Return the results of the pre-flight check for a run of set points at its recorded pace, including
+    pauses."""
     trajectory = run.trajectory
     found = run_preflight(trajectory, trajectory.period or _SHORTEST, limits)
     more = tuple(_gap_findings(np.asarray(run.sent_at)))

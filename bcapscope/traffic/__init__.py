@@ -1,1 +1,1 @@
-"""Traffic, live or recorded: observations, pairing into calls, handles."""
+"""Live or recorded traffic: observations, their pairing into calls, handles, slave mode, filters."""

@@ -1,4 +1,4 @@
-"""Recognise set points that are alike, so that millions of them are not examined one by one."""
+"""Recognise set points that are alike, so that rules need not examine millions of set points one by one."""
 
 from __future__ import annotations
 
@@ -11,18 +11,19 @@ from bcapscope.traffic.slave_mode_tracker import is_set_point
 class AlikeSetPoints:
     """The current run of alike set points in one conversation.
 
-    A set point belongs to a run if the client sent it once, the controller answered it with S_OK, both frames
-    are sound, and they differ from those of the set points before only in serial, reserved and numbers. So
-    the robot's handle, the command and the types of all values are the same. A run begins after an accepted
-    set point. Any other call of the conversation ends it.
+    A set point belongs to a run if the client sent it once, the controller answered with S_OK, and both
+    frames are undamaged. Request and reply of successive set points in a run differ only in serial, reserved
+    and the numbers in the arguments. All set points of a run therefore have the same robot handle, command
+    and value types. A run begins after an accepted set point. Any other call of the conversation ends the
+    run.
     """
 
     def __init__(self) -> None:
         self._templates: tuple[FrameTemplate, FrameTemplate] | None = None
-        """Templates of request and reply in the current run."""
+        """Templates of request and reply in the current run; None outside a run."""
 
     def continues(self, call: Call) -> bool:
-        """Return whether a call belongs to the run."""
+        """Return whether a call belongs to the current run."""
         templates, reply = self._templates, call.reply
         if templates is None or reply is None or call.other_frames:
             return False
@@ -40,7 +41,8 @@ class AlikeSetPoints:
         )
 
     def on_other_call(self, call: Call) -> None:
-        """End the run with a call that does not belong to it, or begin a run after it."""
+        """End the run because of a call that does not belong to it, and begin a new run if the call is an
+        accepted set point."""
         if not is_set_point(call.kind):
             self._templates = None
         elif call.reply is not None:

@@ -1,4 +1,4 @@
-"""A call: a request, its retries, its notices and replies, and the verdict on it."""
+"""A call: a request with its retries, notices and replies, and the verdict on what happened."""
 
 from __future__ import annotations
 
@@ -31,72 +31,77 @@ class FrameObservation(Protocol):
 
 
 class FrameRole(StrEnum):
-    """Role of a frame in its call."""
+    """Role of a frame in the call that it belongs to."""
 
     REQUEST = "request"
-    """The first attempt."""
+    """The first attempt of the call."""
     RETRY = "retry"
     NOTICE = "executing"
     """S_EXECUTING: the controller is still working on the request."""
     REPLY = "reply"
     """The reply that the client accepted."""
     LATE = "late reply"
-    """A reply that arrived after the client sent another attempt or moved on to another call. Also a reply
-    that contradicts an earlier one."""
+    """A reply that arrived after the client sent another attempt or began another call. A reply that
+    contradicts an earlier reply has this role, too."""
     LOST = "lost reply"
-    """A reply captured before the client sent another attempt. The client evidently did not receive it, or it
-    would not have retried."""
+    """A reply that was captured before the client sent another attempt. The client evidently did not receive
+    the reply, because it retried."""
     DUPLICATE = "duplicate"
-    """An exact copy of an earlier request or reply of the same call. All known clients give a retry a new
-    serial, so the network or the capture made the copy."""
+    """An exact copy of an earlier request or reply of the same call. The network or the capture made the
+    copy, because all known clients give a retry a new serial."""
 
 
 class CallState(StrEnum):
-    """State of a call. `pairing_states` lists what leads from one to the next."""
+    """State of a call. `pairing_states` lists the events that lead from one state to another."""
 
     WAITING = "waiting"
     """The client waits for the reply."""
     EXECUTING = "executing"
-    """The client waits, and the controller has sent S_EXECUTING."""
+    """The client waits for the reply, and the controller has sent S_EXECUTING."""
     ANSWERED = "answered"
     """The controller has answered the latest attempt."""
     ABANDONED = "abandoned"
-    """The client has moved on to another call without a reply."""
+    """The client began another call before it received a reply to this call."""
     UNANSWERED = "unanswered"
-    """Complete: the client waited until no reply was possible any more, or until the traffic ended."""
+    """Complete without a reply: the client waited until no reply was possible any more, or until the traffic
+    ended."""
     SETTLED = "settled"
     """Complete: no further frame can belong to the call."""
     EVICTED = "evicted"
-    """Returned for lack of room while a reply was still possible."""
+    """Complete: the tracker evicted the call to limit memory, although a reply could still follow."""
 
 
 _WAITING = CallState.WAITING
 
 
 class CallFrame(NamedTuple):
-    """A frame of a call and its role."""
+    """A frame of a call, and its role in the call."""
 
     role: FrameRole
     observation: FrameObservation
 
 
 class Call:
-    """A call, as far as it was captured. It is complete once the tracker has returned it.
+    """A call, as far as it was captured. The call is complete when a `Tracker` returns it.
 
     Attributes:
-        number: 1 for the call that started first in the traffic, then counting up.
-        request: First attempt, or the first attempt captured.
-        reply: Reply that the client accepted; None if none was captured.
-        last_attempt: Latest attempt. The client accepts a reply only if it answers this attempt.
-        other_frames: All other frames of the call, in capture order.
-        abandoned_at: Time at which the client moved on to another call without a reply; 0 if it did not.
-        last_activity: Time of the latest frame of the call.
-        no_reply_expected: Whether no reply can follow any more, although the client was not seen to move on.
+        number: Number of the call in starting order, counted from 1 over all conversations.
+        request: First attempt of the call or, if it was not captured, the first captured retry.
+        reply: Reply that the client accepted; None if no such reply was captured.
+        last_attempt: Latest attempt of the call, the only one to which the client accepts a reply.
+        other_frames: All frames of the call except `request` and `reply`, in capture order.
+        abandoned_at: Time when the client began another call without a reply to this one, ns since 1970; 0 if
+            it did not.
+        last_activity: Time of the latest frame of the call, ns since 1970.
+        no_reply_expected: Whether no reply can follow any more, although the client did not begin another
+            call.
         state: State of the call; a complete call is unanswered, settled or evicted.
-        skipped_handles: Number of handles skipped before the accepted one, if smaller than the number of
-            attempts; otherwise 0.
-        reserved_usage: How the conversation used the reserved field, as far as known when the call settled.
-        memory_bytes: Bytes of the call's frames plus their overhead, as counted by `ConversationPairing`.
+        skipped_handles: Number of handles that the controller skipped before the accepted handle; 0 unless
+            the call has more attempts than that.
+        reserved_usage: How client and controller used the reserved field, as far as known when the call
+            settled.
+        memory_bytes: Size in bytes of the call's frames and their overhead, as counted by
+            `ConversationPairing`.
     """
 
     __slots__ = (
@@ -131,7 +136,8 @@ class Call:
         self.last_activity = request.time
         self.reserved_usage = reserved_usage
         self.reply: FrameObservation | None = None
-        self.other_frames: list[CallFrame] | tuple[()] = ()  # nearly all calls share the empty one
+        # Nearly all calls share the empty tuple, which saves memory.
+        self.other_frames: list[CallFrame] | tuple[()] = ()
         self.abandoned_at = 0
         self.no_reply_expected = False
         self.state = _WAITING
@@ -149,41 +155,41 @@ class Call:
 
     @property
     def evicted(self) -> bool:
-        """Whether the tracker ran out of room and returned the call while a reply was still possible."""
+        """Whether the tracker returned the call while a reply was still possible, because memory was
+        needed."""
         return self.state is CallState.EVICTED
 
     @property
     def is_plain(self) -> bool:
-        """Whether the call is only a first attempt and at most one reply."""
+        """Whether the call has no frames except a first attempt and at most one reply."""
         return not self.other_frames and self.first_attempt_seen
 
     @property
     def first_attempt_seen(self) -> bool:
-        """Whether the first attempt was captured. If not, `request` is a retry of a call that began
-        earlier."""
+        """Whether the first attempt of the call was captured. If not, `request` is a retry."""
         frame = self.request.item
         return frame.reserved in (0, frame.serial) or self.conversation.transport is Transport.TCP
 
     @property
     def attempts(self) -> tuple[FrameObservation, ...]:
-        """All captured attempts, oldest first."""
+        """All captured attempts of the call, oldest first."""
         return (
             (self.request, *self._frames_with_role(FrameRole.RETRY)) if self.other_frames else (self.request,)
         )
 
     @property
     def retries(self) -> int:
-        """Number of `attempts` that are retries."""
+        """Number of captured retries of the call."""
         return len(self.attempts) - self.first_attempt_seen
 
     @property
     def late_replies(self) -> tuple[FrameObservation, ...]:
-        """Replies that the client discards, provided that it checks the serial of its last request."""
+        """Replies with the role `LATE`. A client that compares serials discards these replies."""
         return self._frames_with_role(FrameRole.LATE)
 
     @property
     def lost_replies(self) -> tuple[FrameObservation, ...]:
-        """Replies that were captured in time, although the client then sent another attempt."""
+        """Replies that were captured in time, and that the client evidently did not receive."""
         return self._frames_with_role(FrameRole.LOST)
 
     @property
@@ -204,28 +210,28 @@ class Call:
 
     @property
     def serials(self) -> tuple[int, ...]:
-        """Serial of each of `attempts`, in the same order."""
+        """Serial of each captured attempt of the call, oldest first."""
         return tuple(request.item.serial for request in self.attempts)
 
     @property
     def hresult(self) -> int | None:
-        """Result code of the accepted reply, unsigned; None without one."""
+        """Result code of the accepted reply, unsigned; None if no reply was accepted."""
         return None if self.reply is None else self.reply.item.code
 
     @property
     def latency(self) -> int | None:
-        """Time from the first attempt to the accepted reply, ns; None without a reply."""
+        """Time from the first attempt to the accepted reply, ns; None if no reply was accepted."""
         return None if self.reply is None else self.reply.time - self.request.time
 
     @property
     def rtt(self) -> int | None:
-        """Time from the answered attempt to the accepted reply, ns; None without a reply."""
+        """Time from the answered attempt to the accepted reply, ns; None if no reply was accepted."""
         if self.reply is None or not self.other_frames:
             return self.latency
         return self.reply.time - self.attempt_answered_by(self.reply).time
 
     def attempt_answered_by(self, reply: FrameObservation) -> FrameObservation:
-        """Return the attempt that a reply answers; the first attempt if no serial matches."""
+        """Return the attempt with the same serial as the reply; the first attempt if no serial matches."""
         serial = reply.item.serial
         tries = (request for request in reversed(self.attempts) if request.item.serial == serial)
         return next(tries, self.request)
@@ -240,7 +246,7 @@ class Call:
 
     @property
     def surely_unanswered(self) -> bool:
-        """Whether the client certainly receives no reply."""
+        """Whether it is certain that the client received no reply."""
         return (bool(self.abandoned_at) or self.no_reply_expected) and not self.evicted
 
     @property
@@ -259,13 +265,12 @@ class Call:
 
 @dataclass(frozen=True, slots=True)
 class StrayReply:
-    """A reply or notice that belongs to no open call.
+    """A reply or notice that belongs to no open call of its conversation.
 
     Attributes:
-        call_number: Number of the settled call that had this serial; None if the request was never captured
-            or is too old.
-        may_answer_evicted: Whether it may answer a call that was evicted from memory. It is then reported
-            neither as late nor as unmatched.
+        call_number: Number of the settled call that had the same serial; None if no such call is remembered.
+        may_answer_evicted: Whether the reply may belong to a call that was evicted from memory, and so is
+            reported neither as late nor as stray.
     """
 
     observation: FrameObservation
@@ -274,4 +279,4 @@ class StrayReply:
 
 
 PairingResult: TypeAlias = Call | StrayReply
-"""What a tracker returns."""
+"""What a `Tracker` returns: a completed call or a stray reply."""

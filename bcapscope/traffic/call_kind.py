@@ -11,21 +11,22 @@ from bcapscope.protocol.text_format import shortened
 from bcapscope.traffic.observation import Conversation, Direction, Observation
 
 MAX_KINDS = 4096
-"""Limit of remembered request prefixes, each with its kind. Beyond it, all are forgotten and learnt again. A
-session has a few dozen: one per pair of handle and command."""
+"""Maximum number of request prefixes whose call kind is remembered. Beyond this limit, all prefixes are
+dropped and learned again. A session has a few dozen prefixes: one per pair of handle and command."""
 
 MAX_SERIALS = 1024
-"""`RecentRequests` remembers at least this many latest requests of a conversation, at most twice as many. A
-client waits for each reply before its next request. Even a client that sends a set point every millisecond
-without waiting can be matched with replies a second late."""
+"""Minimum number of latest requests of a conversation that `RecentRequests` remembers; the maximum is twice
+this. A thousand requests are enough to match a reply that is a second late to a set point that a client sends
+every millisecond."""
 
 MAX_CONVERSATIONS = 256
-"""Limit of conversations in `RecentRequests`; the one silent for longest is forgotten first. The official
-server accepts 20 clients on either transport (orin_bcap C/src/bCAPServer/bcap_server.c)."""
+"""Maximum number of conversations that are followed. Beyond the limit, the conversation that was silent
+longest is dropped. The official server accepts 20 clients on each transport (orin_bcap
+C/src/bCAPServer/bcap_server.c)."""
 
 LONGEST_NAME = 256
-"""Characters kept of the name of a command or object; … replaces the rest. No controller uses names nearly as
-long."""
+"""Maximum number of characters that are kept of the name of a command or object; … replaces the rest. Real
+names are far shorter."""
 
 COMMAND_FUNCTIONS = frozenset(
     function.id
@@ -41,12 +42,14 @@ _BSTR_DATA = 33
 
 
 class CallKind(NamedTuple):
-    """Function and command of a request, without its parameters. Equal kinds are usually the same object.
+    """Function and command of a request, without its parameters.
+
+    Equal call kinds are usually the same object in memory.
 
     Attributes:
-        function_id: Number of the function, known or not.
-        command: Command of an ..._Execute function as sent, up to `LONGEST_NAME` characters. None for all
-            other functions, and if the second argument is no string.
+        function_id: Number of the function, even if the function is unknown.
+        command: Command of an ..._Execute function as sent, shortened to `LONGEST_NAME` characters; None for
+            all other functions, or if the second argument is no string.
     """
 
     function_id: int
@@ -54,7 +57,7 @@ class CallKind(NamedTuple):
 
     @property
     def folded_command(self) -> str:
-        """The command in lower case, since controllers ignore case; empty without one."""
+        """The command in lower case, because controllers ignore case; "" if there is no command."""
         return (self.command or "").casefold()
 
 
@@ -71,7 +74,8 @@ def call_kind_of(request: Frame) -> CallKind:
 
 
 class CallKinds:
-    """Finds the kinds of many requests, each of which begins like one before; equal kinds are one object."""
+    """Finds the call kinds of many requests fast, by their first bytes. Equal call kinds are the same
+    object."""
 
     __slots__ = ("_by_prefix", "_known")
 
@@ -84,10 +88,10 @@ class CallKinds:
         raw = request.raw
         if request.code not in COMMAND_FUNCTIONS or request.reserved == 1 or len(raw) <= _BSTR_START:
             return call_kind_of(request)
-        # Nearly all requests begin with a VT_I4 handle of 14 bytes, then the command with its length in
-        # bytes. The slice holds all that determines the command, and no parameter. It is not kept if one byte
-        # cannot hold the string's length, or if the handle has another type. It includes the byte after the
-        # string: if that byte is missing, the frame ends inside the string.
+        # Nearly all requests begin with a VT_I4 handle of 14 bytes, then the length of the command in bytes.
+        # The prefix contains all bytes that determine the command, and no parameter.
+        # `_learn` keeps no prefix if the length needs more than one byte or the handle has another type.
+        # The prefix includes the byte after the command, because a frame without this byte is cut.
         prefix = raw[_FUNCTION_ID : _BSTR_DATA + raw[_BSTR_START] + 1]
         return self._by_prefix.get(prefix) or self._learn(request, prefix)
 
@@ -110,7 +114,7 @@ class CallKinds:
 class RecentRequests:
     """Remembers recent requests, so that a reply can be shown with the function that it answers.
 
-    Of two requests with the same serial, the later one counts, as for the official server.
+    A reply answers the latest request with its serial, as for the official server.
     """
 
     def __init__(self) -> None:
@@ -153,7 +157,7 @@ class RecentRequests:
 
 
 class _KindsBySerial:
-    """Kinds of one conversation's requests by serial. Two generations let old ones expire without a
+    """Call kinds of one conversation's requests, by serial. Two tables let old entries expire without a
     search."""
 
     def __init__(self) -> None:

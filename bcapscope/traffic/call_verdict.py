@@ -12,8 +12,8 @@ if TYPE_CHECKING:
     from bcapscope.traffic.call import Call, FrameObservation
 
 CROSSING_NS = 500_000
-"""Window in which a reply and a retry, captured one after the other, may have crossed on the network, ns. A
-round trip on a factory network takes less."""
+"""Maximum time in ns between a reply and a retry captured after it, if the two may have crossed on the
+network. A round trip on a factory network takes less."""
 
 
 class Outcome(StrEnum):
@@ -24,38 +24,40 @@ class Outcome(StrEnum):
     REFUSED = "refused"
     """The result code reports a failure."""
     UNANSWERED = "unanswered"
-    """The client moved on without a reply, no reply came for a very long time, or the connection ended."""
+    """The client began another call without a reply, no reply came for a very long time, or the connection
+    ended."""
     CAPTURE_ENDED = "capture_ended"
-    """The capture ended first; a reply may have followed."""
+    """The capture ended before a reply; a reply may have followed."""
     NOT_FOLLOWED = "not_followed"
     """The call was evicted because too many calls were open; a reply may have followed."""
 
 
 class CallVerdict(StrEnum):
-    """What happened to a call. For a call without trouble, the verdict equals the outcome."""
+    """What happened to a call. For a call without problems, the verdict equals the outcome."""
 
     ANSWERED = "answered"
     REFUSED = "refused"
     UNANSWERED = "unanswered"
-    """No reply to any attempt was captured. Every attempt or every reply may be lost, or the controller may
-    be silent."""
+    """No reply to any attempt was captured. Either all attempts or all replies were lost, or the controller
+    did not reply."""
     CAPTURE_ENDED = "capture ended"
     NOT_FOLLOWED = "not followed"
     EXECUTED_TWICE = "executed twice"
-    """Replies to the attempts of one call differ in result or arguments. A server that recognises a retry
-    sends the stored reply again (orin_bcap C/src/bCAPServer/bcap_server.c; the two replies in DENSO Wave 2009
-    are equal as well). Or the accepted handle skips numbers, at most as many as there are unanswered
-    attempts. The controller then created objects whose handles the client never received."""
+    """The controller executed the call more than once: replies to its attempts differ in result or arguments.
+    A server that recognises a retry sends the stored reply again (orin_bcap C/src/bCAPServer/bcap_server.c;
+    the two replies in DENSO Wave 2009 are equal as well). The accepted handle can also show this, if numbers
+    before it were skipped, at most one per unanswered attempt. The controller then created objects whose
+    handles the client never received."""
     REPLY_LATE = "reply late"
-    """A reply was captured after the client had sent the next attempt or moved on to another call, and so the
-    client discarded it. The client's timeout is too short, or the controller or the network took too long."""
+    """A reply was captured after the client had sent the next attempt or begun another call, so the client
+    discarded the reply. The client's timeout is too short, or the controller or the network took too long."""
     REPLY_LOST = "reply lost"
     """A reply was captured, yet the client sent another attempt. The reply was lost between the capture point
-    and the client, or the client was too busy to read it. Or S_EXECUTING was captured for an attempt whose
-    result never came."""
+    and the client, or the client was too busy to read it. *Reply lost* is also the verdict if S_EXECUTING was
+    captured for an attempt whose result never came."""
     REQUEST_LOST = "request lost"
-    """S_EXECUTING was captured for the answered attempt and nothing for the earlier ones. The controller
-    executed that attempt; had it received an earlier one, it would have executed or answered that one."""
+    """S_EXECUTING was captured for the answered attempt, and nothing for the earlier attempts. The earlier
+    attempts were lost, because the controller would have executed or answered them."""
     CANNOT_TELL = "cannot tell"
     """The client retried, and the capture does not show whether requests or replies were lost."""
 
@@ -73,7 +75,7 @@ def outcome_of(call: Call) -> Outcome:
 
 
 def verdict_of(call: Call) -> CallVerdict:
-    """Return the verdict on a call; the strongest evidence decides."""
+    """Return the verdict on a call, according to the strongest evidence in its frames."""
     if call.is_plain:
         return _VERDICT_OF_OUTCOME[outcome_of(call)]
     if call.skipped_handles or _replies_differ(call):
@@ -88,7 +90,8 @@ def verdict_of(call: Call) -> CallVerdict:
 
 
 def _by_notices(call: Call, reply: FrameObservation) -> CallVerdict:
-    """Judge an answered call with retries by the attempts that got an S_EXECUTING notice."""
+    """Return the verdict on an answered call with retries, judged by which attempts got an S_EXECUTING
+    notice."""
     noticed = {notice.item.serial for notice in call.notices}
     if noticed - {reply.item.serial}:
         return CallVerdict.REPLY_LOST
@@ -96,9 +99,9 @@ def _by_notices(call: Call, reply: FrameObservation) -> CallVerdict:
 
 
 def _replies_differ(call: Call) -> bool:
-    """Compare result and arguments of all replies that are undamaged and completely captured.
+    """Return whether the undamaged, completely captured replies differ in result or arguments.
 
-    Replies with E_BUSY are left out: they do not show whether the controller executed this call.
+    Replies with E_BUSY are left out, because they do not show whether the controller executed the call.
     """
     replies = (call.reply, *call.late_replies, *call.lost_replies)
     frames = [reply.item for reply in replies if reply is not None and not reply.item.problems]
@@ -107,7 +110,7 @@ def _replies_differ(call: Call) -> bool:
 
 
 def _all_crossed(call: Call) -> bool:
-    """Tell whether every lost reply may have crossed the next attempt on the network."""
+    """Return whether every lost reply may have crossed the next attempt on the network."""
     asked = sorted(request.time for request in call.attempts)
     lost = [(reply.time, bisect_left(asked, reply.time)) for reply in call.lost_replies]
     return all(after < len(asked) and asked[after] - time <= CROSSING_NS for time, after in lost)

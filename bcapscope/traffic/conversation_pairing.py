@@ -1,6 +1,5 @@
-"""Pairing in one conversation: its open calls, and the call that each frame belongs to.
-
-`pairing_states` has the table of what a frame does to its call.
+"""Pair the frames of one conversation into calls. `pairing_states` has the table of how a frame changes the
+state of its call.
 """
 
 from __future__ import annotations
@@ -24,38 +23,38 @@ from bcapscope.traffic.serial_table import SerialTable
 SERVICE_START = 1
 
 SHORTEST_TIMEOUT_NS = 2_000_000
-"""A client that sends a new call sooner than this after the previous request was not waiting for the
-reply and may still accept it. This is the shortest timeout that any source recommends (DENSO Wave 2009,
-slvMove)."""
+"""Shortest timeout of a client, ns (DENSO Wave 2009, slvMove). A client that begins a new call sooner after
+the previous request does not wait for replies, and so may still accept the reply to the previous request."""
 
 COPIES_WITHIN_NS = 100_000_000
-"""Window in which copies and reordered frames arrive; factory networks delay a frame by milliseconds. No
-client restarts on the same port this fast, unless it announces this with Service_Start."""
+"""Maximum time in ns within which copies and reordered frames arrive: factory networks delay a frame by
+milliseconds. No client restarts on the same port this fast without a Service_Start."""
 
 RETRY_WITHIN_NS = 5_000_000_000
-"""How long a client may still retry a request after its reply was captured. This is longer than any timeout
-in use (3 s in DENSO's ROS 2 driver, 1 s in DENSO Wave 2009)."""
+"""Maximum time in ns from a captured reply to a retry of its request. No client waits longer before a retry
+(3 s in DENSO's ROS 2 driver, 1 s in DENSO Wave 2009)."""
 
 LATE_WITHIN_NS = 1_000_000_000
-"""How long to wait for a reply after the client has moved on, once the controller has answered a later call.
-A reply after that is a stray that names its call."""
+"""Maximum time in ns to wait for a reply after the client began another call, if the controller has answered
+a later call. A reply after this time is a stray reply that names its call."""
 
 BUSY_WITHIN_NS = 30_000_000_000
-"""The same wait while the controller has answered nothing later. Controllers answer in order, so it may still
-be executing that call."""
+"""Maximum time in ns to wait for a reply after the client began another call, if the controller has not
+answered a later call. The controller may still be executing the call, because controllers answer in order."""
 
 EXECUTION_NS = 180_000_000_000
-"""How long a call may stay silent with no later call answered: the server's InvokeTimeout, after which it
-never answers (orin_bcap C/src/bCAPServer/bcap_server.c)."""
+"""Maximum time in ns without a frame of a call, if no later call was answered: the server's InvokeTimeout,
+after which the server never answers (orin_bcap C/src/bCAPServer/bcap_server.c)."""
 
 MAX_EXTRA_FRAMES = 65536
-"""Limit of retries, notices and further replies of a conversation's open calls, about 30 MB. The older C
-client retries without end (start-jsk/denso b-Cap.c); at one retry every 20 ms it reaches the limit in 20
-minutes. The call that exceeds the limit is evicted with all earlier ones. Its further frames start another
-call."""
+"""Maximum number of retries, notices and further replies of a conversation's open calls, about 30 MB. The
+call that exceeds the limit is evicted with all earlier calls, and its further frames start another call. The
+older C client retries without end (start-jsk/denso b-Cap.c), and so reaches the limit within 20 minutes at
+one retry every 20 ms."""
 
 _FRAME_COST = 512  # bytes of overhead per frame
-_LARGE_CALL = 64 * 1024  # bytes; a larger settled call is not kept in memory as the newest call
+# Size in bytes above which a settled call does not stay in memory as the newest call.
+_LARGE_CALL = 64 * 1024
 
 _OPENERS = frozenset((SERVICE_START, *(f.id for f in FUNCTIONS.values() if f.result is ResultKind.HANDLE)))
 _WAITING, _ANSWERED, _SETTLED = CallState.WAITING, CallState.ANSWERED, CallState.SETTLED
@@ -64,10 +63,10 @@ _AWAITING_REPLY = frozenset(state for state, event in TRANSITIONS if event is Ca
 
 
 class ConversationPairing:
-    """Pairs the frames of one conversation; returns its calls in the order in which they started.
+    """Pairs the frames of one conversation, and yields its completed calls in starting order.
 
     Attributes:
-        memory_bytes: Bytes that the open calls hold.
+        memory_bytes: Size in bytes of the frames of all open calls, with overhead.
     """
 
     def __init__(
@@ -80,9 +79,10 @@ class ConversationPairing:
         """Start without calls.
 
         Args:
-            latest_evicted: Number of the latest evicted call that may belong to it; 0 if there is none.
-            budget: Byte count shared by the open calls of all conversations.
-            kinds: Shared by all conversations.
+            latest_evicted: Number of the latest evicted call that may belong to this conversation; 0 if there
+                is none.
+            budget: Counts the bytes of the open calls of all conversations.
+            kinds: Finds the call kinds of requests, for all conversations.
         """
         self.open_calls: deque[Call] = deque()
         self.memory_bytes = 0
@@ -92,15 +92,16 @@ class ConversationPairing:
         self._kind_of = (kinds or CallKinds()).kind_of
         self._is_tcp = conversation.transport is Transport.TCP
         self._reserved_usage = ReservedFieldUsage()
-        self._first_reserved = -1  # reserved field of the latest first attempt; on UDP 0 or 1 for zero or not
+        # reserved field of the latest first attempt; on UDP only 0 (zero) or 1 (not zero)
+        self._first_reserved = -1
         self._serials = SerialTable()
         self._by_serial = self._serials.open_calls
         self._newest_call: Call | None = None
         self._frame_indexes: dict[Call, FrameIndex] = {}  # made on the first lookup in an open call
-        self._extra_frames = 0  # frames that open calls have besides request and reply
-        self._latest_overfull = 0  # the latest call that exceeded MAX_EXTRA_FRAMES
-        self._session_call = 0  # the call of Service_Start
-        self._latest_answered = 0  # the latest answered call
+        self._extra_frames = 0  # number of frames in `other_frames` of all open calls
+        self._latest_overfull = 0  # number of the latest call that exceeded MAX_EXTRA_FRAMES
+        self._session_call = 0  # number of the latest Service_Start call
+        self._latest_answered = 0  # highest number of an answered call
         self._answered_early: deque[tuple[int, int]] = (
             deque()
         )  # number and time of calls answered before older ones
@@ -109,7 +110,8 @@ class ConversationPairing:
         self._release_serial = self._serials.release
 
     def add_request(self, observation: FrameObservation, frame: Frame, number: int) -> bool:
-        """Add a request. Return whether it starts a new call, which then has the number `number`."""
+        """Add a request. Return whether the request starts a new call, which then gets the number
+        `number`."""
         serial, reserved = frame.serial, frame.reserved
         prior = self._by_serial.get(serial)
         if prior is not None and self._add_to_prior(prior, observation, frame):
@@ -120,7 +122,7 @@ class ConversationPairing:
                 self._add_retry(origin, observation, frame)
                 return False
             self._start_call(observation, frame, number)
-            # the first attempt was not captured; further retries name its serial as well
+            # the first attempt was not captured, and further retries can name its serial
             self._by_serial[reserved] = self._by_serial[serial]
             return True
         if not reserved and 0 in self._by_serial and self._add_retry_of_serial_zero(observation, frame):
@@ -131,7 +133,7 @@ class ConversationPairing:
         return True
 
     def add_reply(self, observation: FrameObservation, frame: Frame) -> StrayReply | None:
-        """Add a reply or notice; return it as a stray if it belongs to no open call."""
+        """Add a reply or notice; return it as a stray reply if it belongs to no open call."""
         serial = frame.serial
         call = self._by_serial.get(serial)
         if self._reused_serials and serial in self._reused_serials:
@@ -153,13 +155,13 @@ class ConversationPairing:
             or call.last_attempt.item.serial != serial
         ):
             self._apply(call, self._reply_event(call, frame), observation)
-        else:  # nearly all replies; the same as the table's transition, and twice as fast
+        else:  # a shortcut for nearly all replies, twice as fast as the same transition by the table
             call.state = _ANSWERED
             self._accept_reply(call, observation, frame)
         return None
 
     def pop_settled(self, now: int) -> Iterator[Call]:
-        """Yield the calls to which, at time `now`, no further frame can belong."""
+        """Yield the calls to which no further frame can belong after the time `now`."""
         waiting = self.open_calls
         if waiting and waiting[0].number <= self._latest_overfull:
             yield from self.evict_oldest(sum(call.number <= self._latest_overfull for call in waiting))
@@ -171,7 +173,7 @@ class ConversationPairing:
             yield self._finish_call(waiting.popleft(), _EXPIRY)
 
     def evict_oldest(self, count: int) -> Iterator[Call]:
-        """Yield the `count` oldest calls, even if further frames may belong to them."""
+        """Yield the `count` oldest open calls, even if further frames may belong to them."""
         for _ in range(min(count, len(self.open_calls))):
             call = self.open_calls.popleft()
             event = _EXPIRY if self._is_past_late_window(call) else _EVICTION
@@ -179,7 +181,7 @@ class ConversationPairing:
             yield self._finish_call(call, event)
 
     def close(self) -> Iterator[Call]:
-        """Yield all open calls, because the traffic has ended."""
+        """Yield all open calls, because the traffic of the conversation has ended."""
         self._mark_unanswerable()
         while self.open_calls:
             call = self.open_calls.popleft()
@@ -187,22 +189,22 @@ class ConversationPairing:
             yield self._finish_call(call, _EVICTION if is_overfull else _EXPIRY)
 
     def _mark_unanswerable(self) -> None:
-        """Mark the open calls that could no longer be answered when the traffic ended.
-
-        Controllers answer in order. On UDP the network may reorder replies, but only within a short time.
+        """Mark the open calls that could no longer be answered when the traffic ended. A later call that was
+        answered shows this, because controllers answer in order and the network reorders replies only within
+        a short time.
         """
         closing = self._conversation.connection_end
         over = closing is not None and closing.ends_replies
         end = max((call.last_activity for call in self.open_calls), default=0)
         overtaken = end + 1 if self._is_tcp else end - COPIES_WITHIN_NS
-        answered = overtaken  # earliest reply to a later call, or `overtaken`
+        answered = overtaken  # time of the earliest reply to a later call, or else `overtaken`
         for call in reversed(self.open_calls):
             call.no_reply_expected = over or answered < overtaken
             if call.reply is not None and call.reply.item.code != E_BUSY:
                 answered = min(answered, call.reply.time)
 
     def _apply(self, call: Call, event: CallEvent, observation: FrameObservation) -> None:
-        """Do what the table says about a frame of a call."""
+        """Add a frame to a call, and change the state of the call according to `TRANSITIONS`."""
         state, role, reply_becomes = TRANSITIONS[call.state, event]
         call.state = state
         if role is FrameRole.REPLY:
@@ -242,8 +244,8 @@ class ConversationPairing:
         self._count_memory(call, len(frame.raw))
 
     def _add_to_prior(self, prior: Call, observation: FrameObservation, frame: Frame) -> bool:
-        """Add a copy of a frame of `prior`, or its first attempt if a retry overtook that. Return whether it
-        was added."""
+        """Add a copy of a frame of `prior`, or the first attempt if a retry overtook it. Return whether the
+        frame was added."""
         if self._is_tcp:
             return False
         starts_anew = prior.number < self._session_call or (
@@ -266,10 +268,12 @@ class ConversationPairing:
         return True
 
     def _add_retry_of_serial_zero(self, observation: FrameObservation, frame: Frame) -> bool:
-        """Add a retry of serial 0, whose reserved field looks like that of a first attempt.
+        """Add a retry of a call with serial 0.
 
-        Old clients may use serial 0 (start-jsk/denso b-Cap.c). The frame counts as a retry if it repeats the
-        newest call and that call is still unanswered.
+        The reserved field of a retry of serial 0 looks like that of a first attempt.
+
+        Old clients may use serial 0 (start-jsk/denso b-Cap.c). The frame is considered a retry if it repeats
+        the newest call, and this call is still unanswered.
         """
         call = self._by_serial[0]
         if (
@@ -305,7 +309,7 @@ class ConversationPairing:
 
     def _learn_from_first(self, serial: int, reserved: int) -> None:
         if not self._is_tcp:
-            if serial:  # with serial 0, a reserved of 0 may be the frame's own serial
+            if serial:  # with serial 0, the value 0 in the reserved field may be the frame's own serial
                 self._reserved_usage = self._reserved_usage.after_first_attempt(reserved)
                 self._first_reserved = int(reserved != 0)
             return
@@ -380,7 +384,8 @@ class ConversationPairing:
         return quiet + (LATE_WITHIN_NS if call.number < self._latest_answered else EXECUTION_NS)
 
     def _is_past_late_window(self, call: Call) -> bool:
-        """Tell whether the newest call started so late that a reply to this call would be late."""
+        """Return whether the newest call started so long after this call that a reply to this call would be
+        late."""
         newest = self._newest_call
         return newest is not None and 0 < call.abandoned_at <= newest.request.time - LATE_WITHIN_NS
 
@@ -408,7 +413,7 @@ class ConversationPairing:
         return call
 
     def _count_skipped_handles(self, call: Call) -> None:
-        """Count handles that the controller gave to unanswered attempts of one call."""
+        """Count the handles that the controller gave to unanswered attempts of a call."""
         reply = call.reply
         if call.kind.function_id == SERVICE_START:
             self._last_handle = 0

@@ -1,4 +1,4 @@
-"""Index over the frames of one call, for lookups whose cost does not grow with the number of frames."""
+"""Index of the frames of one call, in which a lookup takes the same time for any number of frames."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ class FrameIndex:
     """Finds the attempts and replies of one open call by their bytes and serials.
 
     Attributes:
-        sent_at: Time of each attempt by its bytes; for identical attempts, the latest time.
-        reserved_by_serial: Reserved field of the latest attempt with each serial.
-        reply_bytes: Bytes of all replies, accepted or not, without notices.
+        sent_at: Time of each attempt, by the bytes of the attempt; the latest time for identical attempts.
+        reserved_by_serial: For each serial, the reserved field of the latest attempt with this serial.
+        reply_bytes: Bytes of each reply, accepted or not. Notices are not included.
     """
 
     def __init__(self, call: Call) -> None:

@@ -1,4 +1,4 @@
-"""Track the object of each handle, per client, and the objects that the client never released."""
+"""Track which object each handle of a client refers to, and which objects the client never released."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from bcapscope.traffic.call_kind import LONGEST_NAME, MAX_CONVERSATIONS
 from bcapscope.traffic.observation import Conversation
 
 MAX_OBJECTS = 4096
-"""Limit of known objects per client; the oldest is forgotten first. The official server allows 1000
-(orin_bcap C/src/bCAPServer/bcap_server.c)."""
+"""Maximum number of objects that are remembered per client. Beyond the limit, the oldest object is dropped.
+The official server allows 1000 (orin_bcap C/src/bCAPServer/bcap_server.c)."""
 
 MAX_SESSIONS = 1024
-"""Limit of remembered sessions that have ended; the oldest is forgotten first."""
+"""Maximum number of ended sessions that are remembered. Beyond the limit, the oldest session is dropped."""
 
 _HANDLE_TYPES = (VT.I4, VT.I2, VT.UI4)
 _I4_HANDLE = b"\x0a\x00\x00\x00\x03\x00\x01\x00\x00\x00"  # bytes of a VT_I4 argument before its value
@@ -31,10 +31,10 @@ class TrackedObject:
     """An object of the controller for which a client has, or had, a handle.
 
     Attributes:
-        name: Name in the opening call, such as `Arm`; "" without one.
-        parent: Label of the object through which it was opened; "" for controllers and if unknown.
-        known_to_client: Whether the client received the handle. False if the call was executed more than
-            once, or if its reply came too late.
+        name: Name in the call that opened the object, such as `Arm`; "" if the call has no name.
+        parent: Label of the object through which this object was opened; "" for a controller or if unknown.
+        known_to_client: Whether the client received the handle; False if the reply was late or the call was
+            executed more than once.
     """
 
     kind: ObjectClass
@@ -46,7 +46,7 @@ class TrackedObject:
 
     @property
     def label(self) -> str:
-        """Display name: the name, or class and number, such as `Robot 1`."""
+        """Text that identifies the object: its name, or else its class and handle, such as `Robot 1`."""
         return self.name or f"{self.kind} {self.handle}"
 
 
@@ -54,7 +54,7 @@ class SessionEnding(StrEnum):
     """How a session ended."""
 
     STOPPED = "stopped"
-    """The client called Service_Stop, as it should."""
+    """The client ended the session properly, with Service_Stop."""
     RESTARTED = "restarted"
     """The client called Service_Start again from the same port, as after a crash."""
     OPEN = "open"
@@ -66,9 +66,9 @@ class ServiceSession:
     """A client's session from Service_Start to Service_Stop.
 
     Attributes:
-        started_by_call: Number of the Service_Start call; None if the capture began later.
-        unreleased: Objects that the client did not release, in creation order; objects unknown to the client
-            come first.
+        started_by_call: Number of the Service_Start call; None if this call was not captured.
+        unreleased: Objects that the client did not release, in creation order, after those whose handle the
+            client never received.
     """
 
     conversation: Conversation
@@ -78,31 +78,30 @@ class ServiceSession:
 
     @property
     def is_clean(self) -> bool:
-        """Whether Service_Stop ended the session and every object was released."""
+        """Whether the client ended the session with Service_Stop and had released every object."""
         return self.ending is SessionEnding.STOPPED and not self.unreleased
 
 
 class HandleTracker:
-    """Tracks the object of each handle from the settled calls of all clients.
-
-    Handles belong to a conversation, and each class has its own table. The tracker so copes with controllers
-    that number each class separately and with those that number all classes together.
+    """Tracks the object of each handle, from the completed calls of all clients. Each conversation has a
+    table of handles for each object class. The tracker therefore works with controllers that number each
+    class separately, and with those that number all classes together.
     """
 
     def __init__(self, max_ended: int = MAX_SESSIONS) -> None:
         """Start without sessions.
 
         Args:
-            max_ended: Limit of remembered sessions that have ended; the oldest is forgotten first.
+            max_ended: Maximum number of ended sessions that are remembered; beyond the limit, the oldest
+                session is dropped.
         """
         self._clients: dict[Conversation, _ClientObjects] = {}
         self._current_client: _ClientObjects | None = None
         self._ended_sessions: deque[ServiceSession] = deque(maxlen=max_ended)
 
     def on_call(self, call: Call) -> TrackedObject | None:
-        """Record the next call; return the object of its handle, or None if it is unknown.
-
-        The caller passes the calls of a conversation in starting order.
+        """Process the next call; return the object of its handle, or None if the object is unknown. Pass the
+        calls of a conversation in starting order.
         """
         function = FUNCTIONS.get(call.kind.function_id)
         if function is None:
@@ -122,15 +121,15 @@ class HandleTracker:
         return target
 
     def sessions(self) -> tuple[ServiceSession, ...]:
-        """List the ended sessions in order of their end, then the open ones.
+        """Return the ended sessions in the order of their ends, then the open sessions.
 
-        In an open session, `unreleased` lists what the client has not released so far.
+        In an open session, `unreleased` has the objects that the client has not released so far.
         """
         begun = [client for client in self._clients.values() if client.has_session]
         return (*self._ended_sessions, *(client.to_session(SessionEnding.OPEN) for client in begun))
 
     def close_conversation(self, conversation: Conversation) -> None:
-        """Forget a client that has disconnected; its open session joins the ended ones."""
+        """Drop a client that has disconnected, and add its open session to the ended sessions."""
         client = self._clients.pop(conversation, None)
         if client is not None and client.has_session:
             self._ended_sessions.append(client.to_session(SessionEnding.OPEN))
@@ -165,8 +164,8 @@ class _ClientObjects:
     """The current session of one client.
 
     Attributes:
-        objects: Objects by class and handle, in creation order.
-        orphans: Objects whose handle the client never received.
+        objects: Open objects by class and handle, in creation order.
+        orphans: Open objects whose handle the client never received.
     """
 
     def __init__(self, conversation: Conversation) -> None:
@@ -210,7 +209,7 @@ class _ClientObjects:
 
 
 def handle_of(request: Frame) -> int | None:
-    """Return the handle in the first argument of a request; None if that is no number."""
+    """Return the handle in the first argument of a request; None if the first argument is no integer."""
     raw = request.raw
     if raw[15:25] == _I4_HANDLE and len(raw) > 29 and request.reserved != 1:
         return int.from_bytes(raw[25:29], "little", signed=True)
@@ -238,7 +237,7 @@ def _handle_in_reply(reply: FrameObservation | None) -> int | None:
 
 
 def _handles_made(call: Call) -> list[int]:
-    """List the handles that the attempts of a call created, whether or not the client received them."""
+    """Return the handles that the attempts of a call created, even those that the client did not receive."""
     replies = (*call.lost_replies, *call.late_replies, call.reply)
     given = [handle for reply in replies if (handle := _handle_in_reply(reply)) is not None]
     accepted = _handle_in_reply(call.reply)
@@ -247,6 +246,6 @@ def _handles_made(call: Call) -> list[int]:
 
 
 def _succeeded(call: Call) -> bool:
-    """Return whether any reply reports success, even a lost or late one."""
+    """Return whether any reply to the call reports success, even a lost or late reply."""
     replies = (call.reply, *call.late_replies, *call.lost_replies)
     return any(reply is not None and is_success(reply.item.code) for reply in replies)

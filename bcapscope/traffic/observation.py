@@ -1,4 +1,4 @@
-"""Observations: what was captured, when, and in which conversation."""
+"""Observations: frames or damaged bytes, with the time and the conversation in which they were captured."""
 
 from __future__ import annotations
 
@@ -15,18 +15,19 @@ class Transport(StrEnum):
     UDP = "udp"
     TCP = "tcp"
     UNKNOWN = "unknown"
-    """Pasted text does not show its transport."""
+    """The transport of frames in pasted text is unknown."""
 
 
 class Direction(StrEnum):
-    """Direction of a frame. The frame itself does not show it; it follows from where the controller is."""
+    """Direction of a frame. The direction follows from the controller's address, because no field of a frame
+    shows it."""
 
     REQUEST = "request"
     RESPONSE = "response"
 
 
 class Endpoint(NamedTuple):
-    """IP address as text, and port; port 0 if it is unknown."""
+    """IP address as text, and port number; port 0 if the port is unknown."""
 
     host: str
     port: int
@@ -39,13 +40,15 @@ class Endpoint(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class ConnectionEnd:
-    """The first end of a TCP connection.
+    """How and when a TCP connection was first closed or reset.
 
     Attributes:
-        by: Direction whose sender ended it: the client for requests, the controller for responses.
-        reset: Whether RST ended it; otherwise FIN closed it in order, and the other end may still send.
-        time: Time of the end, ns since 1970-01-01 UTC.
-        both_ended: Whether the other end has closed it too, or either end has reset it since.
+        by: Direction of the packet that ended the connection: `REQUEST` if the client ended it, `RESPONSE` if
+            the controller did.
+        reset: True if RST ended the connection; False if FIN closed one direction, and the other end may
+            still send.
+        time: Time of the first RST or FIN, ns since 1970-01-01 UTC.
+        both_ended: Whether the other end has also closed the connection, or either end has reset it since.
     """
 
     by: Direction
@@ -55,20 +58,23 @@ class ConnectionEnd:
 
     @property
     def ends_replies(self) -> bool:
-        """Whether no reply can follow. If only the client closed with FIN, the controller may still reply."""
+        """Whether no reply can follow. The controller may still reply if only the client has sent FIN."""
         return self.reset or self.both_ended or self.by is Direction.RESPONSE
 
 
 class Conversation:
-    """One client and one controller over one transport; compared by identity.
+    """The traffic of one client and one controller over one transport.
+
+    Conversations are compared by identity.
 
     A TCP conversation is one connection. A later connection between the same endpoints is another
     conversation.
 
     Attributes:
-        server_known_by: Why `server` counts as the server, as text for the user: "port 5007", or the
+        server_known_by: Why `server` is considered the server, as text for the user: "port 5007", or the
             evidence in the traffic.
-        connection_end: End of the TCP connection as far as seen; None while it is open, and for UDP.
+        connection_end: End of the TCP connection, as far as captured; None while the connection is open, and
+            for UDP.
     """
 
     def __init__(
@@ -81,7 +87,8 @@ class Conversation:
         self.connection_end: ConnectionEnd | None = None
 
     def record_end(self, by: Direction, reset: bool, time: int) -> None:
-        """Record that an end closed or reset the connection. The first end stays recorded."""
+        """Record that the client or the controller closed or reset the connection. The first such event stays
+        recorded."""
         if self.connection_end is None:
             self.connection_end = ConnectionEnd(by, reset, time)
         elif reset or by is not self.connection_end.by:
@@ -92,7 +99,7 @@ class Conversation:
 
 
 class Flow:
-    """One direction of a conversation, with its endpoints as ready-made text for output."""
+    """One direction of a conversation, with its endpoints and their text for output."""
 
     def __init__(self, conversation: Conversation, direction: Direction) -> None:
         ends = (conversation.client, conversation.server)
@@ -109,11 +116,12 @@ class Observation(NamedTuple):
     """A frame, or bytes that are no frame, captured at one point.
 
     Attributes:
-        number: 1 for the first item of the traffic; damaged items are numbered as well.
-        time: Time of the last byte, ns since 1970-01-01 UTC.
-        first_byte_time: Time of the first byte; differs from `time` only if a stream split the frame.
-        packet: Number of the captured packet that completed it, from 1 over all packets of the source; 0
-            without a capture.
+        number: Number of the observation in the traffic, counted from 1, including damaged items.
+        time: Capture time of the last byte, ns since 1970-01-01 UTC.
+        first_byte_time: Capture time of the first byte, ns since 1970-01-01 UTC; equal to `time` unless the
+            TCP stream split the frame.
+        packet: Number of the captured packet with the last byte, counted from 1 over all packets of the
+            source; 0 if the frame is not from a capture.
     """
 
     number: int

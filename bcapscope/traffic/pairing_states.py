@@ -1,8 +1,8 @@
-"""States of a call while its frames are captured, as a table.
+"""Table of how events change the state of a call while its frames are captured.
 
-`TRANSITIONS` lists for each state what each event leads to, and the role that the frame of the event gets.
-Which event a frame is depends on serials, bytes and times; `ConversationPairing` decides that. A pair that
-the table does not list cannot occur.
+For each state and event, `TRANSITIONS` has the next state, and the role of the event's frame in the call.
+`ConversationPairing` decides by serials, bytes and times which event a frame is. A pair of state and event
+that the table does not contain cannot occur.
 """
 
 from __future__ import annotations
@@ -14,18 +14,18 @@ from bcapscope.traffic.call import CallState, FrameRole
 
 
 class CallEvent(StrEnum):
-    """What happens to a call."""
+    """Event that can change the state of a call."""
 
     RETRY = "retry"
-    """The client sends its newest call again."""
+    """The client sends another attempt of its newest call."""
     LATER_RETRY = "later retry"
-    """The client sends the call again after it began another one."""
+    """The client sends another attempt of the call after it began another call."""
     OVERTAKEN_RETRY = "overtaken retry"
-    """A retry arrives after a newer attempt."""
+    """A retry arrives after an attempt that the client sent later."""
     FIRST_ATTEMPT = "first attempt"
-    """The first attempt arrives after a retry of it."""
+    """The first attempt arrives after a retry that the client sent later."""
     COPY = "copy"
-    """A frame of the call arrives once more."""
+    """An exact copy of an earlier frame of the call arrives."""
     NOTICE = "notice"
     """The controller sends S_EXECUTING."""
     REPLY = "reply"
@@ -33,19 +33,19 @@ class CallEvent(StrEnum):
     EARLIER_REPLY = "earlier reply"
     """The controller answers an attempt before the latest one."""
     NEXT_CALL = "next call"
-    """The client begins another call after waiting for at least the shortest timeout."""
+    """The client begins another call, after it waited for a reply for at least the shortest timeout."""
     EXPIRY = "expiry"
     """No further frame can belong to the call, or the traffic has ended."""
     EVICTION = "eviction"
-    """The call must leave memory although a reply may follow."""
+    """The call is evicted from memory, although a reply may follow."""
 
 
 class Transition(NamedTuple):
     """What an event leads to.
 
     Attributes:
-        role: Role of the frame; None for an event without a frame.
-        reply_becomes: New role of the reply that was accepted before; None if nothing changes.
+        role: Role of the event's frame in the call; None if the event has no frame.
+        reply_becomes: New role of the reply that was accepted before; None if the reply keeps its role.
     """
 
     state: CallState
@@ -69,7 +69,7 @@ TRANSITIONS: dict[tuple[CallState, CallEvent], Transition] = {
     (_WAITING, CallEvent.NEXT_CALL): Transition(_ABANDONED, None),
     (_WAITING, CallEvent.EXPIRY): Transition(CallState.UNANSWERED, None),
     (_WAITING, CallEvent.EVICTION): Transition(CallState.EVICTED, None),
-    # The client waits, and the controller has sent S_EXECUTING.
+    # The client waits for the reply, and the controller has sent S_EXECUTING.
     (_EXECUTING, CallEvent.RETRY): Transition(_EXECUTING, FrameRole.RETRY),
     (_EXECUTING, CallEvent.LATER_RETRY): Transition(_EXECUTING, FrameRole.RETRY),
     (_EXECUTING, CallEvent.OVERTAKEN_RETRY): Transition(_EXECUTING, FrameRole.RETRY),
@@ -81,7 +81,7 @@ TRANSITIONS: dict[tuple[CallState, CallEvent], Transition] = {
     (_EXECUTING, CallEvent.NEXT_CALL): Transition(_ABANDONED, None),
     (_EXECUTING, CallEvent.EXPIRY): Transition(CallState.UNANSWERED, None),
     (_EXECUTING, CallEvent.EVICTION): Transition(CallState.EVICTED, None),
-    # A client that retries an answered call did not receive the reply, unless it has begun another call.
+    # A retry of the newest call shows that the client did not receive the reply.
     (_ANSWERED, CallEvent.RETRY): Transition(_WAITING, FrameRole.RETRY, reply_becomes=FrameRole.LOST),
     (_ANSWERED, CallEvent.LATER_RETRY): Transition(_ANSWERED, FrameRole.RETRY),
     (_ANSWERED, CallEvent.OVERTAKEN_RETRY): Transition(_ANSWERED, FrameRole.RETRY),
@@ -92,7 +92,7 @@ TRANSITIONS: dict[tuple[CallState, CallEvent], Transition] = {
     (_ANSWERED, CallEvent.EARLIER_REPLY): Transition(_ANSWERED, FrameRole.LATE),
     (_ANSWERED, CallEvent.EXPIRY): Transition(CallState.SETTLED, None),
     (_ANSWERED, CallEvent.EVICTION): Transition(CallState.SETTLED, None),
-    # The client has moved on and discards what arrives.
+    # The client has begun another call, and discards all replies to this call.
     (_ABANDONED, CallEvent.LATER_RETRY): Transition(_ABANDONED, FrameRole.RETRY),
     (_ABANDONED, CallEvent.OVERTAKEN_RETRY): Transition(_ABANDONED, FrameRole.RETRY),
     (_ABANDONED, CallEvent.FIRST_ATTEMPT): Transition(_ABANDONED, FrameRole.REQUEST),
@@ -102,6 +102,6 @@ TRANSITIONS: dict[tuple[CallState, CallEvent], Transition] = {
     (_ABANDONED, CallEvent.EARLIER_REPLY): Transition(_ABANDONED, FrameRole.LATE),
     (_ABANDONED, CallEvent.EXPIRY): Transition(CallState.SETTLED, None),
     (_ABANDONED, CallEvent.EVICTION): Transition(CallState.EVICTED, None),
-    # The call was returned without a reply; when the client moves on is still recorded.
+    # The tracker has returned the call as unanswered, but still records when the client begins another call.
     (CallState.UNANSWERED, CallEvent.NEXT_CALL): Transition(CallState.SETTLED, None),
 }

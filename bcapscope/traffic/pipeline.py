@@ -1,7 +1,7 @@
-"""The pipeline: observations in, events out.
+"""The pipeline, which turns observations into events.
 
-It is the only place where observations become calls, handles and slave mode. Commands, screen, proxy, rules
-and statistics subscribe to its events.
+Only the pipeline turns observations into calls, handles and changes of slave mode. Commands, screen, proxy,
+rules and statistics subscribe to the pipeline's events.
 """
 
 from __future__ import annotations
@@ -25,50 +25,52 @@ _Result = TypeVar("_Result")
 def overriding_methods(
     objects: Iterable[_Owner], method: Callable[Concatenate[_Owner, _Parameters], _Result]
 ) -> list[Callable[_Parameters, _Result]]:
-    """Return a method of a base class as bound to each of the objects that override it."""
+    """Return the bound `method` of each object whose class overrides the base class's `method`."""
     name = method.__name__
     return [getattr(each, name) for each in objects if getattr(type(each), name) is not method]
 
 
 class PipelineSubscriber:
-    """Receives events of a pipeline. A subclass overrides the methods for the events that it needs.
+    """Receives the events of a `Pipeline`. A subclass overrides the methods for the events that it needs.
 
-    Events come in the order of the traffic: first each frame, then the calls that it completed. The pipeline
-    computes only what a subscriber needs.
+    Events come in the order of the traffic: first a frame, then the calls that the frame completed. The
+    pipeline computes only what its subscribers need.
 
     Attributes:
-        needs_targets: Whether `on_call` gets the objects of the handles; otherwise it may get None.
+        needs_targets: Whether `on_call` needs the object of each call's handle. If not, its `target` may be
+            None.
     """
 
     needs_targets: ClassVar[bool] = False
 
     def on_frame(self, observation: Observation) -> None:
-        """Receive the next frame, or the next bytes that are no frame."""
+        """Process the next frame, or the next bytes that are no frame."""
 
     def on_call(self, call: Call, target: TrackedObject | None) -> None:
-        """Receive a completed call, and the object of its handle; None if the object is unknown."""
+        """Process a completed call. `target` is the object of its handle; None if the object is unknown."""
 
     def on_set_points(self, calls: Sequence[Call]) -> None:
-        """Receive successive set points of one client that are alike, as `AlikeSetPoints` defines it.
-
-        A subscriber that does not override this method receives each of them through `on_call`.
+        """Process successive set points of one client that are alike (see `AlikeSetPoints`). A subscriber
+        that does not override this method gets these set points one by one through `on_call`.
         """
 
     def on_stray_reply(self, stray: StrayReply) -> None:
-        """Receive a reply that belongs to no call."""
+        """Process a reply that belongs to no call."""
 
     def on_slave_mode(self, change: SlaveModeChange) -> None:
-        """Receive a change of a client's slave mode, after `on_call` with the call that made it."""
+        """Process a change of a client's slave mode. `on_call` has already received the call that made the
+        change."""
 
     def on_conversation_closed(self, conversation: Conversation) -> None:
-        """Release what is kept for a conversation that has ended. All its calls came before."""
+        """Release the data of a conversation that has ended. All its calls have already been passed to
+        `on_call`."""
 
 
 class CallCollector(PipelineSubscriber):
-    """Collects completed calls in `calls`, from which a reader may remove them."""
+    """Collects completed calls in the list `calls`. A reader may remove calls from the list."""
 
     def __init__(self, is_selected: Callable[[Call], bool] | None = None) -> None:
-        """Collect the calls for which `is_selected` returns True, by default all."""
+        """Collect the calls for which `is_selected` returns True, by default all calls."""
         self.calls: list[Call] = []
         self._is_selected = is_selected
 
@@ -80,7 +82,8 @@ class CallCollector(PipelineSubscriber):
 class Pipeline:
     """Turns observations into events for its subscribers, in bounded memory.
 
-    Observations come in capture order. The only clock is their time; see `Tracker`.
+    Add observations in capture order. A pipeline uses no clock except the times of the observations (see
+    `Tracker`).
     """
 
     def __init__(
@@ -92,10 +95,10 @@ class Pipeline:
         """Create a pipeline.
 
         Args:
-            handles: Handle tracker to update, for a caller that reads it. Without one, the pipeline follows
+            handles: Handle tracker to update, for a caller that also reads it. If None, the pipeline follows
                 handles only if a subscriber needs targets.
-            slave_mode: Slave-mode tracker to update. Without one, the pipeline follows slave mode only if a
-                subscriber needs its changes.
+            slave_mode: Slave-mode tracker to update, for a caller that also reads it. If None, the pipeline
+                follows slave mode only if a subscriber overrides `on_slave_mode`.
         """
         self._tracker = Tracker()
         self._observe = self._tracker.observe
@@ -117,15 +120,15 @@ class Pipeline:
 
     @property
     def has_open_calls(self) -> bool:
-        """Whether `expire` may complete calls."""
+        """Whether there are open calls, which `expire` can complete."""
         return bool(self._tracker.open_calls)
 
     def expire(self, now: int) -> None:
-        """Complete the calls to which, at time `now` in ns, no further frame can belong."""
+        """Complete the calls to which no further frame can belong after the time `now`, ns since 1970."""
         self._emit(self._tracker.expire(now))
 
     def close_conversation(self, conversation: Conversation) -> None:
-        """Complete the open calls of a conversation that has ended, and forget it."""
+        """Complete the open calls of a conversation that has ended, and drop its data."""
         self._emit(self._tracker.close_conversation(conversation))
         for on_closed in self._closed_handlers:
             on_closed(conversation)
@@ -136,7 +139,7 @@ class Pipeline:
             self._slave_mode.close_conversation(conversation)
 
     def finish(self, ended_at: int = 0) -> None:
-        """Complete all calls, because the traffic has ended.
+        """Complete all open calls, because the traffic has ended.
 
         Args:
             ended_at: Time when the traffic ended, ns since 1970; 0 if it ended with the last observation.
@@ -185,7 +188,7 @@ class Pipeline:
         for on_set_points in self._run_handlers:
             on_set_points(calls)
         if self._single_handlers:
-            # All have the same handle, and no call between them opens or releases an object.
+            # One lookup is enough, because all set points of a run have the same handle.
             target = None if self._handles is None else self._handles.on_call(calls[0])
             for on_call in self._single_handlers:
                 for call in calls:

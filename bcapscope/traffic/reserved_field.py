@@ -1,4 +1,4 @@
-"""How client and controller use the reserved field, deduced from their frames."""
+"""Deduce from frames how a client and a controller use the reserved field."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ __all__ = ["ReplyReserved", "ReservedConvention", "ReservedFieldUsage"]
 
 
 class ReservedFieldUsage(NamedTuple):
-    """What is known so far about both ends.
+    """What is known so far about how client and controller use the reserved field.
 
     Attributes:
-        reply_reserved: Reserved field in the controller's replies.
+        reply_reserved: How the controller fills the reserved field of its replies.
     """
 
     convention: ReservedConvention = ReservedConvention.UNKNOWN
     reply_reserved: ReplyReserved = ReplyReserved.UNKNOWN
 
     def after_first_on_tcp(self, serial: int, reserved: int) -> ReservedFieldUsage:
-        """Learn from a request on TCP. With serial 1, a reserved of 1 may be a version mark or the serial
-        itself."""
+        """Return the usage after a request on TCP. With serial 1, the value 1 may be a version mark or the
+        serial itself."""
         if reserved == serial == 1:
             return self
         if reserved in (0, 1):
@@ -31,7 +31,7 @@ class ReservedFieldUsage(NamedTuple):
         )
 
     def after_first_attempt(self, reserved: int) -> ReservedFieldUsage:
-        """Learn from a first attempt on UDP, whose reserved field is 0 or its own serial."""
+        """Return the usage after a first attempt on UDP, whose reserved field is 0 or its own serial."""
         if reserved:
             return self._replace(convention=ReservedConvention.OWN)
         return (
@@ -43,12 +43,12 @@ class ReservedFieldUsage(NamedTuple):
     def after_retry(
         self, origin: int, previous: int, reserved: int, starts_with_zero: bool
     ) -> ReservedFieldUsage:
-        """Learn from a retry.
+        """Return the usage after a retry.
 
         Args:
-            origin: Serial of the first attempt, as captured or as its retries name it.
-            previous: Serial of the preceding attempt.
-            starts_with_zero: Whether a first attempt of this client with reserved 0 was captured.
+            origin: Serial of the call's first attempt, as captured or as named by a retry.
+            previous: Serial of the call's previous attempt.
+            starts_with_zero: Whether the client's latest first attempt has 0 in the reserved field.
         """
         if origin == previous or reserved not in (origin, previous):
             return self
@@ -59,7 +59,7 @@ class ReservedFieldUsage(NamedTuple):
         return self._replace(convention=ReservedConvention.SEED)
 
     def after_reply(self, request_reserved: int, reply_reserved: int) -> ReservedFieldUsage:
-        """Learn from a reply to a request whose reserved was `request_reserved`."""
+        """Return the usage after a reply to a request with the reserved field `request_reserved`."""
         if request_reserved == 0 or reply_reserved not in (0, request_reserved):
             return self
         return self._replace(reply_reserved=ReplyReserved.ECHOED if reply_reserved else ReplyReserved.ZERO)

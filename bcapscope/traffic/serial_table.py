@@ -1,23 +1,24 @@
-"""Serials of one conversation: the call that each one stands for."""
+"""Table that maps the serials of one conversation to calls."""
 
 from __future__ import annotations
 
 from bcapscope.traffic.call import Call
 
 MAX_REUSED = 16
-"""Limit of unanswered TCP requests remembered per serial, and of serials with such requests."""
+"""Maximum number of unanswered TCP requests remembered per reused serial, and maximum number of reused
+serials."""
 
 MAX_SETTLED_SERIALS = 1024
-"""Serials of settled calls: at least this many are remembered, at most twice as many."""
+"""Minimum number of serials of settled calls that are remembered; the maximum is twice this number."""
 
 
 class SerialTable:
-    """The serials of open calls, and of those that settled lately.
+    """The serials of open calls, and of calls that settled recently.
 
     Attributes:
-        open_calls: Open call by the serial of each of its attempts.
-        reused: Requests on TCP by serial that wait for a reply although a later request has the same serial,
-            oldest first; a number stands for a call that has settled.
+        open_calls: The open calls, each listed under the serials of all its attempts.
+        reused: For each reused serial on TCP, the calls that still wait for a reply although a later request
+            has this serial, oldest first. A number instead of a call is that of a settled call.
     """
 
     def __init__(self) -> None:
@@ -27,7 +28,8 @@ class SerialTable:
         self._older_settled: dict[int, int] = {}
 
     def settled_call(self, serial: int) -> int | None:
-        """Return the number of the settled call that had this serial last; None if there is none."""
+        """Return the number of the latest settled call with this serial; None if no such call is
+        remembered."""
         return self._settled.get(serial) or self._older_settled.get(serial)
 
     def release_all(self, call: Call) -> None:
@@ -37,7 +39,7 @@ class SerialTable:
             self.release(serial, call)
 
     def release(self, serial: int, call: Call) -> None:
-        """Release a serial of a call that takes no more frames."""
+        """Release one serial of a call that gets no more frames."""
         if self.open_calls.get(serial) is call:
             del self.open_calls[serial]
         settled = self._settled
@@ -49,9 +51,10 @@ class SerialTable:
             queue[:] = [call.number if waiting is call else waiting for waiting in queue]
 
     def queue_reused(self, serial: int) -> None:
-        """Queue the open request with this serial, since TCP keeps the order and its reply comes first.
+        """Queue the open call with this serial, before a new request reuses the serial.
 
-        The Python client reuses its serial after a timeout (orin_bcap Python bcapclient.py).
+        TCP keeps the order, so the reply to the queued call comes first. The Python client reuses its serial
+        after a timeout (orin_bcap Python bcapclient.py).
         """
         prior = self.open_calls.get(serial)
         if prior is None or prior.reply is not None or prior.late_replies:
@@ -63,7 +66,8 @@ class SerialTable:
             del self.reused[next(iter(self.reused))]
 
     def oldest_reused(self, serial: int, is_answered: bool) -> Call | int:
-        """Return the oldest request in the queue of a serial; drop it from the queue if it is answered."""
+        """Return the oldest call in the queue of a serial. If the call is answered, remove it from the
+        queue."""
         queue = self.reused[serial]
         oldest = queue[0]
         if is_answered:

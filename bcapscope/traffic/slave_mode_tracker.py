@@ -1,4 +1,4 @@
-"""Slave mode of each client: which calls switch it on and off, and whether it is on."""
+"""Follow the slave mode of each client: whether it is on, and which calls switch it on and off."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from bcapscope.traffic.handle_tracker import handle_of
 from bcapscope.traffic.observation import Conversation
 
 SLAVE_MODE_OFF_CODES = frozenset((E_NOT_IN_SLAVE_MODE, 0x83501033, 0x8120184E))
-"""Result codes of a set point, or of another command that needs slave mode, while slave mode is off."""
+"""Result codes with which a controller refuses a command that needs slave mode, because slave mode is off."""
 
 _ROBOT_EXECUTE, _ROBOT_RELEASE = ID["Robot_Execute"], ID["Robot_Release"]
 _SESSION_BOUNDARIES = frozenset(
@@ -32,26 +32,26 @@ _PARAMETER = 2
 
 
 class SlaveModeEffect(Enum):
-    """What a call shows about slave mode, or does to it."""
+    """What a call shows about slave mode, or how it changes slave mode."""
 
     SET_POINT = "set point"
-    """A set point that was accepted, or to which no reply was captured."""
+    """The call is a set point that was accepted, found the buffer full, or has no captured reply."""
     SET_POINT_FAILED = "set point failed"
-    """A set point that the controller refused with an error."""
+    """The call is a set point that the controller refused with another error."""
     FOUND_OFF = "found off"
-    """A set point that the controller refused because slave mode is off."""
+    """The call is a set point that the controller refused because slave mode is off."""
     MODE_CHANGED = "mode changed"
-    """slvChangeMode, not refused."""
+    """The call is a slvChangeMode that the controller did not refuse."""
     SESSION_BOUNDARY = "session boundary"
-    """The client began or ended its session; the call was not refused."""
+    """The client began or ended its session with this call, which was not refused."""
     ROBOT_RELEASED = "robot released"
-    """The client released a robot; the call was not refused."""
+    """The client released a robot with this call, which was not refused."""
     ERROR = "error"
-    """Another call that failed with an error that switches slave mode off."""
+    """Another call failed with an error that switches slave mode off."""
 
 
 def slave_mode_effect(call: Call) -> SlaveModeEffect | None:
-    """Return what a call means for slave mode; None for nearly all other calls."""
+    """Return what a call shows about slave mode; None if the call has nothing to do with slave mode."""
     function_id, command = call.kind
     code = call.hresult
     refused = code is not None and is_failure(code)
@@ -78,13 +78,13 @@ def is_set_point(call_kind: CallKind) -> bool:
 
 
 def execute_parameter(request: Frame) -> Variant | None:
-    """Return vntParam of an ..._Execute request; None if it is missing."""
+    """Return the argument vntParam of an ..._Execute request; None if this argument is missing."""
     arguments = request.arguments
     return arguments[_PARAMETER].variant if len(arguments) > _PARAMETER else None
 
 
 def requested_mode(call: Call) -> int | None:
-    """Return the mode that slvChangeMode requests; None for other calls and for an unreadable mode."""
+    """Return the mode that a slvChangeMode call requests; None for other calls and for an unreadable mode."""
     if call.kind.folded_command != "slvchangemode":
         return None
     parameter = execute_parameter(call.request.item)
@@ -93,11 +93,11 @@ def requested_mode(call: Call) -> int | None:
 
 @dataclass(frozen=True, slots=True)
 class SlaveModeChange:
-    """A call that changed, or set again, the slave mode of its client.
+    """A change of a client's slave mode, and the call that made the change.
 
     Attributes:
-        effect: How the call changed it.
-        mode: Value of the slave mode from now on, 0 for off; None if unreadable.
+        effect: How the call changed slave mode.
+        mode: Number of the slave mode after the call, 0 for off; None if unreadable.
     """
 
     call: Call
@@ -106,11 +106,11 @@ class SlaveModeChange:
 
 
 class OpenSlaveMode(NamedTuple):
-    """Slave mode of one client, as far as its calls show it.
+    """Slave mode of one client, as far as its calls show.
 
     Attributes:
-        mode: Value of the slave mode, 0 for off; None if unknown.
-        robots: Handles of the robots for which the client entered slave mode and did not leave it.
+        mode: Number of the slave mode, 0 for off; None if unknown.
+        robots: Handles of the robots that the client has put into slave mode and not taken out of it.
     """
 
     mode: int | None = None
@@ -119,13 +119,13 @@ class OpenSlaveMode(NamedTuple):
 
 
 class SlaveModeTracker:
-    """Follows the slave mode of all clients in their completed calls."""
+    """Follows the slave mode of all clients by their completed calls."""
 
     def __init__(self) -> None:
         self._clients: dict[Conversation, OpenSlaveMode] = {}
 
     def on_call(self, call: Call) -> SlaveModeChange | None:
-        """Record the next call; return the change that it makes, or None."""
+        """Process the next call; return the change of slave mode that the call makes, or None."""
         effect = slave_mode_effect(call)
         if effect is None:
             return None
@@ -149,13 +149,13 @@ class SlaveModeTracker:
         return self._clients.get(conversation, _NOTHING_KNOWN)
 
     def clients_in_slave_mode(self) -> Iterator[Conversation]:
-        """Yield the clients that entered slave mode and whose set points are accepted."""
+        """Yield the conversations of the clients in slave mode, unless their latest set point was refused."""
         for conversation, known in self._clients.items():
             if known.robots and not known.set_points_refused:
                 yield conversation
 
     def close_conversation(self, conversation: Conversation) -> OpenSlaveMode:
-        """Forget a client that has disconnected; return the slave mode that it left behind."""
+        """Drop a client that has disconnected, and return the slave mode that the client left on."""
         return self._clients.pop(conversation, _NOTHING_KNOWN)
 
     def _keep(self, conversation: Conversation, known: OpenSlaveMode) -> None:
@@ -169,7 +169,7 @@ _NOTHING_KNOWN = OpenSlaveMode()
 
 
 def _updated(known: OpenSlaveMode, effect: SlaveModeEffect, call: Call) -> OpenSlaveMode | None:
-    """Return the slave mode after an answered call; None if the call does not concern the mode."""
+    """Return the slave mode after an answered call; None if the call does not change it."""
     handle = handle_of(call.request.item)
     others = tuple(robot for robot in known.robots if robot != handle)
     if effect is SlaveModeEffect.MODE_CHANGED:

@@ -1,4 +1,4 @@
-"""Pairing of all conversations: turns observations into calls."""
+"""Pair the frames of all conversations into calls."""
 
 from __future__ import annotations
 
@@ -13,16 +13,19 @@ from bcapscope.traffic.conversation_pairing import ConversationPairing
 from bcapscope.traffic.observation import Conversation, Direction, Observation
 
 MAX_OPEN = 8192
-"""Limit of open calls in all conversations, about 10 MB. Beyond it, the conversation with the most open calls
-evicts the older half of them. If four clients send a set point every 2 ms and get no reply, the evicted calls
-are older than a second. A reply would be late by then, so these calls count as unanswered."""
+"""Maximum number of open calls in all conversations, about 10 MB. Beyond the limit, the older half of the
+open calls is evicted from the conversation with the most open calls. Four clients that send a set point every
+2 ms without a reply reach the limit. The evicted calls are then older than a second and are considered
+unanswered, because a reply would be late."""
 
 MAX_BYTES = 32 * 1024 * 1024
-"""Limit of the bytes of all frames of open calls, with overhead. Beyond it, the conversation that holds most
-evicts the older half of its calls. The limit fits one call whose request and reply have the largest size."""
+"""Maximum size in bytes of all frames of open calls, with overhead. Beyond the limit, the older half of the
+open calls is evicted from the conversation with the largest calls. One call with the largest possible request
+and reply stays within this limit."""
 
 SWEEP_NS = 50_000_000
-"""Capture time between two searches for settled calls, ns: too short for people to notice."""
+"""Time in ns between two searches for settled calls, by the times of the observations: too short to
+notice."""
 
 _REQUEST = Direction.REQUEST
 
@@ -31,15 +34,15 @@ class Tracker:
     """Pairs requests, retries, notices and replies of live or recorded traffic in bounded memory.
 
     The tracker numbers calls in starting order, and returns the calls of a conversation in that order. It
-    returns a call as soon as no further frame can belong to it or to an earlier one. Conversations do not
-    wait for each other.
+    returns a call as soon as no further frame can belong to this call or an earlier call of the conversation.
+    Conversations do not wait for each other.
 
-    The result depends only on the observations so far. A truncated capture gives the same calls as the whole
-    one, except those still open at its end. Beyond the memory limits, the tracker evicts calls: it returns
-    them as not followed any further. This does not say whether they were answered.
+    The calls depend only on the observations so far. A truncated capture gives the same calls as the whole
+    capture, except for calls that are open at its end. Beyond the memory limits, the tracker evicts calls: it
+    returns calls although a reply may follow.
 
-    The only clock is the time of the observations. They come in capture order, and in time order as far as
-    the capture keeps it.
+    The tracker uses no clock except the times of the observations. Observations are added in capture order,
+    and their times normally increase.
     """
 
     def __init__(self) -> None:
@@ -50,19 +53,19 @@ class Tracker:
         self._kinds = CallKinds()
         self._calls_started = 0
         self._calls_settled = 0
-        self._latest_evicted = 0  # the latest call that may have been evicted with its conversation
+        self._latest_evicted = 0  # number of the latest call that may have been evicted with its conversation
         self._results: list[PairingResult] = []
         self._swept_at = 0
         self._next_sweep_at = 0
 
     @property
     def open_calls(self) -> list[Call]:
-        """Calls that have not settled, in starting order."""
+        """Open calls of all conversations, in starting order."""
         waiting = (call for pairing in self._pairings.values() for call in pairing.open_calls)
         return sorted(waiting, key=attrgetter("number"))
 
     def observe(self, observation: Observation) -> Sequence[PairingResult]:
-        """Add the next observation; return the calls that settled, and the observation if it is a stray.
+        """Add the next observation; return the calls that are now complete, and the stray reply, if any.
 
         Bytes that are no frame belong to no call.
         """
@@ -86,12 +89,12 @@ class Tracker:
         return self._pop_results() if self._results else ()
 
     def expire(self, now: int) -> Sequence[PairingResult]:
-        """Return the calls that have settled by the time `now`, ns, without a new observation."""
+        """Return the calls that are complete at the time `now` (ns since 1970) without a new observation."""
         self._settle_expired(now)
         return self._pop_results()
 
     def close_conversation(self, conversation: Conversation) -> Sequence[PairingResult]:
-        """Return the open calls of a conversation that has ended, and forget it."""
+        """Return the open calls of a conversation that has ended, and drop its data."""
         pairing = self._pairings.pop(conversation, None)
         if conversation is self._current_conversation:
             self._current_conversation = None

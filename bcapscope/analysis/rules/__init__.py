@@ -1,4 +1,5 @@
-"""Rules of `diagnose`: each checker looks for some of them."""
+"""The rules of `diagnose`. Each module of this package defines some rules and the checker that applies
+these."""
 
 from __future__ import annotations
 
@@ -36,7 +37,7 @@ CHECKERS: tuple[type[RuleChecker], ...] = (
     PollingChecker,
     MotionChecker,
 )
-"""All checkers, in the order in which they see a call."""
+"""All checkers, in the order in which a call is passed to them."""
 
 RULES: tuple[DiagnosisRule, ...] = tuple(
     dict.fromkeys(rule for checker in CHECKERS for rule in checker.rules)

@@ -31,14 +31,14 @@ CONTROLLER_HUNG_UP = DiagnosisRule(
 
 
 class ConnectionChecker(RuleChecker):
-    """Checks which end closed a connection."""
+    """Checks whether the client or the controller closed a connection."""
 
     rules = (CONTROLLER_HUNG_UP,)
     by_client: dict[Conversation, bool]
 
     def on_conversation_closed(self, conversation: Conversation) -> None:
         client = self.clients.find(conversation)
-        if client is not None:  # the client stays registered for a while, but its connection is closed
+        if client is not None:  # The registry keeps a client for a while after its connection was closed.
             self.by_client[conversation] = True
             for occurrence in _closing_occurrences(client):
                 self.report_occurrence(occurrence)

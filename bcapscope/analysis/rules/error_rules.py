@@ -1,4 +1,4 @@
-"""Rules about controller errors: not cleared, cleared unread, and all errors without a rule of their own."""
+"""Rules about controller errors: not cleared, cleared without being read, and without a rule of their own."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ _TIMEOUT_CODES = (E_TIMEOUT, 0x8150012D, 0x81500151, 0x82201F92, 0x82201694, 0x8
 
 
 class _CallsAfterError:
-    """Calls that a client made after an error that it has not cleared."""
+    """The calls that a client made after a controller error, without clearing the error."""
 
     def __init__(self, failure: Call) -> None:
         self.error_call = failure
@@ -82,7 +82,7 @@ class _CallsAfterError:
 
 
 class ErrorChecker(RuleChecker):
-    """Checks what a client does after an error."""
+    """Checks what a client does after the controller reported an error."""
 
     rules = (WENT_ON_AFTER_ERROR, CLEARED_UNREAD)
     by_client: dict[Conversation, _CallsAfterError]
@@ -154,7 +154,8 @@ def _went_on(failure: Call, count: int, first: Call) -> Occurrence:
 
 
 def _only_stops(call: Call) -> bool:
-    """Return whether a call only stops or releases something, which is right after an error."""
+    """Return whether a call only stops a motion or releases an object, which a client may do after an
+    error."""
     return always_passes(call.kind.function_id, [each.variant for each in call.request.item.arguments])
 
 

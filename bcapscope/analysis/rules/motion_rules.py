@@ -1,4 +1,4 @@
-"""Rule about calls that change a motion while it runs."""
+"""Rule about calls that change the speed of the robot while it moves."""
 
 from __future__ import annotations
 
@@ -32,14 +32,15 @@ SPEED_CHANGED_IN_MOTION = DiagnosisRule(
 )
 
 _REMEMBERED = 32
-"""Motions and speed changes of all controllers that are kept, the latest of each. Calls of different clients
-arrive in the order in which they settle, so either may arrive first."""
+"""Maximum number of motions, and also of speed changes, that are remembered: the latest of all controllers.
+The checker may receive a motion before or after the speed change, because the clients' calls settle
+independently."""
 
 _SPEED_VARIABLES = frozenset(("@extaccel", "@extdecel", "@extspeed"))
 
 
 class _TimedCall(NamedTuple):
-    """A motion or a speed change, or all set points of a slave-mode session as one motion."""
+    """A motion or a speed change. All set points of a slave-mode session together are one motion."""
 
     conversation: Conversation
     began: int
@@ -49,7 +50,7 @@ class _TimedCall(NamedTuple):
 
 
 class MotionChecker(RuleChecker):
-    """Checks whether the external speed changed while the robot of the same controller moved."""
+    """Checks whether a client changed a controller's external speed while the robot moved."""
 
     rules = (SPEED_CHANGED_IN_MOTION,)
 
@@ -92,7 +93,7 @@ class MotionChecker(RuleChecker):
 
 
 def _occurrences(motion: _TimedCall, change: _TimedCall) -> Iterator[Occurrence]:
-    """Yield an occurrence if the speed of this controller changed during the motion."""
+    """Yield an occurrence if the speed change took effect on the same controller during the motion."""
     is_same_controller = motion.conversation.server.host == change.conversation.server.host
     if is_same_controller and motion.began < change.ended < motion.ended:
         yield Occurrence(

@@ -1,4 +1,4 @@
-"""Rules about handles: wrong use, and handles that are never released."""
+"""Rules about handles that are used wrongly or never released."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ _MAX_NAMES = 4096
 
 
 class _HandleTally:
-    """Number of open handles of one object, now and at most, and the call that made them a leak."""
+    """Present and highest number of open handles of one object, and the call that exceeded the limit."""
 
     def __init__(self) -> None:
         self.open = self.most = 0
@@ -46,7 +46,7 @@ class _HandleTally:
 
 
 class ObjectChecker(RuleChecker):
-    """Counts objects that are opened and not released."""
+    """Counts the handles that a client opened for each object and has not released."""
 
     rules = (HANDLE_LEAK,)
 
@@ -93,7 +93,7 @@ class ObjectChecker(RuleChecker):
             self.report_occurrence(_leak(tally.leak_call, kind, name, tally.most, is_update))
 
     def _least_relevant(self) -> tuple[Conversation, ObjectClass, str]:
-        """Return the first object with at most one open handle, or else the first object."""
+        """Return the oldest counted object with at most one open handle, or else the oldest one."""
         single = (key for key, tally in self._tallies.items() if tally.open <= 1)
         return next(single, next(iter(self._tallies)))
 
@@ -124,7 +124,7 @@ def _leak(call: Call, kind: ObjectClass, name: str, handles: int, is_update: boo
 
 
 def _may_be_released(call: Call) -> bool:
-    """Return whether a release was answered, or may have been."""
+    """Return whether the controller answered, or may have answered, a call that releases an object."""
     return call.reply is not None or call.evicted
 
 

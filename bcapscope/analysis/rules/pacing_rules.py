@@ -1,4 +1,4 @@
-"""Rules about set points that come too late, too fast, or out of step with the controller's 8 ms."""
+"""Rules about set points that arrive too late, too fast, or out of step with the controller's 8 ms cycle."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ _MAX_REPORTED = 64
 
 
 class PacingChecker(RuleChecker):
-    """Checks the timing of set points."""
+    """Checks the times at which set points are sent and answered."""
 
     rules = (SET_POINT_GAP, UNDERFLOW, OVERFLOW, OFF_GRID, REPLIES_DO_NOT_PACE)
 
@@ -85,9 +85,8 @@ class PacingChecker(RuleChecker):
         return health is CallHealth.REFUSED
 
     def on_call(self, call: Call, client: ClientState) -> None:
-        """Look for the pause that explains an empty buffer.
-
-        `session_occurrences` comes later and knows less about it.
+        """Find the pause that explains why the controller reported an empty buffer. Find the pause here,
+        because `session_occurrences` has no details of the set points around the pause.
         """
         pair = _longest_pause(call, client) if call.hresult in _EMPTY_CODES else None
         if pair is None:
@@ -174,13 +173,14 @@ def _off_grid(rule: DiagnosisRule, session: SlaveSession, mean: float, **skipped
 
 
 def _buffer_slack_ns(client: ClientState) -> int:
-    """Return how long the controller's buffer lasts, in ns; for an unknown mode, assume `DEFAULT_SLOTS`."""
+    """Return how long a full buffer bridges a pause, in ns. An unknown mode has `DEFAULT_SLOTS` slots."""
     mode = client.slave_mode if client.mode_entered_by else None
     return round(slack_ms(DEFAULT_SLOTS if mode is None else mode.buffer_slots) * MS)
 
 
 def _longest_pause(call: Call, client: ClientState) -> tuple[Call, Call] | None:
-    """Return the set points on both sides of the longest recent pause; None if the buffer bridges it."""
+    """Return the set points before and after the longest recent pause; None if the buffer bridges the
+    pause."""
     points = (
         [*client.recent_set_points, call]
         if call.kind.folded_command == "slvmove"

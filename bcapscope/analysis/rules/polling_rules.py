@@ -1,4 +1,4 @@
-"""Rule about reading values one by one, which takes up much of the line time."""
+"""Rule about clients that read values one by one, and so spend much of their time waiting for replies."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class _VariableReads:
 
 
 class PollingChecker(RuleChecker):
-    """Counts the calls that read a single value."""
+    """Counts the calls that read a single value, and the time that they take."""
 
     rules = (POLLING,)
     by_client: dict[Conversation, _VariableReads]

@@ -1,4 +1,4 @@
-"""Rules about what must happen before the robot moves: program, standstill, arm, motor, mode, permission."""
+"""Rules about preparing a motion: running program, standstill, arm, motor, slave mode, permission to move."""
 
 from __future__ import annotations
 
@@ -91,7 +91,8 @@ _TOKEN_CODES = (*range(0x83501026, 0x8350102A), 0x80501043, 0x80501044, 0x2287, 
 _LICENCE_CODES = (0x80000901, 0x8000020C, 0x83500009, 0x83500126)
 _RESET_CODES = (0x83500372, 0x81501069, 0x81501070)
 _SWITCHES_OFF = 4
-"""Errors of this level stop all axes and switch the motor off; the list does not say so for lower levels."""
+"""Lowest error level at which the public list says that the controller stops all axes and switches the motor
+off."""
 _MOTOR_CODES = (0x81501003, 0x2006, 0x80002006)
 _ARM_CODES = (E_ARM_NOT_TAKEN, 0x21F7, 0x800021F7)
 
@@ -100,7 +101,7 @@ _JUST_BEFORE_NS = 5 * SECOND
 
 
 class PreparationChecker(RuleChecker):
-    """Checks what happens before slave mode and before the first motion."""
+    """Checks the calls that prepare slave mode and the first motion."""
 
     rules = (NO_AT_E, TYPE_NOT_CHECKED)
 
@@ -144,7 +145,7 @@ class PreparationChecker(RuleChecker):
     def _check_type_read(self, call: Call, client: ClientState) -> None:
         if client.type_was_read or client.last_motion is not None or not client.session_start_seen:
             return
-        client.type_was_read = True  # report it only once per client
+        client.type_was_read = True  # report this finding only once for each client
         self.report_call(
             TYPE_NOT_CHECKED,
             call,
@@ -171,7 +172,7 @@ def _requests_mode(call: Call) -> bool:
 
 
 def _pass_of(motion: Call) -> str:
-    """Return the pass option of a motion as requested, such as `@P` or `@0`; empty without one."""
+    """Return the pass option of a motion as requested, such as `@P` or `@0`; "" if the request has none."""
     for index in (2, 3):
         found = _pass_in(argument(motion, index))
         if found:

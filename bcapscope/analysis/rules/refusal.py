@@ -1,4 +1,4 @@
-"""Refused calls: each is assigned to one rule."""
+"""Types that describe why a controller refused a call."""
 
 from __future__ import annotations
 
@@ -12,12 +12,14 @@ from bcapscope.traffic.call import Call
 
 
 class RefusalReason(NamedTuple):
-    """What is known about the reason of a refusal.
+    """What the traffic shows about the reason for a refusal.
 
     Attributes:
-        text: What explains it, for the place `reason` of the usual sentence; None for nothing.
-        fact: The whole sentence, if the usual one does not fit.
-        clause: The clause for a consequence, if the usual one does not fit.
+        text: Clause that explains the refusal, as `reason` in the sentence `finding.refused.because`; None if
+            no reason is known.
+        fact: Sentence that replaces `finding.refused` and `finding.refused.because`; None to use these.
+        clause: Clause that replaces `clause.refused` when the refusal is a consequence; None to use that
+            clause.
     """
 
     text: Message | None = None
@@ -30,17 +32,17 @@ class RefusalReason(NamedTuple):
 
 
 NO_REASON = RefusalReason()
-"""Only the result code is known."""
+"""The reason is unknown: only the result code was captured."""
 
 ExplainRefusal: TypeAlias = Callable[[Call, ClientState], "RefusalReason | None"]
 
 
 class Refusal(NamedTuple):
-    """One kind of refusal.
+    """One kind of refusal, and the rule that reports it.
 
     Attributes:
-        codes: Result codes that it covers; empty for any.
-        explain: Returns the reason; None if this refusal does not apply to the call.
+        codes: Result codes to which this kind of refusal applies; empty for all codes.
+        explain: Returns the reason for a refused call; None if the call is not of this kind of refusal.
     """
 
     rule: DiagnosisRule

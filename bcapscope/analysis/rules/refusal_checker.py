@@ -1,4 +1,4 @@
-"""Assign each refused call to the first rule that fits."""
+"""Report each refused call under the first rule that applies to it."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ REFUSALS: tuple[Refusal, ...] = (
     *request_rules.REFUSALS,
     *error_rules.REFUSALS,
 )
-"""All kinds of refusal, specific ones before general ones; the last one fits any."""
+"""All kinds of refusal, specific kinds before general kinds. The last kind applies to every refused call."""
 
 
 class RefusalChecker(RuleChecker):

@@ -97,7 +97,7 @@ _MAX_REQUESTING = 65536
 
 
 class ReplyChecker(RuleChecker):
-    """Checks calls that did not go smoothly by the times of their replies."""
+    """Checks the replies to calls that were retried, not answered or answered late."""
 
     rules = (
         LATE_REPLY,
@@ -154,7 +154,7 @@ class ReplyChecker(RuleChecker):
                 ),
             )
         elif conversation not in self._requesting:
-            return  # the capture began after the request
+            return  # the capture began after the request for this reply
         else:
             rule, fact = (
                 REPLY_TO_NOTHING,
@@ -208,7 +208,7 @@ class ReplyChecker(RuleChecker):
         closing = call.conversation.connection_end
         by_client = closing is not None and closing.by is Direction.REQUEST and not continued_after
         if by_client and call.kind.function_id == ID["Service_Stop"]:
-            return  # the client does not wait for this reply
+            return  # a client that closes the connection after Service_Stop does not wait for the reply
         sent = {**call_places(call), "times": Times(len(call.attempts))}
         if by_client and closing is not None:
             after = Duration(closing.time - call.request.time)
@@ -291,10 +291,11 @@ def _controller_silent(first: Call, last: Call, calls: int, ended_at: int) -> Oc
 
 
 def _waited_for_room(call: Call, client: ClientState) -> bool:
-    """Return whether the controller delayed the reply to a set point until its buffer had room.
+    """Return whether a reply was late because the controller waited until its buffer had room.
 
     The controller delays replies only in modes that pace the client. DENSO recommends a time-out of 2 ms for
-    these modes, so the client retries in the meantime. A lost packet among these attempts does no harm.
+    these modes, so the client retries in the meantime. The set point still arrives if one of its attempts is
+    lost.
     """
     mode, latency = client.slave_mode, call.latency
     if mode is None or not mode.paces_client or latency is None:
@@ -303,7 +304,7 @@ def _waited_for_room(call: Call, client: ClientState) -> bool:
 
 
 class _AttemptIndex:
-    """Finds attempts of a call by serial and time; a call may have thousands of attempts and replies."""
+    """Finds attempts of a call by serial and time, fast even for thousands of attempts and replies."""
 
     def __init__(self, call: Call) -> None:
         self._call = call
@@ -313,12 +314,13 @@ class _AttemptIndex:
             self._by_serial.setdefault(each.item.serial, []).append(each)
 
     def answered_by(self, reply: FrameObservation) -> FrameObservation:
-        """Return the latest attempt that a reply can answer."""
+        """Return the latest attempt that a reply can answer: one with the same serial, sent before the
+        reply."""
         sent = [each for each in self._by_serial.get(reply.item.serial, ()) if each.time <= reply.time]
         return sent[-1] if sent else self._call.request
 
     def given_up_at(self, reply: FrameObservation) -> int:
-        """Return when the client gave up the attempt that `reply` answers, ns since 1970; 0 if it did not."""
+        """Return when the client gave up the attempt that `reply` answers, ns since 1970; 0 if never."""
         sent_at, abandoned_at = self.answered_by(reply).time, self._call.abandoned_at
         after = bisect_right(self._times, sent_at)
         if after < len(self._times) and self._times[after] <= reply.time:

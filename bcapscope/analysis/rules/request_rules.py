@@ -62,7 +62,7 @@ _R4S, _R8S = ARRAY | VT.R4, ARRAY | VT.R8
 
 
 class RequestChecker(RuleChecker):
-    """Checks each mode, and the first set point of each slave-mode session."""
+    """Checks each requested slave mode, and the first set point of each slave-mode session."""
 
     rules = (UNUSUAL_ARGUMENT,)
     by_client: dict[Conversation, bool]
@@ -167,7 +167,7 @@ def _explain_argument(call: Call, client: ClientState) -> RefusalReason | None:
 
 
 def _argument_mismatch(call: Call) -> Message | None:
-    """Return the first mismatch in number or type of the arguments; None if they all fit."""
+    """Return a message about the wrong number or first wrong type of the arguments; None if all fit."""
     function, arguments = FUNCTIONS.get(call.kind.function_id), call.request.item.arguments
     if function is None:
         return Message("reason.no-function", function=call.kind.function_id)

@@ -1,4 +1,4 @@
-"""Rules about improper retries, and about serials that can be confused."""
+"""Rules about improper retries, and about serials that controller or client can mistake for one another."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ MIXED_CONVENTIONS = DiagnosisRule(
 
 
 class RetryChecker(RuleChecker):
-    """Checks how the attempts of a call follow each other."""
+    """Checks the times and serials of the attempts of a call."""
 
     rules = (
         RETRY_IN_ASYNC,
@@ -206,7 +206,7 @@ def _is_same_request(one: Call, other: Call) -> bool:
 
 
 def _may_hold_position(client: ClientState) -> bool:
-    """Return whether the last call is a set point that the next may repeat because the robot stands still."""
+    """Return whether the client may be sending the same set point repeatedly to hold its position."""
     last = client.last_call
     if last.kind.folded_command != "slvmove":
         return False
@@ -215,5 +215,5 @@ def _may_hold_position(client: ClientState) -> bool:
 
 
 def _answered_before(before: Call, call: Call) -> bool:
-    """Return whether a call was answered before another was sent, or may have been."""
+    """Return whether call `before` was answered, or may have been answered, before `call` was sent."""
     return before.evicted or (before.reply is not None and before.reply.time <= call.request.time)

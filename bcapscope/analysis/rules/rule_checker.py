@@ -1,4 +1,4 @@
-"""Definition of a rule, of its occurrences, and the base class of the checkers."""
+"""The definitions of a rule and of its occurrences, and the base class of all checkers."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ SECOND = 1_000_000_000
 MS = 1_000_000
 
 SAME_CALL = 0
-"""Value of `cause_within_ns` for a rule whose cause is in the same call."""
+"""Value of `cause_within_ns` for a rule whose cause can only be in the same call."""
 
 
 @dataclass(frozen=True, slots=True)
 class DiagnosisRule:
-    """A check that `diagnose` makes, as data.
+    """The constant data of a rule of `diagnose`. A `RuleChecker` applies the rule.
 
     Attributes:
-        id: Short name, used in JSON.
-        possible_causes: Ids of the rules that can be its cause.
-        cause_within_ns: How far back a cause is looked for, ns.
+        id: Short name of the rule, as in JSON.
+        possible_causes: Ids of the rules whose findings can be the cause of this rule's findings.
+        cause_within_ns: Maximum time in ns between the end of a cause and the start of the occurrence.
     """
 
     id: str
@@ -49,22 +49,22 @@ class DiagnosisRule:
 
 @dataclass(slots=True, eq=False)
 class Occurrence:
-    """One instance of a problem that a rule found.
+    """One instance of a problem, as a rule reports it.
 
     Attributes:
-        began: Start, ns since 1970; a cause starts no later than its consequence ends.
-        completed: End, ns since 1970; delays of consequences count from here.
-        frames: Numbers of the frames that prove it.
-        fact: What happened: `finding.<rule>`, or `finding.<rule>.<case>`, a whole sentence.
-        clause: The same as a consequence: `clause.<rule>`, a sentence without capital and full stop; None
-            if it is never named as one.
-        call: Number of the call concerned; 0 for none.
-        explaining_calls: Numbers of calls that explain it, if something is wrong with them.
-        group_key: Occurrences of a rule with different keys become different findings.
-        advice: What to do in this case; None for the advice of the rule.
-        count: Number of times it stands for, if they are not listed one by one.
-        is_update: True if it replaces the earlier occurrence of the same rule and call.
-        selected: True to report it for itself; False to report it only as a cause of another one.
+        began: Time when the problem began, ns since 1970.
+        completed: Time when the problem ended, ns since 1970; delays of consequences count from this time.
+        frames: Numbers of the frames that prove the problem.
+        fact: Sentence that says what happened: the message `finding.<rule>` or `finding.<rule>.<case>`.
+        clause: Message `clause.<rule>`, which names the problem as a consequence in another finding's
+            sentence; None if no sentence names it.
+        call: Number of the call that has the problem; 0 if the problem concerns no call.
+        explaining_calls: Numbers of other calls; a problem in one of these calls is the likeliest cause.
+        group_key: Occurrences of one rule with different group keys become different findings.
+        advice: What the reader can do in this case; None for the usual advice of the rule.
+        count: Number of occurrences that this object represents; 1 if each is reported on its own.
+        is_update: True if this occurrence replaces the earlier one of the same rule and call.
+        selected: True if the occurrence concerns selected calls; False to report it only as a cause.
     """
 
     rule: DiagnosisRule
@@ -84,12 +84,12 @@ class Occurrence:
 
 
 class ClientEnd(NamedTuple):
-    """A client that makes no more calls.
+    """The end of a client's traffic: the capture ended, or the client was dropped from memory.
 
     Attributes:
         ended_at: Time when the traffic ended, ns since 1970, or time when the client was dropped from memory.
-        known_present: The client is known to be still there, even if it is silent.
-        silent_session: Latest slave-mode session that ended because the client sent no more set points.
+        known_present: Whether the client is known to be still connected, even if it is silent.
+        silent_session: Latest slave-mode session that ended because the client stopped sending set points.
     """
 
     client: ClientState
@@ -102,27 +102,28 @@ OccurrenceSink: TypeAlias = Callable[[Occurrence], None]
 
 
 class CallHealth(Enum):
-    """How a call went; checkers use it to choose the calls that they check."""
+    """Whether a call had problems. Checkers choose the calls that they check by their health."""
 
     SMOOTH = "smooth"
     """One request, one reply, success."""
     REFUSED = "refused"
     """The reply reports a failure."""
     TROUBLED = "troubled"
-    """No failure, but retries, no reply, or more frames than one request and one reply."""
+    """No failure was reported, but the call has no reply, or more frames than one request and one reply."""
 
 
 class RuleChecker:
-    """Checks one rule, or a few that need the same data, in one pass and in bounded memory.
+    """Checks one rule, or a few rules that need the same data, in one pass and in bounded memory.
 
-    A subclass overrides the methods for the events that it needs. Methods that return occurrences change
-    nothing: they are also called for a snapshot, after which the traffic goes on.
+    A subclass overrides the methods for the events that it needs. Methods that return occurrences do not
+    change the checker, because they are also called in the middle of live traffic.
 
     Attributes:
-        needs_every_set_point: Whether `on_call` gets every accepted set point (slvMove), maybe millions.
-            Otherwise it gets the first of each run of set points that are alike (see `AlikeSetPoints`), and
-            all that differ or went wrong. `client` is the state before the first set point of the run.
-        by_client: What it keeps for each client, until the client is dropped from memory.
+        needs_every_set_point: Whether `on_call` gets every accepted set point (slvMove), perhaps millions. If
+            False, `on_call` gets only the first set point of each run of alike set points (see
+            `AlikeSetPoints`). During a run, the argument `client` of `on_call` is the state before the first
+            set point of the run.
+        by_client: Data of the checker for each client, until the client is dropped from memory.
     """
 
     rules: ClassVar[tuple[DiagnosisRule, ...]]
@@ -147,9 +148,10 @@ class RuleChecker:
         group_key: str = "",
         advice: Message | None = None,
     ) -> None:
-        """Report a problem of a call, by default of the whole time from its request to its last frame.
+        """Report a problem of a call. By default, the problem lasts from the request to the last frame.
 
-        `evidence_call` is another call whose frames prove it; for the other arguments see `Occurrence`.
+        The frames of `evidence_call` and of the call prove the problem. `Occurrence` explains the other
+        arguments.
         """
         self.report_occurrence(
             Occurrence(
@@ -168,37 +170,36 @@ class RuleChecker:
         )
 
     def wants_call(self, call_kind: CallKind, health: CallHealth) -> bool:
-        """Return whether `on_call` needs calls of this kind and health. The result is cached.
-
-        Set points that are alike are not asked about; see `needs_every_set_point`.
+        """Return whether `on_call` needs calls of this kind and health. The caller caches the result. For
+        alike set points, `needs_every_set_point` decides instead.
         """
         return health is not CallHealth.SMOOTH
 
     def on_call(self, call: Call, client: ClientState) -> None:
-        """Check a completed call; `client` holds the state before this call."""
+        """Check a completed call. `client` is the state of its client before the call."""
 
     def on_suspect_frame(self, observation: Observation | FrameObservation) -> None:
-        """Check bytes that are no frame, a frame with problems, or a large frame."""
+        """Check a large frame, a frame with problems, or bytes that are no frame."""
 
     def on_new_flow(self, observation: Observation) -> None:
-        """Check the first frame of a flow, or the first bytes that are no frame."""
+        """Check the first observation of a flow: a frame, or bytes that are no frame."""
 
     def on_stray_reply(self, stray: StrayReply) -> None:
         """Check a reply that belongs to no call."""
 
     def session_occurrences(self, session: SlaveSession) -> Iterable[Occurrence]:
-        """Return what is wrong with a slave-mode session that has ended."""
+        """Return the problems of a slave-mode session that has ended."""
         return ()
 
     def on_conversation_closed(self, conversation: Conversation) -> None:
-        """Release what is kept for a closed conversation; it may have had no calls."""
+        """Release the data of a closed conversation. The conversation may have had no calls."""
 
     def end_occurrences(self, end: ClientEnd) -> Iterable[Occurrence]:
-        """Return what is wrong with a client that makes no more calls."""
+        """Return the problems that only show at the end of a client's traffic."""
         return ()
 
     def drop_client(self, client: ClientState) -> None:
-        """Release what is kept for a client that is dropped from memory."""
+        """Release the data of a client that is dropped from memory."""
         self.by_client.pop(client.conversation, None)
 
 
@@ -207,7 +208,7 @@ def frame_numbers(*calls: Call | None) -> tuple[int, ...]:
 
 
 def call_observations(call: Call) -> tuple[FrameObservation, ...]:
-    """Return all frames of a call, in the order in which they were captured."""
+    """Return the observations of all frames of a call, in capture order."""
     if call.other_frames:
         return tuple(event.observation for event in call.frames)
     return (call.request,) if call.reply is None else (call.request, call.reply)

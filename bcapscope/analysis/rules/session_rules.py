@@ -1,4 +1,4 @@
-"""Rules about the start and end of a session, and about long calls."""
+"""Rules about the start and the end of a session, and about calls that take long."""
 
 from __future__ import annotations
 
@@ -32,12 +32,13 @@ _SERVER = "orin_bcap C/src/bCAPServer/bcap_server.c"
 _SEED = "DENSO Wave 2009, How to use the Slave mode"
 _LONG_CALL_NS = SECOND
 _SOON_NS = SECOND // 20
-"""A reply this soon after an attempt points to lost packets before it, not to a long call."""
+"""Time in ns after an attempt. A reply within this time shows that earlier packets were lost, not that the
+call took long."""
 
 _SILENT_NS = 10 * SECOND
 _REPLACED_AFTER_NS = 2 * SECOND
 _USUAL_PAUSES = 2
-"""A client that has paused before counts as gone only after this many times its longest pause."""
+"""Minimum silence of a client that is considered gone, as a multiple of its longest earlier pause."""
 
 _SMALLEST_WDT_MS = 80
 
@@ -86,7 +87,7 @@ _OPTION = re.compile(r"(WDT|InvokeTimeout)\s*=\s*([0-9]{1,9})", re.IGNORECASE)
 
 
 class SessionChecker(RuleChecker):
-    """Checks how sessions end and how long calls take."""
+    """Checks how a client ends its sessions, and how long its calls take."""
 
     rules = (UNCLEAN_QUIT, QUIT_IN_SLAVE_MODE, EXECUTING_FOREVER, LONG_CALL_WITHOUT_WDT)
 
@@ -113,7 +114,8 @@ class SessionChecker(RuleChecker):
 
     def end_occurrences(self, end: ClientEnd) -> Iterator[Occurrence]:
         client, session = end.client, end.silent_session
-        if end.known_present or client.last_call.evicted:  # the client may have ended its session in order
+        # the evicted call may have ended the session properly
+        if end.known_present or client.last_call.evicted:
             return
         if session is not None and end.ended_at - session.exit.time >= _SILENT_NS:
             yield _left_on(session)
@@ -221,7 +223,7 @@ def _has_wdt(service: Call) -> bool:
 
 
 def _successor(client: ClientState, since: int) -> ClientState | None:
-    """Return a client of the same machine that began a session after this one fell silent."""
+    """Return a client from the same IP address that began a session after this client fell silent."""
     host = client.conversation.client.host
     for other in client.other_clients():
         first = other.first_call
@@ -298,19 +300,21 @@ def _busy_with(running: Call, call: Call, id: str) -> RefusalReason:
 
 
 def _share_call_slot(one: Call, other: Call) -> bool:
-    """Return whether a call can delay one of another client: each TCP connection has its own call slot."""
+    """Return whether two calls of different clients can delay each other. Each TCP connection has its own
+    call slot."""
     ends = one.conversation, other.conversation
     return all(each.transport is Transport.UDP for each in ends) and ends[0].server == ends[1].server
 
 
 def _running_call(client: ClientState, call: Call) -> Call | None:
-    """Return the latest slow call of a client, if it may still have been running when `call` was sent."""
+    """Return the client's latest slow call, if the controller may have been executing it when `call` was
+    sent."""
     slow = client.slow_call
     return slow if slow is not None and _may_have_run(slow, call) else None
 
 
 def _may_have_run(earlier: Call, call: Call) -> bool:
-    """Return whether `earlier` may still have been running when `call` was sent."""
+    """Return whether the controller may have been executing `earlier` when `call` was sent."""
     begun = earlier.request.time <= call.request.time
     return begun and (earlier.reply is None or earlier.reply.time > call.request.time)
 

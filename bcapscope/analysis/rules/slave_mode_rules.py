@@ -1,4 +1,5 @@
-"""Rules about slave mode that is entered wrongly, ends unnoticed, or is disturbed by another client."""
+"""Rules about slave mode: entered wrongly, ended without the client's knowledge, disturbed by another
+client."""
 
 from __future__ import annotations
 
@@ -147,7 +148,7 @@ def _call_name_place(call: CallFact) -> CallPlace:
 
 
 def _is_harmless_call(call: CallFact) -> bool:
-    """Return whether a call only reads, or is known to be allowed in slave mode."""
+    """Return whether a call only reads values, or is known to be allowed in slave mode."""
     if call.command is None:
         return function_effect(call.function_id) < CallEffect.CHANGES
     known = find_command(call.function_id, call.command)

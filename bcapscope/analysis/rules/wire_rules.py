@@ -1,4 +1,4 @@
-"""Rules about damaged bytes, and about the capture itself."""
+"""Rules about damaged frames and about gaps in the capture."""
 
 from __future__ import annotations
 
@@ -53,17 +53,17 @@ DUPLICATE_FRAMES = DiagnosisRule(
 )
 
 CHECKED_FROM_BYTES = 480
-"""Frame size in bytes from which the size is checked."""
+"""Minimum size in bytes of a frame whose size is checked."""
 
 
 _MAX_FLOWS = 4096
 _RESYNC_WITHIN_NS = SECOND
 _MAX_PROBLEMS_NAMED = 3
-"""Problems of a frame that a sentence names."""
+"""Maximum number of problems of one frame that a sentence names."""
 
 
 class WireChecker(RuleChecker):
-    """Checks damaged frames; separates faults of the capture from faults of the sender."""
+    """Checks damaged frames, and decides whether the capture or the sender damaged them."""
 
     rules = (
         OVERSIZE_DATAGRAM,
@@ -85,7 +85,7 @@ class WireChecker(RuleChecker):
         conversation = flow.conversation
         begun_unseen = conversation.transport is Transport.TCP and conversation.server_known_by != "the proxy"
         if begun_unseen and isinstance(observation.item, Malformed):
-            self._expect_resync(flow, observation.time)  # the capture began in the middle of a frame
+            self._expect_resync(flow, observation.time)  # the capture began in the middle of a TCP frame
         if conversation.server_known_by.startswith("a guess") and flow.direction is Direction.REQUEST:
             self._report_frame(SERVER_GUESSED, observation, server=flow.dst_text)
 
@@ -131,7 +131,8 @@ class WireChecker(RuleChecker):
     def _is_incomplete(
         self, observation: Observation | FrameObservation, problems: tuple[Problem, ...]
     ) -> bool:
-        """Return whether stream bytes look damaged only because the capture lacks their neighbours."""
+        """Return whether bytes of a stream look damaged only because the bytes next to them were not
+        captured."""
         since = observation.time - self._resync_since.pop(observation.flow, -_RESYNC_WITHIN_NS)
         return any(problem.code == "cut" for problem in problems) or (
             isinstance(observation.item, Malformed) and since < _RESYNC_WITHIN_NS
@@ -171,7 +172,7 @@ class WireChecker(RuleChecker):
         advice: Message | None = None,
         **places: PlaceValue,
     ) -> None:
-        """Report a frame with the message `finding.<rule><case>`."""
+        """Report a problem of a frame with the message `finding.<rule><case>`."""
         conversation = observation.flow.conversation
         fact = Message(
             f"finding.{rule.id}{case}",
@@ -195,13 +196,13 @@ class WireChecker(RuleChecker):
 
 
 def _is_cut_by_closing(observation: Observation | FrameObservation, problems: Sequence[Problem]) -> bool:
-    """Return whether the captured end of a connection cuts a frame."""
+    """Return whether a frame is incomplete because its connection ended."""
     ended = observation.flow.conversation.connection_end is not None
     return ended and any(problem.reason == STREAM_ENDED for problem in problems)
 
 
 def _problem_message(problems: Sequence[Problem]) -> Message | str:
-    """Return the reasons of the first problems, one after the other."""
+    """Return one message with the reasons of the first problems."""
     *firsts, text = [problem.reason for problem in problems[:_MAX_PROBLEMS_NAMED]]
     more = len(problems) - _MAX_PROBLEMS_NAMED
     message: Message | str = text

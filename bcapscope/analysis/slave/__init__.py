@@ -1,1 +1,1 @@
-"""Slave-mode sessions: detection, timing, motion, and a model of the controller's buffer."""
+"""Slave-mode sessions: their detection, timing and motion, and a model of the controller's buffer."""

@@ -1,4 +1,4 @@
-"""Estimate how far the returned pose lags behind the commanded one."""
+"""Estimate how long the robot's returned pose lags behind the commanded pose."""
 
 from __future__ import annotations
 
@@ -9,21 +9,22 @@ import numpy as np
 from bcapscope.analysis.statistics.distribution import Bools, Floats
 
 MAX_CYCLES = 32
-"""Largest lag that is searched for, in cycles: at 8 ms a quarter of a second."""
+"""Largest lag that can be found, in cycles of set points: a quarter of a second at 8 ms."""
 
 _ROWS_AT_ONCE = 256
-"""Set points of each run that are compared: enough for an estimate at a fraction of the time."""
+"""Maximum number of set points that each call of `add` compares: enough for an estimate, and fast."""
 
 _CLEAR = 4.0
-"""Ratio of squared errors between the worst and the best lag; below it, the axis hardly moves."""
+"""Minimum ratio of the squared errors of the worst and the best lag. Below this ratio of errors, the axis
+hardly moves."""
 
 
 class AxisLag:
-    """Compares each returned pose with the set points of the last cycles and finds the best match.
+    """Finds the lag at which the returned poses match the commanded poses best.
 
-    The lag is an estimate. It includes the controller's buffer, the servo lag and the age of the pose when it
-    was reported. Between whole cycles, it is the vertex of the parabola through the three values around the
-    best.
+    The lag is an estimate. The lag includes the time in the controller's buffer, the servo lag and the age of
+    the pose when the controller reported it. Fractions of a cycle come from a parabola through the errors of
+    the best lag and its neighbours.
     """
 
     def __init__(self, axes: int) -> None:
@@ -31,10 +32,10 @@ class AxisLag:
         self._commanded = np.empty((0, axes))
 
     def add(self, commanded: Floats, returned: Floats, answered: Bools) -> None:
-        """Add successive set points and, where `answered`, the poses returned for them."""
+        """Add successive set points, and the returned poses of those that are `answered`."""
         history = np.vstack((self._commanded, commanded))
         first = len(self._commanded)
-        skipped = max(0, MAX_CYCLES - first)  # rows with too few set points before them
+        skipped = max(0, MAX_CYCLES - first)  # number of rows with too few set points before them
         until = min(len(commanded), skipped + _ROWS_AT_ONCE)
         if until > skipped:
             came, missing = returned[skipped:until], ~answered[skipped:until]
@@ -58,7 +59,7 @@ class AxisLag:
         return float(max(vertex, 0.0))
 
     def of_all(self) -> float | None:
-        """Return the median lag of the axes; None if no axis has one."""
+        """Return the median lag of all axes in cycles; None if no axis has a known lag."""
         found = [self.of_axis(axis) for axis in range(self._squares.shape[1])]
         lags = sorted(lag for lag in found if lag is not None)
         return lags[len(lags) // 2] if lags else None

@@ -1,19 +1,21 @@
-"""Model of the controller's buffer: how much it should have held when each set point arrived.
+"""Model of the controller's buffer: how many set points it should have held when each set point arrived.
 
 The model is a prediction, not an observation. It assumes:
 
-- The controller takes one set point per period (8 ms) and begins with the first point at once.
-- A set point reaches the controller when the capture sees the answered request; for an unanswered one, when
-  it sees the first request. The network delay is ignored, because it is nearly the same for all set points.
-- The controller does not put a refused point into the buffer.
-- The clocks of the controller and of the capture agree. They drift slightly, so observations correct the
-  model. The buffer never holds more than its slots, and S_BUF_FULL says that it is full. Where replies wait
-  for room, a set point that finds the buffer full is in the buffer when its reply arrives.
+- The controller takes one set point per period (8 ms) and takes the first set point at once.
+- A set point reaches the controller when the answered request is captured, or the first request if none was
+answered. The network delay is ignored, because it is nearly the same for all set points.
+- The controller does not put a refused set point into the buffer.
+- The clocks of the controller and of the capture agree. In reality the clocks drift slightly, so the results
+in captured replies correct the model. The buffer never holds more set points than it has slots. S_BUF_FULL
+means that the buffer is full. In modes that pace the client, a set point is in the buffer by the time its
+reply arrives.
 
-The phase of the controller's period is unknown when a point arrives. A single tick without a point may be due
-to that alone, so it counts separately, as a possible underflow. An overflow is predicted only if even a
-controller that takes points as early as possible has no room. Slots per mode and the period are in
-`bcapscope.protocol.slave_mode.modes`, with their sources.
+A capture does not show at which moment of its period (its phase) the controller takes a set point. The
+unknown phase alone can explain a single period without a set point, so the model reports only a possible
+underflow. An overflow is predicted only if the buffer is full even in a controller that takes set points as
+early as possible. The number of slots per mode, the period, and their sources are in
+`bcapscope.protocol.slave_mode.modes`.
 """
 
 from __future__ import annotations
@@ -32,7 +34,7 @@ from bcapscope.protocol.slave_mode.modes import PERIOD_MS, SlaveMode
 from bcapscope.protocol.tables.hresult import E_SLAVE_OVERFLOW, E_SLAVE_UNDERFLOW, S_BUF_FULL, is_failure
 
 DEFAULT_SLOTS = 3
-"""Slots of an unknown mode: the number that most modes of present controllers have."""
+"""Assumed number of buffer slots in an unknown mode: most modes of present controllers have this number."""
 
 _NS_PER_MS = 1_000_000
 _PERIOD = PERIOD_MS * _NS_PER_MS
@@ -44,10 +46,11 @@ class PredictedUnderflow(NamedTuple):
     """A moment at which the model's buffer was empty when the controller needed a set point.
 
     Attributes:
-        time: Time when the controller needed the point, ns since 1970.
-        late_frame: Frame of the set point that arrived too late.
-        late_ms: Delay of the set point after `time`, ms.
-        moving: True if the last two set points before differ; None if they are unreadable.
+        time: Time when the controller needed a set point, ns since 1970.
+        late_frame: Number of the request frame of the set point that arrived too late.
+        late_ms: Time from `time` to the arrival of the late set point, ms.
+        moving: Whether the robot was moving, because the two set points before `time` differ; None if
+            unknown.
     """
 
     time: int
@@ -60,26 +63,31 @@ class PredictedUnderflow(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class BufferFacts:
-    """The controller's buffer: predictions of the model, and reports of the controller.
+    """Facts about the controller's buffer: predictions of the model, and what the controller reported.
 
     Attributes:
-        slots: Number of set points that the buffer holds.
-        overwrites: The newest point replaces the waiting one, so an empty buffer is no error.
-        replies_pace: Replies wait for room in the buffer.
-        underflows: Number of predicted underflows that the unknown phase of the controller cannot explain.
-        underflows_in_motion: Those of them during motion, where they matter.
-        underflow_list: The first of them.
-        possible_underflows: Number of underflows by one tick, which the unknown phase may explain.
-        overflows: Number of predicted overflows: set points that found the buffer full, whatever the phase.
-        overflow_frames: Request frames of the first of them.
-        overwritten: Number of points replaced before the controller took them; 0 unless `overwrites`.
-        smallest_level: Lowest level when a point arrived; None for fewer than two set points.
-        smallest_slack_ms: Shortest time left until the buffer would have been empty; negative if it was
-            empty.
-        smallest_slack_frame: Frame of the set point that arrived then; None for fewer than two set points.
-        reported_underflows: Frames of replies that reported an underflow (84201482).
-        reported_overflows: Frames of replies that reported an overflow (83201483).
-        reported_full: Frames of the first replies with S_BUF_FULL.
+        slots: Maximum number of set points that the buffer can hold.
+        overwrites: Whether a new set point replaces the waiting one, so that an empty buffer is no error.
+        replies_pace: Whether the controller delays each reply until the buffer has room.
+        underflows: Number of predicted underflows, without those that the controller's unknown phase can
+            explain.
+        underflows_in_motion: Number of predicted underflows while the robot was moving, when they matter.
+        underflow_list: The first predicted underflows.
+        possible_underflows: Number of underflows of one period, which the controller's unknown phase can
+            explain.
+        overflows: Number of set points for which the buffer was full, whatever the controller's phase.
+        overflow_frames: Numbers of the request frames of the first predicted overflows.
+        overwritten: Number of set points that were replaced before the controller took them; 0 unless
+            `overwrites`.
+        smallest_level: Smallest number of set points in the buffer when a set point arrived; None for fewer
+            than two set points.
+        smallest_slack_ms: Shortest time in ms from the arrival of a set point until the buffer would have
+            been empty; negative if it was already empty.
+        smallest_slack_frame: Number of the request frame of the set point with the smallest slack; None for
+            fewer than two set points.
+        reported_underflows: Numbers of the first reply frames that report an underflow (0x84201482).
+        reported_overflows: Numbers of the first reply frames that report an overflow (0x83201483).
+        reported_full: Numbers of the first reply frames with S_BUF_FULL.
     """
 
     slots: int
@@ -104,17 +112,15 @@ class BufferFacts:
 
 
 def slack_ms(slots: int) -> float:
-    """Return how long a full buffer lasts, in ms.
-
-    It lasts one period per slot, and at least two: a single slot is refilled while the controller executes
-    the previous point.
+    """Return how long a full buffer lasts without a new set point, in ms. A buffer lasts one period per slot,
+    but at least two periods: a single slot is refilled while the controller executes the previous set point.
     """
     return float(max(slots, 2) * PERIOD_MS)
 
 
 @dataclass(frozen=True, slots=True)
 class BufferBehaviour:
-    """Behaviour of a mode's buffer, and which parts of it are assumed."""
+    """How the controller's buffer behaves in one slave mode, and which parts of this are assumptions."""
 
     slots: int
     overwrites: bool
@@ -135,16 +141,16 @@ class BufferBehaviour:
 
 
 class SetPointArrivals(NamedTuple):
-    """Set points in the order in which they were sent, one row each.
+    """Columns with one row for each set point, in the order in which they were sent.
 
     Attributes:
-        times: Arrival time, ns since an origin.
-        in_buffer_by: Latest time at which the point was in the buffer: that of its reply where replies wait
-            for room.
-        codes: HRESULT; 0 without a reply.
-        frames: Frame of the first request.
-        reply_frames: Frame of the reply; 0 without one.
-        moving: 1 if the previous set point was in motion, 0 if not, -1 if unknown.
+        times: Time when each set point arrived, ns since the origin of the model.
+        in_buffer_by: Latest time at which each set point was in the buffer: time of the reply in modes that
+            pace the client, otherwise the arrival time.
+        codes: HRESULT of each reply; 0 if no reply was captured.
+        frames: Frame number of each first request.
+        reply_frames: Frame number of each reply; 0 if no reply was captured.
+        moving: 1 if the robot was moving before the set point, 0 if it was not, -1 if unknown.
     """
 
     times: NDArray[np.int64]
@@ -156,22 +162,22 @@ class SetPointArrivals(NamedTuple):
 
 
 class BufferModel:
-    """Predicts how much the buffer held when each set point arrived; set points must be added in order."""
+    """Predicts how many set points the buffer held when each set point arrived. Add set points in order."""
 
     def __init__(self, behaviour: BufferBehaviour, origin: int) -> None:
-        """Create a model; times count from `origin` in ns."""
+        """Create a model. Times of set points count from `origin`, which is in ns since 1970."""
         self._behaviour = behaviour
         self._origin = origin
         self._capacity_ns = behaviour.slots * _PERIOD
-        # An overflow is certain only beyond the doubt about the phase, which is one point on either side. For
-        # a point that replaces another there is no such doubt. Where replies wait for room, no point is too
-        # many.
+        # The phase is unknown, so only an excess of more than two periods proves an overflow.
+        # If a new set point replaces the waiting one, an excess of more than one period proves an overflow.
+        # In modes that pace the client, no overflow occurs.
         self._most_excess_ns = (
             _PERIOD if behaviour.overwrites else _NEVER if behaviour.replies_pace else 2 * _PERIOD
         )
-        self._excess_ns = 0  # what arrived beyond the capacity, as the time that it would last
-        self._empty_at = 0  # when the controller will find the buffer empty, as far as known now
-        self._last_frame = 0  # frame of the last set point of the previous rows
+        self._excess_ns = 0  # total period in ns of the set points that arrived beyond the capacity
+        self._empty_at = 0  # time when the controller will find the buffer empty if nothing more arrives
+        self._last_frame = 0  # frame number of the last set point that was added
         self._underflows: list[PredictedUnderflow] = []
         self._underflow_count = self._underflows_in_motion = self._possible_underflows = 0
         self._overflows: list[int] = []
@@ -186,8 +192,9 @@ class BufferModel:
         """Add one or more set points.
 
         Returns:
-            Time in ns from the arrival of each until the buffer would have been empty; negative if it was
-                empty. 0 for the very first.
+            For each set point, the time in ns from its arrival until the buffer would have been empty. A
+                negative time means that the buffer was already empty; the time of the very first set point is
+                0.
         """
         if not self._last_frame:
             self._empty_at = int(rows.times[0])
@@ -198,10 +205,10 @@ class BufferModel:
         return slacks
 
     def _add_at_once(self, rows: SetPointArrivals) -> NDArray[np.int64] | None:
-        """Add set points in one step; change nothing and return None if any is late, refused or too many.
+        """Add set points in one step. If one is late, refused or too many, change nothing and return None.
 
-        Each point extends the buffer by one period, up to the capacity. A running minimum gives the time that
-        it lasts.
+        Each set point makes the buffer last one period longer, up to its capacity. A running minimum computes
+        how long the buffer lasts.
         """
         periods = np.arange(len(rows.times) + 1) * _PERIOD
         latest = rows.in_buffer_by + self._capacity_ns
@@ -239,7 +246,7 @@ class BufferModel:
         return slacks
 
     def _add_underflow(self, rows: SetPointArrivals, index: int, empty_at: int) -> int:
-        """Record that the buffer was empty at `empty_at`; return when it is empty next."""
+        """Record an underflow at time `empty_at`; return the time when the buffer is empty next."""
         late = int(rows.times[index]) - empty_at
         missing = (late - 1) // _PERIOD + 1
         self._excess_ns = 0
@@ -257,7 +264,7 @@ class BufferModel:
         return empty_at + missing * _PERIOD
 
     def _apply_result_code(self, rows: SetPointArrivals, index: int, empty_at: int) -> int:
-        """Apply what a reply says about the buffer; return when the buffer will be empty."""
+        """Correct the model by a reply's result code; return the time when the buffer will be empty."""
         code, reply = int(rows.codes[index]), int(rows.reply_frames[index])
         if code == S_BUF_FULL:
             _append_bounded(self._full_frames, reply)
@@ -276,7 +283,7 @@ class BufferModel:
         _append_bounded(self._overflows, frame)
 
     def _update_levels(self, slacks: NDArray[np.int64], frames: NDArray[np.int64]) -> None:
-        """Update the levels and the smallest slack; the very first set point does not count."""
+        """Update the buffer levels and the smallest slack, without the very first set point."""
         first = 0 if self._last_frame else 1
         found = slacks[first:]
         self._last_frame = int(frames[-1])

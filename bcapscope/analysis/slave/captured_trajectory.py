@@ -1,8 +1,8 @@
-"""Trajectories that captured set points describe, one per slave-mode session, without retries.
+"""Extract trajectories from captured set points, one trajectory per slave-mode session.
 
-One step is one slvMove, however often it was sent; its time is that of the first request. Refused set points
-are left out, because the controller did not take them. Set points without a captured reply are kept: the
-controller may have taken them, and a hole would look like a jump.
+One step is one slvMove call, however many retries it has. The time of a step is the time of its call's first
+request. Refused set points are left out, because the controller did not take them. Set points without a
+captured reply are kept, because the controller may have taken them and a gap would look like a jump.
 """
 
 from __future__ import annotations
@@ -29,11 +29,12 @@ from bcapscope.traffic.pipeline import PipelineSubscriber
 from bcapscope.traffic.slave_mode_tracker import is_set_point
 
 MAX_NOT_SELECTED = 64 * 2048
-"""Set points not selected that are remembered until they are processed: as many as can wait at a time."""
+"""Maximum number of unselected set points that are remembered until they are processed: as many as can
+wait."""
 
 
 class LeftOutReason(StrEnum):
-    """Why a set point is not a step."""
+    """Why a set point is no step of the trajectory."""
 
     REFUSED = "refused"
     AFTER_END = "after-end"
@@ -47,15 +48,15 @@ class LeftOutReason(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class CapturedTrajectory:
-    """Facts about a trajectory that are known before its first step.
+    """Data of a trajectory that is known when its first step is known.
 
     Attributes:
-        session_number: Number of the slave-mode session, as `slave` counts them.
-        robot: Handle of the robot; None if unreadable.
+        session_number: Number of the slave-mode session, the same as in the output of ``slave``.
+        robot: Handle of the robot; None if the handle is unreadable.
         mode: Slave mode, as far as known at the first step.
-        axes: Axes of each pose, at least one.
+        axes: Axes of the trajectory's poses; at least one.
         start: Time of the first request of the first step, ns since 1970.
-        has_stamps: The replies carry the controller's time.
+        has_stamps: Whether the replies contain the controller's time stamps.
         grid_ms: Period that the set points should keep, ms.
     """
 
@@ -75,10 +76,10 @@ class TrajectoryStep(NamedTuple):
     """One set point.
 
     Attributes:
-        time: Time of the first request, ns since 1970.
-        reply_time: Time of the accepted reply, ns since 1970; None without a reply.
-        returned: Returned pose, one number per axis; () without one.
-        stamp: The controller's time in ms; None without one.
+        time: Time of the set point's first request, ns since 1970.
+        reply_time: Time of the accepted reply, ns since 1970; None if no reply was captured.
+        returned: Pose in the reply, one number per axis; () if the reply has no pose.
+        stamp: The controller's time stamp in the reply, ms; None if the reply has no time stamp.
     """
 
     call: int
@@ -99,7 +100,7 @@ class TrajectoryExtractor(PipelineSubscriber):
     """Extracts trajectory steps from completed calls.
 
     Attributes:
-        ready: Steps that are ready; the reader removes them.
+        ready: Trajectory steps that were extracted. The reader removes the steps from this list.
     """
 
     def __init__(
@@ -110,9 +111,9 @@ class TrajectoryExtractor(PipelineSubscriber):
         """Create an extractor.
 
         Args:
-            is_selected: Returns whether a set point is of interest; the others are left out.
-            is_selected_client: Returns whether a client is of interest; set points of others are not even
-                counted.
+            is_selected: Returns whether a set point is selected; other set points are left out and counted.
+            is_selected_client: Returns whether a client is selected; set points of other clients are left out
+                and not counted.
         """
         self._is_selected = is_selected
         self._is_selected_client = is_selected_client
@@ -121,10 +122,11 @@ class TrajectoryExtractor(PipelineSubscriber):
         self.ready: list[TrajectoryPiece] = []
         self.set_points = self._step_count = 0
         self._left_out: Counter[LeftOutReason] = Counter()
-        self._not_selected: dict[int, None] = {}  # calls not yet received as set points, in order
+        # call numbers of unselected set points that are not processed yet, in order
+        self._not_selected: dict[int, None] = {}
 
     def on_call(self, call: Call, target: TrackedObject | None) -> None:
-        """Add a completed call. Any call may begin or end a slave-mode session."""
+        """Add a completed call of any kind, because any call can begin or end a slave-mode session."""
         if is_set_point(call.kind):
             self._count_set_point(call)
         self._drop_sessions(self._detector.add_call(call))
@@ -140,7 +142,7 @@ class TrajectoryExtractor(PipelineSubscriber):
 
     @property
     def left_out(self) -> Mapping[LeftOutReason, int]:
-        """Number of set points left out, by reason; complete after `finish`."""
+        """Number of set points that were left out, by reason; final after `finish` was called."""
         counted = dict(self._left_out)
         after = self.set_points - self._step_count - sum(counted.values())
         return {**counted, LeftOutReason.AFTER_END: after} if after else counted

@@ -1,8 +1,8 @@
-"""Read the numbers of many frames at once.
+"""Read the numbers in many frames at once.
 
-Set points of a slave-mode session differ only in serial, reserved and the numbers inside their arguments. A
-template is learnt from one frame that was decoded in full and has no problems. All frames that equal it
-outside those places are read as columns.
+The frames of a slave-mode session's set points differ only in serial, reserved and the numbers in their
+arguments. A `ColumnReader` learns a template from one fully decoded frame without problems. `ColumnReader`
+then reads all frames that match the template as columns.
 """
 
 from __future__ import annotations
@@ -24,23 +24,25 @@ from bcapscope.protocol.codec.frame_template import FrameTemplate, number_counts
 from bcapscope.protocol.codec.variant import Variant
 
 MAX_TEMPLATES = 16
-"""Maximum number of templates per direction of a slave-mode session. Other frames are read one by one."""
+"""Maximum number of templates per direction of a slave-mode session. Frames that match none are read one by
+one."""
 
 MAX_NUMBERS = 256
-"""Frames with more numbers than this are read one by one; a set point has about twelve."""
+"""Largest count of numbers in a frame that is read by a template; the frame of a set point has about
+twelve."""
 
 PickedNumbers: TypeAlias = "tuple[Sequence[float], float | None]"
-"""A pose and a time stamp, or the positions of their numbers."""
+"""The numbers of a pose and a time stamp, or the positions of these numbers in the frame."""
 
 
 @dataclass(frozen=True, slots=True)
 class NumberPicker:
-    """How to find pose and time stamp in an argument of a frame.
+    """How to find the pose and the time stamp in an argument of a frame.
 
     Attributes:
-        pick: Returns pose and time stamp of the argument's value: an empty pose and None if there are none.
-            It is also called with a value in which each number is replaced by its own index. It must
-            therefore decide by the structure of the value, not by its numbers.
+        pick: Returns the pose and the time stamp in an argument: an empty pose or None where the argument has
+            none. To learn a template, the reader passes an argument in which each number is replaced by its
+            index. `pick` must therefore go by the structure of the argument, not by the numbers.
     """
 
     argument: int
@@ -48,10 +50,10 @@ class NumberPicker:
 
 
 class PoseColumns:
-    """Poses and time stamps, one row per frame; NaN where a frame has none.
+    """Columns of poses and time stamps, one row per frame; NaN where a frame has no pose or time stamp.
 
     Attributes:
-        has_pose: True for rows with a complete pose.
+        has_pose: For each row, whether the frame has a complete pose.
     """
 
     def __init__(self, rows: int, axes: int) -> None:
@@ -61,7 +63,8 @@ class PoseColumns:
 
 
 class _ColumnTemplate:
-    """A template: its bytes, which of them may differ, and the positions of pose and time stamp."""
+    """The bytes of a typical frame, which of these bytes may differ, and where its pose and time stamp
+    are."""
 
     def __init__(self, raw: bytes, form: FrameTemplate, pose: Sequence[int], stamp: int | None) -> None:
         places = list(_number_positions(form.spans))
@@ -79,12 +82,13 @@ class _ColumnTemplate:
         self._stamp = None if stamp is None else str(stamp)
 
     def matching_rows(self, data: NDArray[np.uint8]) -> Bools | None:
-        """Return which rows of bytes match this template; None if all do."""
+        """Return which rows of bytes match this template; None if all rows match."""
         off = (data ^ self._template) & self._mask
         return ~np.logical_or.reduce(off != 0, axis=1) if off.any() else None
 
     def read(self, data: NDArray[np.uint8], rows: NDArray[np.int64], columns: PoseColumns) -> None:
-        """Copy the numbers of `data`, which must match this template, to `rows` of `columns`."""
+        """Copy the pose and time stamp of each frame in `data` to `rows` of `columns`. All frames must match
+        this template."""
         records = np.ascontiguousarray(data).view(self._fields)[:, 0]
         if len(self._pose) >= columns.poses.shape[1]:
             columns.has_pose[rows] = True
@@ -95,7 +99,7 @@ class _ColumnTemplate:
 
 
 class ColumnReader:
-    """Reads the frames of one direction of a slave-mode session."""
+    """Reads poses and time stamps from the frames of one direction of a slave-mode session."""
 
     def __init__(self, picker: NumberPicker) -> None:
         self._picker = picker
@@ -103,7 +107,8 @@ class ColumnReader:
         self._template_count = 0
 
     def read(self, bodies: FrameBytes, count: int, axes: int) -> PoseColumns:
-        """Read `count` frames, each with at least a header; return the first `axes` numbers of each pose."""
+        """Return time stamps and the first `axes` numbers of each pose in `count` frames, which must have a
+        header."""
         columns = PoseColumns(count, axes)
         rows = np.arange(count)
         if bodies.size:
@@ -141,7 +146,8 @@ class ColumnReader:
             tried += 1
 
     def _add_template(self, raw: bytes, templates: list[_ColumnTemplate]) -> bool:
-        """Add the template of a frame; return False if the frame has problems or no template can be added."""
+        """Learn a template from a frame; return False if the frame has problems or there are too many
+        templates."""
         if self._template_count >= MAX_TEMPLATES:
             return False
         content = FrameContent(raw)
@@ -159,9 +165,8 @@ class ColumnReader:
         return True
 
     def _locate_numbers(self, raw: bytes, form: FrameTemplate) -> PickedNumbers:
-        """Return the positions of pose and time stamp.
-
-        The picker chooses among numbers that are replaced by their own index.
+        """Return the positions of the numbers of pose and time stamp. The picker receives an argument in
+        which each number is replaced by its index, and so returns indexes.
         """
         arguments, places = form.prototype, tuple(_number_positions(form.spans))
         if sum(number_counts(arguments)) != len(places) or self._picker.argument >= len(arguments):
@@ -199,7 +204,7 @@ _NUMPY_CODES = {
 
 
 def _number_positions(spans: Sequence[NumberSpan]) -> Iterator[tuple[int, str]]:
-    """Yield position and format of each number; the data of a UI1 array counts as one."""
+    """Yield the position and format of each number. The data of a UI1 array is treated as one number."""
     for start, code, repeat in spans:
         if code == "s":
             yield start, f"{repeat}s"

@@ -17,25 +17,26 @@ _LONG_ENOUGH_MS = 1000.0
 _WRAP_AT_LEAST = 1 << 31
 
 _US_AT_LEAST = 30.0
-"""Stamps that advance at least this much per ms of the capture are in µs.
-
-The value is halfway, in proportion, between 1 and 1000. A client at twice the pace, or one that pauses, is
-therefore not mistaken.
+"""Minimum advance of the time stamps, per ms of the capture, if their unit is µs. This minimum is the
+geometric mean of 1 (unit ms) and 1000 (unit µs), so neither a fast client nor pauses lead to the wrong unit.
 """
 
 
 @dataclass(frozen=True, slots=True)
 class ClockFacts:
-    """The controller's time stamps (receive format 0x010), compared with the capture's clock.
+    """Facts about the controller's time stamps (receive format 0x010) and its clock.
 
     Attributes:
-        microseconds: True if their unit is µs, not ms.
-        unit_known_by: Source of the unit: slvRecvFormat, or the pace of the stamps if that was not seen.
-        drift_ppm: How much faster the controller's clock runs, ppm; None for less than a second of stamps.
-        jitter: Change of the delay from one reply to the next; None for fewer than two stamps.
-        step: Difference of successive stamps; None for fewer than two.
-        missing: Number of controller periods without a stamp, between the first and the last.
-        backwards: Number of stamps before the previous one, apart from wraps.
+        microseconds: True if the time stamps are in µs, False if they are in ms.
+        unit_known_by: How the unit is known: from slvRecvFormat or, if that call was not captured, from the
+            pace of the time stamps.
+        drift_ppm: How much faster the controller's clock runs than the capture's, ppm; None if the time
+            stamps cover less than a second.
+        jitter: Absolute change of the network delay from one reply to the next, ms; None for fewer than two
+            time stamps.
+        step: Difference of successive time stamps, ms; None for fewer than two time stamps.
+        missing: Number of controller periods without a time stamp, between the first and the last time stamp.
+        backwards: Number of time stamps that are earlier than the previous one, other than by a wrap.
     """
 
     stamps: int
@@ -51,28 +52,30 @@ class ClockFacts:
 
 
 class ControllerClock:
-    """Compares the controller's stamps with the times at which the replies were captured.
+    """Compares the controller's time stamps with the times at which the replies were captured.
 
-    A stamp is a signed 32-bit number, in ms or µs as the client requests (DENSORobot/denso_robot_ros2
-    denso_robot_core). In µs it turns negative after 36 minutes and wraps every 72 minutes. The network delays
-    each reply after it is stamped. That delay is nearly constant, so a straight line through all pairs gives
-    the drift of one clock against the other.
+    A time stamp is a signed 32-bit number, in ms or µs as the client requests (DENSORobot/denso_robot_ros2
+    denso_robot_core). A time stamp in µs turns negative after 36 minutes and wraps every 72 minutes. The
+    network delay of the replies is nearly constant. The slope of a straight line through all pairs of time
+    stamp and capture time is therefore the drift between the clocks.
     """
 
     def __init__(self, microseconds: bool | None) -> None:
-        """Create a clock; `microseconds` is the unit in the receive format, None if unknown."""
+        """Create a clock. `microseconds` says whether the receive format has the unit µs; None if unknown."""
         self._unit_known = microseconds is not None
         self._microseconds = microseconds
         self._first: tuple[int, int] | None = None  # stamp and time
-        self._last = (0.0, 0.0)  # both since the first: ms of the controller, ms of the capture
+        # time since the first stamp in ms: by the controller's clock, by the capture's clock
+        self._last = (0.0, 0.0)
         self._raw_last = 0
-        self._ticks = 0  # of the last stamp, since the first, without wraps
+        self._ticks = 0  # difference of the last time stamp from the first in their unit, with wraps added
         self._count = self._repeated = self._backwards = self._wraps = self._missing = 0
-        self._sums = np.zeros(4)  # of controller time, of the lead of the capture, of x², of xy
+        # sums of x, y, x² and xy; x is controller time, y is capture time minus x
+        self._sums = np.zeros(4)
         self._jitter, self._step = Histogram(), Histogram()
 
     def add(self, stamps: Floats, times: NDArray[np.int64]) -> None:
-        """Add stamps in the order of their replies, with the times of the replies in ns."""
+        """Add time stamps in the order of their replies, with the capture times of the replies in ns."""
         if not len(stamps):
             return
         raw = stamps.astype(np.int64)
@@ -96,7 +99,7 @@ class ControllerClock:
 
     @property
     def microseconds(self) -> bool:
-        """Whether the stamps so far are in µs, not ms."""
+        """Whether the time stamps are in µs, not in ms, as far as known."""
         return bool(self._microseconds)
 
     def facts(self) -> ClockFacts | None:
@@ -130,7 +133,7 @@ class ControllerClock:
         self._sums += own.sum(), ahead.sum(), (own * own).sum(), (own * ahead).sum()
 
     def _drift(self) -> float | None:
-        """Return how much faster the controller's clock is, in ppm, by least squares."""
+        """Return how much faster the controller's clock runs, in ppm, from a least-squares line."""
         own, ahead, own_squared, product = self._sums.tolist()
         spread = self._count * own_squared - own * own
         if self._count < 3 or abs(self._last[0]) < _LONG_ENOUGH_MS or spread <= 0:
@@ -140,7 +143,7 @@ class ControllerClock:
 
 
 def _counts_microseconds(ticks: NDArray[np.int64], seen: Floats) -> bool | None:
-    """Return whether the stamps are in µs, from the ticks per ms; None if no time has passed."""
+    """Return whether time stamps are in µs, judged by their advance per ms; None if no time has passed."""
     passed = float(seen[-1] - seen[0])
     counted = abs(int(ticks[-1]) - int(ticks[0]))
     return counted / passed >= _US_AT_LEAST if passed > 0 and counted else None

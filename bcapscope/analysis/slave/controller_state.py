@@ -1,4 +1,4 @@
-"""State of a controller, learnt from the calls of all its clients."""
+"""State of a controller, deduced from the calls of all its clients."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from bcapscope.traffic.call import Call
 from bcapscope.traffic.slave_mode_tracker import execute_parameter, requested_mode
 
 MAX_CALLS = 1024
-"""Calls other than set points that are kept for each controller."""
+"""Maximum number of calls other than set points that are kept for each controller."""
 
 MAX_BYTES = 1 << 20
-"""Total size of these calls in bytes."""
+"""Maximum total size in bytes of the calls that are kept for each controller."""
 
 MAX_PENDING = 16
-"""Slave-mode sessions without set points that are kept for each controller."""
+"""Maximum number of slave-mode sessions without a set point that are kept for each controller."""
 
 _POSITIONS = {"curjnt": PoseType.J, "curpos": PoseType.P, "curtrn": PoseType.T}
 
@@ -33,9 +33,11 @@ class ControllerState:
 
     Attributes:
         recent_calls: Latest calls other than set points, in the order in which they were completed.
-        pending_sessions: Slave-mode sessions that have begun and have no set points yet.
-        unanswered_entry: slvChangeMode without a captured reply.
-        reported_mode: Mode that slvGetMode reported while no slave-mode session was known, with its source.
+        pending_sessions: Slave-mode sessions that a client has begun without sending a set point yet.
+        unanswered_entry: Latest slvChangeMode call that enters slave mode and has no captured reply; None if
+            there is none.
+        reported_mode: Value of the slave mode that slvGetMode reported outside a known slave-mode session,
+            and its source.
     """
 
     def __init__(self) -> None:
@@ -50,29 +52,31 @@ class ControllerState:
         self._position: KnownPosition | None = None
 
     def slave_setup(self, mode: tuple[int | None, str]) -> SlaveSetup:
-        """Return what is known now, for a slave-mode session in this mode."""
+        """Return what is known now about formats, position and generation, for a slave-mode session in
+        `mode`."""
         value, known_by = mode
         return SlaveSetup(value, known_by, self.clue, self._send, self._receive, self._position)
 
     def remember_call(self, call: Call) -> None:
-        """Keep a call that is no set point; drop the oldest calls beyond the limits."""
+        """Keep a call that is no set point, and drop the oldest calls beyond the limits."""
         self.recent_calls.append(call)
         self._bytes_kept += call.memory_bytes
         while self.recent_calls and (len(self.recent_calls) > MAX_CALLS or self._bytes_kept > MAX_BYTES):
             self._bytes_kept -= self.recent_calls.popleft().memory_bytes
 
     def calls_between(self, begin: int, end: int) -> list[Call]:
-        """Return the calls with a request or reply between two times, in order of time."""
+        """Return the kept calls that overlap the time from `begin` to `end`, in the order of their
+        requests."""
         found = [
             call for call in self.recent_calls if call.request.time <= end and call.last_activity >= begin
         ]
         return sorted(found, key=lambda call: call.request.time)
 
     def add_pending(self, key: SessionKey, builder: SlaveSessionBuilder) -> SlaveSessionBuilder | None:
-        """Keep a slave-mode session until its first set point.
+        """Keep a slave-mode session until its first set point arrives.
 
         Returns:
-            The slave-mode session that was dropped for lack of room; None if there was room.
+            The slave-mode session that was dropped because the limit was reached; None otherwise.
         """
         dropped = (
             self.pending_sessions.pop(next(iter(self.pending_sessions)))
@@ -83,9 +87,9 @@ class ControllerState:
         return dropped
 
     def claim_pending(self, key: SessionKey) -> SlaveSessionBuilder | None:
-        """Return the slave-mode session of a set point.
-
-        Its own client's session comes first, then the oldest of any client. None if no session is open.
+        """Return the pending slave-mode session to which a first set point belongs. A session of the same
+        client is preferred, then the oldest session of any client. The result is None if no session is
+        pending.
         """
         if not self.pending_sessions:
             return None
@@ -96,7 +100,7 @@ class ControllerState:
         return course
 
     def claim_unanswered_entry(self) -> CallFact | None:
-        """Return the unanswered slvChangeMode, which a set point shows to have succeeded; None afterwards."""
+        """Return the unanswered slvChangeMode and forget it, because a set point shows that it succeeded."""
         tried, self.unanswered_entry = self.unanswered_entry, None
         if tried is None:
             return None

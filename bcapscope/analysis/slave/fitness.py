@@ -12,11 +12,12 @@ SYNC_MS, ASYNC_MS = 8.0, 1.0
 """Periods of set points (DENSO Wave 2009, How to use the Slave mode): 8 ms in Sync, 1 ms in Async modes."""
 
 MAX_LOST = 0.01
-"""Share of lost packets that retries make good: a Sync slvMove has seven retries, 2 ms apart."""
+"""Largest share of lost packets for which retries can compensate: a Sync slvMove has seven retries, 2 ms
+apart."""
 
 
 class Fitness(NamedTuple):
-    """Verdict for one period of set points."""
+    """Whether a connection is fast enough for one period of set points."""
 
     period_ms: float
     fit: bool
@@ -24,10 +25,11 @@ class Fitness(NamedTuple):
 
 
 def fitness(round_trips: DistributionSummary | None, lost: int, broken: bool = False) -> tuple[Fitness, ...]:
-    """Judge a connection for set points every 8 ms and every 1 ms.
+    """Judge whether a connection is fast enough for set points every 8 ms and every 1 ms.
 
     Args:
-        round_trips: Round trips of the answered calls, ms; None if no call was answered.
+        round_trips: Distribution of the round-trip times of the answered calls, ms; None if no call was
+            answered.
     """
     periods = (SYNC_MS, ASYNC_MS)
     if broken:

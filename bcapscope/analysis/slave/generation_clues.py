@@ -1,6 +1,6 @@
 """Infer the generation of a controller from the traffic.
 
-The same slave mode differs between generations, and no message names the generation.
+A slave mode of the same number differs between generations, and no frame names the generation.
 """
 
 from __future__ import annotations
@@ -22,10 +22,10 @@ _CONTROLLER_EXECUTE = ID["Controller_Execute"]
 
 
 class GenerationClue(NamedTuple):
-    """A clue to the generation of a controller.
+    """Evidence in the traffic for the generation of a controller.
 
     Attributes:
-        strength: The stronger clue wins; 0 if there is no clue.
+        strength: Weight of the clue: of two clues, the stronger one is used; 0 for no clue.
     """
 
     strength: int
@@ -38,7 +38,7 @@ NO_CLUE = GenerationClue(0, None, None)
 _RC7, _RC8 = Generation.RC7, Generation.RC8
 _PROOF, _STRONG, _FAIR, _WEAK = 4, 3, 2, 1
 
-# orin_bcap samples. NetwoRC is ORiN's provider for RC7, which nevertheless accepts any name.
+# orin_bcap samples. A weak clue: NetwoRC is ORiN's provider for RC7, but an RC7 accepts any provider name.
 _PROVIDERS = {"CaoProv.DENSO.VRC": _RC8, "CaoProv.DENSO.NetwoRC": _RC7}
 
 _COMMANDS = {
@@ -55,12 +55,13 @@ _COMMANDS = {
 
 
 def stronger_clue(known: GenerationClue, found: GenerationClue) -> GenerationClue:
-    """Return the stronger clue; of equal ones the known one."""
+    """Return the stronger clue; of equally strong clues, the one that was known before."""
     return found if found.strength > known.strength else known
 
 
 def clue_of_set_point(parameter: Variant) -> GenerationClue:
-    """Return the clue in the numbers of a set point: RC8 and later take doubles, RC7 single precision."""
+    """Return the clue in a set point's number type: RC8 and later take doubles, RC7 takes single
+    precision."""
     value = parameter.value
     if parameter.vt == ARRAY | VT.VARIANT and isinstance(value, tuple) and value:
         first = value[0]
@@ -75,7 +76,7 @@ def clue_of_set_point(parameter: Variant) -> GenerationClue:
 
 
 def clue_of_call(call: Call) -> GenerationClue:
-    """Return the clue in any other successful call; `NO_CLUE` for most."""
+    """Return the clue in a successful call other than a set point; `NO_CLUE` for most calls."""
     if call.reply is None or is_failure(call.reply.item.code):
         return NO_CLUE
     function_id, command = call.kind

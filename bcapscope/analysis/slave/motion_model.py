@@ -1,7 +1,8 @@
 """Motion that set points command: steps, velocities and accelerations per axis, and the returned poses.
 
-A controller takes one set point per period, whenever the set point arrived. Velocity and acceleration are
-therefore computed from one step per period, not from the times at which the client sent the set points.
+A controller takes one set point per period, no matter when within the period the set point arrived. Velocity
+and acceleration are therefore computed from one step per period, not from the times at which the client sent
+the set points.
 """
 
 from __future__ import annotations
@@ -23,20 +24,21 @@ from bcapscope.protocol.slave_mode.modes import PoseType
 from bcapscope.protocol.slave_mode.poses import Axis
 
 JUMP_TIMES = 5.0
-"""A step is a jump if it is this many times as large as the steps on both sides.
+"""Minimum ratio of an isolated jump to the larger of the steps before and after it.
 
-At 8 ms no robot changes its speed that fast. A motion that only begins or ends has a small step on one side
-at most.
+No robot can change its speed this much within 8 ms. A step at the begin or end of a normal motion has a small
+step on only one side.
 """
 
 SMALLEST_JUMP = 0.2
-"""Degrees or mm in one step, 25 of them per second. A smaller step is rounding or noise, not a jump."""
+"""Smallest step that can be a jump, in degrees or mm: at 8 ms this is 25 per second. A smaller step is
+rounding or noise."""
 
 LARGEST_STEP = 180.0
-"""Degrees or mm in one step. A larger step is a jump, whatever its neighbours are.
+"""Largest step in degrees or mm that can be normal motion. A larger step is always a jump.
 
-At 8 ms this is 22,500 degrees per second, or 22 m/s. No source gives a limit for every axis; this value is
-meant to be well beyond all of them.
+At 8 ms this is 22,500 degrees per second, or 22 m/s. No source gives a limit for every axis. This step is far
+above the limit of any axis.
 """
 
 _FIGURE = "Fig"
@@ -44,7 +46,7 @@ _TURN = 360.0
 
 
 class Peak(NamedTuple):
-    """The largest value, and the frame number of the request that it belongs to."""
+    """The largest value of a figure, and the number of the request frame where it occurs."""
 
     value: float
     frame: int
@@ -54,20 +56,20 @@ class Peak(NamedTuple):
 class AxisMotion:
     """Commanded motion of one axis in a slave-mode session.
 
-    Velocity and acceleration assume one set point every `grid_ms`.
+    Velocity and acceleration are computed as if the client sent one set point every `grid_ms`.
 
     Attributes:
-        name: Axis, such as J1, X or Rx.
-        unit: "deg", "mm", or empty.
-        least: Smallest commanded position.
-        most: Largest commanded position.
-        step: Absolute step between successive set points; None for fewer than two.
-        velocity: Step per period, in units per second; None for fewer than two set points.
-        acceleration: Change of velocity, in units per second squared; None for fewer than three set points.
-        difference: Absolute difference of commanded and returned position in the same call; None if no pose
-            of the same type was returned.
-        lag_cycles: Number of set points by which the returned pose lags behind, where both agree best. An
-            estimate; None if the axis moves too little for one.
+        name: Name of the axis, such as J1, X or Rx.
+        unit: Unit of the position: "deg" or "mm"; "" for a value without a unit, such as Fig.
+        least: Smallest commanded position of the axis.
+        most: Largest commanded position of the axis.
+        step: Absolute distance between successive set points; None for fewer than two set points.
+        velocity: Absolute velocity in units per second; None for fewer than two set points.
+        acceleration: Absolute acceleration in units per second squared; None for fewer than three set points.
+        difference: Absolute difference between the commanded and the returned position of a call; None if no
+            reply has a pose of the same type.
+        lag_cycles: Estimated lag of the returned pose behind the commanded pose, in set points; None if the
+            axis moves too little for an estimate.
     """
 
     name: str
@@ -86,27 +88,27 @@ class AxisMotion:
 
 
 class JumpKind(Enum):
-    """How a jump differs from motion."""
+    """How a jump differs from normal motion."""
 
     ISOLATED = "isolated"
     """The step is far larger than the steps on both sides."""
     OUTLIER = "outlier"
-    """One set point is off the path.
+    """A single set point is off the path of its neighbours.
 
-    This step and the next one, which goes back, are far larger than the steps on both sides.
+    The step to this set point and the step back are far larger than the steps before and after.
     """
     IMPLAUSIBLE = "implausible"
     """The step is larger than `LARGEST_STEP`."""
 
 
 class Jump(NamedTuple):
-    """A step that no robot is meant to make.
+    """A step between two set points that is too large to be intended.
 
     Attributes:
-        frame: Number of the request frame that commands it.
-        time: Time of that request, ns.
-        axis: Axis with the largest step.
-        step: Step on that axis, with sign.
+        frame: Number of the request frame that commands the jump.
+        time: Time of the request that commands the jump, ns since 1970.
+        axis: Name of the axis with the largest step.
+        step: Signed step of `axis`, in degrees or mm.
     """
 
     frame: int
@@ -118,24 +120,26 @@ class Jump(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class MotionFacts:
-    """Motion that the set points of a slave-mode session command, and the returned poses.
+    """Facts about the commanded motion of a slave-mode session, and about the returned poses.
 
-    Set points that were refused because the buffer was full are left out: the client sends the same point
-    again.
+    Set points that the controller refused because its buffer was full are left out, because the client sends
+    them again.
 
     Attributes:
         read: Number of set points with a readable pose.
         unread: Number of set points with an unreadable pose or a pose of another type.
-        not_finite: Number of set points with a NaN or an infinity; other figures do not include them.
-        not_finite_frames: Frames of the first of them.
-        pose_type_guessed: The pose type was inferred from the count of numbers.
-        returned: Number of replies with a pose of the same type.
+        not_finite: Number of set points with a NaN or an infinity, which no other figure includes.
+        not_finite_frames: Numbers of the first request frames with a NaN or an infinity.
+        pose_type_guessed: Whether the pose type was inferred from the number of values in a pose.
+        returned: Number of replies with a pose of the same type as the commanded pose.
         repeated: Number of set points equal to the previous one.
-        stutters: Number of repeated set points between two that move: the robot has to stop for one period.
-        stutter_frames: Request frames of the first of them.
-        jumps: Number of jumps of all kinds, see `JumpKind`.
-        figure_changes: Number of changes of Fig; 0 for joints.
-        first_distance: First set point minus the position known then, per axis; () if none is known.
+        stutters: Number of repeated set points in the middle of a motion, at which the robot has to stop for
+            one period.
+        stutter_frames: Numbers of the request frames of the first stutters.
+        jumps: Number of jumps of all kinds (see `JumpKind`).
+        figure_changes: Number of times that the value Fig of the pose changes; 0 for joint positions.
+        first_distance: First set point minus the robot's position at that time, per axis; () if the position
+            is unknown.
     """
 
     read: int
@@ -159,12 +163,12 @@ class MotionFacts:
 
 @dataclass(frozen=True, slots=True)
 class PoseTable:
-    """Poses of successive set points, one row per set point.
+    """Columns of the poses of successive set points, one row per set point.
 
     Attributes:
-        commanded: Commanded pose; NaN if unreadable.
-        returned: Returned pose; NaN without one.
-        times: Time of the first request, ns.
+        commanded: Commanded pose of each set point; NaN if the pose is unreadable.
+        returned: Pose in the reply to each set point; NaN if no pose was returned.
+        times: Time of each set point's first request, ns since 1970.
     """
 
     commanded: Floats
@@ -179,9 +183,9 @@ class StartDistance(NamedTuple):
     """Distance of the first set point from the position of the robot.
 
     Attributes:
-        distance: Distance per axis; () if unknown.
-        known_by: Source of the robot's position; None if unknown.
-        frames: Frames that prove it; () if unknown.
+        distance: Distance of each axis in degrees or mm; () if unknown.
+        known_by: How the robot's position is known; None if the position is unknown.
+        frames: Numbers of the frames that prove the distance; () if the distance is unknown.
     """
 
     distance: tuple[float, ...] = ()
@@ -190,7 +194,7 @@ class StartDistance(NamedTuple):
 
 
 class _LargestByAxis:
-    """The largest value of each axis and its frame."""
+    """The largest value of a figure for each axis, and the number of the frame where it occurs."""
 
     def __init__(self, axes: int) -> None:
         self.values = np.full(axes, -1.0)
@@ -211,7 +215,7 @@ class _LargestByAxis:
 
 
 class MotionModel:
-    """Computes motion from the poses of a slave-mode session, in order."""
+    """Computes facts about motion from the poses of a slave-mode session, which must be added in order."""
 
     def __init__(self, axes: Sequence[Axis], pose_type: PoseType | None, guessed: bool) -> None:
         self._axes = axes
@@ -233,8 +237,7 @@ class MotionModel:
         self._largest_step, self._largest_change = _LargestByAxis(count), _LargestByAxis(count)
         self._largest_difference = _LargestByAxis(count)
         self._lag = AxisLag(count)
-        # The last four set points of the previous rows: a step, or two, is judged by its neighbours on both
-        # sides.
+        # The last four set points that were added, because jumps are found by the steps around them.
         self._tail = np.empty((0, count))
         self._tail_frames = self._tail_times = np.empty(0, np.int64)
 
@@ -291,7 +294,8 @@ class MotionModel:
         self._tail, self._tail_frames, self._tail_times = points[-4:], frames[-4:], times[-4:]
 
     def _find_stutters(self, moves: Bools, frames: NDArray[np.int64], new: int) -> None:
-        """Find repeated set points between two that move. The last of the three steps must be new."""
+        """Find repeated set points in the middle of a motion. Steps from index `new` on were not examined
+        before."""
         first = max(new - 2, 0)
         still = ~moves[1:-1] & moves[:-2] & moves[2:]
         found = frames[2:-1][first:][still[first:]].tolist()
@@ -301,7 +305,7 @@ class MotionModel:
     def _find_jumps(
         self, steps: Floats, frames: NDArray[np.int64], times: NDArray[np.int64], new: int
     ) -> None:
-        """Find jumps of each kind that the `new` steps decide; neighbours on both sides count."""
+        """Find jumps of each kind. Steps from index `new` on were not examined before."""
         sizes = np.abs(steps[:, self._measured])
         absurd = sizes > LARGEST_STEP
         counted = np.logical_or.reduce(absurd, axis=1)  # no row counts twice
@@ -309,7 +313,7 @@ class MotionModel:
         alone[1:-1] = _stands_out(sizes[1:-1], np.maximum(sizes[:-2], sizes[2:]))
         alone[counted] = False
         counted |= np.logical_or.reduce(alone, axis=1)
-        counted[:-1] |= counted[1:]  # the way out is no outlier if the way back counts already
+        counted[:-1] |= counted[1:]  # a step is no outlier if the step back already counts as a jump
         beside = np.maximum(sizes[:-3], sizes[3:])
         turns = np.signbit(steps[1:-2, self._measured]) != np.signbit(steps[2:-1, self._measured])
         stray[1:-2] = _stands_out(sizes[1:-2], beside) & _stands_out(sizes[2:-1], beside) & turns
@@ -328,14 +332,15 @@ class MotionModel:
                 found.append(Jump(int(frames[row + 1]), int(times[row + 1]), name, step, kind))
 
     def _shortest(self, steps: Floats) -> Floats:
-        """Take the shorter way for angles that wrap: 179 and -179 degrees are two degrees apart."""
+        """Return the steps by the shorter way for angles that wrap: from 179 to -179 degrees it is 2
+        degrees."""
         if self._turns.any():
             turning = steps[:, self._turns]
             steps[:, self._turns] = turning - _TURN * np.rint(turning / _TURN)
         return steps
 
     def facts(self, grid_ms: float, start: StartDistance) -> MotionFacts:
-        """Return the facts so far, assuming one set point every `grid_ms`."""
+        """Return the facts so far, computed as if the client sent one set point every `grid_ms`."""
         return MotionFacts(
             read=self._read,
             unread=self._unread,

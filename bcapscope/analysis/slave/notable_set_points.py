@@ -1,4 +1,4 @@
-"""Notable set points: those that a finding or a table names."""
+"""Facts about notable set points: those that a finding or a table names one by one."""
 
 from __future__ import annotations
 
@@ -9,16 +9,18 @@ from bcapscope.analysis.slave.set_point_table import SetPointTable
 from bcapscope.analysis.statistics.distribution import Floats
 
 MAX_LISTED = 64
-"""Entries of each list of notable set points: the first ones, or the worst ones where stated."""
+"""Maximum number of entries in each list of notable set points: the first ones, unless the list says
+otherwise."""
 
 
 class SetPointFact(NamedTuple):
     """A notable set point.
 
     Attributes:
-        time: Time of the first request, ns since 1970.
-        latency_ms: Time from the first request to the accepted reply, ms; None without one.
-        cycle_ms: Time since the first request of the previous set point, ms; None for the first.
+        time: Time of the set point's first request, ns since 1970.
+        latency_ms: Time from the first request to the accepted reply, ms; None if no reply was captured.
+        cycle_ms: Time from the first request of the previous set point to this one, ms; None for the first
+            set point.
     """
 
     call: int
@@ -31,7 +33,8 @@ class SetPointFact(NamedTuple):
 
 
 def set_point_fact(rows: SetPointTable, row: int, cycles: Floats) -> SetPointFact:
-    """Return the facts of one set point; `cycles` holds the time before each in ms, NaN for the first."""
+    """Return the facts of the set point in `row`. `cycles` are in ms; the cycle of the very first set point
+    is NaN."""
     answered, cycle = bool(rows.answered[row]), float(cycles[row])
     return SetPointFact(
         call=rows.calls[row],

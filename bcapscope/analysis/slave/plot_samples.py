@@ -1,4 +1,4 @@
-"""Samples of a slave-mode session for plots, bounded for long sessions."""
+"""Samples of a slave-mode session for plots, at most `MAX_SAMPLES` however long the session is."""
 
 from __future__ import annotations
 
@@ -10,25 +10,26 @@ from numpy.typing import NDArray
 from bcapscope.analysis.statistics.distribution import Floats
 
 MAX_SAMPLES = 2048
-"""More samples than a plot on a large screen is pixels wide."""
+"""Maximum number of samples of a slave-mode session: more than a plot on a large screen has pixels in
+width."""
 
-# Columns of a run: time and frame of the first set point, number of set points, extremes; poses follow.
+# Columns of a sample before its poses: time and frame of the first set point, number of set points, extremes.
 _TIME, _FRAME, _POINTS, _CYCLE_LEAST, _CYCLE_MOST, _LATENCY_MOST, _SLACK_LEAST = range(7)
 _HEAD = 7
 
 
 class PlotSample(NamedTuple):
-    """A run of successive set points, summarised for plots.
+    """Summary of successive set points for plots.
 
     Attributes:
-        frame: Request frame of the first set point.
-        cycle_least: Shortest cycle in the run, ms; NaN without one.
-        cycle_most: Longest cycle in the run, ms; NaN without one.
-        latency_most: Longest latency, ms; NaN without a reply.
-        slack_least: Smallest slack, ms, as in `BufferFacts.smallest_slack_ms`; NaN for the very first set
-            point.
-        commanded: Commanded pose of the first set point; NaN if unreadable.
-        returned: Pose in the reply to the first set point; NaN if there is none.
+        frame: Number of the request frame of the sample's first set point.
+        cycle_least: Shortest cycle in the sample, ms; NaN if the sample has no cycle.
+        cycle_most: Longest cycle in the sample, ms; NaN if the sample has no cycle.
+        latency_most: Longest latency in the sample, ms; NaN if no reply was captured.
+        slack_least: Smallest slack in the sample, ms (see `BufferFacts.smallest_slack_ms`); NaN for the very
+            first set point.
+        commanded: Commanded pose of the sample's first set point; NaN if the pose is unreadable.
+        returned: Pose in the reply to the sample's first set point; NaN if no pose was returned.
     """
 
     time: int
@@ -43,13 +44,13 @@ class PlotSample(NamedTuple):
 
 
 class PlotSampler:
-    """Summarises runs of set points, one row per run.
-
-    When there are too many runs, it doubles their length.
+    """Summarises successive set points as samples. When there are too many samples, the sampler joins them in
+    pairs.
     """
 
     def __init__(self, axes: int, origin: int) -> None:
-        """Create a sampler for `axes` axes; times count from `origin` in ns."""
+        """Create a sampler for `axes` axes. Times of set points count from `origin`, which is in ns since
+        1970."""
         self._axes = axes
         self._origin = origin
         self._runs = np.empty((0, _HEAD + 2 * axes))
@@ -66,14 +67,14 @@ class PlotSampler:
         """Add set points.
 
         Args:
-            times: Times since the origin, ns.
-            figures: Cycles, latencies and slacks in ms; NaN where there is none.
+            times: Times of the set points, ns since the origin.
+            figures: Cycles, latencies and slacks of the set points in ms; NaN where a value is missing.
         """
         cycles, latencies, slacks = figures
         ones = np.ones(len(times))
         head = np.column_stack((times, frames, ones, cycles, cycles, latencies, slacks))
         rows: Floats = np.hstack((head, *poses))
-        into = -self._total % self._length  # rows that belong to the last run
+        into = -self._total % self._length  # number of rows that belong to the last sample
         starts = np.arange(into, len(rows), self._length)
         if into:
             starts = np.concatenate(([0], starts))
@@ -105,7 +106,7 @@ class PlotSampler:
 
 
 def _sum_up_runs(rows: Floats, starts: NDArray[np.int64]) -> Floats:
-    """Summarise each run of rows in one row; runs begin at `starts`."""
+    """Summarise rows as samples. Each sample begins at an index in `starts`."""
     runs = rows[starts]
     runs[:, _POINTS] = np.add.reduceat(rows[:, _POINTS], starts)
     for column in (_CYCLE_LEAST, _SLACK_LEAST):

@@ -1,4 +1,4 @@
-"""Find the slave-mode sessions of selected set points."""
+"""Find the slave-mode sessions that contain selected set points."""
 
 from __future__ import annotations
 
@@ -13,9 +13,8 @@ from bcapscope.traffic.slave_mode_tracker import is_set_point
 
 
 class SelectedSlaveSessions(PipelineSubscriber):
-    """Finds the slave-mode sessions of selected set points.
-
-    All other calls still count for the start and end of these sessions.
+    """Finds the slave-mode sessions that contain selected set points. Calls that are not selected can still
+    begin and end these sessions.
     """
 
     def __init__(
@@ -27,10 +26,10 @@ class SelectedSlaveSessions(PipelineSubscriber):
         """Create a detector.
 
         Args:
-            is_selected: Returns whether a set point is selected; None for all set points, and for slave-mode
-                sessions without set points.
-            on_slave_session: Receives each slave-mode session that is finished; `remaining_sessions` returns
-                the others.
+            is_selected: Returns whether a set point is selected; None to select all slave-mode sessions, even
+                those without set points.
+            on_slave_session: Receives each slave-mode session when it is complete. `remaining_sessions`
+                returns the sessions that are not complete.
         """
         self._is_selected = is_selected
         self._on_slave_session = on_slave_session
@@ -47,7 +46,8 @@ class SelectedSlaveSessions(PipelineSubscriber):
             self._report(self._detector.add_set_points(calls))
 
     def remaining_sessions(self, ended_at: int = 0) -> list[SlaveSession]:
-        """Return the sessions not yet reported, as `SlaveSessionDetector.remaining_sessions`."""
+        """Return the slave-mode sessions that `on_slave_session` has not received, as if the traffic ended
+        now."""
         return self._chosen(self._detector.remaining_sessions(ended_at))
 
     def _report(self, sessions: Sequence[SlaveSession]) -> None:

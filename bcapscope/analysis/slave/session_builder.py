@@ -16,32 +16,35 @@ from bcapscope.analysis.slave.slave_session import CallFact, FrameTime, SessionE
 from bcapscope.traffic.observation import Conversation
 
 BATCH_SIZE = 4096
-"""Set points that are processed together: enough to make columns worthwhile, one or two MB of them."""
+"""Maximum number of set points that are processed together. Larger batches need more than 2 MB and are not
+faster."""
 
 _FAILURES = 0x80000000
 _I4_ARGUMENT, _I4_SIZE = b"\x0a\x00\x00\x00\x03\x00", 14
 
 SessionKey: TypeAlias = "tuple[Conversation, bytes]"
-"""A client, and the argument by which it names the robot."""
+"""A client's conversation, and the bytes of the robot's handle as the client sends it."""
 
 SetPointHandler: TypeAlias = "Callable[[SetPointChunk], None]"
-"""Receives the set points of all slave-mode sessions, some thousand at a time."""
+"""Receives the set points of all slave-mode sessions, up to `BATCH_SIZE` at a time."""
 
 
 class SlaveSessionBuilder:
-    """Builds a slave-mode session while it may still go on.
+    """Builds the facts of a slave-mode session, which may still continue.
 
     Attributes:
-        key: Client that sends the set points, and its robot; before the first set point, the client that
-            entered slave mode.
-        mode: Value of the mode, and its source.
-        entry_call: The slvChangeMode that began it; None if that was not seen.
+        key: Client that sends the set points (before the first one, the client that entered slave mode), and
+            its robot's handle.
+        mode: Value of the slave mode, and how it is known.
+        entry_call: The slvChangeMode call that began the session; None if the call was not captured.
         entered_at: Time of the reply to `entry_call`, ns since 1970.
-        models: Models of the processed set points; None before the first.
-        error_exit: Error that ended it, unless a later set point is accepted; None without one.
-        after_end: Number of set points refused as a consequence of the end, or not answered after it.
-        last_accepted: Send time of the latest processed set point that was accepted, ns since 1970; None
-            without one.
+        models: Models that have processed the session's set points; None before the first set point is
+            processed.
+        error_exit: End of the session by an error; None if no error occurred, or a later set point was
+            accepted.
+        after_end: Number of set points that were refused or unanswered because the session had ended.
+        last_accepted: Time of the first request of the latest processed set point that was accepted, ns since
+            1970; None if none was accepted.
     """
 
     def __init__(
@@ -76,7 +79,7 @@ class SlaveSessionBuilder:
 
     @property
     def handle(self) -> bytes:
-        """First argument of the set points, as raw bytes."""
+        """The robot's handle: first argument of the set points, as raw bytes."""
         return self.key[1]
 
     @property
@@ -86,16 +89,15 @@ class SlaveSessionBuilder:
 
     @property
     def last_activity(self) -> int:
-        """Time when the latest set point was answered, or else sent, ns since 1970; 0 if unknown.
-
-        It is never before `entered_at`. A client that does not wait for the reply to slvChangeMode sends set
-        points before that time.
+        """Time of the latest set point's reply, or request if unanswered, ns since 1970; 0 if unknown. This
+        time is never before `entered_at`. A client that does not wait for the reply to slvChangeMode sends
+        set points before `entered_at`.
         """
         last = max(self.batch[-1].time, self.batch[-1].reply_time) if self.batch else self._last_activity
         return max(last, self.entered_at or 0)
 
     def began_at(self, ended_at: int) -> int:
-        """Return the start time, ns since 1970; `ended_at` if it is unknown."""
+        """Return the start time of the session, ns since 1970; `ended_at` if the start is unknown."""
         if self.entered_at is not None:
             return self.entered_at
         if self._first_set_point is not None:
@@ -103,18 +105,18 @@ class SlaveSessionBuilder:
         return self.batch[0].time if self.batch else ended_at
 
     def process_batch(self, slave_setup: SlaveSetup) -> None:
-        """Process the waiting set points. `slave_setup` counts only for the first batch."""
+        """Process the waiting set points. `slave_setup` is used only for the session's first batch."""
         if self.batch:
             self._process(self.batch, slave_setup)
             self.batch.clear()
 
     def processed(self, slave_setup: SlaveSetup) -> SlaveSessionBuilder:
-        """Return the builder as it is once the waiting set points are processed. This one is not changed."""
+        """Return a copy of this builder in which the waiting set points are processed."""
         if not self.batch:
             return self
         processed = copy.copy(self)
         processed._on_set_points = None
-        # The models hold a few MB at most, however long the session is. Copying them takes 2 ms.
+        # The models use at most a few MB, however long the session is, and copying the models takes 2 ms.
         processed.models = copy.deepcopy(self.models)
         processed._process(self.batch, slave_setup)
         processed.batch = SetPointBatch()
@@ -132,7 +134,7 @@ class SlaveSessionBuilder:
         accepted = np.flatnonzero(rows.answered & (rows.codes < _FAILURES))
         if len(accepted):
             self.last_accepted = rows.origin + int(rows.times[accepted[-1]])
-        with np.errstate(all="ignore"):  # numbers from the wire may be infinite or too large to square
+        with np.errstate(all="ignore"):  # a number from the wire may be infinite, or too large to square
             commanded, returned = self.models.add(rows, batch)
         if self._on_set_points is not None:
             self._on_set_points(SetPointChunk(self, self.models, rows, commanded, returned))
@@ -141,7 +143,8 @@ class SlaveSessionBuilder:
     def session(
         self, exit_: SessionExit, slave_setup: SlaveSetup, other_calls: tuple[CallFact, ...]
     ) -> SlaveSession:
-        """Return the slave-mode session with this end, without the set points that wait."""
+        """Return the slave-mode session with this end. Set points that wait to be processed are not
+        included."""
         models = self.models or SessionModels(
             self.conversation.transport, slave_setup, SetPointBatch(), self._window
         )
@@ -177,9 +180,9 @@ class SetPointChunk(NamedTuple):
     """Successive set points of one slave-mode session, including refused ones.
 
     Attributes:
-        models: Its models, which have processed these set points.
-        commanded: Poses of the requests, one row per call.
-        returned: Poses of the same type and time stamps in the replies, one row per call.
+        models: Models of the slave-mode session, which have already processed these set points.
+        commanded: Poses in the requests, one row per set point.
+        returned: Poses of the same type, and time stamps, in the replies, one row per set point.
     """
 
     builder: SlaveSessionBuilder

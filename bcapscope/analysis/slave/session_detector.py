@@ -32,31 +32,33 @@ from bcapscope.traffic.slave_mode_tracker import (
 )
 
 HOLD_BACK_NS = 6_000_000_000
-"""Delay before a slave-mode session that ended is returned.
-
-A call of another client may have ended it, and such calls may be completed this much later.
+"""Time in ns from the end of a slave-mode session until the session is returned. A call of another client may
+have ended the session, and this call may be completed this much later.
 """
 
 SILENCE_NS = 1_000_000_000
-"""A client without set points for this long before the capture ends has stopped sending them."""
+"""Time in ns before the end of the capture. A client whose last set point was sent earlier has stopped
+sending set points."""
 
 SUSPECT_WITHIN_NS = 2_000_000_000
-"""A call of any client that failed within this time before slave mode was found off may be the cause."""
+"""Maximum time in ns between a failed call of any client and the discovery that slave mode is off, for the
+failed call to be the cause."""
 
 STILL_TAKING_NS = 200_000_000
-"""How long a controller may accept set points after the error that makes it leave slave mode.
-
-No source gives a value. 25 cycles leave room for a controller that first stops on its path.
+"""Maximum time in ns for which a controller may still accept set points after an error that ends slave mode.
+No source gives a value. These 25 cycles of 8 ms allow for a controller that first stops on its path.
 """
 
 BEFORE_NS, AFTER_NS = 1_000_000_000, 500_000_000
-"""How long before and after a slave-mode session other calls are listed with it."""
+"""Time in ns before and after a slave-mode session in which other calls are listed with the session."""
 
 MAX_SESSIONS = 64
-"""Limit of open slave-mode sessions. Beyond it, the session that was silent longest ends."""
+"""Maximum number of open slave-mode sessions. Beyond the limit, the session that was silent longest is
+ended."""
 
 MAX_HELD_BACK = 256
-"""Ended slave-mode sessions that are held back. Beyond that, the oldest is returned at once."""
+"""Maximum number of ended slave-mode sessions that are held back. Beyond the limit, the oldest session is
+returned at once."""
 
 MAX_CONTROLLERS = 64
 
@@ -65,7 +67,7 @@ _HANDLE = slice(15, 29)
 
 
 class _EndedSession(NamedTuple):
-    """A slave-mode session that ended and is held back."""
+    """A slave-mode session that has ended and is held back (see `HOLD_BACK_NS`)."""
 
     builder: SlaveSessionBuilder
     exit: SessionExit
@@ -73,7 +75,7 @@ class _EndedSession(NamedTuple):
 
 
 class SlaveSessionDetector:
-    """Finds slave-mode sessions in calls, in the order in which a tracker completes them.
+    """Finds slave-mode sessions in calls, which must be added in the order in which a tracker completes them.
 
     Memory depends on the number of open slave-mode sessions, not on their duration.
     """
@@ -82,8 +84,8 @@ class SlaveSessionDetector:
         """Create a detector.
 
         Args:
-            window: Length of a time slice in ns, for figures per slice; None for no slices.
-            on_set_points: Receives the set points when they are processed.
+            window: Length in ns of the time slices for which figures are computed; None for no slices.
+            on_set_points: Receives batches of set points after the models have processed them.
         """
         self._window = window
         self._on_set_points = on_set_points
@@ -96,7 +98,7 @@ class SlaveSessionDetector:
         self._remaining: tuple[int, tuple[SlaveSession, ...]] | None = None
 
     def add_call(self, call: Call) -> Sequence[SlaveSession]:
-        """Add a completed call; return the slave-mode sessions that are finished."""
+        """Add a completed call; return the slave-mode sessions that are complete."""
         self._remaining = None
         effect = slave_mode_effect(call)
         if is_set_point(call.kind):
@@ -106,7 +108,8 @@ class SlaveSessionDetector:
         return self._on_time(call)
 
     def add_set_points(self, calls: Sequence[Call]) -> Sequence[SlaveSession]:
-        """Add set points that are alike, as `PipelineSubscriber.on_set_points` gets them."""
+        """Add alike set points from `PipelineSubscriber.on_set_points`; return the slave-mode sessions that
+        are complete."""
         self._remaining = None
         first = calls[0]
         builder = self._active.get((first.conversation, first.request.item.raw[_HANDLE]))
@@ -124,7 +127,7 @@ class SlaveSessionDetector:
         return finished
 
     def _on_time(self, call: Call) -> Sequence[SlaveSession]:
-        """Return the slave-mode sessions that are no longer held back after a call."""
+        """Return the slave-mode sessions that need not be held back any longer at the time of `call`."""
         self._latest_time = max(self._latest_time, call.last_activity)
         return self._release_ended(self._latest_time - HOLD_BACK_NS) if self._held_back else ()
 
@@ -142,13 +145,16 @@ class SlaveSessionDetector:
         return tuple(map(self._release, found))
 
     def remaining_sessions(self, ended_at: int = 0) -> tuple[SlaveSession, ...]:
-        """Return the slave-mode sessions not yet returned, as if the traffic ended now. Changes nothing.
+        """Return the slave-mode sessions that were not returned yet, as if the traffic ended now.
+
+        Changes nothing.
 
         Args:
-            ended_at: Time when the traffic ended, ns since 1970; the last frame of a call counts if it is
-                later.
+            ended_at: Time when the traffic ended, ns since 1970. If the last frame is later, its time is used
+                instead.
         """
-        # Building them takes 13 ms for 100,000 set points, and a snapshot of a diagnosis asks twice.
+        # The result is cached, because a live diagnosis needs it twice.
+        # Building the sessions of 100,000 set points takes 13 ms.
         unfinished = self._unfinished
         end = max((self._latest_time, ended_at, *(builder.last_activity for builder in unfinished)))
         if self._remaining is None or self._remaining[0] != end:
@@ -158,13 +164,14 @@ class SlaveSessionDetector:
         return self._remaining[1]
 
     def process_waiting(self) -> None:
-        """Process the set points that wait, so that `on_set_points` has received all of them."""
+        """Process the set points that wait in batches, so that `on_set_points` has received all set
+        points."""
         for builder in (*self._unfinished, *(ended.builder for ended in self._held_back)):
             self._process_batch(builder)
 
     @property
     def _unfinished(self) -> Sequence[SlaveSessionBuilder]:
-        """Slave-mode sessions that have not ended, followed by those without a set point."""
+        """Slave-mode sessions that have not ended: first those with set points, then those without."""
         waiting = (
             builder for known in self._controllers.values() for builder in known.pending_sessions.values()
         )
@@ -195,7 +202,7 @@ class SlaveSessionDetector:
             self._process_batch(builder)
 
     def _is_outside_session(self, key: SessionKey, call: Call, failed: bool) -> bool:
-        """Return whether a set point without a slave-mode session does not begin one either."""
+        """Return whether a set point belongs to no slave-mode session and begins none."""
         if self._controller(call).pending_sessions or not (failed or call.reply is None):
             return False
         ended = self._recently_ended.get(key)
@@ -294,7 +301,7 @@ class SlaveSessionDetector:
             builder.mode = controller.reported_mode
 
     def _on_disconnect(self, call: Call, handle: bytes | None) -> None:
-        """End the slave-mode sessions of a client, or of one of its robots."""
+        """End the slave-mode sessions of a client, or of one robot if `handle` is given."""
         pending = self._controller(call).pending_sessions
         for builder in (*self._active.values(), *pending.values()):
             if builder.conversation is call.conversation and handle in (None, builder.handle):
@@ -303,7 +310,7 @@ class SlaveSessionDetector:
     # ends
 
     def _end_session(self, builder: SlaveSessionBuilder, exit_: SessionExit) -> None:
-        """End a slave-mode session. If an error ended it earlier, that error is the reason."""
+        """End a slave-mode session. If an error had already ended the session, the error is the reason."""
         controller = self._controller_of(builder)
         self._active.pop(builder.key, None)
         controller.pending_sessions.pop(builder.key, None)
@@ -315,7 +322,7 @@ class SlaveSessionDetector:
         self._held_back.append(_EndedSession(builder, builder.error_exit or exit_, slave_setup))
 
     def _ended_with_traffic(self, builder: SlaveSessionBuilder, ended_at: int) -> _EndedSession:
-        """Return a session as it is if the traffic ended at `ended_at`, without ending it."""
+        """Return an open session as if the traffic ended at `ended_at`. The session stays open."""
         last = builder.last_activity
         reason = ExitReason.SILENT if ended_at - last > SILENCE_NS else ExitReason.CAPTURE_ENDED
         exit_ = builder.error_exit or SessionExit(reason, last, (), None, None)
@@ -323,7 +330,7 @@ class SlaveSessionDetector:
         return _EndedSession(builder.processed(slave_setup), exit_, slave_setup)
 
     def _release_ended(self, before: int) -> list[SlaveSession]:
-        """Return the slave-mode sessions that ended until `before`."""
+        """Return the slave-mode sessions that ended before or at the time `before`."""
         sessions = []
         ended = self._held_back
         while ended and (ended[0].exit.time <= before or len(ended) > MAX_HELD_BACK):
@@ -340,7 +347,7 @@ class SlaveSessionDetector:
         controller = self._controller_of(builder)
         exit_ = _find_exit_cause(ended, controller)
         others = controller.calls_between(builder.began_at(exit_.time) - BEFORE_NS, exit_.time + AFTER_NS)
-        # Set points may have been added after the end: see `_begin_session`.
+        # `_begin_session` can add set points to a session after its end, so process waiting set points here.
         return builder.processed(ended.slave_setup).session(
             exit_, ended.slave_setup, tuple(map(call_fact, others[-MAX_LISTED:]))
         )
@@ -373,7 +380,8 @@ def _call_frames(call: Call) -> tuple[int, ...]:
 
 
 def _find_exit_cause(ended: _EndedSession, controller: ControllerState) -> SessionExit:
-    """Look in other calls for the end of a slave-mode session that its set points do not show."""
+    """Return the end of a slave-mode session. If its set points do not show the cause, search other calls for
+    the cause."""
     builder, exit_, _ = ended
     if exit_.reason not in (ExitReason.FOUND_OFF, ExitReason.SILENT, ExitReason.CAPTURE_ENDED):
         return exit_
@@ -397,7 +405,7 @@ def _silent_exit(builder: SlaveSessionBuilder) -> SessionExit:
 
 
 def _exit_by_call(reason: ExitReason, call: Call, frames: tuple[int, ...] = ()) -> SessionExit:
-    """Return an end that a call shows, with the `frames` that prove it besides those of the call."""
+    """Return the end that a call proves. The proving frames are those of the call, followed by `frames`."""
     return SessionExit(reason, _call_end(call), (*_call_frames(call), *frames), call.hresult, call_fact(call))
 
 

@@ -1,4 +1,4 @@
-"""The models of one slave-mode session: timing, buffer, clock, motion and counts of its set points."""
+"""All models of one slave-mode session: timing, buffer, clock, motion and numbers of set points."""
 
 from __future__ import annotations
 
@@ -34,7 +34,8 @@ from bcapscope.traffic.observation import Transport
 from bcapscope.traffic.slave_mode_tracker import execute_parameter
 
 MAX_CODES = 256
-"""Different HRESULTs of refused set points that are counted separately; further ones count under 0."""
+"""Maximum number of different HRESULTs of refused set points that are counted separately. Further HRESULTs
+are counted as 0."""
 
 _PARAMETER = 2
 _RESULT = 0
@@ -42,7 +43,7 @@ _UNKNOWN = -1
 
 
 class KnownPosition(NamedTuple):
-    """Position of the robot that the controller reported earlier."""
+    """A position of the robot that the controller reported before the slave-mode session."""
 
     pose_type: PoseType
     values: tuple[float, ...]
@@ -51,10 +52,10 @@ class KnownPosition(NamedTuple):
 
 
 class SlaveSetup(NamedTuple):
-    """What client and controller agreed on before the first set point.
+    """What is known about slave mode, formats and position before the first set point.
 
     Attributes:
-        known_by: Source of that value.
+        known_by: How `mode_value` is known.
     """
 
     mode_value: int | None
@@ -66,7 +67,7 @@ class SlaveSetup(NamedTuple):
 
 
 def known_mode(slave_setup: SlaveSetup, pose_type: PoseType | None) -> KnownMode:
-    """Return what a mode means on this controller, as far as known."""
+    """Return the slave mode, with its meaning on this controller as far as known."""
     value, generation = slave_setup.mode_value, slave_setup.generation_clue.generation
     meaning = None if value is None else slave_mode_by_number(value, generation or Generation.RC8)
     return KnownMode(
@@ -81,7 +82,7 @@ def known_mode(slave_setup: SlaveSetup, pose_type: PoseType | None) -> KnownMode
 
 
 class _PosePicker:
-    """Finds the pose in a set point, and pose and time stamp in its result."""
+    """Finds the pose in a set point, and the pose and the time stamp in its reply."""
 
     def __init__(self, slave_setup: SlaveSetup, pose_type: PoseType | None) -> None:
         self._send, self._receive = _formats(slave_setup)
@@ -98,7 +99,7 @@ class _PosePicker:
 
 
 class SessionModels:
-    """Feeds all models of one slave-mode session."""
+    """Passes the set points of one slave-mode session to all its models."""
 
     def __init__(
         self, transport: Transport, slave_setup: SlaveSetup, batch: SetPointBatch, window: int | None
@@ -240,7 +241,8 @@ class SessionModels:
     def _start_distance(
         self, rows: SetPointTable, commanded: PoseColumns, returned: PoseColumns
     ) -> StartDistance:
-        """Compare the first set point with the pose in its reply, or else with the position known before."""
+        """Return the distance of the first set point from the pose in its reply, or else from the position
+        known before."""
         commanded_pose, position = commanded.poses[0], self.slave_setup.position
         if not self._axes or not np.isfinite(commanded_pose).all():
             return StartDistance()
@@ -273,7 +275,7 @@ def _pose_type(slave_setup: SlaveSetup) -> PoseType | None:
 
 
 def _poses_in(batch: SetPointBatch, slave_setup: SlaveSetup) -> Iterator[Pose]:
-    """Yield the readable poses of known type among the first 16 set points."""
+    """Yield the poses of the first 16 set points that are readable and have a known pose type."""
     send, receive = _formats(slave_setup)
     pose_type = _pose_type(slave_setup)
     for place in range(min(len(batch), 16)):

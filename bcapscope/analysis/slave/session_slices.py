@@ -12,18 +12,20 @@ from bcapscope.analysis.statistics.distribution import DistributionSummary, Floa
 from bcapscope.protocol.tables.hresult import is_failure
 
 MAX_SLICES = 10_000
-"""Slices kept for one slave-mode session: nearly three hours of seconds. Further ones are counted."""
+"""Maximum number of slices of one slave-mode session, nearly three hours of seconds. Further slices are only
+counted."""
 
 
 class SessionSlice(NamedTuple):
-    """Figures of one slice of time.
+    """Figures of a slave-mode session in one slice of time.
 
     Attributes:
         begin: Start of the slice, ns since 1970.
-        unanswered: Number of unanswered set points, without those that were evicted or still open at the end.
-        cycle: Cycle times, ms; None without any.
-        latency: Latencies, ms; None without any.
-        smallest_slack_ms: Smallest slack, ms, as in `BufferFacts`; None without any.
+        unanswered: Number of unanswered set points, without evicted ones and those still open at the end of
+            the capture.
+        cycle: Cycle times in the slice, ms; None if the slice has no cycle.
+        latency: Latencies of the answered set points in the slice, ms; None if none was answered.
+        smallest_slack_ms: Smallest slack in the slice, ms (see `BufferFacts`); None if no slack is known.
     """
 
     begin: int
@@ -48,7 +50,8 @@ class SessionSlicer:
     """Divides a slave-mode session into slices of equal length, starting at its origin."""
 
     def __init__(self, window: int, origin: int) -> None:
-        """Create a slicer; `window` is the length of a slice, `origin` the start of the first, both in ns."""
+        """Create a slicer. `window` is the length of each slice, `origin` the start of the first slice, in
+        ns."""
         self._left_off = 0
         self._window = window
         self._origin = origin
@@ -56,9 +59,8 @@ class SessionSlicer:
         self._open: _OpenSlice | None = None
 
     def add(self, rows: SetPointTable, cycles: Floats, slacks: Floats) -> None:
-        """Add set points; `cycles` and `slacks` are in ms, NaN where there is none.
-
-        A set point that was captured before an earlier one counts in the open slice.
+        """Add set points. `cycles` and `slacks` are in ms, NaN where a value is missing. A set point with a
+        time before the open slice is counted in the open slice.
         """
         numbers = np.maximum.accumulate(rows.times // self._window)
         if self._open is not None:
@@ -70,7 +72,8 @@ class SessionSlicer:
             self._fill(self._open, rows, np.flatnonzero(numbers == number), cycles, slacks)
 
     def slices(self) -> tuple[tuple[SessionSlice, ...], int]:
-        """Return all slices with set points, the last one perhaps incomplete, and the number left off."""
+        """Return all slices with set points, including the open slice, and the number of slices that were
+        left off."""
         if self._open is None:
             return tuple(self._finished), self._left_off
         if len(self._finished) >= MAX_SLICES:

@@ -14,23 +14,22 @@ from bcapscope.protocol.codec.frame import Frame
 from bcapscope.traffic.call import Call
 
 LARGE_FRAME = 2048
-"""Size in bytes. A set point has a tenth of this; larger frames are kept separately."""
+"""Size in bytes above which a frame is stored separately; the frame of a set point has a tenth of this
+size."""
 
 LATEST_TIME = (1 << 62) - 1
-"""Latest time, ns since 1970; in the year 2116.
-
-The difference of two times up to this fits into 64 bits. Later times, which only a damaged capture has, are
-set to this value.
+"""Latest time that is stored, ns since 1970; in the year 2116. The difference of two such times fits into 64
+bits. Later times, which occur only in a damaged capture, are set to this value.
 """
 
 
 class FrameBytes:
-    """Frames of one direction, stored one after another.
+    """The frames of a batch in one direction, stored one after another.
 
     Attributes:
-        size: Size of each frame in `data`, in bytes; 0 while there is none.
-        data: The frames. Zeros replace each frame of another size.
-        odd_sized: Frames of another size, by index; b"" for a missing frame.
+        size: Size in bytes of each frame in `data`; 0 while `data` has no frame.
+        data: Bytes of all frames of the common size. Zeros replace each frame of another size.
+        odd_sized: Frames of another size than `size`, by index; b"" for a missing frame.
     """
 
     def __init__(self, raws: Iterable[bytes] = ()) -> None:
@@ -62,11 +61,11 @@ class FrameBytes:
 
 
 class SetPointRow(NamedTuple):
-    """Data of a set point apart from its bytes.
+    """Call number, frame numbers and times of a set point.
 
     Attributes:
-        time: Time of the first request, ns since 1970-01-01 UTC.
-        reply_time: Time of the accepted reply; time of the request without one.
+        time: Time of the set point's first request, ns since 1970-01-01 UTC.
+        reply_time: Time of the accepted reply, ns since 1970-01-01 UTC; equal to `time` if there is no reply.
     """
 
     call: int
@@ -84,9 +83,9 @@ class SetPointBatch:
     """Set points in the order in which they were sent.
 
     Attributes:
-        row_data: One row per set point, as 64-bit integers.
-        irregular: Index and call of the set points that were retried, were not answered with S_OK, or differ
-            in size.
+        row_data: The `SetPointRow` of each set point, as 64-bit integers.
+        irregular: Index and call of each set point that was retried, was not answered with S_OK, or has a
+            frame of another size.
     """
 
     def __init__(self) -> None:
@@ -108,7 +107,7 @@ class SetPointBatch:
             self._add_irregular(call)
 
     def add_run(self, calls: Sequence[Call]) -> None:
-        """Add set points that are alike: sent once, answered with S_OK, and not large."""
+        """Add alike set points: each was sent once, was answered with S_OK and has small frames."""
         requests, results, row_data = self.requests, self.results, self.row_data
         for call in calls:
             frame: int
@@ -117,7 +116,7 @@ class SetPointBatch:
             replied: int
             item: Frame
             result: Frame
-            # Faster than reading the attributes one by one.
+            # Unpacking is faster than reading the attributes one by one.
             frame, time, _, _, item, _ = call.request  # type: ignore[misc]  # a tuple behind its protocol
             reply_frame, replied, _, _, result, _ = call.reply  # type: ignore[misc]  # the same
             raw, answer = item.raw, result.raw
@@ -144,12 +143,12 @@ class SetPointBatch:
         )
 
     def columns(self) -> NDArray[np.int64]:
-        """Return five arrays: calls, frames, times, reply frames and times of replies."""
+        """Return five arrays: call numbers, request frames, request times, reply frames and reply times."""
         rows = np.frombuffer(self.row_data, np.int64).reshape(-1, len(SetPointRow._fields))
         return rows.T.copy()
 
     def clear(self) -> None:
-        """Remove all set points; arrays made from them stay valid."""
+        """Remove all set points. Arrays that `columns` returned stay valid."""
         self.row_data = bytearray()
         self.requests.clear()
         self.results.clear()

@@ -1,4 +1,4 @@
-"""Set points as columns, so that a million of them can be processed together."""
+"""Set points as columns (NumPy arrays), so that a million set points can be processed together."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ from bcapscope.traffic.call import Call
 
 @dataclass(frozen=True, slots=True)
 class SetPointTable:
-    """Set points in the order in which they were sent.
+    """Columns with one row for each set point, in the order in which they were sent.
 
-    Times are ns since `origin`; frames are observation numbers.
+    Times are in ns since `origin`; frames are observation numbers.
 
     Attributes:
-        origin: Origin of the times, ns since 1970-01-01 UTC.
-        arrivals: Times of the answered attempts; of the first requests where there is no reply.
-        replies: Times of the accepted replies; equal to `times` where there is none.
-        open: True where no reply was captured but one may have come: the capture ended first, or the call was
-            evicted.
-        codes: HRESULT of each reply, 0 where there is none.
-        reply_frames: Frames of the accepted replies, 0 where there is none.
-        irregular: Index and call of the set points whose data is not all in the columns, as in
-            `SetPointBatch`.
+        origin: Time from which all times in the table count, ns since 1970-01-01 UTC.
+        arrivals: Time of each answered attempt; time of the first request if no reply was captured.
+        replies: Time of each accepted reply; equal to `times` if no reply was captured.
+        open: Whether each set point may have been answered although no reply was captured: the capture ended
+            first, or the call was evicted.
+        codes: HRESULT of each reply; 0 if no reply was captured.
+        reply_frames: Frame number of each accepted reply; 0 if no reply was captured.
+        irregular: Index and call of the set points that need more data than the columns hold (see
+            `SetPointBatch`).
     """
 
     origin: int
@@ -46,14 +46,14 @@ class SetPointTable:
 
     @property
     def latencies(self) -> Floats:
-        """Time from the first request to the reply, ms; infinite without a reply."""
+        """Time from each first request to its reply, ms; infinity if no reply was captured."""
         taken: Floats = (self.replies - self.times) / 1e6
         taken[~self.answered] = np.inf
         return taken
 
 
 def table_of(batch: SetPointBatch, origin: int) -> SetPointTable:
-    """Return the columns of a batch with at least one set point; `origin` is subtracted from all times."""
+    """Return the columns of a batch, with times relative to `origin`. The batch must have a set point."""
     calls, frames, times, reply_frames, replied = batch.columns()
     count = len(calls)
     rows = SetPointTable(

@@ -1,7 +1,7 @@
 """Facts about one slave-mode session: plain fields for people, programs and rules.
 
-Times are ns since 1970-01-01 UTC, durations are ms, and frames are observation numbers. A list that
-could grow long in a bad capture holds only its first few entries. A separate field holds the total count.
+Times are in ns since 1970-01-01 UTC, durations in ms, and frames are observation numbers. A list that could
+grow long in a bad capture has only its first few entries. A separate field has the total number.
 """
 
 from __future__ import annotations
@@ -24,14 +24,14 @@ from bcapscope.traffic.observation import Conversation, Endpoint
 
 
 class FrameTime(NamedTuple):
-    """A frame and the time when it was captured."""
+    """The number of a frame, and the time when the frame was captured."""
 
     frame: int
     time: int
 
 
 class CallFact(NamedTuple):
-    """A call that is relevant to a slave-mode session; `time` is that of the first request."""
+    """A call that is relevant to a slave-mode session. `time` is the time of its first request."""
 
     call: int
     client: Endpoint
@@ -45,15 +45,16 @@ class CallFact(NamedTuple):
 
 
 class KnownMode(NamedTuple):
-    """The slave mode, and how it is known.
+    """The slave mode of a session, and how the mode is known.
 
     Attributes:
-        value: Argument of slvChangeMode; None if unknown.
-        known_by: Source of the value: "slvChangeMode", "slvGetMode", or "" if unknown.
-        meaning: Mode that the value stands for on this generation, or on an RC8 if the generation is unknown;
-            None for an undefined or unknown value.
-        guessed: `meaning` is that of an RC8 because the generation is unknown.
-        pose_type: Pose type of the set points, from the mode or else from the count of their numbers.
+        value: Number of the mode, as in the argument of slvChangeMode; None if unknown.
+        known_by: Command that shows the value: "slvChangeMode" or "slvGetMode"; "" if the value is unknown.
+        meaning: The mode with this value on the controller's generation, or on an RC8 if the generation is
+            unknown; None if the value is undefined or unknown.
+        guessed: Whether `meaning` is that of an RC8 because the generation is unknown.
+        pose_type: Pose type of the set points, known from the mode or else from the number of values in a
+            pose.
     """
 
     value: int | None
@@ -69,8 +70,8 @@ class AcceptedFormat(NamedTuple):
     """A send or receive format that the controller accepted before or during the slave-mode session.
 
     Attributes:
-        value: Bits of the format.
-        microseconds: True if the unit of the time stamp is µs, not ms.
+        value: Bits of the format, as the client sent them.
+        microseconds: True if the controller's time stamps are in µs, False if they are in ms.
     """
 
     value: int
@@ -84,19 +85,20 @@ class ExitReason(StrEnum):
     LEFT = "left"
     """The client that sends the set points called slvChangeMode 0."""
     CHANGED = "changed"
-    """slvChangeMode entered another mode, or the same mode again."""
+    """The client called slvChangeMode and entered another mode, or the same mode again."""
     ERROR = "error"
     """A set point was refused with an error that ends slave mode."""
     OTHER_CALL = "other call"
-    """Slave mode was found off after an error in another call, of any client, had ended it."""
+    """A set point was refused because slave mode was off: an error in another call, of any client, had ended
+    slave mode."""
     OTHER_CLIENT = "other client"
     """Another client of the controller called slvChangeMode."""
     FOUND_OFF = "found off"
-    """A set point was refused because slave mode is off; no captured frame shows what ended it."""
+    """A set point was refused because slave mode was off. No captured frame shows what ended slave mode."""
     DISCONNECTED = "disconnected"
-    """Robot_Release, Controller_Disconnect, Service_Stop, or a new Service_Start."""
+    """The client called Robot_Release, Controller_Disconnect, Service_Stop or Service_Start."""
     SILENT = "silent"
-    """The client sent no more set points although the capture goes on: the client or the connection died."""
+    """The client stopped sending set points before the capture ended: the client or the connection failed."""
     CAPTURE_ENDED = "capture ended"
 
 
@@ -104,10 +106,11 @@ class SessionExit(NamedTuple):
     """The end of a slave-mode session.
 
     Attributes:
-        time: Time of the end: that of the reply that shows it, if there is one.
-        frames: Request and reply frames that prove it; () if none was captured.
-        hresult: Code of the error that ended it, or of the reply to the call that ended it; None without one.
-        by: Call that ended it, or that found slave mode off for `FOUND_OFF`; None without one.
+        time: Time when the session ended: time of the reply that shows the end, if there is one.
+        frames: Numbers of the request and reply frames that prove the end; () if none was captured.
+        hresult: Result code in the reply to the call `by`; None if there is no such call or reply.
+        by: Call that ended the session or, for `FOUND_OFF`, was refused because slave mode was off; None if
+            no call shows the end.
     """
 
     reason: ExitReason
@@ -119,21 +122,22 @@ class SessionExit(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class SetPointCounts:
-    """Number of set points in a slave-mode session; each counts once, however often it was sent.
+    """Numbers of set points in a slave-mode session. A set point with retries counts once.
 
     Attributes:
-        refused: Set points answered with a failure, by HRESULT.
-        unanswered: Set points that the client gave up; no reply was captured.
-        open: Set points that waited for a reply when the capture ended.
-        not_followed: Set points evicted from memory before a reply arrived.
-        buffer_full: Set points answered with S_BUF_FULL; `accepted` includes them.
-        after_end: Set points refused or unanswered after the end, as a consequence; no other field includes
-            them.
-        by_retries: Number of set points by number of retries, including 0.
-        retries_forbidden: Retries over UDP in a mode in which the newest point wins; they waste bandwidth
-            (DENSO Wave 2009, How to use the Slave mode).
-        late_replies: Replies that came after the client had sent another attempt.
-        lost_replies: Replies that were captured, although the client retried afterwards.
+        refused: Number of set points that were answered with a failure, by HRESULT.
+        unanswered: Number of set points that the client gave up and for which no reply was captured.
+        open: Number of set points that waited for a reply when the capture ended.
+        not_followed: Number of set points that were evicted from memory before a reply arrived.
+        buffer_full: Number of set points that were answered with S_BUF_FULL; `accepted` includes these set
+            points.
+        after_end: Number of set points that were refused or unanswered because the session had ended; no
+            other field includes these set points.
+        by_retries: Number of set points for each number of retries, including 0.
+        retries_forbidden: Number of retries over UDP in a mode where a new set point replaces the waiting
+            one, so that retries waste bandwidth (DENSO Wave 2009, How to use the Slave mode).
+        late_replies: Number of replies that arrived after the client had sent another attempt.
+        lost_replies: Number of replies that were captured, and that the client evidently did not receive.
     """
 
     sent: int
@@ -156,17 +160,20 @@ class SlaveSession:
     """A slave-mode session.
 
     Attributes:
-        number: Number in the order of start times, counted from 1.
-        entry_call: The slvChangeMode that began it; None if it began before the capture.
-        entered_at: Start: time of the reply to `entry_call`, else of the first set point.
-        send_format: Accepted send format; None if none was seen, which is not the same as 0.
-        receive_format: Accepted receive format; None if none was seen.
-        clock: Time stamps of the controller; None if none came back.
-        motion: Commanded motion; None without set points.
-        forbidden_retry_frames: Frames of the first retries that the mode forbids.
-        other_calls: Other calls of any client to this controller, except set points, from shortly before the
-            start to shortly after the end. Holds the last ones, in order of time.
-        slices: Figures per slice of time, if requested.
+        number: Number of the slave-mode session in the order of start times, counted from 1.
+        entry_call: The slvChangeMode call that began the session; None if the session began before the
+            capture.
+        entered_at: Time when the session began: time of the reply to `entry_call`, or else of the first set
+            point.
+        send_format: Send format that the controller accepted; None if no slvSendFormat was captured, which is
+            not the same as format 0.
+        receive_format: Receive format that the controller accepted; None if no slvRecvFormat was captured.
+        clock: Facts about the controller's time stamps; None if no reply has a time stamp.
+        motion: Facts about the commanded motion; None if there are no set points.
+        forbidden_retry_frames: Numbers of the first retry frames that the mode forbids.
+        other_calls: The last calls of any client to this controller, other than set points, during the
+            session and shortly before or after it, in chronological order.
+        slices: Figures of the session for each slice of time; () if no slices were requested.
     """
 
     number: int
@@ -198,5 +205,5 @@ class SlaveSession:
 
     @property
     def duration_ms(self) -> float:
-        """Time from start to end, ms."""
+        """Time from the start of the session to its end, ms."""
         return (self.exit.time - self.entered_at) / 1e6

@@ -1,4 +1,4 @@
-"""When the client sent set points, and how fast the controller answered them."""
+"""Timing of a slave-mode session: when the client sent set points, and how fast the controller answered."""
 
 from __future__ import annotations
 
@@ -17,10 +17,12 @@ from bcapscope.protocol.slave_mode.modes import PERIOD_MS, ModeKind, SlaveMode
 from bcapscope.traffic.observation import Transport
 
 FAST_GRID_MS = 1
-"""Recommended period where the newest point wins (DENSO Wave 2009, How to use the Slave mode)."""
+"""Recommended period in ms in modes where a new set point replaces the waiting one (DENSO Wave 2009, How to
+use the Slave mode)."""
 
 FAST_BELOW_MS = 3.0
-"""A median cycle below this is nearer, in proportion, to 1 ms than to 8 ms."""
+"""Cycle time in ms between 1 ms and 8 ms, at their geometric mean. A shorter median means a period of 1
+ms."""
 
 MAX_SLOWEST = 16
 _ON_GRID = 0.1
@@ -30,14 +32,14 @@ _DRIVER = "DENSORobot/denso_robot_ros2 denso_robot_core"
 
 
 class Deadline(NamedTuple):
-    """A recommended time-out, and how many set points would have missed it.
+    """A recommended time-out, and how many set points were not answered within it.
 
     Attributes:
         timeout_ms: Time-out of one attempt, ms.
         tries: Maximum number of attempts, including the first.
-        late: Number of set points without a reply within one time-out after the first request.
-        given_up: Number of set points without a reply within the time of all attempts.
-        applies: True if it is recommended for this mode and transport.
+        late: Number of set points that were not answered within one time-out after the first request.
+        given_up: Number of set points that were not answered within the time-outs of all attempts together.
+        applies: Whether the time-out is recommended for the session's mode and transport.
     """
 
     name: Message
@@ -51,21 +53,23 @@ class Deadline(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class TimingFacts:
-    """When set points were sent and answered.
+    """Facts about when set points were sent and answered.
 
     Attributes:
-        cycle: Time between the first requests of successive set points, ms; None for fewer than two.
-        grid_ms: Period that the client should keep, 8 or 1 ms.
-        grid_known_by: Reason for this period; None without set points.
-        jitter: Absolute difference of each cycle from the period, ms; None for fewer than two set points.
-        on_grid: Number of cycles within a tenth of the period.
-        skipped: Number of cycles of one and a half periods or more.
-        backwards: Number of set points seen earlier than the previous one; `cycle` does not include them.
-        rate_hz: Set points per second over the whole slave-mode session; None for fewer than two.
-        latency: Time from the first request to the accepted reply, ms; None without a reply.
-        rtt: Time from the answered attempt to the accepted reply, ms; None without a reply.
-        slowest: Set points with the longest latency or no reply in time, worst first.
-        slack_ms: Time that a full buffer can bridge, ms; see `buffer_model.slack_ms`.
+        cycle: Time between the first requests of successive set points, ms; None for fewer than two set
+            points.
+        grid_ms: Cycle time that the client should keep: 8 ms or 1 ms.
+        grid_known_by: Reason for `grid_ms`; None if there are no set points.
+        jitter: Absolute difference of each cycle time from `grid_ms`, ms; None for fewer than two set points.
+        on_grid: Number of cycles that differ from `grid_ms` by at most a tenth.
+        skipped: Number of cycles that are at least one and a half times as long as `grid_ms`.
+        backwards: Number of set points with an earlier time than the previous one; `cycle` does not include
+            them.
+        rate_hz: Set points per second over the whole slave-mode session; None for fewer than two set points.
+        latency: Time from the first request to the accepted reply, ms; None if no reply was captured.
+        rtt: Time from the answered attempt to the accepted reply, ms; None if no reply was captured.
+        slowest: Set points without a reply, then those with the longest latency, longest first.
+        slack_ms: Time that a full buffer lasts without a new set point, ms (see `buffer_model.slack_ms`).
         gaps: Number of cycles longer than `slack_ms`.
     """
 
@@ -131,18 +135,18 @@ RECOMMENDED_TIMEOUTS = (
 
 
 class CycleGrid(NamedTuple):
-    """The period that a client should keep, and the reason."""
+    """The cycle time that a client should keep, and the reason."""
 
     ms: int
     known_by: Message | None = None
 
 
 def choose_grid(overwrites: bool | None, cycles: Floats) -> CycleGrid:
-    """Choose between 8 ms and 1 ms.
+    """Choose the cycle time that a client should keep: 8 ms or 1 ms.
 
     Args:
-        overwrites: True if the newest point wins; None if the mode is unknown.
-        cycles: First cycles of a slave-mode session, ms.
+        overwrites: Whether a new set point replaces the waiting one; None if the mode is unknown.
+        cycles: First cycle times of a slave-mode session, ms.
     """
     pace = float(np.median(cycles)) if len(cycles) else float(PERIOD_MS)
     if overwrites is False:
@@ -155,7 +159,7 @@ def choose_grid(overwrites: bool | None, cycles: Floats) -> CycleGrid:
 
 
 class TimingModel:
-    """Measures the timing of set points, added in order."""
+    """Measures the timing of set points, which must be added in order."""
 
     def __init__(self, mode: SlaveMode | None, transport: Transport, slots: int) -> None:
         self.grid = CycleGrid(PERIOD_MS)
@@ -171,7 +175,7 @@ class TimingModel:
         self._gaps: list[SetPointFact] = []
 
     def add(self, rows: SetPointTable) -> Floats:
-        """Add set points; return the cycle before each in ms, NaN for the very first."""
+        """Add set points; return the cycle time before each in ms, NaN for the very first set point."""
         cycles = np.diff(rows.times, prepend=self._last) / 1e6
         if self._first is None:
             self._first = int(rows.times[0])

@@ -1,1 +1,1 @@
-"""Statistics of calls, and distributions in bounded memory."""
+"""Statistics of calls, and distributions of values in bounded memory."""

@@ -1,4 +1,4 @@
-"""Figures of calls by client and command: number, rate, duration, and what went wrong."""
+"""Figures of calls for each client and command: number, rate, latency and failures."""
 
 from __future__ import annotations
 
@@ -18,25 +18,24 @@ from bcapscope.traffic.observation import Conversation, Endpoint, Transport
 from bcapscope.traffic.pipeline import PipelineSubscriber
 
 MAX_KINDS = 4096
-"""Pairs of client and call kind with figures of their own.
-
-Further ones count under `OTHER_KINDS` of their client.
+"""Maximum number of pairs of client and call kind with figures of their own. Calls of further kinds are
+counted as `OTHER_KINDS` of their client.
 """
 
 MAX_CODES = 16
-"""Result codes that are counted separately for each kind of call: the first ones that occur."""
+"""Maximum number of result codes that are counted separately for each kind of call: the first ones that
+occur."""
 
 GRACE_NS = 200_000_000_000
-"""How long after the end of a time slice its last calls may be completed.
-
-A tracker keeps a silent call open for 180 s (`conversation_pairing.EXECUTION_NS`).
+"""Time in ns from the end of a slice until all its calls are complete. A tracker keeps a silent call open for
+180 s (`conversation_pairing.EXECUTION_NS`).
 """
 
 OTHER_KINDS = CallKind(0, None)
-"""Stands for all kinds of call beyond `MAX_KINDS`. No function has the id 0."""
+"""Represents all kinds of call beyond `MAX_KINDS`. No function has the id 0."""
 
 OTHER_CLIENTS = Conversation(Endpoint("others", 0), Endpoint("others", 0), Transport.UDP, "")
-"""Stands for all clients that appear when twice `MAX_KINDS` pairs have figures of their own."""
+"""Represents all clients that appear when twice `MAX_KINDS` pairs already have figures of their own."""
 
 _FLUSH_AT = 512
 _MILLISECOND = 1_000_000
@@ -44,19 +43,21 @@ _MILLISECOND = 1_000_000
 
 @dataclass(frozen=True, slots=True)
 class CallFigures:
-    """Figures of the calls of one kind, of one client, or of all calls.
+    """Figures of a group of calls: of one kind, of one client, or of all calls.
 
     Attributes:
-        answered: Number of calls with a result that is no failure.
+        answered: Number of calls whose accepted reply reports success.
         unanswered: Number of calls that the client gave up.
         open: Number of calls still open when the traffic ended.
-        not_followed: Number of calls evicted while open, because too many calls were open.
+        not_followed: Number of calls that were evicted from memory while open, because too many calls were
+            open.
         request_bytes: Size of all requests in bytes, including retries.
-        calls_per_second: Calls per second over the whole time; None if that is 0.
-        line_time_share: Sum of the latencies as a share of the whole time; None if that is 0. Concurrent
-            waits of several conversations add up.
-        latency: Time from the first request to the accepted reply, ms.
-        refusal_codes: Number of failures by HRESULT, the most frequent first.
+        calls_per_second: Number of calls divided by the length of the period in seconds; None if the length
+            is 0.
+        line_time_share: Sum of the latencies divided by the length of the period; None if the length is 0;
+            more than 1 if several conversations wait at the same time.
+        latency: Time from the first request to the accepted reply, ms; None if no call was answered.
+        refusal_codes: Each HRESULT of a failure and the number of its calls, the most frequent first.
     """
 
     calls: int
@@ -81,8 +82,8 @@ class StatisticsRow:
     """Figures of one group of calls.
 
     Attributes:
-        conversation: Conversation of the client; None for all clients.
-        call_kind: Function and command; None for all kinds.
+        conversation: Conversation of the client; None for the calls of all clients.
+        call_kind: Function and command of the calls; None for calls of all kinds.
     """
 
     conversation: Conversation | None
@@ -92,14 +93,14 @@ class StatisticsRow:
 
 @dataclass(frozen=True, slots=True)
 class Statistics:
-    """Figures over a period of time.
+    """Figures of all calls in a period of time.
 
     Attributes:
-        start: Start, ns since 1970: the first request, or the start of the slice.
-        end: End, ns since 1970: the last frame of a call, or the end of the slice.
-        clients: One row per client, the one with the most calls first.
-        commands: One row per kind of call and client, the longest total time first.
-        kinds: One row per kind of call over all clients, the longest total time first.
+        start: Start of the period, ns since 1970: time of the first request, or start of the slice.
+        end: End of the period, ns since 1970: time of the last frame of a call, or end of the slice.
+        clients: One row per client; the client with the most calls comes first.
+        commands: One row per kind of call and client; the longest total latency comes first.
+        kinds: One row per kind of call over all clients; the longest total latency comes first.
     """
 
     start: int
@@ -111,7 +112,8 @@ class Statistics:
 
 
 class _CallTally:
-    """Counts calls of one kind. Nearly all are plain successes; those are counted many at once, for speed."""
+    """Counts calls of one kind. Nearly all calls are plain successes, which are collected and counted many at
+    once, for speed."""
 
     def __init__(self) -> None:
         self.calls = self.retries = self.retried = self.late = self.executing = self.request_bytes = 0
@@ -153,7 +155,7 @@ class _CallTally:
             self.codes[code] += 1
 
     def flush(self) -> None:
-        """Count the plain successes kept so far, and move all latencies to the histogram."""
+        """Count the collected plain successes, and move all latencies to the histogram."""
         self.calls += len(self.smooth_latencies)
         self.outcomes[Outcome.ANSWERED] += len(self.smooth_latencies)
         latencies = self.smooth_latencies + self.other_latencies
@@ -162,7 +164,7 @@ class _CallTally:
         self.smooth_latencies, self.other_latencies = [], []
 
     def merge(self, other: _CallTally) -> None:
-        """Add the counts of another tally; flush that one before."""
+        """Add the counts of another tally, and flush the other tally before."""
         for name in ("calls", "retries", "retried", "late", "executing", "request_bytes", "waited"):
             setattr(self, name, getattr(self, name) + getattr(other, name))
         self.outcomes.update(other.outcomes)
@@ -170,7 +172,7 @@ class _CallTally:
         self.histogram.merge(other.histogram)
 
     def figures(self, nanoseconds: int) -> CallFigures:
-        """Return the figures over a duration in ns."""
+        """Return the figures for a period of this length in ns."""
         self.flush()
         seconds = nanoseconds / 1_000_000_000
         return CallFigures(
@@ -193,10 +195,11 @@ class _CallTally:
 
 
 class StatisticsBuilder(PipelineSubscriber):
-    """Counts completed calls; memory grows with the number of call kinds, not of calls."""
+    """Counts completed calls. The memory for the counts grows with the number of call kinds, not of calls."""
 
     def __init__(self, is_selected: Callable[[Call], bool] | None = None) -> None:
-        """Create a builder; it counts the calls for which `is_selected` returns True, by default all."""
+        """Create a builder that counts the calls for which `is_selected` returns True, by default all
+        calls."""
         self._is_selected = is_selected
         self._tallies: dict[tuple[Conversation, CallKind], _CallTally] = {}
         self._conversation: Conversation | None = None
@@ -220,11 +223,12 @@ class StatisticsBuilder(PipelineSubscriber):
         self.on_call(call, None)
 
     def statistics(self, start: int | None = None, end: int | None = None) -> Statistics | None:
-        """Return the figures so far; None without calls.
+        """Return the figures so far; None if no call was counted.
 
         Args:
-            start: Start of the period for rates and shares, ns since 1970; by default the first request.
-            end: End of the period, ns since 1970; by default the last frame of a call.
+            start: Start of the period for rates and shares, ns since 1970; by default the time of the first
+                request.
+            end: End of the period, ns since 1970; by default the time of the last frame of a call.
         """
         if self._start is None:
             return None
@@ -269,14 +273,14 @@ def _time_taken(row: StatisticsRow) -> tuple[float, int]:
 
 
 class SlicedStatistics:
-    """Figures per slice of time. A call belongs to the slice in which it started.
+    """Figures of calls per slice of time. A call belongs to the slice in which it started.
 
-    If time goes back by more than `GRACE_NS`, as between captures read in another order, all earlier slices
-    end. A slice may then be returned twice, each time with other calls.
+    If time goes back by more than `GRACE_NS`, because captures are not read in chronological order, all
+    slices so far are completed. A slice can then be returned twice, each time with other calls.
     """
 
     def __init__(self, nanoseconds: int) -> None:
-        """Create slices of `nanoseconds` each; the first one begins with the first call."""
+        """Create slices of `nanoseconds` each. The first slice begins with the first call."""
         self._length = nanoseconds
         self._origin: int | None = None
         self._latest = 0
@@ -284,7 +288,7 @@ class SlicedStatistics:
         self._builders: dict[int, StatisticsBuilder] = {}
 
     def add_call(self, call: Call) -> list[Statistics]:
-        """Count a call; return the slices that are complete, in order."""
+        """Count a call; return the slices that are now complete, in order."""
         time = call.request.time
         if self._origin is None:
             self._origin = self._latest = time

@@ -13,20 +13,21 @@ Floats: TypeAlias = "NDArray[np.float64]"
 Bools: TypeAlias = "NDArray[np.bool_]"
 
 EXACT_UP_TO = 8192
-"""Number of values that are kept exactly; beyond that, values are counted in bins."""
+"""Maximum number of values that are kept exactly. Beyond this number, all values are counted in bins."""
 
 _PER_OCTAVE = 128
-"""Bins per power of two. The middle of a bin is less than 0.4% away from every value in it."""
+"""Number of bins per power of two. Every value in a bin differs from the middle of the bin by less than
+0.4%."""
 
 _LOWEST, _HIGHEST = -24, 40
-"""Range of the bins, as powers of two: from a tenth of a micrometre in mm to decades in ms."""
+"""Range of the bins, as powers of two: wide enough for 0.1 µm in mm, and for decades in ms."""
 
 _BINS = (_HIGHEST - _LOWEST) * _PER_OCTAVE
 
 
 @dataclass(frozen=True, slots=True)
 class Bin:
-    """Number of values from `low`, inclusive, to `high`."""
+    """A bin of a histogram: the number of values from `low` (included) to `high` (excluded)."""
 
     low: float
     high: float
@@ -37,14 +38,14 @@ class Bin:
 class DistributionSummary:
     """Summary of a distribution.
 
-    A percentile is the smallest value that this share of all values does not exceed.
+    A percentile is the smallest value that at least the given share of all values do not exceed.
 
     Attributes:
         mean: Mean value, exact.
         least: Smallest value, exact.
         most: Largest value, exact.
-        p50: Median; exact for up to 8192 values, else within 0.4%, like all percentiles.
-        bins: Bins in order, without empty ones, 128 per power of two; () unless requested.
+        p50: Median, like all percentiles exact for up to 8192 values and within 0.4% for more values.
+        bins: The bins that are not empty, in ascending order; () unless requested.
     """
 
     count: int
@@ -58,20 +59,21 @@ class DistributionSummary:
     bins: tuple[Bin, ...] = ()
 
     def scaled(self, factor: float) -> DistributionSummary:
-        """Return the summary in another unit: all values times `factor`, without bins."""
+        """Return the summary in another unit: all values are multiplied by `factor`, and the bins are left
+        out."""
         points = (self.mean, self.least, self.most, self.p50, self.p90, self.p99, self.p999)
         mean, least, most, p50, p90, p99, p999 = (point * factor for point in points)
         return DistributionSummary(self.count, mean, least, most, p50, p90, p99, p999)
 
 
 class Histogram:
-    """Collects values of 0 or more. Negative values, NaN and infinity are left out."""
+    """Collects values from 0 up. Negative values, NaN and infinity are left out."""
 
     def __init__(self) -> None:
         self._pending: list[Floats] = []  # values not yet counted in bins
         self._pending_count = 0
         self._counts: NDArray[np.int64] | None = None
-        self._first_bin = 0  # bin number of the first count
+        self._first_bin = 0  # number of the bin to which the first count belongs
         self._total = 0.0
         self._least, self._most = math.inf, 0.0
 
@@ -93,7 +95,7 @@ class Histogram:
             self.add(values)
 
     def distribution(self, bins: bool = False) -> DistributionSummary | None:
-        """Return the distribution so far; None without values."""
+        """Return the distribution so far; None if there are no values."""
         if self._counts is not None:
             return self._binned_distribution(bins)
         values = np.sort(self._pending_values())
@@ -105,7 +107,7 @@ class Histogram:
         return _summary(len(values), float(values.sum()), ends, points, drawn)
 
     def _binned_distribution(self, bins: bool) -> DistributionSummary:
-        """Return the distribution with the pending values in bins, without moving them there."""
+        """Return the distribution as if the pending values were counted in bins. Changes nothing."""
         whole = Histogram()
         whole.merge(self)
         whole._count_into_bins(whole._pending_values())
@@ -178,9 +180,10 @@ def _rank(share: int, count: int) -> int:
 
 
 def _bin_counts(values: Floats) -> tuple[int, NDArray[np.int64]]:
-    """Count values in bins; return the number of the first bin, and the counts from there on.
+    """Count values in bins; return the number of the first bin, and the counts from this bin on.
 
-    The bin number is the upper bits of the IEEE 754 double: the exponent and the first bits of the mantissa.
+    The upper bits of an IEEE 754 double (the exponent and the first bits of the mantissa) give the bin
+    number.
     """
     bits = np.ascontiguousarray(values).view(np.int64)
     numbers = np.clip((bits >> _BIN_SHIFT) - _FIRST_BIN, 0, _BINS - 1)

@@ -1,1 +1,1 @@
-"""Filter expressions: compile them, and evaluate them on frames and calls."""
+"""Filter expressions: compile an expression, and evaluate it on frames and calls."""

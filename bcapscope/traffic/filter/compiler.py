@@ -40,9 +40,9 @@ On the right is one of
                          number is in seconds since 1970
     true  false  null
 
-Text comparisons ignore case, as controllers do. So do regular expressions,
-unless they contain (?-i). With < <= > >= an HRESULT is unsigned if the other
-side is hexadecimal or a name, and signed if it is decimal. Therefore
+Text comparisons ignore case, as controllers do. Regular expressions ignore
+case, too, unless they contain (?-i). With < <= > >= an HRESULT is unsigned if
+the other side is hexadecimal or a name, and signed if it is decimal. Therefore
 hresult >= 0x80000000 and hresult < 0 select the same, as in C. A VT_R4
 seldom equals a decimal exactly; compare it with a range.
 
@@ -78,7 +78,7 @@ from bcapscope.traffic.filter.tokens import FilterError, Token, TokenKind, token
 __all__ = ["Filter", "FilterError", "compile_filter"]
 
 DEEPEST_PARENTHESES = 40
-"""Limit far beyond what people write and far below Python's recursion limit."""
+"""Maximum depth of nested parentheses: far more than people write, and far below Python's recursion limit."""
 
 R = TypeVar("R")
 Getters: TypeAlias = Mapping[str, Callable[[Any], object]]
@@ -88,10 +88,10 @@ Binder: TypeAlias = Callable[[Getters], Test]
 
 @dataclass(frozen=True, slots=True)
 class Filter:
-    """A compiled expression, not yet bound to getters.
+    """A compiled filter expression. `bind` makes a test from the expression and getters for its fields.
 
     Attributes:
-        getter_names: Names of the getters that `bind` needs.
+        getter_names: Names of the getters that must be passed to `bind`.
     """
 
     expression: str
@@ -100,23 +100,23 @@ class Filter:
     _bind: Binder = field(repr=False, compare=False)
 
     def bind(self, getters: Mapping[str, Callable[[R], object]]) -> Callable[[R], bool]:
-        """Return a test of records; it raises only if a getter raises.
+        """Return a function that tests a record. The function raises only what a getter raises.
 
         Args:
-            getters: One getter for each of `getter_names`, returning what `FieldType` specifies. Additional
-                getters do no harm.
+            getters: One getter for each name in `getter_names`. A getter takes a record and returns a value
+                as `FieldType` specifies. Additional getters do no harm.
 
         Raises:
-            KeyError: A getter is missing.
+            KeyError: A getter in `getter_names` is missing.
         """
         return self._bind(getters)
 
 
 def compile_filter(expression: str, kind: RecordKind) -> Filter:
-    """Compile an expression for records of `kind`.
+    """Compile a filter expression for frames or for calls.
 
     Raises:
-        FilterError: The expression is invalid, or uses a field that such records do not have.
+        FilterError: The expression is invalid, or uses a field that records of this kind do not have.
     """
     parser = _Parser(expression, kind)
     binder = parser.parse()
@@ -124,7 +124,8 @@ def compile_filter(expression: str, kind: RecordKind) -> Filter:
 
 
 class _Parser:
-    """Recursive-descent parser. Each method consumes the construct in its name and returns its binder."""
+    """Recursive-descent parser. Each method `parse_...` consumes the tokens of one construct and returns its
+    binder."""
 
     def __init__(self, expression: str, kind: RecordKind) -> None:
         self.expression = expression
@@ -153,7 +154,7 @@ class _Parser:
         return token
 
     def accept(self, sign: str, word: str = "") -> bool:
-        """Consume the next token if it is this sign or word; return whether it was."""
+        """Consume the next token if it is this sign or word; return whether a token was consumed."""
         found = self.peek().is_sign(sign) or self.peek().is_word(word)
         self.position += found
         return found
@@ -238,8 +239,7 @@ class _Parser:
         return with_nearest(Message("input.no-such-field", name=f"{name!r}"), name, self.fields)
 
     def parse_other_field(self, subject: ComparedField) -> tuple[str, str] | None:
-        """Consume a sign and a field of the subject's own type; return the sign and the field's getter
-        name."""
+        """Consume a sign and a second field of the same type; return the sign and the field's getter name."""
         sign = self.peek()
         if not (sign.is_sign(*COMPARISONS) and subject.type in operands.NUMERIC):
             return None
@@ -252,7 +252,7 @@ class _Parser:
         return sign.text, found.getter_name
 
     def parse_match(self, subject: ComparedField) -> Match:
-        """Consume a sign and its operand. A subject without a sign is tested for truth."""
+        """Consume a comparison sign and its operand. A field without a sign is tested for truth."""
         sign = self.peek()
         if sign.is_sign("==", "!="):
             return operands.equality(subject, negated=self.advance().text == "!=", literals=[self.advance()])

@@ -1,6 +1,6 @@
-"""Table of the filter fields, used by the compiler and by the help.
+"""Table of all fields of the filter syntax, for the compiler and for the help.
 
-Field names are those of the JSON that `decode` and `calls` print. A getter returns a value of the field's
+The field names are the same as in the JSON of `decode` and `calls`. A getter returns a value of the field's
 `FieldType`, or None if the record has no such value.
 """
 
@@ -23,7 +23,7 @@ class RecordKind(StrEnum):
 
 
 class FieldType(Enum):
-    """Type of a field's values. The value of each member is its display name."""
+    """Type of a field's values. The value of each member is its name in messages."""
 
     NUMBER = "number"
     """An int or a float."""
@@ -36,7 +36,7 @@ class FieldType(Enum):
     HRESULT = "HRESULT"
     """A 32-bit int, signed or unsigned."""
     ENDPOINT = "endpoint"
-    """An `Endpoint`, or its text form."""
+    """An `Endpoint`, or its text."""
     NUMBERS = "list of numbers"
     """A list or tuple of int."""
     TEXTS = "list of texts"
@@ -48,7 +48,7 @@ class FieldType(Enum):
 
     @property
     def element(self) -> FieldType | None:
-        """Type of an element; None if the type has no elements."""
+        """Type of the list's elements; None if the type is no list."""
         return _ELEMENTS.get(self)
 
 
@@ -64,12 +64,12 @@ class FilterField(NamedTuple):
     """One field of the language.
 
     Attributes:
-        type: Type of the values, which determines the permitted comparisons.
+        type: Type of the field's values. The type determines which comparisons are permitted.
         applies_to: Kinds of record that have the field.
-        meaning: Description for people, one clause.
-        unit: Unit of a bare number compared with the field; "" if it has none or the unit must be written.
-        values: All bare words that the field can equal; () for any word.
-        reads_as: Field whose getter it uses; "" for its own.
+        meaning: Description of the field for the help.
+        unit: Unit of a number without a unit that is compared with the field; "" if there is none.
+        values: All words that the field can equal; () if the field can equal any word.
+        reads_as: Name of the field whose getter this field uses; "" if the field has its own getter.
     """
 
     name: str
@@ -91,8 +91,10 @@ _BOTH = (RecordKind.FRAME, RecordKind.CALL)
 
 FIELDS: tuple[FilterField, ...] = (
     FilterField("frame", FieldType.NUMBER, _FRAME, "number of the frame, from 1"),
-    FilterField("packet", FieldType.NUMBER, _FRAME, "number of the packet that completed it, from 1"),
-    FilterField("time", FieldType.TIME, _FRAME, "time of its last byte, since 1970-01-01 UTC", unit="s"),
+    FilterField("packet", FieldType.NUMBER, _FRAME, "number of the packet that completed the frame, from 1"),
+    FilterField(
+        "time", FieldType.TIME, _FRAME, "time of the frame's last byte, since 1970-01-01 UTC", unit="s"
+    ),
     FilterField("src", FieldType.ENDPOINT, _FRAME, "sender"),
     FilterField("dst", FieldType.ENDPOINT, _FRAME, "receiver"),
     FilterField(
@@ -122,27 +124,29 @@ FIELDS: tuple[FilterField, ...] = (
         "function_id",
         FieldType.NUMBER,
         _BOTH,
-        "number of the function; of a reply, the function that it answers",
+        "number of the function that was requested or answered",
     ),
     FilterField(
         "function",
         FieldType.TEXT,
         _BOTH,
-        "name of the function; of a reply, the function that it answers",
+        "name of the function that was requested or answered",
         values=tuple(function.name for function in FUNCTIONS.values()),
     ),
     FilterField("command", FieldType.TEXT, _BOTH, "command of an Execute function, such as slvMove"),
     FilterField(
-        "arg", FieldType.VALUES, _BOTH, "arguments: arg[0] is the first; of a call, those of its request"
+        "arg", FieldType.VALUES, _BOTH, "arguments of the frame or of the call's request; arg[0] is the first"
     ),
     FilterField("hresult", FieldType.HRESULT, _BOTH, "result code of the reply"),
     FilterField("hresult_name", FieldType.TEXT, _BOTH, "name of the result code, such as S_OK"),
     FilterField("hresult_text", FieldType.TEXT, _BOTH, "meaning of the result code"),
     FilterField(
-        "started", FieldType.TIME, _CALL, "time of its first request, since 1970-01-01 UTC", unit="s"
+        "started", FieldType.TIME, _CALL, "time of the call's first request, since 1970-01-01 UTC", unit="s"
     ),
-    FilterField("requests", FieldType.NUMBERS, _CALL, "frame numbers of its requests, including retries"),
-    FilterField("serials", FieldType.NUMBERS, _CALL, "serial numbers of its requests"),
+    FilterField(
+        "requests", FieldType.NUMBERS, _CALL, "frame numbers of the call's requests, including retries"
+    ),
+    FilterField("serials", FieldType.NUMBERS, _CALL, "serial numbers of the call's requests"),
     FilterField("retries", FieldType.NUMBER, _CALL, "number of retries"),
     FilterField("replies", FieldType.NUMBERS, _CALL, "frame numbers of the replies that the client accepted"),
     FilterField("late_replies", FieldType.NUMBERS, _CALL, "frame numbers of late replies"),
@@ -150,13 +154,13 @@ FIELDS: tuple[FilterField, ...] = (
         "lost_replies",
         FieldType.NUMBERS,
         _CALL,
-        "frame numbers of replies that came in time, after which the client retried anyway",
+        "frame numbers of replies that were captured in time but evidently lost",
     ),
     FilterField("executing", FieldType.NUMBER, _CALL, "number of S_EXECUTING notices"),
     FilterField(
         "duplicates", FieldType.NUMBERS, _CALL, "frame numbers of exact copies of requests and replies"
     ),
-    FilterField("outcome", FieldType.TEXT, _CALL, "how it ended", values=tuple(Outcome)),
+    FilterField("outcome", FieldType.TEXT, _CALL, "how the call ended", values=tuple(Outcome)),
     FilterField("latency", FieldType.DURATION, _CALL, "time from the first request to the accepted reply"),
     FilterField(
         "latency_ms",
@@ -177,11 +181,11 @@ FIELDS: tuple[FilterField, ...] = (
         "verdict",
         FieldType.TEXT,
         _CALL,
-        "what happened to it, as far as the traffic shows",
+        "what happened to the call, as far as the traffic shows",
         values=tuple(CallVerdict),
     ),
 )
-"""Every field, in reading order for people."""
+"""All fields, in the order in which the help lists them."""
 
 FIELD_BY_NAME: Mapping[str, FilterField] = MappingProxyType({field.name: field for field in FIELDS})
 

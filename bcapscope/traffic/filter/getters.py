@@ -1,4 +1,4 @@
-"""Getters that read the fields of the filter language from frames and calls."""
+"""Functions that read the fields of the filter syntax from frames and calls."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from bcapscope.traffic.observation import Direction, Observation
 
 
 class AnnotatedFrame(NamedTuple):
-    """An observation with what is known about it.
+    """An observation, and the kind of call that it belongs to.
 
     Attributes:
         call_kind: Function and command of the request, or of the request that a reply answers; None if
@@ -86,7 +86,7 @@ FRAME_GETTERS: Mapping[str, Callable[[AnnotatedFrame], object]] = {
     "hresult_text": _of_hresult(lambda code: describe_hresult(code).text),
     "problems": lambda frame: [str(problem.reason) for problem in frame.observation.item.problems],
 }
-"""One getter per field of a frame."""
+"""Getter of each frame field, by name."""
 
 
 def _result_name(call: Call) -> str | None:
@@ -124,4 +124,4 @@ CALL_GETTERS: Mapping[str, Callable[[Call], object]] = {
     "convention": lambda call: call.convention,
     "verdict": lambda call: call.verdict,
 }
-"""One getter per field of a call."""
+"""Getter of each call field, by name."""

@@ -1,4 +1,4 @@
-"""Tests on one value of a filter: functions from any value to bool that never raise."""
+"""Tests of one value in a filter: functions that take any value, return a bool and never raise."""
 
 from __future__ import annotations
 
@@ -31,16 +31,16 @@ _SIGN_BIT = 0x80000000
 _LARGEST_BYTE = 0xFF
 _REMEMBERED = 1024
 _LONGEST_REMEMBERED = 128
-"""Limit in characters of a remembered text. Names, commands and endpoints are short and recur. A longer text
-is no name, and a hostile client could fill the memory with such texts."""
+"""Maximum length in characters of a text whose test result is cached. Names, commands and endpoints are
+shorter and recur. A hostile client could fill the memory with longer texts."""
 
 
 class LiteralMatch(NamedTuple):
-    """How a value is compared with a literal.
+    """How a filter compares values with a literal.
 
     Attributes:
-        same_kind: Whether a value can be compared with the literal at all; if not, it is neither equal nor
-            different.
+        same_kind: Returns whether a value can be compared with the literal; if not, neither == nor != is
+            true.
     """
 
     same_kind: Match
@@ -55,13 +55,13 @@ def plain_value(value: object) -> object:
 
 
 def element(value: object, index: int) -> object:
-    """Return an element of a list as a plain value; None if there is no list or no such element."""
+    """Return an element of a list as a plain value; None if the value is no list or has no such element."""
     items = elements(value)
     return plain_value(items[index]) if index < len(items) else None
 
 
 def elements(value: object) -> Sequence[object]:
-    """Return the elements of a list, or an empty sequence for any other value. Bytes are a list of
+    """Return the elements of a list, or an empty sequence for any other value. A bytes value is a list of
     numbers."""
     if type(value) is tuple:
         return value
@@ -70,7 +70,7 @@ def elements(value: object) -> Sequence[object]:
 
 
 def is_number(value: object) -> TypeGuard[int | float]:
-    """Tell whether the value is a number; VT_BOOL is not."""
+    """Return whether a value is a number. A VT_BOOL is no number."""
     return isinstance(value, (int, float)) and not isinstance(value, bool)
 
 
@@ -79,12 +79,12 @@ def is_null(value: object) -> bool:
 
 
 def is_true(value: object) -> bool:
-    """Tell whether the value is neither missing, 0, false, an empty text nor an empty list."""
+    """Return False if the value is missing, 0, false, an empty text or an empty list; True otherwise."""
     return bool(value)
 
 
 def text_of(value: object) -> str | None:
-    """Return the text that ``contains`` and ``~`` search; None if the value is no text."""
+    """Return the text in which ``contains`` and ``~`` search; None if the value is no text."""
     if isinstance(value, str):
         return value
     return str(value) if isinstance(value, Endpoint) else None
@@ -114,7 +114,7 @@ def number(wanted: Number) -> LiteralMatch:
 
 
 def boolean(wanted: bool) -> LiteralMatch:
-    """Match true or false; the numbers 1 and 0 are neither."""
+    """Match the boolean true or false. The numbers 1 and 0 are no booleans."""
     return LiteralMatch(lambda value: isinstance(value, bool), lambda value: value is wanted)
 
 
@@ -125,7 +125,7 @@ def text(wanted: str) -> LiteralMatch:
 
 
 def code(wanted: int) -> LiteralMatch:
-    """Match an HRESULT, signed or unsigned."""
+    """Match an HRESULT, whether the value is signed or unsigned."""
     unsigned = wanted & _U32
     return LiteralMatch(_is_code, lambda value: _is_code(value) and value & _U32 == unsigned)
 
@@ -141,7 +141,8 @@ def endpoint(address: Address, port: int | None) -> LiteralMatch:
 
 
 def parse_endpoint(value: str | Endpoint) -> tuple[Address, int | None] | None:
-    """Parse ``10.0.0.2``, ``10.0.0.2:5007``, ``::1``, ``[::1]`` or ``[::1]:5007``; None for anything else."""
+    """Parse ``10.0.0.2``, ``10.0.0.2:5007``, ``::1``, ``[::1]`` or ``[::1]:5007``; return None for other
+    text."""
     written = str(value)
     return _parse_endpoint(written) if len(written) <= _LONGEST_REMEMBERED else None
 
@@ -172,7 +173,8 @@ def _parse_port(written: str) -> int | None:
 
 
 def equality(wanted: Sequence[LiteralMatch], negated: bool) -> Match:
-    """Match a value that equals one of `wanted`. If `negated`, match a comparable value that equals none."""
+    """Match a value that equals one of the `wanted` literals. If `negated`, match a value that can be
+    compared with a literal and equals none."""
     same_kind = any_of([one.same_kind for one in wanted])
     equal = any_of([one.equal for one in wanted])
     return (lambda value: same_kind(value) and not equal(value)) if negated else equal
@@ -192,13 +194,14 @@ def any_of(matches: Sequence[Match]) -> Match:
 
 
 def order(sign: str, wanted: Number) -> Match:
-    """Match a number by an ordering sign; NaN and other types never match."""
+    """Match a number by an ordering sign such as <. NaN and values of other types never match."""
     compare = ORDERINGS[sign]
     return lambda value: is_number(value) and compare(value, wanted)
 
 
 def code_order(sign: str, wanted: int, signed: bool) -> Match:
-    """Match an HRESULT by an ordering sign, read as signed or unsigned."""
+    """Match an HRESULT by an ordering sign such as <. The HRESULT is compared as a signed or unsigned
+    number."""
     compare = ORDERINGS[sign]
     flip = _SIGN_BIT if signed else 0
     limit = (wanted & _U32) ^ flip
@@ -206,7 +209,7 @@ def code_order(sign: str, wanted: int, signed: bool) -> Match:
 
 
 def contains(wanted: str | int | float) -> Match:
-    """Match a text that contains `wanted`, or a list with an element that equals or contains it."""
+    """Match a text that contains `wanted`, or a list with an element that equals or contains `wanted`."""
     if not isinstance(wanted, str):
         return _has_number(wanted)
     folded = wanted.casefold()
@@ -216,8 +219,9 @@ def contains(wanted: str | int | float) -> Match:
 def _has_number(wanted: int | float) -> Match:
     """Match a list that has a number as an element.
 
-    A frame can hold 260,000 numbers, and a relay waits during the search. The search therefore runs in the
-    interpreter's C code: 65,536 numbers take a millisecond. All elements of a list have one type.
+    A frame can contain 260,000 numbers, and the proxy forwards nothing during the search. The search
+    therefore runs in the interpreter's C code, which takes a millisecond for 65,536 numbers. All elements of
+    a list in a frame have the same type.
     """
     equal = number(wanted).equal
     is_byte = 0 <= wanted <= _LARGEST_BYTE and wanted == int(wanted)
@@ -234,12 +238,13 @@ def _has_number(wanted: int | float) -> Match:
 
 
 def search(pattern: str) -> Match:
-    """Match a text, or a list with a text element, in which a regular expression is found.
+    """Match a text, or a list with a text element, that matches a regular expression at any place.
 
-    RE2 takes time proportional to the text, for every expression.
+    For every regular expression, RE2 takes time proportional to the length of the text.
 
     Raises:
-        ValueError: RE2 rejects the expression; the arguments are RE2's reason and the part at fault.
+        ValueError: RE2 rejects the expression. The exception's arguments are RE2's reason and the invalid
+            part.
     """
     import re2  # noqa: PLC0415  # slow to import, and most filters have no regular expression
 

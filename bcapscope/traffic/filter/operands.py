@@ -1,6 +1,6 @@
-"""Right-hand sides of comparisons: turn tokens into tests that fit the type of the field.
+"""Compile the right side of a comparison: turn its tokens into a test for the field's type.
 
-Every function raises a `FilterError` if the field cannot be compared with the token in this way.
+Every function raises a `FilterError` if the field cannot be compared with the token.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from bcapscope.traffic.filter.matching import LiteralMatch, Match, Number
 from bcapscope.traffic.filter.tokens import FilterError, Token, TokenKind, with_nearest
 
 UNITS = {"ns": 1, "us": 10**3, "µs": 10**3, "μs": 10**3, "ms": 10**6, "s": 10**9}
-"""Nanoseconds per unit. Micro is written as u, as the micro sign or as the Greek letter."""
+"""Nanoseconds per unit. The prefix micro can be written as u, as the micro sign or as the Greek letter."""
 
 NUMERIC = frozenset({FieldType.NUMBER, FieldType.TIME, FieldType.DURATION})
 
@@ -35,13 +35,13 @@ _TIMESTAMP = re.compile(
 
 
 class ComparedField(NamedTuple):
-    """The left side of a comparison, as far as its right side needs it.
+    """The left side of a comparison: what the compiler of the right side needs to know about it.
 
     Attributes:
-        expression: The whole filter, for error messages.
-        field: Field that the left side begins with.
-        type: Type of its values: the field's type, or that of an element.
-        start: Index of its first character in the expression.
+        expression: The whole filter expression, for error messages.
+        field: Field at the start of the left side, without indexes.
+        type: Type of the values of the left side: the field's type, or the type of an element.
+        start: Index in the expression of the first character of the left side.
     """
 
     expression: str
@@ -113,10 +113,10 @@ def search(compared: ComparedField, literal: Token) -> Match:
 
 
 def check_literal(compared: ComparedField, token: Token) -> None:
-    """Check that `token` is a literal value.
+    """Check that a token is a literal value.
 
     Raises:
-        FilterError: It is a sign, a reserved word, or the end.
+        FilterError: The token is a sign, a reserved word, or the end of the expression.
     """
     if token.kind is TokenKind.END:
         compared.fail_at(token, Message("filter.no-operand", name=compared.name))
@@ -127,7 +127,7 @@ def check_literal(compared: ComparedField, token: Token) -> None:
 
 
 def int_of(token: Token) -> int:
-    """Return the integer part of a number token, decimal or hexadecimal."""
+    """Return the integer part of a decimal or hexadecimal number token."""
     return int(token.text, 16) if _is_hex(token) else math.trunc(Fraction(token.text))
 
 

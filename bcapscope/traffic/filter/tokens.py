@@ -1,4 +1,4 @@
-"""Tokens of a filter expression, and the error that points at one of them."""
+"""Tokens of a filter expression, and the error that marks the invalid place in the expression."""
 
 from __future__ import annotations
 
@@ -14,10 +14,11 @@ from bcapscope.protocol.number_parsing import LONGEST_NUMBER
 from bcapscope.protocol.text_format import display_width
 
 LONGEST_EXPRESSION = 8192
-"""Limit in characters; expressions that people and rule files contain are a hundredth of it."""
+"""Maximum length of an expression in characters; real expressions are a hundred times shorter."""
 
 _SHOWN_AROUND = 60
-_LONGEST_MISSPELT = 60  # characters; the search for similar words takes quadratic time
+# maximum length in characters, because the search for similar words takes quadratic time
+_LONGEST_MISSPELT = 60
 
 
 class FilterError(InputError):
@@ -41,8 +42,8 @@ class FilterError(InputError):
 
 
 def _printable(text: str) -> str:
-    """Replace control characters, so that the text stays one line of the same length and is safe for a
-    terminal."""
+    """Replace control characters, so that the text is safe for a terminal and stays one line of the same
+    length."""
     return "".join(c if c.isprintable() else " " if c.isspace() else "\ufffd" for c in text)
 
 
@@ -68,10 +69,10 @@ class Token(NamedTuple):
     """A piece of an expression.
 
     Attributes:
-        text: Text as written. For quoted text, the content with escapes resolved; for a number, the digits
-            without its unit.
-        stop: Index after its last character.
-        unit: Letters after a number; a space may precede a unit of time.
+        text: Text of the token as written. A quoted text is without quotes and escapes, a number without its
+            unit.
+        stop: Index in the expression after the last character of the token.
+        unit: Unit after a number. A space may precede a unit of time.
     """
 
     kind: TokenKind
@@ -84,7 +85,7 @@ class Token(NamedTuple):
         return self.kind is TokenKind.SIGN and self.text in texts
 
     def is_word(self, *texts: str) -> bool:
-        """Tell whether the token is one of these keywords, in upper or lower case."""
+        """Return whether the token is one of these keywords, in upper or lower case."""
         return self.kind is TokenKind.WORD and self.text.casefold() in texts
 
 
@@ -111,7 +112,7 @@ _HINTS = {
 
 
 def tokenize(expression: str) -> list[Token]:
-    """Split an expression into tokens; the last one is `TokenKind.END`.
+    """Split an expression into tokens; the last token has the kind `TokenKind.END`.
 
     Raises:
         FilterError: The expression is too long, or contains an unexpected character.
