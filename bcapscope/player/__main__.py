@@ -118,7 +118,7 @@ def abort_on_order(pipe: PlayerPipe) -> Callable[[], None]:
     def look() -> None:
         pipe.poll_order()
         if pipe.order_count > before:
-            raise BcapError("nobody waited for it")
+            raise BcapError("an order to stop arrived first")
 
     return look
 

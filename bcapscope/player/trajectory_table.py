@@ -224,7 +224,7 @@ class _NumberTable:
 
 
 def _without_empty(layout: ColumnLayout, filled: Sequence[bool]) -> tuple[Column, ...]:
-    """Return the columns before the first empty one; raise if they make no pose or a later one has numbers."""
+    """Return the columns before the first empty one; raise if these are no pose or a later one is filled."""
     columns, axes_filled = layout.columns, filled[: len(layout.columns)]
     width = axes_filled.index(False) if False in axes_filled else len(axes_filled)
     if any(axes_filled[width:]) or width < MIN_COLUMNS[layout.kind]:

@@ -216,7 +216,9 @@ class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         for field in ("faults", "in_slave_mode"):
             for index, each in enumerate(getattr(self, field)):
                 if each.name and each.name in seen:
-                    raise FieldError((field, index, "name"), f"{each.name} is the name of another one")
+                    raise FieldError(
+                        (field, index, "name"), f"{each.name} is the name of another fault or event"
+                    )
                 seen.add(each.name)
 
     @property
@@ -252,7 +254,7 @@ class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
                 memory.write(match[1], int(match[2]), _variant(value))
             except RefusedError as refusal:
                 is_missing = refusal.hresult == BAD_INDEX
-                wrong = "there is none of that number" if is_missing else "the value does not fit"
+                wrong = "there is no variable of that number" if is_missing else "the value does not fit"
                 raise FieldError(("variables", name), wrong) from refusal
 
 
@@ -288,7 +290,9 @@ def load_scenario(name_or_path: str) -> Scenario:
         with Path(name_or_path).open(encoding="utf-8") as file:
             return read_scenario(file.read(LONGEST_DOCUMENT + 1))
     except UnicodeDecodeError as error:
-        raise DocumentError((), 0, f"no text in UTF-8: {error.reason} at byte {error.start}") from error
+        raise DocumentError(
+            (), 0, f"the file is not UTF-8 text: {error.reason} at byte {error.start}"
+        ) from error
 
 
 def read_scenario(text: str) -> Scenario:

@@ -63,7 +63,7 @@ class ScenarioEvent(Fault, frozen=True, kw_only=True):
         }
         for name, is_given in needless.items():
             if is_given:
-                raise FieldError((name,), "needs if or try, as the event happens by itself, and once")
+                raise FieldError((name,), "needs if or try, because any other event happens only once")
 
     @property
     def is_timed(self) -> bool:
