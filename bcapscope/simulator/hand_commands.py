@@ -114,9 +114,7 @@ def _stop(context: CallContext, parameter: Variant) -> None:
 def _begin_motion(
     context: CallContext, goal: float, speed: float, force: float, is_next: bool = False
 ) -> RunningCall | None:
-    """Begin a motion of COBOTTA's hand; refuse it in a wrong state, with the motor off, or while the hand
-    moves.
-    """
+    """Begin a motion of COBOTTA's hand, unless the state or the motor forbids it or the hand moves."""
     hand = context.machine.equipment.hand
     _check_ready(context)
     _check_not_moving(context, hand)

@@ -164,8 +164,9 @@ class Machine:
         return self._motor_at is not None and now >= self._motor_at
 
     def switch_motor(self, on: bool, now: int) -> int:
-        """Switch the motor on or off; return the time in ns at which the switching is done. Refused as by
-        `check_state`.
+        """Switch the motor on or off; return the time in ns at which the switching is done.
+
+        The call is refused under the conditions of `check_state`.
         """
         if not on:
             self._lose_power()
@@ -177,9 +178,7 @@ class Machine:
         return self._motor_at
 
     def check_state(self) -> None:
-        """Refuse a call during an emergency stop or error, outside automatic mode, or without executable
-        token.
-        """
+        """Refuse a call during an emergency stop or error, outside automatic mode, or without token."""
         if self.emergency:
             raise RefusedError(EMERGENCY_STOP)
         if self.alarms.active:
@@ -197,7 +196,7 @@ class Machine:
         self.check_arm(client)
 
     def check_arm(self, client: int) -> None:
-        """Refuse a call that needs the arm, unless this client has the arm or the controller has no TakeArm."""
+        """Refuse a call unless this client has the arm, or the controller has no TakeArm."""
         if self.profile.needs_arm and self.owner != client:
             raise RefusedError(E_ARM_NOT_TAKEN)
 
@@ -264,7 +263,7 @@ class Machine:
         self.slave.unreported_result = 0
 
     def switch_mode(self, mode: int, now: int) -> None:
-        """Turn the mode switch; a turn away from automatic mode ends all motion and switches the motor off."""
+        """Turn the mode switch; without automatic mode, all motion ends and the motor goes off."""
         self.mode = mode
         if mode != AUTOMATIC:
             self._lose_power()

@@ -126,7 +126,7 @@ def run_motion(context: CallContext, target: MotionTarget, option: str = "") -> 
 
 
 class _MotionOptions(NamedTuple):
-    """Options: internal speed in percent or None, minimum duration in ns, whether the call returns at once."""
+    """Internal speed in percent or None, minimum duration in ns, and whether the call returns at once."""
 
     speed: float | None
     time: int
