@@ -30,8 +30,8 @@ _DATAGRAM_SIZE = 4096
 """Largest datagram in bytes; controllers send 503 at most."""
 
 _STREAM_READ_SIZE = 512
-"""Maximum number of bytes read from a stream at once: a few replies. After a delay, a controller sends a
-hundred replies together. Reading all of them takes longer than the time between two set points."""
+"""Maximum number of bytes read from a stream at once, enough for a few replies. After a delay, a controller
+sends a hundred replies together. Reading all of them takes longer than the time between two set points."""
 
 _CONNECT_TIMEOUT = 5.0  # seconds
 
@@ -99,12 +99,12 @@ class SocketChannel:
         """Sleep if the system records when data arrives during the sleep."""
         length = until - time.monotonic_ns()
         if self._has_kernel_times and length > 0:
-            time.sleep(length / 1e9)  # no data that arrives during the sleep is needed earlier
+            time.sleep(length / 1e9)  # data that arrives during the sleep is not needed before its end
 
     def send(self, data: bytes) -> None:
         """Send bytes; on a stream, either all bytes are sent or the connection fails."""
         if self.datagrams:
-            # The datagram is lost, or an earlier one met a closed port; retries deal with both.
+            # The datagram is lost, or an earlier datagram reached a closed port; retries handle both cases.
             with suppress(BlockingIOError, ConnectionRefusedError):
                 self._socket.send(data)
         else:

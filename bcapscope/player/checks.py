@@ -22,7 +22,7 @@ from bcapscope.protocol.slave_mode.modes import PERIOD_MS, PoseType
 from bcapscope.protocol.slave_mode.poses import AXES
 
 SAME_INTERVAL = 0.01
-"""Maximum difference between equal intervals, as a share of the interval."""
+"""Maximum difference between intervals that are treated as equal, as a share of the interval."""
 
 LARGEST_NUMBER = 1e9
 """Largest plausible number of mm or degrees in a set point."""
@@ -113,7 +113,7 @@ def check_directions(context: PreflightContext) -> Iterator[PreflightProblem]:
 
 
 def check_cycle(context: PreflightContext) -> Iterator[PreflightProblem]:
-    """Compare the time between slvMove with the controller's cycle time."""
+    """Compare the time between calls of slvMove with the controller's cycle time."""
     mode_, cycle = context.mode, PERIOD_MS / 1000
     if mode_ is None or not mode_.pose_type or abs(context.period - cycle) <= SAME_INTERVAL * cycle:
         return

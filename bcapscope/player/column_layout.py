@@ -40,7 +40,7 @@ class ReadOptions:
     """The user's description of a file with a trajectory.
 
     Attributes:
-        kind: Pose type; None to use what the file has, joints first.
+        kind: Pose type to read; None to use a pose type that the file has, joints first.
         columns: Column of each axis and of `time`, from 1; empty to use the titles.
         angle: Unit of angles if the file does not say: `deg` or `rad`.
         length: Unit of positions if the file does not say: `mm` or `m`.

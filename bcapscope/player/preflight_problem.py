@@ -28,8 +28,8 @@ class PreflightProblem:
     Attributes:
         check: Name of the check, such as `speed`.
         severity: Severity of the problem; an error forbids playing.
-        fact: What is wrong, one clause.
-        advice: What to do, one clause; None if there is nothing to do.
+        fact: One clause that says what is wrong.
+        advice: One clause that says what to do; None if there is nothing to do.
         points: Numbers of set points that show the problem, from 1, at most `MAX_NUMBERS`.
         count: Total number of such set points; 0 if the problem concerns the trajectory as a whole.
     """
@@ -65,8 +65,8 @@ class PreflightContext:
     def axis_count(self) -> int | None:
         """Number of joints of the known arm, or that the controller reports; None if unknown.
 
-        Most controllers report eight joints, with 0 for joints that the robot lacks. Eight reported joints
-        therefore prove nothing.
+        Most controllers report eight joints, with 0 for joints that the robot lacks. A report of eight joints
+        therefore does not prove that the robot has eight.
         """
         if self.limits.axis_count is not None or self.current_pose is None:
             return self.limits.axis_count

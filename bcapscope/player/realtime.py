@@ -25,8 +25,8 @@ from bcapscope.messages.os_errors import os_reason
 from bcapscope.messages.places import Enumeration
 
 FIFO_PRIORITY = 40
-"""Real-time priority above all ordinary programs, and below 50, the kernel's interrupt threads that deliver
-replies."""
+"""Real-time priority of the player: above all ordinary programs, and below the kernel's interrupt threads,
+which have 50 and deliver the replies."""
 
 _THROTTLE_FILES = Path("/proc/sys/kernel/sched_rt_runtime_us"), Path("/proc/sys/kernel/sched_rt_period_us")
 _NEEDED_SHARE = 0.5

@@ -17,7 +17,7 @@ CYCLES = (PERIOD_MS / 1000, 0.001)
 """Cycle times of set points, seconds (DENSO Wave 2009, How to use the Slave mode)."""
 
 EVEN_TOLERANCE = 0.01
-"""Maximum difference between even intervals, as a share of the interval."""
+"""Maximum difference between intervals that are treated as even, as a share of the interval."""
 
 MAX_PARTS = 64
 """Maximum number of trajectories into which records with gaps are split."""

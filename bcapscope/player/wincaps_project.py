@@ -72,7 +72,7 @@ def read_project(path: Path, read_file: FileReader) -> tuple[Trajectory, ...]:
 
 def _files(folder: Path) -> Iterator[Path]:
     """Yield the files in a folder and its subfolders, in order, without following links."""
-    os.scandir(folder).close()  # scandir raises if the folder cannot be read; os.walk does not
+    os.scandir(folder).close()  # scandir raises if the folder is unreadable; os.walk does not
     count = 0
     for place, folders, names in os.walk(folder):
         deep = len(Path(place).relative_to(folder).parts)

@@ -118,7 +118,7 @@ def numbers_of(variant: Variant) -> tuple[float, ...]:
 
 
 def argument_at(items: Sequence[Variant], index: int) -> Variant:
-    """Return the argument at an index; refuse the call if it has fewer arguments."""
+    """Return the argument at an index; refuse the call if the argument is missing."""
     if index >= len(items):
         raise RefusedError(E_INVALIDARG)
     return items[index]

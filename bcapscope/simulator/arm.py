@@ -67,7 +67,7 @@ class Arm:
     def __init__(self, joints: Joints) -> None:
         self._motion = ArmMotion(joints, joints, 0, 0)
         self._steps: deque[_Step] = deque(maxlen=8)
-        self._last_segment = _NOWHERE, _NOWHERE  # steps around the time of the last look-up
+        self._last_segment = _NOWHERE, _NOWHERE  # steps around the time of the last query
         self._changed = -ENCODER_LAG_NS
 
     @property

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 
 class Certainty(StrEnum):
-    """Degree of certainty that a real controller does the same."""
+    """Degree of certainty that a real controller behaves like the simulator."""
 
     DOCUMENTED = "documented"
     """The vendor's documents or lists, or published descriptions of its commands, state the behaviour."""
@@ -22,7 +22,7 @@ class Certainty(StrEnum):
 
 
 class Behaviour(NamedTuple):
-    """One behaviour: what the controller does, as one clause, and its source.
+    """A simulated behaviour: one clause that says what the controller does, and the source of this fact.
 
     For an assumed behaviour, `source` says what the assumption rests on.
     """
@@ -317,7 +317,7 @@ _OTHERS = (
     ("@SERVO_ON", _O, "writing @SERVO_ON switches the motor on or off", _DRIVER),
     ("@SERVO_ON", _A, "writing @SERVO_ON takes as long as Motor, and is refused in the same cases", _NONE),
     ("external speeds", _A, "@EXTSPEED, @EXTACCEL, @EXTDECEL cannot be written in slave mode", _NONE),
-    ("task variables", _A, "writing @START and @STOP is refused as Task_Start and Task_Stop are", _NONE),
+    ("task variables", _A, "writing @START and @STOP is refused like Task_Start and Task_Stop", _NONE),
     ("arm's owner", _D, "TakeArm resets internal speed, tool and work unless an option keeps them", _SAMPLES),
     ("arm's owner", _A, "the arm is free when the client that has it is gone", _NONE),
     ("hold", _D, "Robot_Hold pauses a motion, Robot_Unhold continues it", _PROVIDER),

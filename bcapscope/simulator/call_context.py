@@ -24,7 +24,7 @@ class CallContext:
 
 
 CommandHandler: TypeAlias = Callable[[CallContext, Variant], HandlerOutcome]
-"""Function that runs a command of an ..._Execute function; it gets the command's parameter."""
+"""Handler of one command of an ..._Execute function; the handler gets the command's parameter."""
 
 CommandTable: TypeAlias = Mapping[str, CommandHandler]
 """Handlers of commands by the commands' names in lower case."""

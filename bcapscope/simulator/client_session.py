@@ -55,7 +55,7 @@ _OTHER_CLIENTS_COMMANDS = frozenset(
         *("handchuck", "handunchuck", "chuck", "unchuck"),
     )
 )
-"""Commands that a client may call while another one is in slave mode (orin_bcap_python_samples
+"""Commands that a client may call while another client is in slave mode (orin_bcap_python_samples
 others/bcapslavemove_handmove_COBOTTA.py). It is assumed that the client in slave mode may not call them: the
 hand cannot move while slave mode moves the arm (issue 13 of DENSORobot/denso_robot_ros)."""
 

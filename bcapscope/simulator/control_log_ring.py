@@ -1,4 +1,4 @@
-"""The control log: a ring of joint records, one every 8 ms while it records.
+"""The control log: a ring of joint records, one every 8 ms while the log is on.
 
 The 39 values of a record and their order are those of ShoheiKobata/orin_bcap_python_samples
 others/Get_Syslog.py. The counter in ms, and current and load computed from the encoders' lag, are assumptions

@@ -251,7 +251,7 @@ class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         for name, value in self.variables.items():
             match = _VARIABLE.fullmatch(name.upper())
             if match is None:
-                raise FieldError(("variables", name), "there is no such variable; others are I1, P3, IO128")
+                raise FieldError(("variables", name), "there is no such variable; examples: I1, P3, IO128")
             try:
                 memory.write(match[1], int(match[2]), _variant(value))
             except RefusedError as refusal:

@@ -1,8 +1,8 @@
 """Playing a scenario: a simulator, with the faults of the scenario between it and its clients.
 
 Like the simulator, a `ScenarioRunner` does no I/O and has no clock, and `SimulatorServer` can serve it in the
-same way. Requests pass the socket before the faults, and replies pass it after them. A capture made at the
-socket therefore shows the same as a capture at the controller's end of the cable.
+same way. Requests pass the socket before the faults, and replies pass the socket after the faults. A capture
+made at the socket therefore shows the same as a capture at the controller's end of the cable.
 """
 
 from __future__ import annotations

@@ -35,7 +35,7 @@ class SimulatorClock:
 
     Attributes:
         latest_time: The latest time that the model received.
-        paused_ns: Total length of all pauses.
+        paused_ns: Total length of all pauses in ns.
     """
 
     def __init__(

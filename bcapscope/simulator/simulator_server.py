@@ -50,7 +50,7 @@ _MAX_ACCEPTED = 16  # maximum number of connections accepted in a row
 _SPARE_DESCRIPTORS = 3  # kept for clients that send a stop when no other descriptors are left
 _TIDY_INTERVAL_NS = 1_000_000_000  # ns
 
-_SAME_MOMENT_NS = 2_000_000  # ns; bytes that arrive within this time belong to one cycle
+_SAME_MOMENT_NS = 2_000_000  # ns; set points that arrive within this time belong to one cycle
 
 _Address: TypeAlias = "tuple[Any, ...]"  # two values, four with IPv6
 

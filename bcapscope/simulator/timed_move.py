@@ -57,7 +57,7 @@ class TimedMove:
             self._start(now, self._remaining)
 
     def skip(self, now: int) -> None:
-        """End the motion at the commanded joints."""
+        """End the motion early, at the currently commanded joints."""
         self._arm.halt(now)
         self.done_at = now
 
