@@ -1,7 +1,7 @@
 """The player's process: ``python -m bcapscope.player``, started only by `player_process.PlayerProcess`.
 
-It has one thread and no event loop. It reads orders from standard input and writes messages to standard
-output. Standard error is for Python's own error messages.
+The process has one thread and no event loop. The process reads orders from standard input and writes messages
+to standard output. Standard error is for Python's own error messages.
 """
 
 from __future__ import annotations
@@ -31,9 +31,9 @@ from bcapscope.protocol.codec.variant import Value
 
 
 def main() -> None:
-    """Play the plan that comes first on standard input."""
+    """Read a plan from standard input and play it."""
     messages = os.dup(1)
-    os.dup2(2, 1)  # anything that prints must not write between the messages
+    os.dup2(2, 1)  # a print of any module must not mix with the messages
     pipe = PlayerPipe(0, messages)
     plan = pipe.read_plan()
     pipe.install_signal_handlers()
@@ -57,9 +57,10 @@ def main() -> None:
 def play(
     plan: PlayPlan, pipe: PlayerPipe, recording: RotatingRecording | None, log: BinaryIO | None
 ) -> PlayEnded:
-    """Play a plan; return how that ended.
+    """Play a plan; return how the play ended.
 
-    `recording` and `log` (the controller's own) are None if the plan has none.
+    `recording` is the file of frames, and `log` the file of the controller's log; each is None if the plan
+    has none.
     """
     target = plan.target
     with realtime_priority(plan.realtime and not plan.look_only) as granted:
@@ -76,7 +77,7 @@ def play(
         recorder = FrameRecorder(pipe.send, recording)
         session = PlaySession(plan, channel, pipe, recorder)
         ended = structs.replace(run_blocking(session.run()), realtime=granted.realtime)
-    # Nothing is urgent from here on, so the files are written without real-time priority.
+    # The play is over, so the files are written without real-time priority.
     read = partial(read_control_log, target, plan.robot, abort_on_order(pipe))
     return write_files(ended, recorder, channel, log if session.has_log else None, read)
 
@@ -88,7 +89,7 @@ def write_files(
     log: BinaryIO | None,
     read_records: Callable[[], Sequence[Value]],
 ) -> PlayEnded:
-    """Write the recording, and the log that `read_records` returns; return how everything ended."""
+    """Write the recording and the records that `read_records` returns; return the play's final message."""
     reasons: list[Message] = []
     try:
         recorder.save_capture(channel)
@@ -111,7 +112,7 @@ def write_files(
 
 
 def abort_on_order(pipe: PlayerPipe) -> Callable[[], None]:
-    """Return a function that raises BcapError when an order has come since this call."""
+    """Return a function that raises BcapError if the parent sent an order after this call."""
     before = pipe.order_count
 
     def look() -> None:

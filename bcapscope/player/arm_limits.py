@@ -1,9 +1,9 @@
 """Limits of an arm, axis by axis.
 
-The type name that the controller reports identifies an arm. No paper publishes the limits of all arms, so the
-user has to give those of a real one. bcapscope knows only the simulator's. If nothing is known,
-`MAX_ARM_SPEED`
-applies: no arm of DENSO Wave turns or moves that fast, so a larger step is a fault of the file.
+The type name that the controller reports identifies an arm. No public document lists the limits of all arms,
+so the user has to give the limits of a real arm. bcapscope knows only the limits of the simulator's arm. If
+the speed limits of an axis are unknown, `MAX_ARM_SPEED` applies: no arm of DENSO Wave turns or moves that
+fast, so a larger step is a fault of the file.
 """
 
 from __future__ import annotations
@@ -26,12 +26,12 @@ from bcapscope.simulator.machine import ROBOT_TYPE
 ToJoints: TypeAlias = Callable[[PoseType, tuple[float, ...]], tuple[float, ...]]
 
 MAX_ARM_SPEED = {"deg": 1500.0, "mm": 15_000.0}
-"""Units a second, by the unit of the axis."""
+"""Highest plausible speed of an axis: degrees per second or mm per second, by the unit of the axis."""
 
 _NAMES = tuple(dict.fromkeys(axis.name for kind in AXES.values() for axis in kind if axis.unit))
 _UNLIMITED = AxisLimit(-inf, inf, inf, inf)
 MAX_LIMIT = 1e9
-"""Largest limit allowed, in mm or degrees and seconds; that of a robot is a millionth of it."""
+"""Largest limit that a user may set, in mm or degrees and seconds; limits of real robots are far smaller."""
 
 _LIMIT = re.compile(
     r"\s*(?P<first>\w+)(?:\.\.(?P<last>\w+))?(?:\.(?P<what>speed|acceleration))?\s*=\s*(?P<value>.+)"
@@ -44,10 +44,10 @@ class ArmLimits:
     """Limits of one arm.
 
     Attributes:
-        axes: By name (`J1`, `X`, ...), in the unit of the axis and seconds; infinite if unknown. An axis may
-            be missing.
-        to_joints: Computes the joints of a pose of P or T type, so that limits of joints apply to it too. It
-            raises for a pose out of reach. None if unknown.
+        axes: Limits of each axis by its name (`J1`, `X`, ...), in the unit of the axis and seconds; an
+            unknown limit is infinite, and an unknown axis is missing.
+        to_joints: Function that computes the joints of a pose of P or T type, and raises for a pose out of
+            reach; None if the arm's kinematics are unknown.
         axis_count: Number of joints; None if unknown.
     """
 
@@ -57,11 +57,11 @@ class ArmLimits:
     axis_count: int | None = None
 
     def known_limit(self, name: str) -> AxisLimit:
-        """Return the known limits of an axis; infinite where unknown."""
+        """Return the known limits of an axis; an unknown limit is infinite."""
         return self.axes.get(name, _UNLIMITED)
 
     def limit_for(self, name: str, unit: str) -> AxisLimit:
-        """Return the limits to keep for an axis; an unknown speed is replaced by `MAX_ARM_SPEED`."""
+        """Return the limits that apply to an axis; `MAX_ARM_SPEED` replaces an unknown speed limit."""
         known = self.known_limit(name)
         return known if known.speed < inf else known._replace(speed=MAX_ARM_SPEED.get(unit, inf))
 
@@ -86,9 +86,9 @@ def limits_for_arm(type_name: str) -> ArmLimits:
 
 
 def with_limits(limits: ArmLimits, texts: Sequence[str]) -> ArmLimits:
-    """Set limits that a user wrote; an invalid one raises InputError.
+    """Return limits changed by the user's texts; an invalid text raises InputError.
 
-    A text is `AXES=LOW..HIGH`, `AXES.speed=NUMBER` or `AXES.acceleration=NUMBER`, in mm or degrees and
+    Each text is `AXES=LOW..HIGH`, `AXES.speed=NUMBER` or `AXES.acceleration=NUMBER`, in mm or degrees and
     seconds. AXES is a name such as `J1` or `X`, or a range such as `J1..J3`.
     """
     axes = dict(limits.axes)

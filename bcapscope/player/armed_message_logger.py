@@ -1,4 +1,4 @@
-"""The armed calls of a player, taken from its messages for the action log."""
+"""Log of the armed calls that a player reports in its messages."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from bcapscope.player.player_messages import ControllerInfo, FrameMessage, PlayE
 
 
 class ArmedMessageLogger:
-    """Logs what a player sends to a real controller; ignores what it sends to bcapscope's simulator."""
+    """Logs the armed calls of a player to a real controller; ignores calls to bcapscope's simulator."""
 
     def __init__(self, logger: ArmedCallLogger) -> None:
         """Write to `logger`."""

@@ -1,7 +1,8 @@
-"""Calls without an event loop: the requester, a channel, and a thread that waits for both.
+"""Calls without an event loop: one thread drives the requester and waits on the channel.
 
 `begin_call`, `send_due` and `wait_for_outcome` are the steps of a call, for a caller with a deadline between
-them. `perform_call` is the whole call, for a `Session`. Both use the same requester and so the same serials.
+them. `perform_call` is the whole call, for a `Session`. Both ways to call use the same requester, and
+therefore one sequence of serials.
 """
 
 from __future__ import annotations
@@ -30,12 +31,12 @@ from bcapscope.protocol.tables.hresult import S_EXECUTING
 R = TypeVar("R")
 
 FrameCallback: TypeAlias = Callable[[bool, bytes, int], None]
-"""Called with every frame: whether it was sent, its bytes, and when it was sent or received, ns of the
+"""Function called for every frame, with: whether the frame was sent, its bytes, and its time in ns of the
 channel's clock."""
 
 
 def run_blocking(steps: Coroutine[Any, Any, R]) -> R:
-    """Run a coroutine that never waits for an event loop, because everything it awaits blocks instead."""
+    """Run a coroutine without an event loop; everything that the coroutine awaits must block instead."""
     try:
         steps.send(None)
     except StopIteration as end:
@@ -45,10 +46,10 @@ def run_blocking(steps: Coroutine[Any, Any, R]) -> R:
 
 
 ABORT_CHECK_INTERVAL = 50_000_000
-"""Time between two calls of `BlockingCaller.check_abort`, ns."""
+"""Time in ns between two calls of `BlockingCaller.check_abort`."""
 
 READ_RESERVE = 100_000
-"""Time, ns, reserved to read a reply that came while `BlockingCaller.sleep_until_due` slept."""
+"""Time in ns that the caller keeps to read a reply that arrived during `BlockingCaller.sleep_until_due`."""
 
 
 def ignore_frame(sent: bool, raw: bytes, time: int) -> None:
@@ -60,9 +61,9 @@ class BlockingCaller:
 
     Attributes:
         link: The channel.
-        late_replies: Late replies; the code that evaluates them clears the list.
-        check_abort: Called regularly while `perform_call` waits; an exception that it raises ends the call.
-        overslept: Time, ns, by which waits of the call took too long: this machine's own lateness.
+        late_replies: Late replies not yet evaluated; the code that evaluates them clears the list.
+        check_abort: Function called regularly while `perform_call` waits; its exception ends the call.
+        overslept: Time in ns by which the operating system prolonged the waits of the current call.
     """
 
     def __init__(
@@ -84,11 +85,11 @@ class BlockingCaller:
     async def perform_call(
         self, function_id: int, arguments: Sequence[Variant], retry_policy: RetryPolicy
     ) -> RequesterOutcome:
-        """Make a call and return how it ended; it blocks and never waits for an event loop.
+        """Make a call and return its outcome; the method blocks and needs no event loop.
 
         Raises:
             LocalProtocolError: The call cannot be sent; see `Requester.start_call`.
-            OSError: The link is gone. The other methods raise the same.
+            OSError: The link is gone. The other methods raise the same error.
         """
         try:
             self.begin_call(function_id, arguments, retry_policy, self.link.now())
@@ -104,12 +105,12 @@ class BlockingCaller:
     def begin_call(
         self, function_id: int, arguments: Sequence[Variant], retry_policy: RetryPolicy, at: int
     ) -> None:
-        """Prepare a call for the time `at`, from which its time-outs count; `send_due` sends it."""
+        """Prepare a call whose time-outs count from the time `at`; `send_due` sends it."""
         self._requester.start_call(function_id, arguments, retry_policy, at)
         self.overslept = 0
 
     def send_due(self) -> int:
-        """Send what is due; return the time at which sending began."""
+        """Send the attempt that is due; return the time at which sending began."""
         now = self.link.now()
         for raw in self._requester.data_to_send():
             self.link.send(raw)
@@ -117,11 +118,11 @@ class BlockingCaller:
         return now
 
     def sleep_until_due(self, until: int) -> None:
-        """Sleep for most of the time until the next retry is due, or until `until` if that is earlier.
+        """Sleep for most of the time until the next retry or `until`, whichever is earlier.
 
-        The scheduler delays a program that a reply wakes shortly after it used the processor. Without
-        real-time priority and beside busy programs, three set points in a hundred were 2 ms late at 1 ms.
-        With this sleep, three in a thousand were (Linux 6.18, sched-eevdf).
+        The scheduler delays a program that used the processor shortly before a reply wakes it. Measured with
+        set points every 1 ms beside busy programs, without real-time priority: three set points in a hundred
+        were 2 ms late; with this sleep, three in a thousand (Linux 6.18, sched-eevdf).
         """
         due, now = self._requester.deadline, self.link.now()
         end = max(now, min(until, until if due is None else due) - READ_RESERVE)
@@ -129,9 +130,10 @@ class BlockingCaller:
         self.overslept += max(0, self.link.now() - end)
 
     def wait_for_outcome(self, until: int) -> RequesterOutcome | None:
-        """Wait for the end of the call, and send retries when they are due; None if it is not over then.
+        """Wait until the call ends or `until` passes, and send retries; return None if the call is not over.
 
-        Data is read in small portions and only until `until`, so a row of late replies delays nobody.
+        The method reads data in small portions and only until `until`, so many late replies do not delay the
+        caller.
         """
         requester = self._requester
         while True:
@@ -152,10 +154,10 @@ class BlockingCaller:
                 return self._next_outcome()
 
     def wait_for_late_reply(self, serials: Collection[int], until: int) -> LateReply | None:
-        """Keep waiting for a reply to a call that was given up, without sending anything; None if none came.
+        """Wait, without sending, for a reply to a call that was given up; return None if no reply came.
 
-        A reply to any attempt counts, even one that was discarded before. Another retry would show nothing
-        else, because the controller executes a call once.
+        A reply to any attempt counts, even a reply that was discarded before. Another retry would bring the
+        same result, because the controller executes a call once.
         """
         while True:
             self._next_outcome()
@@ -170,14 +172,14 @@ class BlockingCaller:
                 return None
 
     def abandon(self) -> CallTimedOut:
-        """Give up the call under way; return it as timed out."""
+        """Give up the running call; return its outcome as timed out."""
         return CallTimedOut(self._requester.abandon())
 
     def close(self) -> None:
         self.link.close()
 
     def _receive(self, until: int) -> bytes | None:
-        """Return received bytes. Record a closed UDP port and return None, so that retries continue."""
+        """Return received bytes. Note a closed UDP port; return None, so that retries continue."""
         link = self.link
         end = max(until, link.now())
         try:

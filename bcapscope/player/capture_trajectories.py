@@ -31,7 +31,7 @@ SOURCE_FORMAT = Message("trajectory.format.capture")
 
 @dataclass(slots=True)
 class _SlaveSessionPoints:
-    """Set points of one slave-mode session, collected as they are found."""
+    """Set points of one slave-mode session, collected while the capture is read."""
 
     trajectory: seen.CapturedTrajectory
     numbers: array[float] = field(default_factory=lambda: array("d"))
@@ -44,11 +44,11 @@ def read_capture(
     options: ReadOptions,
     ports: Collection[int] = BCAP_PORTS,
 ) -> tuple[Trajectory, ...]:
-    """Read the set points of each slave-mode session; `ports` are those of controllers.
+    """Read the set points of each slave-mode session; `ports` are the controllers' ports.
 
     Raises:
-        TrajectoryError: There are no set points, or none of the wanted type.
-        CaptureError: The capture cannot be read, and nothing was found before the fault.
+        TrajectoryError: The capture holds no set points of the wanted type.
+        CaptureError: The capture is damaged, and holds no set points before the damage.
     """
     sessions: dict[int, _SlaveSessionPoints] = {}
     extractor = TrajectoryExtractor()

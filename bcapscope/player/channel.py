@@ -1,6 +1,6 @@
-"""A link to one peer and a clock, for a thread that does nothing else and waits, sends and receives itself.
+"""A link to one peer and a clock, for a thread that waits, sends and receives without an event loop.
 
-No event loop delays a packet after its deadline.
+An event loop could delay a packet beyond its deadline.
 """
 
 from __future__ import annotations
@@ -23,44 +23,44 @@ from bcapscope.transport.receive_timestamps import (
 from bcapscope.transport.udp_link import preferred_address
 
 SPIN_TIME = 200_000
-"""Time before a deadline, ns, from which the thread watches the clock instead of sleeping; no sleep overruns
-as much."""
+"""Time in ns before a deadline at which the thread stops sleeping and watches the clock; sleeps overrun by
+less."""
 
 _DATAGRAM_SIZE = 4096
 """Largest datagram in bytes; controllers send 503 at most."""
 
 _STREAM_READ_SIZE = 512
-"""Bytes read from a stream at once, a few replies. A controller that was delayed sends a hundred replies
-together, and to read all of them takes longer than the time between two set points."""
+"""Maximum number of bytes read from a stream at once, enough for a few replies. After a delay, a controller
+sends a hundred replies together. Reading all of them takes longer than the time between two set points."""
 
 _CONNECT_TIMEOUT = 5.0  # seconds
 
 _CLOCK_TOLERANCE = 100_000
-"""Difference, ns, by which two readings of the clocks may differ while nobody sets a clock: reading both
-takes time."""
+"""Maximum difference in ns between two readings of the clocks while nobody sets a clock; reading both takes
+time."""
 
 
 class Channel(BaseLink, Protocol):
-    """A link to the controller, and waits until given times. All times are ns of the clock of `now`."""
+    """A link to the controller that can wait until a given time; times are ns of the clock of `now`."""
 
     @property
     def arrival_time(self) -> int:
-        """Arrival time of the bytes received last; the time of reading if the system gives no other."""
+        """Arrival time of the bytes received last; if the system gives none, the time of reading."""
 
     def now(self) -> int:
-        """Return the time of a monotonic clock, ns."""
+        """Return the time of a monotonic clock in ns."""
 
     def wait_until(self, until: int) -> None:
-        """Wait until `until` as exactly as possible; return at once if that is past."""
+        """Wait until the time `until` as exactly as possible; return at once if that time is past."""
 
     def sleep_until(self, until: int) -> None:
-        """Sleep until about `until`; return at once if the system gives no arrival times."""
+        """Sleep until about the time `until`; return at once if the system gives no arrival times."""
 
     def receive(self, until: int) -> bytes | None:
-        """Return the next bytes, in a small portion; None if nothing came until `until`.
+        """Return a small portion of the next bytes; None if nothing arrives until the time `until`.
 
         Raises:
-            ConnectionRefusedError: The peer's port is closed; on UDP, retries may go on.
+            ConnectionRefusedError: The peer's port is closed; over UDP, retries may continue.
             OSError: The link is gone.
         """
 
@@ -87,7 +87,7 @@ class SocketChannel:
     now = staticmethod(time.monotonic_ns)
 
     def wait_until(self, until: int) -> None:
-        """Sleep first, and watch the clock for the last part."""
+        """Sleep for most of the time, and watch the clock for the last part."""
         clock = time.monotonic_ns
         rest = until - SPIN_TIME - clock()
         if rest > 0:
@@ -96,22 +96,22 @@ class SocketChannel:
             pass
 
     def sleep_until(self, until: int) -> None:
-        """Sleep, if the system gives the arrival time of what comes meanwhile."""
+        """Sleep if the system records when data arrives during the sleep."""
         length = until - time.monotonic_ns()
         if self._has_kernel_times and length > 0:
-            time.sleep(length / 1e9)  # nothing received meanwhile is needed earlier
+            time.sleep(length / 1e9)  # data that arrives during the sleep is not needed before its end
 
     def send(self, data: bytes) -> None:
-        """Send; a stream accepts all bytes or is gone."""
+        """Send bytes; on a stream, either all bytes are sent or the connection fails."""
         if self.datagrams:
-            # The datagram is lost, or an earlier one met a closed port; retries deal with both.
+            # The datagram is lost, or an earlier datagram reached a closed port; retries handle both cases.
             with suppress(BlockingIOError, ConnectionRefusedError):
                 self._socket.send(data)
         else:
             self._socket.sendall(data)
 
     def receive(self, until: int) -> bytes | None:
-        """Try to read first, then wait."""
+        """Read bytes that are already there; wait only if there are none."""
         while True:
             try:
                 data, control, _, _ = self._recvmsg(self._read_size, ANCILLARY_SIZE)
@@ -134,14 +134,14 @@ class SocketChannel:
         now = self.arrival_time = time.monotonic_ns()
         self._has_kernel_times = bool(control)
         if abs(time.time_ns() - now - self._epoch_offset) > _CLOCK_TOLERANCE:
-            # Somebody set the system's clock, or this thread was delayed just now.
+            # The two clocks differ: the system's clock was set, or this thread was delayed just now.
             self._epoch_offset = _measure_epoch_offset()
         elif control:
             self.arrival_time = min(now, kernel_timestamp(control, 0) - self._epoch_offset)
 
 
 def _measure_epoch_offset() -> int:
-    """Return the time, ns since 1970, when the clock of `now` was 0; the fastest of five readings counts."""
+    """Return the time in ns since 1970 at which `now` was 0, from the fastest of five readings."""
     return max(time.time_ns() - time.monotonic_ns() for _ in range(5))
 
 

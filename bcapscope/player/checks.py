@@ -22,13 +22,13 @@ from bcapscope.protocol.slave_mode.modes import PERIOD_MS, PoseType
 from bcapscope.protocol.slave_mode.poses import AXES
 
 SAME_INTERVAL = 0.01
-"""Share by which equal intervals may differ."""
+"""Maximum difference between intervals that are treated as equal, as a share of the interval."""
 
 LARGEST_NUMBER = 1e9
-"""Largest number of mm or degrees that is accepted at all."""
+"""Largest plausible number of mm or degrees in a set point."""
 
-_RADIANS, _METRES = 6.3, 2.0  # smaller numbers look like radians or metres
-_UNIT = 0.01  # the length of a unit vector may differ from 1 by this much
+_RADIANS, _METRES = 6.3, 2.0  # a largest value below this looks like radians or metres
+_UNIT = 0.01  # maximum difference between the length of a unit vector and 1
 _USUAL_AXES = 6
 
 RESAMPLE_ADVICE = Message("preflight.advice.resample")
@@ -64,7 +64,7 @@ def check_mode(context: PreflightContext) -> Iterator[PreflightProblem]:
 
 
 def check_axes(context: PreflightContext) -> Iterator[PreflightProblem]:
-    """Compare the axes with those of the robot, and note which the file lacks."""
+    """Compare the file's axes with the robot's axes, and report the axes that the file lacks."""
     trajectory = context.trajectory
     missing = [axis.name for axis in AXES[trajectory.kind][len(trajectory.axes) :]]
     if trajectory.kind is PoseType.J and context.axis_count is not None:
@@ -101,7 +101,7 @@ def check_fig(context: PreflightContext) -> Iterator[PreflightProblem]:
 
 
 def check_directions(context: PreflightContext) -> Iterator[PreflightProblem]:
-    """Check that the vectors of T type are unit vectors at a right angle."""
+    """Check that the two vectors of each T-type pose are unit vectors at a right angle."""
     if context.trajectory.kind is not PoseType.T:
         return
     orientation, approach = context.trajectory.points[:, 3:6], context.trajectory.points[:, 6:9]
@@ -113,7 +113,7 @@ def check_directions(context: PreflightContext) -> Iterator[PreflightProblem]:
 
 
 def check_cycle(context: PreflightContext) -> Iterator[PreflightProblem]:
-    """Compare the time between slvMove with the controller's cycle time."""
+    """Compare the time between calls of slvMove with the controller's cycle time."""
     mode_, cycle = context.mode, PERIOD_MS / 1000
     if mode_ is None or not mode_.pose_type or abs(context.period - cycle) <= SAME_INTERVAL * cycle:
         return
@@ -129,7 +129,7 @@ def check_cycle(context: PreflightContext) -> Iterator[PreflightProblem]:
 
 
 def check_interval(context: PreflightContext) -> Iterator[PreflightProblem]:
-    """Compare the times of the file with those of slvMove."""
+    """Compare the times of the file's set points with the times of slvMove."""
     trajectory = context.trajectory
     if trajectory.period is not None:
         yield from _check_period(trajectory.period, context.period)

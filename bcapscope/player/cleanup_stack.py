@@ -1,4 +1,4 @@
-"""The cleanup of a session: what it began and must undo, however it ends."""
+"""The cleanup of a player's session: the steps that the player must undo, however the session ends."""
 
 from __future__ import annotations
 
@@ -13,16 +13,17 @@ from bcapscope.player.robot_adapter import RobotAdapter
 from bcapscope.protocol.tables.hresult import E_BUSY
 
 _BUSY_TIMEOUT = 5_000_000_000
-"""Time, ns, that a controller may spend on a call that was given up; it accepts no other call meanwhile."""
+"""Time in ns that a controller may need for a call that was given up; until then it accepts no other call."""
 
 _BUSY_PAUSE = 20_000_000
 
 
 class CleanupStack:
-    """Undoes what was begun, newest first, and reports what is left, so that another process can undo it.
+    """Undoes steps, newest first; reports the steps that remain, so that another process can undo them.
 
     Attributes:
-        is_controller_gone: Whether the controller no longer answers; then the rest stays undone.
+        is_controller_gone: Whether the controller stopped answering; the remaining cleanup tasks are then
+            skipped.
     """
 
     def __init__(self, robot: RobotAdapter, pipe: PlayerPipe, channel: Channel) -> None:
@@ -34,10 +35,10 @@ class CleanupStack:
         self._tasks: list[CleanupTask] = []
 
     async def run_and_push(self, task: CleanupTask, step: Callable[[], Awaitable[None]]) -> None:
-        """Push a cleanup task, then run the step that it undoes.
+        """Push a cleanup task, then run the step that the task undoes.
 
-        The task is pushed before the call, because its reply may be lost. It is removed if the controller
-        refuses the call.
+        The task is pushed before the step's call, because the reply to that call may be lost. The task is
+        removed if the controller refuses the call.
         """
         self.push(task)
         try:
@@ -51,7 +52,7 @@ class CleanupStack:
         self._report_tasks()
 
     async def clean_up_all(self) -> None:
-        """Run all tasks; a refusal of the controller is reported, and the next task follows."""
+        """Run all tasks; if the controller refuses one, report that and continue with the next task."""
         while self._tasks and not self.is_controller_gone:
             task = self._tasks[-1]
             await self._clean_up(task)

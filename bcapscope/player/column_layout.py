@@ -1,4 +1,4 @@
-"""Finding the columns of a trajectory in a table: by titles, by number, or as the user says."""
+"""Finding the columns of a trajectory in a table: by title, by number, or by the user's description."""
 
 from __future__ import annotations
 
@@ -31,16 +31,16 @@ _PREFERENCE = (PoseType.J, PoseType.P, PoseType.T)
 _HALF_TURN = 180.0
 _POSTURES = 31.0
 _MAX_NAMED = 12
-_EVEN = 1e-3  # share by which even steps may differ
+_EVEN = 1e-3  # maximum difference between even steps, as a share of the step
 _USUAL_AXES = 6
 
 
 @dataclass(frozen=True, slots=True)
 class ReadOptions:
-    """What the user says about a file.
+    """The user's description of a file with a trajectory.
 
     Attributes:
-        kind: Pose type; None to use what the file has, joints first.
+        kind: Pose type to read; None to use a pose type that the file has, joints first.
         columns: Column of each axis and of `time`, from 1; empty to use the titles.
         angle: Unit of angles if the file does not say: `deg` or `rad`.
         length: Unit of positions if the file does not say: `mm` or `m`.
@@ -54,10 +54,10 @@ class ReadOptions:
 
 @dataclass(frozen=True, slots=True)
 class ColumnLayout:
-    """The columns that make a trajectory; one clause per note on what was chosen or assumed.
+    """The columns that make a trajectory; each note is one clause about a choice or an assumption.
 
     Attributes:
-        columns: One element per axis, in order.
+        columns: Column of each axis, in the order of the axes.
         time: Column of the times; None if there is none.
         counter: Column that counts records or time; None if there is none.
     """
@@ -101,9 +101,9 @@ def _column_pairs(part: str) -> Iterator[tuple[str, int]]:
 
 
 def layout_of_titles(titles: Sequence[str], options: ReadOptions) -> ColumnLayout | None:
-    """Find the columns by their titles; None if no pose is complete.
+    """Find the columns by their titles; return None if no pose type has all its columns.
 
-    Columns that the user named but that do not exist raise TrajectoryError.
+    Raises TrajectoryError if a column that the user named does not exist.
     """
     if options.columns:
         return _layout_as_given(options, titles, len(titles))
@@ -130,10 +130,10 @@ def layout_of_titles(titles: Sequence[str], options: ReadOptions) -> ColumnLayou
 
 
 def layout_of_numbers(rows: Sequence[Sequence[float]], options: ReadOptions) -> ColumnLayout:
-    """Guess what numbers without titles mean; `rows` are the first lines, at least one.
+    """Guess the meaning of columns without titles; `rows` holds one or more of the first lines.
 
     Raises:
-        TrajectoryError: The numbers may mean several things, or nothing.
+        TrajectoryError: The numbers fit several meanings, or none.
     """
     count = len(rows[0])
     if options.columns:
@@ -159,7 +159,7 @@ def layout_of_numbers(rows: Sequence[Sequence[float]], options: ReadOptions) -> 
 
 
 def _ambiguity(rows: Sequence[Sequence[float]]) -> Message | None:
-    """Return why numbers may not be joints; None if they look like joints."""
+    """Return the reason why numbers cannot be joints; None if they look like joints."""
     first = [row[0] for row in rows]
     steps = [b - a for a, b in pairwise(first)]
     if len(steps) > 1 and steps[0] > 0 and max(steps) - min(steps) <= _EVEN * steps[0]:
@@ -174,7 +174,7 @@ def _ambiguity(rows: Sequence[Sequence[float]]) -> Message | None:
 
 
 def _axis_columns(kind: PoseType, role: ColumnRole, read: Sequence[ColumnTitle | None]) -> list[int]:
-    """Return the column of each axis of a type up to the first missing axis; [] if those are too few."""
+    """Return the columns of a pose type's axes up to the first missing axis; [] if these are too few."""
     by_name: dict[str, int] = {}
     for place, title in enumerate(read):
         if title and title.role is role:
@@ -189,7 +189,7 @@ def _column(axis: Axis, place: int, name: str, title: ColumnTitle | None, option
 
 
 def _column_unit(axis: Axis, stated: Unit | None, options: ReadOptions) -> tuple[str, float]:
-    """Return the unit of a column, and the factor that converts it to the unit of the axis."""
+    """Return the unit of a column, and the factor that converts its numbers to the unit of the axis."""
     if not axis.unit:
         return "", 1.0
     unit = UNITS[options.angle if axis.unit == "deg" else options.length]
@@ -237,7 +237,7 @@ def _layout_as_given(options: ReadOptions, titles: Sequence[str], count: int) ->
 
 
 def _named_axis_count(kind: PoseType, columns: Mapping[str, int]) -> int:
-    """Return how many axes of a type the user named without a gap; 0 if those are too few."""
+    """Return the number of axes of a pose type that the user named without a gap; 0 if these are too few."""
     count = len(list(takewhile(lambda axis: axis.name in columns, AXES[kind])))
     return count if count >= MIN_COLUMNS[kind] else 0
 
@@ -249,7 +249,7 @@ def _layout_notes(
     role: ColumnRole,
     read: Sequence[ColumnTitle | None],
 ) -> Iterator[Message]:
-    """Yield what was chosen: among roles, among pose types, and among columns of one axis the first."""
+    """Yield a note for each choice among roles, among pose types, and among columns of one axis."""
     if role is ColumnRole.MEASURED:
         yield Message("trajectory.note.measured")
     elif role is ColumnRole.UNMARKED and any(title and title.role is ColumnRole.COMMANDED for title in read):

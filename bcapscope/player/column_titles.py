@@ -1,9 +1,9 @@
 """Reading the title of a column: which axis, commanded or measured, in which unit.
 
-Known titles: those of `bcapscope extract`, and plain names of axes and joints. Also those of a controller's
-log, `[J1 - 指令値]` and `[FIG - 指令値]` (ShoheiKobata/orin_bcap_python_samples others/Get_Syslog.py and
-DrawLineDemo), and English ones of the same form. A title with an unknown word is ignored, so that a force or
-a distance travelled is never taken for a position.
+Known titles: those of `bcapscope extract`, and plain names of axes and joints. The titles of a controller's
+log and their English forms are also known: `[J1 - 指令値]`, `[FIG - 指令値]`
+(ShoheiKobata/orin_bcap_python_samples others/Get_Syslog.py and DrawLineDemo). A title with an unknown word is
+ignored, so that a force or a distance is never read as a position.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from bcapscope.protocol.slave_mode.poses import AXES
 
 
 class ColumnRole(StrEnum):
-    """What the numbers in a column are, in order of preference."""
+    """Role of the numbers in a column, in order of preference."""
 
     COMMANDED = "commanded"
     UNMARKED = "not marked as commanded or measured"
@@ -44,14 +44,14 @@ UNITS = {
         Unit("us", "time", 1e-6),
     )
 }
-"""By name."""
+"""Known units by their names."""
 
 TIME, COUNTER, NUMBER = "time", "counter", "number"
-"""Names of columns other than axes: the time, the controller's counter, the number of the record."""
+"""Names of the columns that hold the time, the controller's counter, or the number of the record."""
 
 
 class ColumnTitle(NamedTuple):
-    """What a title says: the axis as in a pose, or `TIME`, `COUNTER` or `NUMBER`; its role, and any unit."""
+    """Meaning of a title: axis, `TIME`, `COUNTER` or `NUMBER`; the column's role; its unit, if any."""
 
     axis: str
     role: ColumnRole
@@ -88,7 +88,7 @@ _LONGEST = 80
 
 
 def read_title(text: str) -> ColumnTitle | None:
-    """Read a title; None if its column is no part of a trajectory."""
+    """Read a title; return None if its column is no part of a trajectory."""
     words = _words(text)
     if "counter" in words:
         return ColumnTitle(COUNTER, ColumnRole.UNMARKED, None)
@@ -108,7 +108,7 @@ def read_title(text: str) -> ColumnTitle | None:
 
 
 def _words(text: str) -> list[str]:
-    """Split a title between letters, digits and Japanese; join a number to a word for joint before it."""
+    """Split a title between letters, digits and Japanese; join a number to a preceding word for joint."""
     plain = unicodedata.normalize("NFKC", text[:_LONGEST]).casefold()
     words: list[str] = []
     for word in _WORD.findall(plain.replace("_", " ")):

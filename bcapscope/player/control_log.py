@@ -38,14 +38,14 @@ _REST = (
 LOG_COLUMN_TITLES = tuple(f"[J{axis} - {what}]" for axis in range(1, 9) for what in _AXES) + tuple(
     f"[{title}]" for title in _REST
 )
-"""The 39 columns: set point, encoder, current and load of each axis, then what the program adds."""
+"""Titles of the 39 columns: set point, encoder, current and load of each axis, then program values."""
 
 
 @contextmanager
 def open_new_file(path: str | None) -> Iterator[BinaryIO | None]:
-    """Open a new file for the length of a block; delete it afterwards if nothing was written to it.
+    """Open a new file for the length of a block; delete the file afterwards if it is empty.
 
-    Without a path, there is no file. A file that exists or cannot be written raises OSError.
+    Yields None without a path. Raises OSError if the file exists or cannot be written.
     """
     if path is None:
         yield None
@@ -55,7 +55,7 @@ def open_new_file(path: str | None) -> Iterator[BinaryIO | None]:
         yield file
     finally:
         is_empty = not file.tell()
-        with suppress(OSError):  # the writer has flushed, and knows of any error
+        with suppress(OSError):  # the writer flushed the file, and noticed any error
             file.close()
         if is_empty:
             Path(path).unlink(missing_ok=True)
@@ -64,7 +64,7 @@ def open_new_file(path: str | None) -> Iterator[BinaryIO | None]:
 async def read_log_records(
     session: Session, target: ControllerTarget, robot_name: str, check_abort: Callable[[], None]
 ) -> list[Value]:
-    """Read the log records, as `read_control_log`, in a session with no open objects, and close it."""
+    """Read the log records in a new session, and close the session."""
     records: list[Value] = []
     try:
         opener = ObjectOpener(session, target, {ObjectClass.ROBOT: robot_name})
@@ -81,8 +81,8 @@ async def read_log_records(
 def read_control_log(target: ControllerTarget, robot: str, check_abort: Callable[[], None]) -> list[Value]:
     """Return the log records that the controller holds, oldest first.
 
-    They come over a TCP connection of their own: a record has 39 values, too many for a datagram of 503
-    bytes. `check_abort` is called before each record; an exception that it raises ends the reading.
+    The records are read over a separate TCP connection: a record has 39 values, too many for a datagram of
+    503 bytes. `check_abort` is called before each record; an exception that it raises ends the reading.
 
     Raises:
         BcapError: As for `Session.call`.
@@ -95,12 +95,12 @@ def read_control_log(target: ControllerTarget, robot: str, check_abort: Callable
 
 
 def _csv_cell(value: object) -> object:
-    """Put an apostrophe before text that a spreadsheet would compute; leave numbers unchanged."""
+    """Put an apostrophe before text that a spreadsheet would execute; leave numbers unchanged."""
     return f"'{value}" if isinstance(value, str) and is_spreadsheet_formula(value) else value
 
 
 def write_control_log(file: BinaryIO, records: Sequence[Value]) -> None:
-    """Write one line per record, in UTF-8."""
+    """Write records as CSV in UTF-8, one line per record."""
     text = io.StringIO(newline="")
     rows = csv.writer(text, lineterminator="\n")
     rows.writerow(LOG_COLUMN_TITLES)

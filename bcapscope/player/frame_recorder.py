@@ -1,7 +1,7 @@
-"""The frames of a player: the last ones for display, and all of them for a recording.
+"""The frames of a player: the last frame of each direction for display, and all frames for a recording.
 
-The recorder keeps frames in memory and writes them at the end. A disk may take longer than the time between
-two set points, and a thread that writes would take the interpreter from the thread that sends them.
+The recorder keeps frames in memory and writes them at the end. A disk access may take longer than the time
+between two set points. A thread that writes would take the interpreter from the thread that sends set points.
 """
 
 from __future__ import annotations
@@ -17,17 +17,18 @@ from bcapscope.player.channel import Channel
 from bcapscope.player.player_messages import FrameMessage
 
 MAX_FRAMES = 2_000_000
-"""Frames kept, more than two hours at 8 ms; later frames are not recorded."""
+"""Maximum number of frames kept, enough for more than two hours at 8 ms; later frames are not recorded."""
 
 _FRAMES_PER_WRITE = 1000
-"""Frames written together. If the disk becomes full, the recording lacks at most these and all later ones."""
+"""Number of frames written at once; if the disk becomes full, the recording lacks at most these frames and
+all later ones."""
 
 
 @contextmanager
 def open_recording(path: str | None) -> Iterator[RotatingRecording | None]:
-    """Create a recording for the length of a block; delete it afterwards if it holds no packet.
+    """Create a recording for the length of a block; delete it afterwards if it holds no packets.
 
-    Without a path, there is no recording. A file that exists or cannot be written raises OSError.
+    Yields None without a path. Raises OSError if the file exists or cannot be written.
     """
     if path is None:
         yield None
@@ -41,14 +42,14 @@ def open_recording(path: str | None) -> Iterator[RotatingRecording | None]:
 
 
 class FrameRecorder:
-    """Receives every frame and keeps the last one of each direction.
+    """Receives every frame and keeps the last frame of each direction.
 
     Attributes:
-        is_pacing: Whether set points are being sent; then frames are only kept.
+        is_pacing: Whether the pacer is sending set points; meanwhile frames are kept but not reported.
     """
 
     def __init__(self, send: Callable[[FrameMessage], object], recording: RotatingRecording | None) -> None:
-        """Report each frame outside of pacing to `send`; `recording` is None if there is none."""
+        """`send` gets each frame outside of pacing; `recording` is the file to write, or None."""
         self.last_sent = b""
         self.last_received = b""
         self.is_pacing = False
@@ -58,7 +59,7 @@ class FrameRecorder:
         self._frames: list[tuple[bool, bytes, int]] = []
 
     def on_frame(self, sent: bool, raw: bytes, now: int) -> None:
-        """Note a frame; `now` is when it was sent or received, ns of the monotonic clock."""
+        """Note a frame that was sent or received at `now`, ns of the monotonic clock."""
         if sent:
             self.last_sent = raw
         else:
@@ -74,7 +75,7 @@ class FrameRecorder:
             return
         packets = self._recording.recording
         write = packets.write_datagram if link.datagrams else packets.write_segment
-        self._frames.sort(key=itemgetter(2))  # a reply may be read long after it arrived
+        self._frames.sort(key=itemgetter(2))  # a reply may be read long after its arrival
         for number, (sent, raw, now) in enumerate(self._frames, 1):
             ends = (link.local, link.peer) if sent else (link.peer, link.local)
             write(*ends, raw, now + self._epoch_offset)

@@ -9,13 +9,13 @@ import msgspec
 import numpy as np
 
 _BINS_PER_OCTAVE = 16
-"""Bins between one power of two and the next; so estimated percentiles are within 7 %."""
+"""Number of bins between one power of two and the next; with 16, estimated percentiles are within 7 %."""
 
 _BINS = 64 * _BINS_PER_OCTAVE
 _PERCENTILES = (0.5, 0.99, 0.999)
 
 MAX_REPORTED_BINS = 40
-"""Bins that `Lateness.bins` returns at most; a message must fit into a pipe as a whole."""
+"""Maximum number of bins that `Lateness.bins` returns, so that a message fits into a pipe as a whole."""
 
 
 class Spread(msgspec.Struct, frozen=True):
@@ -29,10 +29,10 @@ class Spread(msgspec.Struct, frozen=True):
 
 
 class Lateness:
-    """Records the lateness of each set point, ns."""
+    """Records the lateness of every set point in ns."""
 
     def __init__(self, capacity: int) -> None:
-        """Allocate room for `capacity` values; of later values only bins and the maximum are kept."""
+        """Allocate room for `capacity` values; later values change only the bins and the maximum."""
         self._values = array("q", bytes(8 * capacity))
         self._capacity = capacity
         self._bins = array("q", bytes(8 * _BINS))
@@ -41,7 +41,7 @@ class Lateness:
         self._maximum = 0
 
     def add(self, late: int) -> None:
-        """Record one value, ns, not negative."""
+        """Record one lateness in ns; it must not be negative."""
         if self._count < self._capacity:
             self._values[self._count] = late
         self._count += 1
@@ -49,7 +49,7 @@ class Lateness:
         self._maximum = max(self._maximum, late)
 
     def estimated_spread(self) -> Spread:
-        """Return percentiles estimated quickly from the bins: the upper edge of the bin that holds each."""
+        """Return percentiles estimated fast from the bins: the upper edge of each percentile's bin."""
         if not self._count:
             return Spread()
         wanted = [_rank(share, self._count) for share in _PERCENTILES]
@@ -58,14 +58,14 @@ class Lateness:
         return Spread(self._count, p50, p99, p999, self._maximum)
 
     def bins(self) -> tuple[tuple[int, int, int], ...]:
-        """Return least value, greatest value and count of the `MAX_REPORTED_BINS` fullest bins, in order."""
+        """Return least value, greatest value and count of each of the `MAX_REPORTED_BINS` fullest bins."""
         filled = [(self._bins[number], number) for number in np.flatnonzero(self._counts).tolist()]
         if len(filled) > MAX_REPORTED_BINS:
             filled = sorted(filled, reverse=True)[:MAX_REPORTED_BINS]
         return tuple(sorted((_lower_edge(number), _upper_edge(number), count) for count, number in filled))
 
     def exact_spread(self) -> Spread:
-        """Return exact percentiles if all values were kept, else estimated ones; slow."""
+        """Return exact percentiles, which is slow; if not all values were kept, return estimated ones."""
         if not 0 < self._count <= self._capacity:
             return self.estimated_spread()
         values = sorted(self._values[: self._count])
@@ -78,7 +78,7 @@ def _rank(share: float, count: int) -> int:
 
 
 def _bin_of(value: int) -> int:
-    """Return the number of a value's bin: one bin per value below 16, then 16 bins per power of two."""
+    """Return the index of a value's bin: one bin per value below 16, then 16 bins per power of two."""
     if value < _BINS_PER_OCTAVE:
         return max(value, 0)
     shift = value.bit_length() - 5

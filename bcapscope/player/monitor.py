@@ -1,4 +1,4 @@
-"""Side work between two set points: poll for orders and report progress."""
+"""Work that the player does between two set points: poll for orders and report progress."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from bcapscope.protocol.codec.frame import Frame
 from bcapscope.protocol.slave_mode.poses import pose_numbers
 
 PROGRESS_INTERVAL = 50_000_000
-"""Time from one progress report to the next, ns."""
+"""Time in ns from one progress report to the next."""
 
 
 class PlayMonitor:
@@ -31,7 +31,7 @@ class PlayMonitor:
         self._next_report = 0
 
     def on_idle(self, now: int) -> None:
-        """Poll for an order, and report progress when that is due; an order to halt raises HaltedError."""
+        """Poll for an order, and report progress if due; an order to halt raises HaltedError."""
         order = self._pipe.poll_order()
         if order is Order.HALT:
             raise HaltedError
@@ -61,7 +61,7 @@ class PlayMonitor:
 
 
 def _pose_in(reply: Frame | None) -> SetPointValues:
-    """Return the pose in a reply; () if it has none or holds NaN, which a message cannot carry."""
+    """Return the pose in a reply; () if there is none, or if it holds NaN, which JSON cannot carry."""
     if reply is None or not reply.arguments:
         return ()
     row = pose_numbers(reply.arguments[0].variant) or ()

@@ -31,22 +31,21 @@ from bcapscope.protocol.slave_mode.poses import Axis
 from bcapscope.simulator.kinematics import AxisLimit
 
 POSITION_TOLERANCE = 0.05
-"""Distance in mm or degrees between robot and first point up to which no approach motion is needed."""
+"""Largest distance, in mm or degrees, from the robot to the first point that needs no approach motion."""
 
-_SLACK = 1.000001  # single-precision set points are rounded; rounding is no excess
+_SLACK = 1.000001  # tolerance for set points that were rounded to single precision
 _DIRECTIONS = Axis("Ox..Az", "deg")
 _MOVE = Message("preflight.advice.move-there")
 _SLOWER, _POSITIONS = Message("preflight.advice.slower"), Message("preflight.advice.positions")
-_SLOW, _CRAWL = 0.1, 1.0  # below this share of the top speed, or these units a second, an end counts as rest
+_SLOW, _CRAWL = 0.1, 1.0  # maximum speed at rest: share of the top speed, units per second
 
 
 class AxisFigures(NamedTuple):
-    """The motion of one axis in figures, in its unit and seconds; the limit is infinite if unknown.
+    """Figures of one axis's motion, in the axis's unit and seconds; an unknown limit is infinite.
 
     Attributes:
         step: Largest step from one set point to the next.
-        acceleration: Largest acceleration. The robot counts as at rest before the first and after the last
-            point.
+        acceleration: Largest acceleration, with the robot at rest before the first and after the last point.
         fastest: Number of the set point at the end of the fastest step, from 1.
     """
 
@@ -61,7 +60,7 @@ class AxisFigures(NamedTuple):
 
 
 def axis_figures(context: PreflightContext) -> tuple[AxisFigures, ...]:
-    """Return the figures of each axis, followed by those of the joints if they can be computed."""
+    """Return the figures of each axis, then the figures of the joints if the joints can be computed."""
     if context.step is None:
         return ()
     return tuple(
@@ -103,7 +102,7 @@ def check_rest(context: PreflightContext) -> Iterator[PreflightProblem]:
             fact = Message(id, axis=axis.name, speed=speed)
             yield PreflightProblem("rest", Severity.WARNING, fact, RESAMPLE_ADVICE, (number,), 1)
             if context.loop:
-                return  # in a loop, the motion runs on at speed from round to round
+                return  # in a loop, the motion continues from round to round without rest
 
 
 def check_first_point(context: PreflightContext) -> Iterator[PreflightProblem]:
@@ -129,7 +128,8 @@ def check_first_point(context: PreflightContext) -> Iterator[PreflightProblem]:
 def first_point_offsets(context: PreflightContext) -> tuple[float, ...] | None:
     """Return the distance from the robot to the first point, one element per axis of the trajectory.
 
-    Rotations of P type count the shorter way round. None if the robot's pose is unknown.
+    For rotations of P type, the distance is the smaller of the two angles. The result is None if the robot's
+    pose is unknown.
     """
     if context.current_pose is None:
         return None
@@ -139,7 +139,7 @@ def first_point_offsets(context: PreflightContext) -> tuple[float, ...] | None:
 
 
 def _here_and_first(here: Sequence[float], context: PreflightContext) -> Array:
-    """Return the robot's pose and the first point as two rows, with the axes that both have."""
+    """Return two rows, the robot's pose and the first point, reduced to the axes that both have."""
     first = context.trajectory.points[0]
     width = min(len(here), len(first))
     return np.vstack((np.asarray(here[:width]), first[:width]))
@@ -170,7 +170,7 @@ def _own_motion(context: PreflightContext) -> TrajectoryMotion:
 
 
 def _padded_motions(context: PreflightContext) -> Iterator[TrajectoryMotion]:
-    """Yield the motion of each set of axes, extended by rest, or in a loop by the next round's start."""
+    """Yield the motion of each set of axes, extended by rest or, in a loop, by the next round's start."""
     points = context.trajectory.points
     after = points[:2] if context.loop else points[-1:]
     return _motions_through(context, np.vstack((points[:1], points, after)))

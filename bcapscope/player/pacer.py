@@ -3,24 +3,26 @@
 The slave mode decides whether the player or the controller sets the pace (DENSO Wave 2009, How to use the
 Slave mode; table of slave modes in ShoheiKobata/orin_bcap_python_samples):
 
-* **Async, mode 1**: the player sets the pace. Deadlines are absolute, one per period. If the reply has not
-  come shortly before the next deadline, the pacer gives the call up and sends the next set point. It does not
-  retry: the newest set point wins, so a retry only wastes bandwidth. The reply does not wake the player. The
-  pacer looks for it shortly before it would give the call up or make the next packet, and the operating
-  system gives its arrival time (`BlockingCaller.sleep_until_due`). A late reply still shows that the
-  controller is alive, and a late refusal ends the play. If the newest answered set point is older than
-  `SILENCE_TIMEOUT`, the controller is behind or gone. Then the pacer sends nothing until a reply comes.
-* **Sync, mode 2**: the controller sets the pace: it answers when its buffer has room. The next set point is
-  due `_PREPARATION` after the reply, so that this delay is always the same. Without a reply the requester
-  retries every `RetryPolicy.timeout`, and discards replies to earlier attempts. After the last attempt the
-  pacer sends nothing more and accepts a reply to any attempt: a controller with a full buffer needs no set
-  point yet. After `SILENCE_TIMEOUT` the controller counts as gone.
-* **mode 0**: both. S_BUF_FULL asks for a pause of one period. S_OK means that there is room, so the next set
-  point follows at once. 83201483 means that there was none; the pacer sends the same set point again.
+* **Async, mode 1**: the player sets the pace. Deadlines are absolute, one per period. If no reply has arrived
+  shortly before the next deadline, the pacer gives the call up and sends the next set point. In these modes
+  the pacer never retries a set point: the newest set point wins, so a retry only wastes bandwidth. A reply
+  does not wake the player. The pacer looks for the reply shortly before it would give the call up or make the
+  next packet. The operating system gives the reply's arrival time (`BlockingCaller.sleep_until_due`). A late
+  reply still shows that the controller is alive, and a late refusal ends the play. If the newest answered set
+  point is older than `SILENCE_TIMEOUT`, the controller is behind or gone. In this case the pacer sends
+  nothing until a reply arrives.
+* **Sync, mode 2**: the controller sets the pace, because it answers when its buffer has room. The next set
+  point is due `_PREPARATION` after the reply, so that this delay is always the same. Without a reply the
+  requester retries every `RetryPolicy.timeout`, and discards replies to earlier attempts. After the last
+  attempt the pacer sends nothing more and accepts a reply to any attempt: a controller with a full buffer
+  needs no set point yet. After `SILENCE_TIMEOUT` without a reply, the pacer treats the controller as gone.
+* **Mode 0**: player and controller set the pace together. S_BUF_FULL asks for a pause of one period. S_OK
+  means that the buffer has room, so the next set point follows at once. 83201483 means that the buffer had no
+  room, so the pacer sends the same set point again.
 
-The pacer never skips a set point and never sends faster to catch up. If it is late by more than half a
-period, it moves the deadlines, so that the robot pauses instead of jumping. A controller that answers too
-soon does not speed it up either: see `_Throttle`.
+The pacer never skips a set point and never sends faster to catch up. If a set point is late by more than half
+a period, the pacer moves the deadlines, so that the robot pauses instead of jumping. A controller that
+answers too soon does not speed up the pacer either: see `_Throttle`.
 """
 
 from __future__ import annotations
@@ -48,30 +50,32 @@ from bcapscope.protocol.tables.hresult import (
 )
 
 SILENCE_TIMEOUT = 100_000_000
-"""Silence, ns, after which a controller counts as behind or gone: a dozen of its periods.
+"""Time in ns without a reply after which the pacer treats a controller as behind or gone: a dozen periods.
 
-On TCP the time-out of a call applies instead, because TCP itself takes longer than this to retransmit.
+On TCP the time-out of a call applies instead, because TCP may need more than 100 ms to retransmit.
 """
 
 OVERFLOW_DELAY = 1_000_000
-"""Delay, ns, after which a set point is sent again that found the buffer full."""
+"""Delay in ns before the pacer repeats a set point that found the buffer full."""
 
 MAX_REPEATS = 64
-"""Sendings of one set point at most: eight periods, in which a working controller takes several."""
+"""Maximum number of times that the pacer sends one set point: eight periods, in which a working controller
+takes several set points."""
 
 MIN_PERIOD_SHARE = 0.98
-"""Least average time between set points, as a share of the period; clocks differ by far less than 2 %."""
+"""Minimum average time between set points, as a share of the period; clocks differ by far less than 2 %."""
 
 _START_DELAY = 5_000_000
 _PREPARATION, _PREPARATION_MAX, _PREPARATION_SHARE = 300_000, 1_000_000, 0.4
-"""Time reserved before a deadline to make the next packet: least and most, ns, and share of the period. The
-first steps after a sleep take ten times as long as later ones, because other programs have filled the
-caches."""
+"""Time reserved before a deadline to make the next packet: minimum and maximum in ns, and share of the
+period. The first steps after a sleep take ten times as long as later ones, because other programs have filled
+the caches."""
 
 _MOTION_ERRORS = 0x8420
 """Upper half of the results that late set points can cause: the buffer ran empty, or an axis was too fast."""
 _GAPS_KEPT = 8
-"""Set points before a refused one that may hold the cause: more than any controller buffers."""
+"""Number of set points, before a refused one, whose lateness may be the cause: more than any controller
+buffers."""
 _ROBOT_EXECUTE = 64
 _NAME = "Robot_Execute slvMove"
 _BY_CLOCK = (ModeKind.ASYNC, ModeKind.MODE_1)
@@ -82,7 +86,7 @@ class HaltedError(Exception):
 
 
 class SlvMoveCall(NamedTuple):
-    """How to call slvMove: handle of the robot, VT_R8 (VT_R4 on RC7), mode, retries, and period in ns."""
+    """Parameters of slvMove: robot handle, VT_R8 (VT_R4 on RC7), mode, retry policy, and period in ns."""
 
     robot: int
     real_type: VT
@@ -95,7 +99,7 @@ class SlvMoveCall(NamedTuple):
 
 
 class _SetPointGap(NamedTuple):
-    """Time between two set points, ns: all of it, the player's own lateness, and the time of the reply."""
+    """Time in ns between two set points: in all, the player's own lateness, and the reply's share."""
 
     length: int
     late: int
@@ -103,17 +107,17 @@ class _SetPointGap(NamedTuple):
 
 
 IdleCallback: TypeAlias = Callable[[int], None]
-"""Called with the time in ns after each set point, and regularly while the pacer waits for a reply. It does
-the side work quickly, and raises HaltedError to end at once."""
+"""Function that the pacer calls, with the time in ns, after each set point and regularly during waits. The
+function must return quickly, and raises HaltedError to end the play at once."""
 
 
 class Pacer:
-    """Sends the set points of a sequence.
+    """Sends the set points of a sequence in time.
 
     Attributes:
-        lateness: Time from the deadline of each set point to its sending.
-        cycle: Time from one set point to the next.
-        started_at: Time of the first set point, ns; None before it.
+        lateness: Recorded times from each set point's deadline to its sending.
+        cycle: Recorded cycle times, each from one set point to the next.
+        started_at: Time in ns of the first set point; None before that set point is sent.
     """
 
     def __init__(
@@ -124,7 +128,7 @@ class Pacer:
         on_idle: IdleCallback,
         capacity: int,
     ) -> None:
-        """Allocate room for the lateness of `capacity` set points."""
+        """Allocate room to record the lateness of `capacity` set points."""
         self.lateness = Lateness(capacity)
         self.cycle = Lateness(capacity)
         self.started_at: int | None = None
@@ -144,11 +148,11 @@ class Pacer:
         self._repeated = self._shifted = self._held = 0
         self._recent_gaps: deque[_SetPointGap] = deque(maxlen=_GAPS_KEPT)
         self._overslept = self._reply_took = 0  # of the last call
-        self._is_behind = False  # replies to earlier set points may arrive before the next one's
+        self._is_behind = False  # replies to earlier set points may still arrive
 
     @property
     def counts(self) -> PlayCounts:
-        """What happened to the set points so far."""
+        """Counts of what happened to the set points so far."""
         unanswered = max(0, self._sent - self._answered - self._pending)
         return PlayCounts(
             self._sent, self._retries, self._late, unanswered, self._repeated, self._shifted, self._held
@@ -188,7 +192,7 @@ class Pacer:
         return self._next_deadline(due, code)
 
     def _record_reply_time(self, settled: RequesterOutcome, sent: int) -> None:
-        """Note how long the reply took, without the player's own lateness as far as it is known."""
+        """Note how long the reply took, less the known part of the player's own lateness."""
         caller = self._caller
         self._overslept = caller.overslept
         self._reply_took = caller.link.now() - sent - self._overslept
@@ -224,7 +228,7 @@ class Pacer:
         link.wait_until(due)
 
     def _await_reply(self, due: int) -> RequesterOutcome:
-        """Wait for the reply as long as the slave mode allows."""
+        """Wait for the reply; the slave mode decides how long."""
         caller, link = self._caller, self._caller.link
         by_clock = self._move.mode.kind in _BY_CLOCK
         until = due + self._move.period - self._preparation
@@ -240,14 +244,14 @@ class Pacer:
             self._on_idle(link.now())
 
     def _sleep_until(self, until: int) -> None:
-        """Sleep without watching for replies; after a long sleep, call `on_idle`."""
+        """Sleep without reading replies; after a long sleep, call `on_idle`."""
         look = self._caller.link.now() + PERIOD_NS
         self._caller.sleep_until_due(min(look, until))
         if look < until:
             self._on_idle(self._caller.link.now())
 
     def _result_code(self, settled: RequesterOutcome) -> int | None:
-        """Count how a call ended; return its result, or None if no reply came in time.
+        """Count a call's outcome; return its result, or None if no reply arrived in time.
 
         Raises CallTimeout if the controller no longer answers, and ControllerError if a late reply shows
         that it refused an earlier set point.
@@ -271,7 +275,7 @@ class Pacer:
         return code
 
     def _refusal_error(self, code: int) -> ControllerError:
-        """Make the error for a refused set point; where lateness may be the cause, it gives the times."""
+        """Make the error for a refused set point; if lateness may be the cause, the error shows the times."""
         meaning = describe_hresult(code).meaning
         if code >> 16 == _MOTION_ERRORS and self._recent_gaps:
             gap, late, reply = (f"{each / 1e6:.1f}" for each in max(self._recent_gaps))
@@ -279,7 +283,7 @@ class Pacer:
         return ControllerError(_NAME, code, hresult_name(code), meaning)
 
     def _await_late_reply(self, settled: CallTimedOut) -> Frame:
-        """Wait for a late reply and send nothing meanwhile; raise CallTimeout if none came in time."""
+        """Wait for a late reply without sending; raise CallTimeout if none arrives in time."""
         caller, attempts = self._caller, settled.attempts
         serials, give_up = [each.serial for each in attempts], attempts[0].sent + self._silence
         while (
@@ -313,7 +317,7 @@ class Pacer:
         late.clear()
 
     def _adjusted_deadline(self, due: int, sent: int) -> int:
-        """Return the deadline from which the next one counts: `sent` if the set point was much too late."""
+        """Return the base of the next deadline: `due`, or `sent` if the set point was much too late."""
         if sent - due <= self._move.period // 2:
             return due
         self._shifted += 1
@@ -325,7 +329,7 @@ class Pacer:
             self._had_to_wait = False
             return self._caller.link.now() + _PREPARATION
         if self._move.mode.kind in _BY_CLOCK or code == S_BUF_FULL:
-            self._overslept = 0  # this deadline does not depend on the reply, so its lateness counts anyway
+            self._overslept = 0  # this deadline does not depend on the reply, so the whole lateness counts
             return due + self._move.period
         ready, free = self._caller.link.now() + _PREPARATION, self._throttle.free_at
         self._held += free > ready
@@ -333,11 +337,11 @@ class Pacer:
 
 
 class _Throttle:
-    """Limits the pace of a controller that should set it but answers too soon.
+    """Limits how fast a controller that sets the pace can request set points.
 
-    Two set points more than the buffer holds may go out at once; after that, on average one per period at
-    most. A controller that confuses two modes may answer at once instead of holding the reply back. Without
-    this limit it would be driven through a whole trajectory in no time.
+    The pacer may send two set points more than the buffer holds at once; after that, at most one per period
+    on average. A controller that confuses two modes may answer at once instead of holding the reply back.
+    Without this limit, the pacer would send the whole trajectory within moments.
     """
 
     def __init__(self, period: int, burst: int) -> None:
@@ -347,9 +351,9 @@ class _Throttle:
 
     @property
     def free_at(self) -> int:
-        """Earliest time to send the next set point, ns."""
+        """Earliest time in ns to send the next set point."""
         return self._next_at - self._allowance
 
     def count_sent(self, now: int) -> None:
-        """Count a set point sent at `now`, ns."""
+        """Count a set point that was sent at `now`, in ns."""
         self._next_at = max(self._next_at, now) + self._period

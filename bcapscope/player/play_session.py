@@ -1,10 +1,10 @@
 """A session with a controller: inspect, prepare, play, clean up.
 
-However the session ends, the player undoes what it began, in reverse order: slave mode, the log, motor, arm,
-RobSlave, handles, Controller_Disconnect, Service_Stop. If the controller stops answering, the player
-skips the rest. After an order to stop, the robot first slows to a halt on its path. In all other cases it
-cannot: on an error the controller has left slave mode, and a controller that does not answer accepts no set
-points. Before the cleanup, an order ends every wait.
+However the session ends, the player undoes its steps in reverse order: slave mode, the log, motor, arm,
+RobSlave, handles, Controller_Disconnect, Service_Stop. If the controller stops answering, the player skips
+the remaining steps. After an order to stop, the robot first slows to a halt on its path. After a failure the
+robot cannot slow down on its path: a controller with an error has left slave mode, and a controller that does
+not answer accepts no set points. Before the cleanup, an order from the user ends every wait.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ from bcapscope.protocol.slave_mode.modes import (
 from bcapscope.protocol.tables.function_table import ObjectClass
 
 _ROBOT_EXECUTE = 64
-_LATENESS_CAPACITY = 1_000_000  # set points whose lateness is kept: two hours at 8 ms
+_LATENESS_CAPACITY = 1_000_000  # number of set points whose lateness is kept: two hours at 8 ms
 
 _MODES = {
     (SlaveModePacing.SYNC, Generation.RC7): 0x000,
@@ -77,7 +77,7 @@ YES, NO, CLEAR, AGAIN = "yes", "no", "clear", "again"
 
 
 class PlayAbortedError(Exception):
-    """The user, or an unfit situation, ends the session; `reason` is None if the user asked for it."""
+    """Ends the session on the user's order, with `reason` None, or because `reason` forbids playing."""
 
     def __init__(self, outcome: PlayOutcome, reason: Message | None) -> None:
         super().__init__(outcome, reason)
@@ -86,7 +86,7 @@ class PlayAbortedError(Exception):
 
 
 class PlaySession:
-    """One session; `has_log` says whether the controller's log holds its motion."""
+    """A session with a controller; `has_log` says whether the controller's log holds the motion."""
 
     def __init__(self, plan: PlayPlan, channel: Channel, pipe: PlayerPipe, recorder: FrameRecorder) -> None:
         self.has_log = False
@@ -156,7 +156,7 @@ class PlaySession:
                 await self._offer_to_clear_errors(error)
 
     def _confirm_start(self) -> None:
-        """Ask the user to confirm the start, and to arm it if a real robot will move."""
+        """Ask the user to confirm the start, and to arm the player if a real robot will move."""
         if not self._confirm(QuestionTopic.BEGIN, Message("play.question.begin")):
             raise PlayAbortedError(PlayOutcome.DECLINED, Message("play.not-confirmed"))
         robot = self._robot
@@ -187,7 +187,7 @@ class PlaySession:
             await self._prepare(trajectory)
             self._report_state(PlayState.ENTERING)
             await self._robot.set_formats(trajectory.kind)
-            self._cleanup.push(CleanupTask.SLAVE_MODE)  # even if the controller refuses, to be safe
+            self._cleanup.push(CleanupTask.SLAVE_MODE)  # slave mode is left even if slvChangeMode fails
             await self._robot.robot.slv_change_mode(mode.value)
             await self._play(mode, trajectory)
         finally:
@@ -198,8 +198,8 @@ class PlaySession:
     async def _prepare(self, trajectory: Trajectory) -> None:
         """Bring the robot to a state from which it can enter slave mode.
 
-        If the robot is in slave mode already, another client controls it. Most calls would then be an error
-        that ends that client's motion (issue 42 of DENSORobot/denso_robot_ros).
+        If the robot is in slave mode already, another client controls the robot. Most calls would cause an
+        error that ends that client's motion (issue 42 of DENSORobot/denso_robot_ros).
         """
         robot, cleanup = self._robot, self._cleanup
         self._report_state(PlayState.PREPARING)
@@ -216,14 +216,14 @@ class PlaySession:
             self.has_log = True
 
     async def _switch_on(self, task: CleanupTask, is_on: bool, step: Callable[[], Awaitable[None]]) -> None:
-        """Switch something on; the cleanup switches it off only if it was off when the session began."""
+        """Switch RobSlave or the motor on; the cleanup switches off only what this session switched on."""
         was_off = self._was_off.setdefault(task, not is_on)
         if is_on:
             return
         await (self._cleanup.run_and_push(task, step) if was_off else step())
 
     async def _approach(self, kind: PoseType, first: SetPointValues) -> None:
-        """Move the robot to the first set point unless it is there."""
+        """Move the robot to the first set point unless it is there already."""
         robot = self._robot
         here = await robot.read_pose(kind)
         far, has_posture = pose_distance(kind, here, first), matches_posture(kind, here, first)
@@ -250,7 +250,7 @@ class PlaySession:
             self._cleanup.remove(CleanupTask.MOTION)
 
     async def _play(self, mode: SlaveMode, trajectory: Trajectory) -> None:
-        """Send the set points; on an order, come to rest or halt."""
+        """Send the set points; on an order, bring the robot to rest or halt it."""
         plan, robot = self._plan, self._robot
         hold = max(mode.buffer_slots + 1, -(-2 * PERIOD_NS // plan.period))
         sequence = SetPointSequence(trajectory, plan.period / 1e9, self._stop_limits(), plan.rounds, hold)
@@ -291,7 +291,7 @@ class PlaySession:
         try:
             await halt_robot(self._session, self._robot.robot.handle, self._wait_async)
         except BcapError:
-            pass  # the cleanup leaves slave mode next, which is all that is left to do
+            pass  # a failed halt changes nothing: the cleanup leaves slave mode next
         except OSError:
             self._cleanup.is_controller_gone = True
 
@@ -301,7 +301,7 @@ class PlaySession:
     async def _offer_to_clear_errors(self, error: ControllerError) -> None:
         """Report the controller's errors and offer to clear them; return if the user wants to play again.
 
-        An order instead of an answer counts as no. Then the error remains the reason for the end.
+        If the user orders a stop instead of answering, the session ends with the error as its reason.
         """
         latest = error
         while True:
@@ -328,13 +328,16 @@ class PlaySession:
             await self._session.close()
 
     def _confirm(self, topic: QuestionTopic, text: Message) -> bool:
-        """Ask the user; return whether the answer is yes. An order instead raises PlayAbortedError."""
+        """Ask the user a question; return whether the answer is yes.
+
+        An order instead raises PlayAbortedError.
+        """
         answer = self._pipe.ask(PlayerQuestion(topic, text, (NO, YES)))
         self._check_order()
         return answer == YES
 
     def _pause(self, length: int) -> None:
-        """Wait for `length` ns; an order raises PlayAbortedError."""
+        """Wait for `length` ns; raise PlayAbortedError if an order arrives."""
         until = self._channel.now() + length
         while True:
             self._check_order()
@@ -344,14 +347,14 @@ class PlaySession:
             self._channel.wait_until(min(until, now + ABORT_CHECK_INTERVAL))
 
     def _check_order(self) -> None:
-        """Raise PlayAbortedError on an order unless the cleanup has begun."""
+        """Raise PlayAbortedError if an order has arrived, unless the cleanup has begun."""
         order = None if self._is_leaving else self._pipe.poll_order()
         if order is not None:
             outcome = PlayOutcome.HALTED if order is Order.HALT else PlayOutcome.STOPPED
             raise PlayAbortedError(outcome, self._pipe.reason)
 
     def _stop_limits(self) -> ArmLimits:
-        """Return the limits for a stop, without conversion to joints, which takes too long here."""
+        """Return the limits for a stop without the conversion to joints, which is too slow during motion."""
         base = limits_for_arm(self._robot.facts.get(TYPE_NAME_FACT, ""))
         return replace(with_limits(base, self._plan.limits), to_joints=None)
 
@@ -378,7 +381,7 @@ def _refuse_unconfirmed_call() -> None:
 
 
 def _slave_mode_for(plan: PlayPlan, generation: Generation) -> SlaveMode:
-    """Return the slave mode to play in, or raise PlayAbortedError if it does not fit."""
+    """Return the slave mode to play in; raise PlayAbortedError if the mode does not fit the plan."""
     value = plan.mode if isinstance(plan.mode, int) else _MODES[plan.mode, generation] | _KINDS[plan.kind]
     mode = slave_mode_by_number(value, generation)
     if mode is None or mode.pose_type is None:
@@ -394,7 +397,7 @@ def _slave_mode_for(plan: PlayPlan, generation: Generation) -> SlaveMode:
 
 
 def _planned_trajectory(plan: PlayPlan, kind: PoseType, pose: SetPointValues) -> Trajectory | None:
-    """Return the set points with all numbers that slvMove needs; None if the plan has none."""
+    """Return the set points with all numbers that slvMove needs; None if the plan has no set points."""
     if not plan.points:
         return None
     return Trajectory(kind, np.array(plan.points, dtype=np.float64), TrajectorySource("")).completed(pose)

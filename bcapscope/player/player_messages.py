@@ -1,7 +1,7 @@
 """The messages between the player's process and its parent: JSON, one object per line.
 
-The parent sends the `PlayPlan` first, then orders. The player sends facts, progress, questions and finally
-one `PlayEnded`.
+The parent process sends the `PlayPlan` first, then orders. The player sends facts, progress, questions and
+finally one `PlayEnded`.
 """
 
 from __future__ import annotations
@@ -34,34 +34,34 @@ TYPE_NAME_FACT = "type name"
 
 
 class SlaveModePacing(StrEnum):
-    """Kind of slave mode that controllers of all generations have, under different numbers."""
+    """Kind of slave mode that controllers of all generations have, although under different numbers."""
 
     SYNC = "sync"
-    """The controller sets the pace: Sync on RC7, mode 2 on later ones."""
+    """The controller sets the pace: Sync on RC7, mode 2 on later controllers."""
     ASYNC = "async"
-    """The player sets the pace, and the newest set point wins: Async on RC7, mode 1 on later ones."""
+    """The player sets the pace, and the newest set point wins: Async on RC7, mode 1 on later controllers."""
 
 
 class CleanupTask(StrEnum):
-    """Something that the player begins and must undo, whatever happens."""
+    """A step of the player that it must undo, however the session ends."""
 
     ROBSLAVE = "RobSlave"
     ARM = "arm"
     MOTOR = "motor"
     MOTION = "motion"
-    """The ordinary motion to the first point, which continues without the player."""
+    """The ordinary motion to the first point; the motion continues even if the player ends."""
     LOG = "log"
     SLAVE_MODE = "slave mode"
 
 
 class PendingCleanup(msgspec.Struct, frozen=True, tag=True):
-    """What must be undone; sent before each step begins and whenever a cleanup task is done.
+    """Steps still to undo; the player sends this before each step and after each cleanup task.
 
     Attributes:
-        debts: Cleanup tasks, oldest first.
+        debts: Cleanup tasks that remain, oldest first.
         generation: Generation of the controller.
         port: Local port of the player. A controller knows a UDP client by its port, so a process that cleans
-            up continues the conversation from there.
+            up uses the same port.
     """
 
     debts: tuple[CleanupTask, ...]
@@ -70,25 +70,25 @@ class PendingCleanup(msgspec.Struct, frozen=True, tag=True):
 
 
 class PlayPlan(msgspec.Struct, frozen=True, kw_only=True):
-    """What to play and where.
+    """What to play, and on which controller.
 
     Attributes:
-        robot: Name for Controller_GetRobot.
+        robot: Name that the player passes to Controller_GetRobot.
         task: Name of the program that RC7 needs for slave mode.
         mode: Kind of slave mode, or the exact number for slvChangeMode.
-        period: Time between set points, ns, where the controller's reply does not decide it.
-        points: Set points; the robot rests at the first and the last. Missing axes keep their position.
+        period: Time in ns between set points in the modes where the player sets the pace.
+        points: Set points of the trajectory; the robot rests at the first and the last. Axes that the set
+            points lack keep their position.
         limits: Limits of the arm as `arm_limits.with_limits` accepts them; a stop keeps within them.
-        rounds: How often to play the set points, the first following the last; 0 to play until an order to
-            stop.
-        approach: Speed of the ordinary motion to the first point, percent.
-        may_approach: Whether to approach without asking.
+        rounds: Number of times to play the set points without a pause; 0 to play until an order to stop.
+        approach: Speed, in percent, of the ordinary motion to the first point.
+        may_approach: Whether to move to the first point without asking the user.
         armed: Whether the user has confirmed that a robot will move.
-        look_only: Connect, report facts and end; nothing moves and nothing changes.
+        look_only: Whether to connect, report facts and end, without moving or changing anything.
         log: Path of a new CSV file for the controller's own log; None for no log.
-        record: Path of a new recording of all frames; None for none.
-        aftermath: Only undo what this crashed player left, and play nothing; None to play.
-        first_serial: First serial to use, beyond any that a crashed player can have used.
+        record: Path of a new recording of all frames; None for no recording.
+        aftermath: Steps of a crashed player to undo, without playing anything; None to play.
+        first_serial: First serial to use, beyond every serial that a crashed player can have used.
     """
 
     target: ControllerTarget
@@ -112,10 +112,10 @@ class PlayPlan(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Order(StrEnum):
-    """An order to the player while it works."""
+    """An order to a player while it works."""
 
     STOP = "stop"
-    """Come to rest on the way, then clean up."""
+    """Bring the robot to rest on its path, then clean up."""
     HALT = "halt"
     """Halt the arm at once, then clean up."""
 
@@ -148,11 +148,11 @@ class ControllerInfo(msgspec.Struct, frozen=True, tag=True):
     """The controller that answered.
 
     Attributes:
-        simulator: Whether it is bcapscope's simulator; then no robot moves.
-        generation: RC7, or RC8 for all later ones.
+        simulator: Whether the controller is bcapscope's simulator, so that no real robot moves.
+        generation: Generation of the controller: RC7, or RC8 for all later ones.
         mode: Slave mode that the player will use.
         pose: Current pose of the robot, in the pose type of the set points.
-        distance: Distance to the first point: the largest difference of any axis, degrees or mm.
+        distance: Distance to the first point: the largest difference of any axis, in degrees or mm.
     """
 
     simulator: bool
@@ -169,7 +169,7 @@ class ControllerInfo(msgspec.Struct, frozen=True, tag=True):
 
     @property
     def slave_mode(self) -> SlaveMode | None:
-        """The slave mode that the player will use; None if the controller has none of this number."""
+        """The slave mode that the player will use; None if the controller has no mode of this number."""
         return slave_mode_by_number(self.mode, Generation(self.generation))
 
 
@@ -177,13 +177,15 @@ class PlayCounts(msgspec.Struct, frozen=True):
     """Counts about the set points.
 
     Attributes:
-        sent: Set points sent, without retries; one sent again because the buffer was full counts again.
-        retries: Retries.
-        late: Late replies.
-        unanswered: Set points without any reply.
-        repeated: Set points sent again because the controller's buffer was full (83201483).
-        shifted: How often the pacer moved the deadlines because it was late by more than half a period.
-        held: Set points delayed because the controller, which should set the pace, asked for them too soon.
+        sent: Number of set points sent, without retries; a set point that found the buffer full counts again.
+        retries: Number of retries.
+        late: Number of late replies.
+        unanswered: Number of set points without any reply.
+        repeated: Number of set points sent again because the controller's buffer was full (83201483).
+        shifted: Number of times that the pacer moved the deadlines because it was late by more than half a
+            period.
+        held: Number of set points delayed because the controller, which should set the pace, asked for them
+            too soon.
     """
 
     sent: int = 0
@@ -196,19 +198,19 @@ class PlayCounts(msgspec.Struct, frozen=True):
 
 
 class PlayProgress(msgspec.Struct, frozen=True, tag=True):
-    """Progress, about twenty times a second; the player drops reports that nobody reads.
+    """Report of progress, about twenty times a second; the player drops reports that nobody reads.
 
     Attributes:
-        index: Set points of the trajectory sent so far, all rounds together.
-        of: Total number of set points; 0 if there is no end.
+        index: Number of set points of the trajectory sent so far, in all rounds.
+        of: Total number of set points in all rounds; 0 if the play has no end.
         elapsed: Seconds since the first set point.
         left: Seconds until the last set point; None if there is no end.
-        lateness: Time from the deadline of each set point to its sending, so far.
-        commanded: The last set point.
+        lateness: Distribution of the time from each set point's deadline to its sending, so far.
+        commanded: The last set point sent.
         returned: The pose in the last reply.
         sent: The last frame sent.
         received: The last frame received.
-        cycle: Histogram of the time between set points: least and greatest ns of a bin, count.
+        cycle: Histogram of the time between set points: least ns, greatest ns and count of each bin.
     """
 
     state: PlayState
@@ -226,7 +228,7 @@ class PlayProgress(msgspec.Struct, frozen=True, tag=True):
 
 
 class FrameMessage(msgspec.Struct, frozen=True, tag=True):
-    """A frame of a call that is no set point; `sent` by the player or received, at `time`, ns since 1970."""
+    """A frame of a call other than slvMove; the player sent or received it at `time`, ns since 1970."""
 
     sent: bool
     raw: bytes
@@ -235,17 +237,17 @@ class FrameMessage(msgspec.Struct, frozen=True, tag=True):
 
 class QuestionTopic(StrEnum):
     BEGIN = "begin"
-    """Begin? Everything that can be known without motion is known."""
+    """Everything that needs no motion is checked; may the play begin?"""
     ARM = "arm"
-    """A robot will move, because this is not the simulator."""
+    """The controller is not the simulator, so a real robot will move; may the robot move?"""
     APPROACH = "approach"
-    """The robot is not at the first set point."""
+    """The robot is not at the first set point; may an ordinary motion bring it there?"""
     CLEAR = "clear"
-    """The controller shows an error."""
+    """The controller shows an error; should the player clear it?"""
 
 
 class PlayerQuestion(msgspec.Struct, frozen=True, tag=True):
-    """A decision for the user, for which the player waits; the first choice does nothing."""
+    """A question to the user, whose answer the player awaits; the first choice changes nothing."""
 
     topic: QuestionTopic
     text: Message
@@ -253,7 +255,7 @@ class PlayerQuestion(msgspec.Struct, frozen=True, tag=True):
 
 
 class PlayerProblem(msgspec.Struct, frozen=True, tag=True):
-    """A problem, with the errors that the controller shows, newest first: code and text."""
+    """A problem, with code and text of the errors that the controller shows, newest first."""
 
     text: Message
     errors: tuple[tuple[int, str], ...] = ()
@@ -274,17 +276,17 @@ class PlayOutcome(StrEnum):
 
 
 class PlayEnded(msgspec.Struct, frozen=True, tag=True):
-    """The last message.
+    """The last message of a player.
 
     Attributes:
-        reason: Why; None if everything was done.
-        lateness: Lateness of all set points, exact.
-        cycle: Time between set points, ns, exact.
-        index: Set points of the trajectory sent.
+        reason: Why the player ended; None if the play is complete.
+        lateness: Exact distribution of the lateness of all set points, in ns.
+        cycle: Exact distribution of the time between set points, in ns.
+        index: Number of set points of the trajectory that were sent.
         realtime: Whether the player had real-time priority.
         left: Whether the cleanup ran; False if the controller no longer answered.
-        logged: Records of the controller's log that were saved.
-        retries_expected: The replies came over UDP and set the pace, so retries are normal.
+        logged: Number of records of the controller's log that were saved.
+        retries_expected: Whether retries are normal, because replies came over UDP and set the pace.
     """
 
     outcome: PlayOutcome
@@ -314,7 +316,7 @@ PlayerMessage: TypeAlias = (
 def _to_data(value: object) -> object:
     if isinstance(value, Message):
         return message_to_data(value)
-    raise NotImplementedError(f"{type(value)} crosses no pipe")  # msgspec expects this for an unknown type
+    raise NotImplementedError(f"{type(value)} crosses no pipe")  # as msgspec requires
 
 
 def _from_data(kind: type, data: Any) -> object:

@@ -1,7 +1,7 @@
 """The player's end of the pipes to its parent: orders in, messages out.
 
-Nothing here waits while the player sends set points. If the parent's end of a pipe closes, the parent is
-gone; that counts as an order to stop.
+No method blocks while the player sends set points. If the parent's end of a pipe closes, the parent is gone,
+and the player acts as after an order to stop.
 """
 
 from __future__ import annotations
@@ -28,10 +28,10 @@ _ATOMIC_WRITE_SIZE = 4096
 """Size, in bytes, of the largest write that a pipe never splits (PIPE_BUF on Linux)."""
 
 _SEND_TIMEOUT = 2.0
-"""Seconds that the last messages wait for a reader."""
+"""Seconds that `wait_until_sent` waits for the parent to read the last messages."""
 
 _MAX_UNWRITTEN = 1 << 20
-"""Bytes that may wait for a reader; messages beyond that are lost."""
+"""Maximum number of bytes that wait for the parent to read them; further messages are lost."""
 
 PARENT_GONE = Message("play.parent-gone")
 
@@ -40,8 +40,8 @@ class PlayerPipe:
     """Receives orders and sends messages through the file descriptors of two pipes.
 
     Attributes:
-        order: The most serious order so far; None if there is none.
-        reason: Reason for the order.
+        order: The most serious order so far; None if no order has arrived.
+        reason: Why the order was given; None if no order has arrived.
         order_count: Number of orders received.
     """
 
@@ -58,7 +58,7 @@ class PlayerPipe:
         os.set_blocking(messages, False)
 
     def read_plan(self) -> PlayPlan:
-        """Wait for the plan, which is the first line; raise EOFError if the pipe closes before."""
+        """Wait for the plan, which is the first line; raise EOFError if the pipe closes first."""
         parts = []
         newline = rest = b""
         while not newline:
@@ -75,8 +75,9 @@ class PlayerPipe:
     def install_signal_handlers(self) -> None:
         """Install the signal handlers.
 
-        SIGINT, SIGTERM and SIGHUP are orders to stop; a further one, or SIGUSR1, is an order to halt. A
-        SIGUSR1 that came earlier takes effect now if the parent blocked the signal at the start.
+        SIGINT, SIGTERM and SIGHUP are orders to stop; a further such signal, or SIGUSR1, is an order to halt.
+        If the parent started the player with SIGUSR1 blocked, a SIGUSR1 sent before this call takes effect
+        now.
         """
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
             signal.signal(number, self._on_signal)
@@ -96,30 +97,30 @@ class PlayerPipe:
         return self.order
 
     def try_send(self, message: PlayerMessage) -> bool:
-        """Send a message that may be lost; return whether it was sent."""
+        """Send a message if the pipe has room for it, else drop the message; return whether it was sent."""
         data = encode_message(message) + b"\n"
         if len(data) > _ATOMIC_WRITE_SIZE or not self._flush():
             return False
         self._unwritten = data
         if not self._flush():
-            self._unwritten = b""  # the pipe accepts so few bytes whole or not at all, so nothing was sent
+            self._unwritten = b""  # nothing was sent: a pipe accepts so few bytes whole or not at all
             return False
         return True
 
     def send(self, message: PlayerMessage) -> None:
-        """Send a message that must not be lost; it waits for a reader without blocking the caller."""
+        """Send a message that must not be lost; a full pipe does not block the caller."""
         if len(self._unwritten) < _MAX_UNWRITTEN:
             self._unwritten += encode_message(message) + b"\n"
         self._flush()
 
     def wait_until_sent(self) -> None:
-        """Wait until everything is sent, or the reader is gone, at most `_SEND_TIMEOUT` seconds."""
+        """Wait until all messages are sent or the reader is gone, at most `_SEND_TIMEOUT` seconds."""
         give_up = time.monotonic() + _SEND_TIMEOUT
         while not self._flush() and not self._is_closed and time.monotonic() < give_up:
             select.select((), (self._messages,), (), _SEND_TIMEOUT)
 
     def ask(self, question: PlayerQuestion) -> str:
-        """Ask and wait for the answer; return the first choice if an order comes instead."""
+        """Ask the user and return the answer; if an order arrives instead, return the first choice."""
         self._answers.clear()
         self.send(question)
         while self.poll_order() is None and not self._answers:
@@ -129,7 +130,7 @@ class PlayerPipe:
         return answer if answer in question.choices else question.choices[0]
 
     def set_order(self, order: Order, reason: Message) -> None:
-        """Set the order; a halt overrides a stop."""
+        """Store an order; an order to halt overrides an order to stop."""
         self.order_count += 1
         if self.order is not Order.HALT:
             self.reason = self.reason if self.order is order else reason

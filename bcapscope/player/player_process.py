@@ -1,7 +1,8 @@
 """Starting a player: a separate process that receives a plan and sends messages.
 
-No other Python work in the parent can delay a set point. However the parent ends, the player still ends the
-motion in order. If the player itself is killed, a second process undoes what the first began.
+In a separate process, no Python code of the parent can delay a set point. However the parent ends, the player
+brings the motion to an orderly end. If the player itself is killed, a second process takes the cleanup steps
+of the first.
 """
 
 from __future__ import annotations
@@ -39,11 +40,11 @@ from bcapscope.player.player_messages import (
 from bcapscope.protocol.codec.frame import Frame
 
 _LEAVE_TIMEOUT = 20.0
-"""Seconds without a message after which a player that should stop and clean up counts as hung. The time-outs
-of a controller that does not answer are shorter."""
+"""Seconds without a message after which the parent treats a player that should end as hung. A player that
+waits for a silent controller sends messages more often, because its time-outs are shorter."""
 
 _SERIAL_MARGIN = 5000
-"""More serials than a player can have used since its last report; it reports about twenty times a second."""
+"""More serials than a player can use between two reports, of which it sends about twenty a second."""
 
 _SERIAL_MAX = 0xFFFF
 """Largest serial; serials run from 1 to 65535 and then start again at 1."""
@@ -52,12 +53,12 @@ _SERIAL_MAX = 0xFFFF
 class PlayerProcess:
     """A running player.
 
-    When `fileno` is readable, `read_messages` returns the messages; `wait_for_messages` waits for them. Any
-    thread may call both. A caller that reads too slowly misses progress reports only. The last message is
-    always `PlayEnded`.
+    When `fileno` is readable, `read_messages` returns the messages; `wait_for_messages` waits for messages.
+    Any thread may call either method. A caller that reads too slowly misses only progress reports. The last
+    message is always `PlayEnded`.
 
     Attributes:
-        ended: How the player ended; None while it works.
+        ended: The player's last message; None while the player works.
     """
 
     def __init__(self, plan: PlayPlan) -> None:
@@ -75,7 +76,7 @@ class PlayerProcess:
         self._start(plan)
 
     def _start(self, plan: PlayPlan) -> None:
-        # The player inherits the block until it has installed its handler.
+        # The player inherits the blocked signal, until it has installed its handler.
         before = signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGUSR1,))
         try:
             self._process = subprocess.Popen(
@@ -83,8 +84,8 @@ class PlayerProcess:
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.PIPE,
-                bufsize=0,  # a signal handler may send an order in the middle of another order
-                start_new_session=True,  # Ctrl-C reaches only the parent, which then stops the player
+                bufsize=0,  # unbuffered: a signal handler may send an order during another order
+                start_new_session=True,  # Ctrl-C reaches only the parent, which stops the player
             )
         finally:
             signal.pthread_sigmask(signal.SIG_SETMASK, before)
@@ -101,11 +102,11 @@ class PlayerProcess:
         return self._process.pid
 
     def fileno(self) -> int:
-        """Return a file descriptor that is readable when messages have come."""
+        """Return a file descriptor that is readable when messages have arrived."""
         return self._messages.fileno()
 
     def read_messages(self) -> list[PlayerMessage]:
-        """Return the messages that have come; never waits."""
+        """Return the messages that have arrived, without waiting."""
         with self._read_lock:
             return [] if self.ended is not None else self._read_available()
 
@@ -131,7 +132,7 @@ class PlayerProcess:
         return found
 
     def _remember_state(self, message: PlayerMessage) -> None:
-        """Remember what a second process needs to clean up after this one."""
+        """Remember the facts that a second process needs to clean up after this player."""
         if isinstance(message, PendingCleanup):
             self._pending_cleanup = message
         sent = message.sent if isinstance(message, PlayProgress) else b""
@@ -146,13 +147,14 @@ class PlayerProcess:
         return self.read_messages()
 
     def stop(self) -> None:
-        """Let the robot come to rest on its way, then clean up."""
+        """Order the player to bring the robot to rest on its path, then clean up."""
         self._send(encode_message(PlayerCommand(Order.STOP)))
 
     def halt(self) -> None:
-        """Halt the robot at once, then clean up. This sends a signal, which a full pipe cannot delay.
+        """Order the player to halt the robot at once, then clean up.
 
-        After a crash of the player this does nothing: the process that cleans up does nothing else anyway.
+        The order is a signal, which a full pipe cannot delay. After a crash of the player, the method does
+        nothing: the process that cleans up needs no such order.
         """
         if not self._crash:
             with suppress(ProcessLookupError):
@@ -162,7 +164,7 @@ class PlayerProcess:
         self._send(encode_message(PlayerCommand(answer=choice)))
 
     def close(self) -> PlayEnded:
-        """Stop the player if it works, and wait for its end; return how it ended."""
+        """Stop a working player, and wait for its end; return its last message."""
         self.stop()
         give_up = time.monotonic() + _LEAVE_TIMEOUT
         while self.ended is None:
@@ -183,12 +185,12 @@ class PlayerProcess:
 
     def _send(self, data: bytes) -> None:
         rest = memoryview(data + b"\n")
-        with suppress(OSError, ValueError):  # the player is gone, as its messages will show
+        with suppress(OSError, ValueError):  # the player is gone; its messages will show that
             while rest:
                 rest = rest[os.write(self._commands.fileno(), rest) :]
 
     def _on_crash(self) -> PlayerMessage:
-        """Start a process to clean up after a crashed player, or make the last message if nothing is left."""
+        """Start a process to clean up after a crashed player, or make the last message if none is needed."""
         assert self._process.stderr is not None
         words = self._process.stderr.read().decode(errors="replace").strip().splitlines()
         code = self._process.wait()
@@ -198,7 +200,7 @@ class PlayerProcess:
         crash = Message("play.crash.why", how=how, why=words[-1]) if words else Message("play.crash", how=how)
         crashed = self._process
         owed = self._pending_cleanup
-        # A TCP connection ended with the player.
+        # Nothing to undo over TCP: the connection ended with the player.
         is_owing = bool(owed.debts) or (owed.port > 0 and not self._plan.target.tcp)
         try:
             if is_owing and not self._crash:
@@ -212,7 +214,7 @@ class PlayerProcess:
         return self.ended
 
     def _cleanup_plan(self) -> PlayPlan:
-        """Make the plan for the process that cleans up."""
+        """Make the plan for the process that cleans up after a crashed player."""
         owed, target = self._pending_cleanup, self._plan.target
         serial = (self._serial + _SERIAL_MARGIN - 1) % _SERIAL_MAX + 1
         if target.name and not target.connect_option:
@@ -229,7 +231,7 @@ class PlayerProcess:
         )
 
     def _with_crash(self, ended: PlayEnded) -> PlayEnded:
-        """Add the crash, if any, to the last message."""
+        """Add to the last message that the player crashed, if it did."""
         if not self._crash:
             return ended
         reason = Message("play.cleaned-up", crash=self._crash)
@@ -240,7 +242,7 @@ class PlayerProcess:
 
 
 def _reap(process: subprocess.Popen[bytes]) -> None:
-    """Wait for a process to end, and close the pipes to it."""
+    """Wait for a process to end, and close its pipes."""
     process.wait()
     for pipe in (process.stdin, process.stdout, process.stderr):
         if pipe is not None:

@@ -44,9 +44,9 @@ class PreflightResult:
 
     Attributes:
         arm_name: Name of the arm whose limits were used.
-        problems: Problems, most serious first.
-        axis_figures: Figures of each axis at the file's own times; () if those are uneven, or a number is
-            not finite.
+        problems: Problems found, most serious first.
+        axis_figures: Figures of each axis at the file's own times; () if these times are uneven or a number
+            is not finite.
         first_point_offsets: Distance from the robot to the first point, one element per axis of the
             trajectory; None if the robot's pose is unknown.
     """
@@ -85,11 +85,11 @@ def run_preflight(
     mode: SlaveMode | None = None,
     loop: bool = False,
 ) -> PreflightResult:
-    """Check a trajectory without moving anything; the arguments are the fields of `PreflightContext`."""
+    """Check a trajectory without moving the robot; the arguments are the fields of `PreflightContext`."""
     case = PreflightContext(trajectory, period, limits, current_pose, mode, loop)
     findings = list(checks.check_finite(case))
     sound = not findings
-    with np.errstate(all="ignore"):  # absurd times give absurd intervals, which the checks look for
+    with np.errstate(all="ignore"):  # absurd times cause absurd intervals, which the checks report
         for each in (*_FORM_CHECKS, *(_NUMBER_CHECKS if sound else ())):
             findings += each(case)
         figures = motion_checks.axis_figures(case) if sound else ()
@@ -105,7 +105,7 @@ def run_preflight(
 
 
 def run_preflight_for(trajectory: Trajectory, plan: PlayPlan, controller: ControllerInfo) -> PreflightResult:
-    """Check a trajectory against the connected controller, with the limits of its robot."""
+    """Check a trajectory against the connected controller, with the limits of the controller's robot."""
     return run_preflight(
         trajectory,
         plan.period / 1e9,

@@ -1,4 +1,4 @@
-"""Results of the pre-flight check: one problem per check, or one per axis."""
+"""Results of the pre-flight check: each check reports one problem, or one problem per axis."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ from bcapscope.protocol.slave_mode.modes import PoseType, SlaveMode
 from bcapscope.protocol.slave_mode.poses import AXES
 
 MAX_NUMBERS = 8
-"""Set points that a problem names; its `count` is the total."""
+"""Maximum number of set points that a problem lists; `PreflightProblem.count` is their total number."""
 
 
 @dataclass(frozen=True, slots=True)
 class PreflightProblem:
-    """A reason not to play a trajectory, or something worth knowing.
+    """A problem that forbids playing a trajectory, a warning, or a remark.
 
     Attributes:
         check: Name of the check, such as `speed`.
-        severity: An error forbids playing.
-        fact: What is wrong, one clause.
-        advice: What to do, one clause; None if there is nothing to do.
+        severity: Severity of the problem; an error forbids playing.
+        fact: One clause that says what is wrong.
+        advice: One clause that says what to do; None if there is nothing to do.
         points: Numbers of set points that show the problem, from 1, at most `MAX_NUMBERS`.
         count: Total number of such set points; 0 if the problem concerns the trajectory as a whole.
     """
@@ -44,12 +44,12 @@ class PreflightProblem:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PreflightContext:
-    """The trajectory and what the checks compare it with.
+    """The trajectory, and the facts that the checks compare with it.
 
     Attributes:
         trajectory: The trajectory as read or resampled, with the axes that its file has.
-        period: Seconds between two slvMove.
-        current_pose: Current pose of the robot, of the trajectory's kind; None if unknown.
+        period: Seconds between two calls of slvMove.
+        current_pose: Current pose of the robot, in the pose type of the trajectory; None if unknown.
         mode: Slave mode to play in; None if unknown.
         loop: Whether the trajectory starts again at its end.
     """
@@ -63,9 +63,10 @@ class PreflightContext:
 
     @property
     def axis_count(self) -> int | None:
-        """Number of joints, of the known arm or of those that the controller reports; None if unknown.
+        """Number of joints of the known arm, or that the controller reports; None if unknown.
 
-        Most controllers report eight joints, with 0 for those that the robot lacks. So eight proves nothing.
+        Most controllers report eight joints, with 0 for joints that the robot lacks. A report of eight joints
+        therefore does not prove that the robot has eight.
         """
         if self.limits.axis_count is not None or self.current_pose is None:
             return self.limits.axis_count
@@ -75,7 +76,7 @@ class PreflightContext:
 
     @property
     def step(self) -> float | None:
-        """Seconds between two set points according to the file; None if they are uneven."""
+        """Seconds between two set points according to the file; None if the file's times are uneven."""
         if self.trajectory.period is None and self.trajectory.times is not None:
             return None
         return self.trajectory.period or self.period
@@ -84,7 +85,7 @@ class PreflightContext:
 def set_point_numbers(where: ArrayLike, first: int = 1) -> tuple[tuple[int, ...], int]:
     """Return the numbers of the set points for which an array is true, and their count.
 
-    There are at most `MAX_NUMBERS` numbers; `first` is that of the first element.
+    The numbers are cut off after `MAX_NUMBERS`; `first` is the number of the array's first element.
     """
     found = np.flatnonzero(where)
     return tuple((found[:MAX_NUMBERS] + first).tolist()), len(found)
@@ -100,7 +101,7 @@ def problem_at(
     first: int = 1,
     **places: PlaceValue,
 ) -> Iterator[PreflightProblem]:
-    """Yield a problem if an array is true for any set point; its sentence has their number as `points`."""
+    """Yield a problem if an array is true for any set point; the place `points` holds their count."""
     points, count = set_point_numbers(where, first)
     if count:
         fact = Message(id, **places, points=Count(count, "set-point"))

@@ -1,8 +1,9 @@
 """Keeping the processor: real-time priority, locked memory, no garbage collection.
 
-SCHED_FIFO runs before all programs without real-time priority, so that none of them can delay a set point
-(sched(7)). Locked memory is never fetched from disk (mlockall(2)). Without real-time priority the player asks
-for short time slices: it then gets the processor sooner, but not more of it (sched-eevdf, Linux 6.12).
+A program with SCHED_FIFO runs before all programs without real-time priority, so that no such program can
+delay a set point (sched(7)). Locked memory is never swapped to disk (mlockall(2)). Without real-time priority
+the player asks for short time slices: the player then gets the processor sooner, but no larger share of its
+time (sched-eevdf, Linux 6.12).
 """
 
 from __future__ import annotations
@@ -24,30 +25,31 @@ from bcapscope.messages.os_errors import os_reason
 from bcapscope.messages.places import Enumeration
 
 FIFO_PRIORITY = 40
-"""Above all ordinary programs, below the kernel's interrupt threads, which have 50 and deliver the
-replies."""
+"""Real-time priority of the player: above all ordinary programs, and below the kernel's interrupt threads,
+which have 50 and deliver the replies."""
 
 _THROTTLE_FILES = Path("/proc/sys/kernel/sched_rt_runtime_us"), Path("/proc/sys/kernel/sched_rt_period_us")
 _NEEDED_SHARE = 0.5
 _MCL_CURRENT = 1
 
 _TIME_SLICE = 100_000
-"""Time slice, ns; the shortest that Linux offers."""
+"""Requested time slice in ns; the shortest that Linux offers."""
 
 _SCHED_SETATTR = {"x86_64": 314, "aarch64": 274}
-"""Number of the system call on 64-bit machines; older C libraries have no function for it."""
+"""Number of the system call sched_setattr by machine; older C libraries have no function for it."""
 
 _SCHED_ATTR = struct.Struct("=IIQiIQQQ")
-"""Size, policy, flags, niceness, priority, runtime, deadline, period: sched_setattr(2)."""
+"""Fields of sched_attr: size, policy, flags, niceness, priority, runtime, deadline, period
+(sched_setattr(2))."""
 
 
 class RealtimeReport(msgspec.Struct, frozen=True, tag=True):
     """What the system grants.
 
     Attributes:
-        realtime: Whether other programs cannot delay the player.
-        locked: Whether the player's memory stays in place.
-        text: The same, with advice if something is missing.
+        realtime: Whether the player has real-time priority, so that other programs cannot delay it.
+        locked: Whether the player's memory is locked, so that it is not swapped to disk.
+        text: Both facts as a sentence, with advice if the system refused one.
     """
 
     realtime: bool
@@ -59,9 +61,9 @@ class RealtimeReport(msgspec.Struct, frozen=True, tag=True):
 def realtime_priority(is_wanted: bool = True, *, collect_garbage: bool = False) -> Iterator[RealtimeReport]:
     """Take all priority that the system grants, for the length of a block.
 
-    Unless `is_wanted`, it takes neither real-time priority nor locked memory, which can disturb other
-    programs. Objects that exist before the block are excluded from garbage collection: examining them again
-    and again costs milliseconds. New objects are collected only if `collect_garbage`.
+    Real-time priority and locked memory can disturb other programs, so the function takes them only if
+    `is_wanted`. Objects that exist before the block are excluded from garbage collection: examining these
+    objects repeatedly costs milliseconds. New objects are collected only if `collect_garbage`.
     """
     gc.collect()
     gc.freeze()
@@ -97,7 +99,7 @@ def _acquire() -> RealtimeReport:
 
 
 def _set_fifo_priority() -> Message | None:
-    """Take real-time priority; return why it was refused, or None if it was granted."""
+    """Take real-time priority; return the reason if the system refuses, else None."""
     if sys.platform != "linux":
         return Message("play.realtime.linux-only")
     try:
@@ -114,7 +116,7 @@ def _set_fifo_priority() -> Message | None:
 
 
 def _set_time_slice(length: int) -> None:
-    """Ask for a time slice of `length` ns, 0 for the usual one; does nothing on systems other than Linux."""
+    """Ask Linux for a time slice of `length` ns, or for the default if 0; do nothing on other systems."""
     number = _SCHED_SETATTR.get(platform.machine()) if sys.maxsize > 1 << 32 else None
     if sys.platform == "linux" and number and os.sched_getscheduler(0) == os.SCHED_OTHER:
         nice = os.getpriority(os.PRIO_PROCESS, 0)
@@ -123,7 +125,7 @@ def _set_time_slice(length: int) -> None:
 
 
 def _throttling_note() -> Message | None:
-    """Return a warning if the kernel limits real-time programs to less than half of the time."""
+    """Return a warning if the kernel limits real-time programs to less than half of the processor time."""
     try:
         runtime, period = (int(path.read_text()) for path in _THROTTLE_FILES)
     except (OSError, ValueError):

@@ -1,8 +1,8 @@
-"""New times for the same path: another period, another speed, rest at both ends, a stop anywhere.
+"""New times for the same path: another period or speed, rest at both ends, or a stop at any point.
 
-The path is the `SmoothCurve` through the set points. Only the rate along it changes. The rate grows from 0
-and falls to 0 by the polynomial 10u³ - 15u⁴ + 6u⁵, whose first and second derivatives are 0 at both ends. So
-position, speed and acceleration stay continuous, and both ends are at rest.
+The path is the `SmoothCurve` through the set points. Only the rate of motion along the path changes. The rate
+grows from 0 and falls to 0 by the polynomial 10u³ - 15u⁴ + 6u⁵, whose first and second derivatives are 0 at
+both ends. Position, speed and acceleration therefore stay continuous, and both ends are at rest.
 """
 
 from __future__ import annotations
@@ -27,23 +27,25 @@ DEFAULT_RAMP = 0.25
 """Default duration of a start or a stop, seconds."""
 
 _SHORTEST_STOP, _LONGEST_STOP = 0.1, 2.0  # seconds
-_STOP_GROWTH = 1.5  # from one candidate to the next
-_DEFAULT_STOP = 0.5  # seconds of a stop at least, if no limit of acceleration is known
-_ROUNDING = 1e-9  # share of a cycle that rounding may add to a number of cycles
+_STOP_GROWTH = 1.5  # ratio of one candidate's duration to the previous one's
+_DEFAULT_STOP = 0.5  # minimum seconds of a stop if no acceleration limit is known
+_ROUNDING = 1e-9  # rounding may add this share of a cycle to a number of cycles
 
 
 def resample(
     trajectory: Trajectory, period: float, *, speed: float = 1.0, ramp: float = DEFAULT_RAMP
 ) -> Trajectory:
-    """Give a finite trajectory other times; its first and last point stay.
+    """Return a finite trajectory with other times, and the same first and last point.
 
-    A trajectory without period needs increasing times, or no times; then `period` counts as its period.
+    A trajectory without a period needs increasing times. A trajectory with neither gets `period` as its
+    period.
 
     Args:
-        trajectory: The trajectory.
+        trajectory: The trajectory to resample.
         period: Seconds between the set points of the result.
         speed: Share of the original speed, above 0, that the rate never exceeds.
-        ramp: Seconds of the start and of the stop; 0 if the trajectory begins and ends at rest anyway.
+        ramp: Duration of the start and of the stop in seconds; 0 if the trajectory begins and ends at rest
+            anyway.
 
     Raises:
         TrajectoryError: A number is not finite, times do not increase, or there would be too many set points.
@@ -89,17 +91,17 @@ def _resampling_notes(trajectory: Trajectory, period: float, speed: float, ramp:
 def stop_after(
     trajectory: Trajectory, row: int, period: float, limits: ArmLimits = UNKNOWN_ARM, *, loop: bool = False
 ) -> Array:
-    """Return the set points that bring the robot to rest on its way, one row each.
+    """Return the set points that bring the robot to rest on its path, one row each.
 
     The stop takes 0.1 s to 2 s; the function tries longer and longer stops until one keeps within the limits.
-    Where the trajectory itself exceeds a limit, the stop may exceed it as much. If an acceleration limit is
-    unknown, the stop takes at least 0.5 s. If the trajectory ends sooner than a stop takes, the result is its
-    remaining points.
+    If the trajectory itself exceeds a limit, the stop may exceed this limit as much. If an acceleration limit
+    is unknown, the stop takes at least 0.5 s. If the trajectory ends sooner than a stop takes, the result is
+    its remaining points.
 
     Args:
-        trajectory: Points that follow each other every `period`.
-        row: Index of the last point sent, from 0.
-        period: Time between points, seconds.
+        trajectory: Trajectory whose set points follow each other every `period`.
+        row: Index of the last set point sent, from 0.
+        period: Time between set points in seconds.
         limits: Limits of the arm.
         loop: Whether the first point follows the last.
     """
@@ -130,7 +132,7 @@ def _moving_axes(axes: Sequence[Axis], points: Array) -> list[Axis]:
 
 
 def _curve_parameters(end: float, period: float, speed: float, ramp: float) -> Array:
-    """Return the parameter of the curve at each cycle, from 0 to `end`."""
+    """Return the curve's parameter at each cycle, from 0 to `end`."""
     time = end / speed
     if not time / period < MAX_POINTS - ramp / period - 2:
         raise TrajectoryError(Message("resample.too-long", time=f"{time:.3g}", period=f"{period:.3g}"))

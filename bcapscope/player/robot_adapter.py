@@ -1,8 +1,8 @@
-"""The calls around a play: identify the controller, RobSlave, arm, motor, first position, errors.
+"""The calls before and after a play: identify the controller, RobSlave, arm, motor, first position, errors.
 
 Sources: DENSO Wave 2009, How to use the Slave mode (RC7); ShoheiKobata/orin_bcap_python_samples and
-DENSORobot/denso_robot_ros2 denso_robot_core (RC8 and later). All waiting here goes through `pause`, which
-raises on an order to stop.
+DENSORobot/denso_robot_ros2 denso_robot_core (RC8 and later). Every method waits with `pause`, which raises an
+exception on an order to stop.
 """
 
 from __future__ import annotations
@@ -30,10 +30,10 @@ from bcapscope.protocol.tables.hresult import E_ROBOTISBUSY, describe_hresult, h
 
 _MS = 1_000_000
 _POLL = 50 * _MS
-_ROBSLAVE_START_DELAY = 1000 * _MS  # the samples for RC7 wait as long after Task_Start
-_ARRIVAL_TIMEOUT = 1000 * _MS  # a robot that stands still elsewhere for so long is not on its way
+_ROBSLAVE_START_DELAY = 1000 * _MS  # as long as the samples for RC7 wait after Task_Start
+_ARRIVAL_TIMEOUT = 1000 * _MS  # a robot that stands still for this long has stopped
 _RUNNING = 3  # state of a task
-_ON_RETRIES, _OFF_RETRIES = 119, 29  # two minutes to switch the motor on; less while leaving
+_ON_RETRIES, _OFF_RETRIES = 119, 29  # two minutes to switch the motor on; less to switch it off
 _MACHINE_LOCK = (0x81501005, 0x81201705, 0x81201748)
 _E_SWITCHING_OFF = 0x8350106E
 _SWITCH_OFF_TIMEOUT = 5000 * _MS
@@ -43,7 +43,7 @@ _POSES = {
     PoseType.J: ("@CURRENT_ANGLE", "CurJnt"),
     PoseType.T: ("@CURRENT_TRANS", "CurTrn"),
 }
-"""By pose type: the variable of the robot, and the command with the same result."""
+"""Variable of the robot that holds its pose, and command with the same result, by pose type."""
 
 _FACTS = (
     (TYPE_NAME_FACT, ObjectClass.ROBOT, "@TYPE_NAME"),
@@ -53,17 +53,17 @@ _FACTS = (
 
 
 class RobotAdapter:
-    """A controller with its robot. Every method raises what `Session.call` raises.
+    """A controller with its robot. Every method raises the exceptions of `Session.call`.
 
     Attributes:
-        generation: RC7 if joints come as VT_R4, as DENSO's slides show them; else RC8.
-        facts: What the controller reports about itself.
+        generation: RC7 if the controller sends joints as VT_R4, as DENSO's slides show; else RC8.
+        facts: Facts that the controller reports about itself, by name.
     """
 
     robot: Robot
 
     def __init__(self, opener: ObjectOpener, pause: Callable[[int], None]) -> None:
-        """Use the objects that `opener` opens; `pause` waits for a number of ns."""
+        """`opener` opens the controller's objects; `pause` waits for a number of ns."""
         self.is_simulator = False
         self.generation = Generation.RC8
         self.facts: dict[str, str] = {}
@@ -76,11 +76,11 @@ class RobotAdapter:
         return VT.R4 if self.generation is Generation.RC7 else VT.R8
 
     async def connect(self) -> None:
-        """Connect and open the robot; no other calls are made."""
+        """Connect and open the robot, without any other call."""
         self.robot = await self._opener.open_remote(Robot)
 
     async def identify(self) -> None:
-        """Connect and identify the controller and robot; nothing is changed."""
+        """Connect and identify the controller and the robot, without changing anything."""
         self.is_simulator = await self._opener.is_simulator()
         await self.connect()
         for name, owner, variable in _FACTS:
@@ -98,7 +98,7 @@ class RobotAdapter:
         return tuple(row[: len(AXES[kind])])
 
     async def read_slave_mode(self) -> int:
-        """Return the number of the current slave mode; 0 for none, or if the controller refuses."""
+        """Return the number of the current slave mode; 0 if slave mode is off or the controller refuses."""
         try:
             return await self.robot.slv_get_mode()
         except (ControllerError, RemoteProtocolError):
@@ -117,7 +117,7 @@ class RobotAdapter:
             await self.robot.slv_change_mode(0)
 
     async def is_robslave_ready(self) -> bool:
-        """Return whether the program runs that RC7 needs for slave mode; True for later controllers."""
+        """Return whether RobSlave runs, which RC7 needs for slave mode; True for later controllers."""
         if self.generation is not Generation.RC7:
             return True
         await self._opener.open_remote(Task)
@@ -129,7 +129,7 @@ class RobotAdapter:
         self._pause(_ROBSLAVE_START_DELAY)
 
     async def take_arm(self) -> None:
-        """Take the arm and keep its tool and work."""
+        """Take the arm, and keep the current tool and work."""
         await self.robot.execute("TakeArm", [0, 1])
 
     async def is_motor_on(self) -> bool:
@@ -138,7 +138,7 @@ class RobotAdapter:
         return state is not None and bool(state.value)
 
     async def motor_on(self) -> None:
-        """Switch the motor on; if it is just switching off, wait for that first."""
+        """Switch the motor on; if the motor is just switching off, wait until it is off."""
         for _ in range(_SWITCH_OFF_TIMEOUT // _POLL):
             try:
                 return await self._switch_motor(True, _ON_RETRIES)
@@ -149,10 +149,10 @@ class RobotAdapter:
         await self._switch_motor(True, _ON_RETRIES)
 
     async def _switch_motor(self, on: bool, retries: int) -> None:
-        """Switch the motor, with at least `retries` retries.
+        """Switch the motor on or off, with at least `retries` retries.
 
-        With the machine lock on, the controller refuses, and this refusal is ignored: there is no motor to
-        switch. DENSO's slides recommend the machine lock for experiments.
+        A controller with the machine lock on refuses. The method ignores this refusal, because then there is
+        no motor to switch. DENSO's slides recommend the machine lock for experiments.
         """
         parameter = Variant(VT.I2, int(on))
         if self.generation is not Generation.RC7:
@@ -173,7 +173,7 @@ class RobotAdapter:
         """Move to a pose by an ordinary motion that ends with @E, as slave mode needs it.
 
         The controller answers the call at once (NEXT), so that the player can halt the robot on its way. If
-        the robot reaches the position but the controller still reports another Fig, the wait ends soon.
+        the robot reaches the position and the controller still reports another Fig, the wait ends soon.
 
         Raises:
             ControllerError: The robot stands still elsewhere, and the controller shows an error.
@@ -211,9 +211,9 @@ class RobotAdapter:
             raise RemoteProtocolError(Message("play.no-motion", distance=distance), b"")
 
     async def set_formats(self, kind: PoseType) -> None:
-        """Make slvMove carry a pose in both directions, whatever format an earlier client set.
+        """Make slvMove carry poses in request and reply, whatever formats an earlier client set.
 
-        RC7 and early versions of RC8 have no formats.
+        RC7 and early versions of RC8 cannot set formats.
         """
         if self.generation is Generation.RC7:
             return
@@ -228,14 +228,14 @@ class RobotAdapter:
         await self.robot.execute("StartLog")
 
     async def read_errors(self) -> tuple[tuple[int, str], ...]:
-        """Return the active errors as code and text, newest first; nothing is cleared."""
+        """Return code and text of the active errors, newest first, without clearing them."""
         return await read_errors(await self._opener.open_remote(Controller))
 
     async def clear_errors(self) -> None:
         await clear_errors(await self._opener.open_remote(Controller))
 
     async def _read_pose_value(self, kind: PoseType) -> Variant:
-        """Read a pose from its variable, or by its command if the variable is missing or EMPTY."""
+        """Read the robot's pose from a variable, or by a command if the variable is missing or EMPTY."""
         variable, command = _POSES[kind]
         if kind not in self._read_by_command:
             found = await self._read_optional(ObjectClass.ROBOT, variable)
@@ -247,7 +247,7 @@ class RobotAdapter:
         return required_variant(reply, command)
 
     async def _read_optional(self, object_class: ObjectClass, name: str) -> Variant | None:
-        """Read a variable that not every controller has; None if the controller refuses."""
+        """Read a variable that not every controller has; return None if the controller refuses."""
         try:
             return await self._opener.read_variable(object_class, name)
         except ControllerError:
@@ -255,9 +255,10 @@ class RobotAdapter:
 
 
 def pose_distance(kind: PoseType, here: SetPointValues, there: SetPointValues) -> float:
-    """Return the largest difference of any axis, degrees or mm; direction cosines count as angles, Fig not.
+    """Return the largest difference of any axis in degrees or mm, without Fig.
 
-    Only axes that both poses have count, because RC7 may report six joints.
+    Direction cosines count as angles. Only axes that both poses have count, because RC7 may report six
+    joints.
     """
     width = min(len(here), len(there))
     before, after = unwrap_rotations(kind, np.vstack((here[:width], there[:width])))
@@ -266,5 +267,5 @@ def pose_distance(kind: PoseType, here: SetPointValues, there: SetPointValues) -
 
 
 def _decimal(value: float) -> str:
-    """Return a number without exponent; no source shows an exponent in the text of a pose."""
+    """Return a number as text without exponent, because no source shows a pose with exponents."""
     return f"{round(value, 6) + 0.0:.6f}".rstrip("0").rstrip(".")

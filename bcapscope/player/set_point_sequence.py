@@ -1,9 +1,9 @@
-"""The sequence of set points to send: those of a trajectory, and those around its start, end and stop.
+"""The sequence of set points to send: those of the trajectory, and additional ones at its start, end or stop.
 
 The first point is sent a few times before anything moves, so that the controller's buffer is full when the
-motion starts. Buffers run empty at the first points of a motion (issues 20 and 49 of
-DENSORobot/denso_robot_ros); nkawa/Denso_CobottaPro900_MQTT_Control sends four. The last point is sent as
-often, so that the robot stands when it leaves slave mode.
+motion starts. Otherwise buffers run empty at the first points of a motion (issues 20 and 49 of
+DENSORobot/denso_robot_ros). nkawa/Denso_CobottaPro900_MQTT_Control sends the first point four times. The
+player sends the last point as often as the first, so that the robot stands still when slave mode ends.
 """
 
 from __future__ import annotations
@@ -21,18 +21,19 @@ class SetPointSequence:
     """Iterates over the set points.
 
     Attributes:
-        index: Set points of the trajectory returned so far, all rounds together, plus those of a stop.
-        total: Total number of set points in all rounds; 0 if there is no end.
+        index: Number of set points of the trajectory returned so far, in all rounds, plus the set points of a
+            stop.
+        total: Total number of set points in all rounds; 0 if the sequence has no end.
         is_stopping: Whether the robot is coming to rest, or has come to rest.
     """
 
     def __init__(
         self, trajectory: Trajectory, period: float, limits: ArmLimits, rounds: int, hold_count: int
     ) -> None:
-        """Begin at the first point of a trajectory with all numbers that slvMove needs, at rest at both ends.
+        """Begin at the first point of a trajectory that has all numbers of slvMove and rests at both ends.
 
         `period` is in seconds, `rounds` 0 means no end, and a stop keeps within `limits`. The first and the
-        last point are sent `hold_count` times in addition.
+        last point are sent `hold_count` additional times.
         """
         self.index = 0
         self.is_stopping = False
@@ -50,7 +51,7 @@ class SetPointSequence:
         return next(self._remaining)
 
     def stop(self) -> None:
-        """Continue with a stop instead of the rest; further calls change nothing."""
+        """Replace the remaining set points by a stop; further calls change nothing."""
         if not self.is_stopping:
             self.is_stopping = True
             self._remaining = self._stopping_points()

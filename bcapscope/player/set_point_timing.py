@@ -17,23 +17,23 @@ CYCLES = (PERIOD_MS / 1000, 0.001)
 """Cycle times of set points, seconds (DENSO Wave 2009, How to use the Slave mode)."""
 
 EVEN_TOLERANCE = 0.01
-"""Share of the interval by which even times may differ."""
+"""Maximum difference between intervals that are treated as even, as a share of the interval."""
 
 MAX_PARTS = 64
-"""Trajectories into which records with gaps are split at most."""
+"""Maximum number of trajectories into which records with gaps are split."""
 
 GAP_FACTOR = 1.5
-"""A step longer than this many usual intervals is a gap."""
+"""Number of usual intervals above which a step is a gap."""
 
 _CYCLE_TOLERANCE = 0.05
 
 
 class SetPointTiming(NamedTuple):
-    """Timing of set points in seconds, and notes on what was assumed.
+    """Timing of set points in seconds, and notes on assumptions.
 
     Attributes:
-        period: Time between set points; None if uneven or unknown.
-        times: Times from the first set point; None if they have no meaning.
+        period: Time between set points; None if this time is uneven or unknown.
+        times: Times of the set points from the first one; None if the times have no meaning.
     """
 
     period: float | None
@@ -42,7 +42,7 @@ class SetPointTiming(NamedTuple):
 
 
 def timing_from_due_times(times: Array) -> SetPointTiming:
-    """Return the timing from the times at which set points are due, seconds."""
+    """Return the timing that results from the times, in seconds, at which set points are due."""
     shifted = times - times[0]
     steps = np.diff(shifted)
     if not len(steps) or not np.isfinite(steps).all():
@@ -53,10 +53,10 @@ def timing_from_due_times(times: Array) -> SetPointTiming:
 
 
 def timing_from_send_times(times: Array) -> SetPointTiming:
-    """Return the timing from the times at which set points were sent, seconds.
+    """Return the timing that results from the times, in seconds, at which set points were sent.
 
-    If these are close to a cycle time, each set point counts as one cycle: a controller takes one set point
-    per cycle, whenever exactly it came.
+    If the usual interval is close to a cycle time, each set point counts as one cycle: a controller takes one
+    set point per cycle, whatever its exact arrival time.
     """
     steps = np.diff(times)
     if not len(steps):
@@ -73,16 +73,16 @@ def timing_from_send_times(times: Array) -> SetPointTiming:
 
 
 def find_gaps(times: Array) -> NDArray[np.bool_]:
-    """Return for each step from one time to the next whether it is a gap, where set points may be missing."""
+    """Return, for each step between two times, whether it is a gap where set points may be missing."""
     steps = np.diff(times)
     return np.asarray(steps > GAP_FACTOR * np.median(steps))
 
 
 def find_runs(counter: Array) -> tuple[tuple[tuple[int, int], ...], float | None]:
-    """Find the runs of records without gaps by a counter, and the growth of the counter per record.
+    """Use a counter to find the runs of records without gaps; also return its growth per record.
 
-    A run is the index of its first record, from 0, and that after its last. If the counter does not grow
-    evenly enough, return one run and None.
+    A run is a pair: the index of its first record, from 0, and the index after its last record. If the
+    counter does not grow evenly enough, return one run of all records, and None.
     """
     whole = ((0, len(counter)),)
     steps = np.diff(counter)

@@ -1,13 +1,12 @@
-"""A smooth curve through set points, to sample between them or to come to rest on it.
+"""A smooth curve through set points, for set points in between and for stops on the path.
 
 Between two points, each axis follows the polynomial of fifth degree with the position, speed and acceleration
 of both points at its ends (quintic Hermite interpolation). Speed and acceleration at a point are those of the
-parabola through it and its neighbours. At both ends of the curve, they are those of the straight line to the
-neighbour.
-
-So the curve goes through every point, and position, speed and acceleration are continuous (C2). A bad point
-disturbs at most two pieces on either side. For points at equal times, the speed is nowhere above 1.75 times
-that of the fastest straight line between two points.
+parabola through the point and its two neighbours. At both ends of the curve, speed and acceleration are those
+of the straight line to the neighbour. The curve therefore goes through every point, and position, speed and
+acceleration are continuous (C2). A bad point disturbs at most two pieces of the curve on either side. For
+points at equal times, the speed is nowhere above 1.75 times the speed of the fastest straight line between
+two points.
 """
 
 from __future__ import annotations
@@ -25,19 +24,19 @@ ROTATION_COLUMNS = slice(3, 6)
 """Columns of P type with rotations in degrees, where 180 and -180 are the same."""
 
 FIG_COLUMN = {PoseType.P: 6, PoseType.T: 9}
-"""Column of Fig, the number of a posture; values between two postures mean nothing."""
+"""Column of Fig, the number of a posture, by pose type; values between two postures mean nothing."""
 
 DIRECTION_COLUMNS = ORIENTATION, APPROACH = slice(3, 6), slice(6, 9)
 """Columns of T type, two unit vectors at a right angle."""
 
 
 class SmoothCurve:
-    """The curve through points, by a parameter that begins at 0."""
+    """The curve through a number of points; its parameter begins at 0."""
 
     def __init__(self, kind: PoseType, knots: Array, points: Array) -> None:
         """Compute the curve through points, one row each.
 
-        `knots` are their parameters, such as their times: strictly increasing from 0, at least two.
+        `knots` holds the parameter of each point, such as its time: two or more values that increase from 0.
         """
         self._kind = kind
         self._knots = knots
@@ -46,7 +45,7 @@ class SmoothCurve:
         self._speeds, self._accelerations = _derivatives(knots, self._rows)
 
     def sample(self, parameters: Array) -> Array:
-        """Return a pose for each parameter; parameters outside the curve are clipped."""
+        """Return one pose per parameter; a parameter outside the curve is clipped."""
         where = np.clip(parameters, self._knots[0], self._knots[-1])
         left = np.clip(np.searchsorted(self._knots, where, side="right") - 1, 0, len(self._knots) - 2)
         width = self._knots[left + 1] - self._knots[left]
@@ -70,7 +69,7 @@ class SmoothCurve:
         return start + end
 
     def _to_poses(self, rows: Array, nearest: NDArray[np.intp]) -> Array:
-        """Make rows to poses: rotations within half a turn, unit vectors, Fig of the point before."""
+        """Turn rows into poses: rotations within half a turn, unit vectors, Fig of the previous point."""
         fig = FIG_COLUMN.get(self._kind, rows.shape[1])
         if fig < rows.shape[1]:
             rows[:, fig] = self._points[nearest, fig]
@@ -106,7 +105,7 @@ def direction_turns(kind: PoseType, rows: Array) -> Array:
 
 
 def matches_posture(kind: PoseType, here: Sequence[float], there: Sequence[float]) -> bool:
-    """Return whether two poses have the same Fig; True if either lacks it.
+    """Return whether two poses have the same Fig; True if either pose lacks Fig.
 
     A Fig below 0 leaves the choice to the controller (nkawa/Denso_CobottaPro900_MQTT_Control, -2 and -3).
     """

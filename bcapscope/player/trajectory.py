@@ -14,11 +14,11 @@ from bcapscope.protocol.slave_mode.modes import PoseType
 from bcapscope.protocol.slave_mode.poses import AXES, SHORTEST_POSE, Axis
 
 MAX_POINTS = 5_000_000
-"""Most set points of a trajectory: eleven hours at 8 ms, and 320 MB."""
+"""Maximum number of set points of a trajectory: eleven hours at 8 ms, or 320 MB."""
 
 
 class TrajectoryError(InputError):
-    """A file holds no valid trajectory; line and column of the fault count from 1, None if unknown."""
+    """A file holds no valid trajectory; line and column of the fault count from 1, or are None if unknown."""
 
     def __init__(self, reason: Message, line: int | None = None, column: int | None = None) -> None:
         if line is not None and column is not None:
@@ -34,14 +34,14 @@ class TrajectoryError(InputError):
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """Source of the numbers of one axis, or of the times.
+    """Column or element of a file that holds the numbers of one axis, or the times.
 
     Attributes:
-        axis: Name as in a pose, such as `J1`, or `time`.
+        axis: Name of the axis, such as `J1`, or `time`.
         position: Number of the column or element in the file, from 1.
-        name: Name in the file; empty if it has no names.
-        unit: Unit in the file: `deg`, `rad`, `mm`, `m`, `s`, `ms`, or empty.
-        factor: Factor that converts the file's numbers.
+        name: Name of the column in the file; empty if the file has no names.
+        unit: Unit of the numbers in the file: `deg`, `rad`, `mm`, `m`, `s`, `ms`, or empty.
+        factor: Factor that converts the file's numbers to mm, degrees or seconds.
     """
 
     axis: str
@@ -56,11 +56,11 @@ class TrajectorySource:
     """Where a trajectory comes from and how it was read.
 
     Attributes:
-        file_format: Kind of the file, or the encoding of its text; None for no file.
-        part: Which of several trajectories in the file; None if there is only one.
-        columns: One element per axis in the order of `Trajectory.axes`, then those of times and counter if
-            any.
-        notes: What was assumed, left out or converted, one clause each.
+        file_format: Kind of the file, or the encoding of its text; None if there is no file.
+        part: Name of the trajectory among several in the file; None if the file has only one.
+        columns: Columns of the axes in the order of `Trajectory.axes`, then the columns of times and counter,
+            if any.
+        notes: Assumptions, omissions and conversions, one clause each.
     """
 
     path: str
@@ -72,14 +72,16 @@ class TrajectorySource:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Trajectory:
-    """Set points of one pose type; a shape that does not fit raises ValueError.
+    """Set points of one pose type; an array whose shape does not fit raises ValueError.
 
     Attributes:
-        points: float64, one row per set point, one column per axis in the order of slvMove: mm, degrees (mm
-            for linear joints), Fig and direction cosines as they are. There are as many columns as the file
-            has axes: 1 to 8 joints, 6 or 7 numbers of P type, 9 or 10 of T type. Not writeable.
-        period: Seconds between two set points according to the file; None if it does not say.
-        times: float64, seconds of each set point from the first; None if the file has none. Not writeable.
+        points: Read-only float64 array, one row per set point, one column per axis in the order of slvMove.
+            Units are mm and degrees (mm for linear joints); Fig and direction cosines have no unit. The
+            number of columns is the number of axes in the file: 1 to 8 joints, 6 or 7 numbers of P type, 9 or
+            10 of T type.
+        period: Seconds between two set points according to the file; None if the file does not say.
+        times: Read-only float64 array: seconds from the first set point to each one; None if the file has no
+            times.
     """
 
     kind: PoseType
@@ -109,20 +111,20 @@ class Trajectory:
         return AXES[self.kind][: self.points.shape[1]]
 
     def set_point(self, row: int, current_pose: Sequence[float] = ()) -> tuple[float, ...]:
-        """Return one set point with all numbers that slvMove needs; see `completed`."""
+        """Return one set point with all numbers that slvMove needs, as `completed` does for all."""
         return tuple(_complete(self.kind, self.points[row : row + 1], current_pose)[0].tolist())
 
     def completed(self, current_pose: Sequence[float] = ()) -> Trajectory:
-        """Fill in the axes that the file lacks, so that they keep their position in the current pose.
+        """Fill in the axes that the file lacks with the robot's current pose, so that these axes do not move.
 
-        The result has 7 columns of P type, 8 of J type, 10 of T type. Axes beyond the end of the pose get 0;
-        controllers report 0 for joints that a robot lacks.
+        The result has 7 columns for P type, 8 for J type, 10 for T type. Axes beyond the end of the pose get
+        0; controllers also report 0 for joints that a robot lacks.
         """
         return replace(self, points=_complete(self.kind, self.points, current_pose))
 
 
 MIN_COLUMNS = {**SHORTEST_POSE, PoseType.J: 1, PoseType.T: 9}
-"""Fewest columns of a trajectory, by its kind; a file may name fewer joints than slvMove needs."""
+"""Minimum number of columns by pose type; a file may have fewer joints than slvMove needs."""
 
 
 def _complete(kind: PoseType, points: NDArray[np.float64], present: Sequence[float]) -> NDArray[np.float64]:

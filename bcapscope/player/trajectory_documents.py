@@ -1,7 +1,8 @@
-"""Trajectories as objects: the JSON of `bcapscope extract`, and ROS messages as JSON or YAML.
+"""Trajectories from JSON and YAML: the JSON of `bcapscope extract`, and ROS messages as JSON or YAML.
 
 A JointTrajectory (trajectory_msgs of ROS 1 and 2) has `joint_names` and `points`, each with `positions` in
-radians and `time_from_start`. It may be nested, as in MoveIt's RobotTrajectory or a recorded goal.
+radians and `time_from_start`. The JointTrajectory may be nested, as in MoveIt's RobotTrajectory or a recorded
+goal.
 """
 
 from __future__ import annotations
@@ -26,14 +27,14 @@ EXTRACT_FORMAT = "bcapscope trajectory 1"
 """Format name that `extract` writes."""
 
 MAX_VALUES = 1_500_000
-"""Most values in a JSON or YAML file: 28 minutes of six joints and a time at 8 ms. A value takes up to 72
-bytes, so these take 110 MB."""
+"""Maximum number of values in a JSON or YAML file: 28 minutes of six joints and a time at 8 ms. A value takes
+up to 72 bytes of memory, so all values together take 110 MB."""
 
 TOO_MANY_VALUES = Message("trajectory.too-many-values", limit=MAX_VALUES)
 
 _DEEPEST, _MAX_TRAJECTORIES, _SHOWN = 8, 256, 40
 _DEGREES_PER_RADIAN = degrees(1.0)
-_NONE = (None, "", "~", "null")  # YAML scalars are read as text
+_NONE = (None, "", "~", "null")  # the YAML reader leaves scalars as text
 _LAST_NUMBER = re.compile(r"(\d+)\D*$")
 _AXIS_NUMBERS = range(1, len(AXES[PoseType.J]) + 1)
 
@@ -41,9 +42,9 @@ _AXIS_NUMBERS = range(1, len(AXES[PoseType.J]) + 1)
 def read_documents(
     documents: Sequence[object], source: TrajectorySource, options: ReadOptions
 ) -> tuple[Trajectory, ...]:
-    """Read the objects that a parser made of a file: one from JSON, one or several from YAML.
+    """Read trajectories from the documents of a parsed file: one for JSON, one or several for YAML.
 
-    For ROS messages, only those options count that the messages leave open.
+    For ROS messages, options apply only to facts that the messages leave open.
 
     Raises:
         TrajectoryError: The documents hold no trajectory.
@@ -104,7 +105,7 @@ def _select_values(row: object, places: Sequence[int], width: int, number: int) 
 
 
 def _find_ros_messages(node: object, deep: int, seen: set[int]) -> Iterator[dict[str, Any]]:
-    """Yield what looks like a JointTrajectory; a node that YAML refers to many times is searched once."""
+    """Yield each object that looks like a JointTrajectory; search nodes that YAML repeats only once."""
     if id(node) in seen:
         return
     seen.add(id(node))
@@ -157,7 +158,7 @@ def _read_ros(message: dict[str, Any], source: TrajectorySource) -> Trajectory:
 
 
 def _joint_order(names: Sequence[str]) -> tuple[list[int], tuple[Message, ...]]:
-    """Return the index in the message of J1, J2 and so on, by number or as listed, and notes."""
+    """Return the message's index of each of J1, J2 and so on, by number or in listed order; and notes."""
     numbers = [_LAST_NUMBER.search(name) for name in names]
     by_number = {int(found[1]): place for place, found in enumerate(numbers) if found and len(found[1]) < 3}
     count = sum(found is not None for found in numbers)
@@ -174,7 +175,7 @@ def _joint_order(names: Sequence[str]) -> tuple[list[int], tuple[Message, ...]]:
 
 
 def _seconds(value: object) -> float | None:
-    """Read a duration: a number, or an object with seconds and nanoseconds; NaN for anything else."""
+    """Read a duration: a number, or an object with seconds and nanoseconds; return NaN for other values."""
     if value in _NONE:
         return None
     if isinstance(value, dict):
@@ -191,7 +192,7 @@ def _float(value: object) -> float:
 
 
 def _number_table(rows: Sequence[Sequence[object]], names: Sequence[str]) -> Array:
-    """Convert values to numbers; NaN and infinities may be text."""
+    """Convert values to numbers; NaN and infinities may be written as text."""
     if len(rows) > MAX_POINTS:
         raise TrajectoryError(Message("trajectory.too-long", limit=MAX_POINTS))
     table = np.array([[_float(value) for value in row] for row in rows], dtype=np.float64)

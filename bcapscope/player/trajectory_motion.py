@@ -1,4 +1,4 @@
-"""Speed and acceleration of set points, axis by axis, and their share of the arm's limits."""
+"""Speed and acceleration of set points axis by axis, also as a share of the arm's limits."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ class TrajectoryMotion:
     """The motion of some axes in mm or degrees, with `period` seconds between two rows.
 
     Attributes:
-        rows: One row per set point, one column per axis; rotations continue beyond half a turn. NaN if the
-            arm does not reach the point.
+        rows: One row per set point, one column per axis; rotations continue beyond half a turn. A row is NaN
+            if the arm does not reach the point.
     """
 
     axes: tuple[Axis, ...]
@@ -29,17 +29,17 @@ class TrajectoryMotion:
 
     @property
     def speeds(self) -> Array:
-        """Speed at each step from one point to the next, one row per step: units a second."""
+        """Speed at each step from one point to the next, one row per step, in units per second."""
         return np.diff(self.rows, axis=0) / self.period
 
     @property
     def accelerations(self) -> Array:
-        """Acceleration at each pair of steps: units a second squared, computed as controllers do."""
+        """Acceleration at each pair of steps in units per second squared, computed as controllers do."""
         return np.diff(self.rows, n=2, axis=0) / (self.period * self.period)  # ** may raise an exception
 
 
 def motions_of(kind: PoseType, points: Array, period: float, limits: ArmLimits) -> Iterator[TrajectoryMotion]:
-    """Yield the motion of the points' own axes, then that of the joints if it can be computed."""
+    """Yield the motion of the points' own axes, then the motion of the joints if it can be computed."""
     axes = AXES[kind][: points.shape[1]]
     counted = [place for place, axis in enumerate(axes) if axis.unit]
     yield TrajectoryMotion(
@@ -56,14 +56,14 @@ def _joints(kind: PoseType, points: Array, to_joints: ToJoints) -> Array:
         try:
             rows[place] = to_joints(kind, tuple(points[place].tolist()))
         except BcapError:
-            continue  # out of reach; the row stays NaN
+            continue  # the arm does not reach the point; its row stays NaN
     return rows
 
 
 def limit_excess(kind: PoseType, points: Array, period: float, limits: ArmLimits) -> float:
-    """Return the largest share of its limit, in speed or acceleration, that any axis uses; 1 is all of it.
+    """Return the largest share of a speed or acceleration limit that any axis uses; 1 is the whole limit.
 
-    A point out of reach counts as infinite.
+    The share is infinite if a point is out of reach.
     """
     worst = 0.0
     for motion in motions_of(kind, points, period, limits):

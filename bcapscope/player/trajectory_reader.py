@@ -1,7 +1,7 @@
-"""Reading trajectories from files: detect the kind of file and call its reader.
+"""Reading trajectories from files: detect the kind of a file and call the reader for it.
 
-This is the only module of the player that opens files to read set points. It never trusts their content:
-sizes are limited, and any content gives either trajectories or one `TrajectoryError`.
+This is the only module of the player that opens files to read set points. The content of a file is not
+trusted: sizes are limited, and any content gives either trajectories or one `TrajectoryError`.
 """
 
 from __future__ import annotations
@@ -34,10 +34,11 @@ from bcapscope.player.wincaps_project import is_project, read_project
 from bcapscope.player.yaml_text import read_yaml
 
 MAX_TABLE_SIZE = 1 << 30
-"""Largest table in bytes: two hours of a log with 73 columns."""
+"""Largest table that is read, in bytes: two hours of a log with 73 columns."""
 
 MAX_OBJECT_SIZE = 24 << 20
-"""Largest JSON or YAML file in bytes; in memory it takes up to 24 times its size. See `MAX_VALUES`."""
+"""Largest JSON or YAML file that is read, in bytes; a file takes up to 24 times its size in memory. See
+`MAX_VALUES`."""
 
 LONGEST_LINE = 1 << 16
 
@@ -65,16 +66,16 @@ def read_trajectories(
 ) -> tuple[Trajectory, ...]:
     """Read the trajectories of a file or a WINCAPS III project: its folder or its .wpj file.
 
-    A file is a table (CSV, TSV, numbers separated by spaces; UTF-8, UTF-16 or Shift-JIS), one that
-    `bcapscope extract` wrote, a JointTrajectory as JSON or YAML, or a capture; `ports` are those of
-    controllers in captures. There is one trajectory per slave-mode session, message, run of records, or log.
+    A file is a table (CSV, TSV, numbers separated by spaces; UTF-8, UTF-16 or Shift-JIS), output of
+    `bcapscope extract`, a JointTrajectory as JSON or YAML, or a capture. `ports` are the ports of controllers
+    in captures. The result has one trajectory per slave-mode session, message, run of records, or log.
 
     Raises:
-        TrajectoryError: There is none that can be read; the message says why in one sentence.
+        TrajectoryError: No trajectory can be read; the error's message gives the reason in one sentence.
     """
     options = options or ReadOptions()
     try:
-        with np.errstate(all="ignore"):  # the pre-flight check reports absurd numbers
+        with np.errstate(all="ignore"):  # no warning here: the pre-flight check reports absurd numbers
             if is_project(Path(path)):
                 return read_project(Path(path), lambda file: _read_file(file, options, ports))
             return _read_file(Path(path), options, ports)
@@ -133,7 +134,7 @@ def _read_whole(stream: BinaryIO, size: int) -> bytes:
 
 
 def _parse_json(data: bytes) -> list[object]:
-    if sum(map(data.count, (b",", b"[", b"{"))) > MAX_VALUES:  # one of these precedes each value
+    if sum(map(data.count, (b",", b"[", b"{"))) > MAX_VALUES:  # one of these characters precedes each value
         raise TrajectoryError(TOO_MANY_VALUES)
     try:
         return [orjson.loads(data.removeprefix(codecs.BOM_UTF8))]

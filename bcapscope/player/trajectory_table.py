@@ -1,4 +1,4 @@
-"""Tables as text: CSV, TSV and numbers separated by spaces, with or without titles."""
+"""Trajectories from tables: CSV, TSV and numbers separated by spaces, with or without titles."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ from bcapscope.player.trajectory import (
 from bcapscope.protocol.slave_mode.modes import PoseType
 
 HEAD_LINES = 32
-"""Lines to search for the titles."""
+"""Number of lines that are searched for the titles."""
 
 _PLAIN_CELLS = 60
 _SPACES = re.compile(r"\s+")
@@ -51,7 +51,7 @@ _NUMBER = re.compile(
 
 
 class TableLine(NamedTuple):
-    """One line of a table, neither empty nor a comment; numbers count from 1."""
+    """A line of a table that is neither empty nor a comment; line numbers count from 1."""
 
     number: int
     cells: list[str]
@@ -62,7 +62,7 @@ def read_table(
 ) -> tuple[Trajectory, ...]:
     """Read a table; `source.file_format` holds its encoding.
 
-    Returns one trajectory, or one per run of records if some are missing between them.
+    Returns one trajectory, or one per run of records if records are missing between the runs.
 
     Raises:
         TrajectoryError: The table holds no set points.
@@ -97,7 +97,7 @@ def read_table(
 
 
 def _separator(head: Sequence[str]) -> str:
-    """Return the separator in half of the lines or more: tab, semicolon or comma; else a space."""
+    """Return the separator that half of the lines or more hold: tab, semicolon or comma; else a space."""
     lines = [line for line in head if line.strip() and not line.lstrip().startswith("#")]
     for mark in "\t;,":
         if lines and 2 * sum(mark in line for line in lines) >= len(lines):
@@ -123,7 +123,7 @@ def _table_lines(lines: Iterable[str], separator: str) -> Iterator[TableLine]:
 
 
 def _find_layout(first: Sequence[TableLine], options: ReadOptions) -> tuple[ColumnLayout, int, Sequence[str]]:
-    """Return the layout, the number of lines before the numbers, and the titles; () if there are none."""
+    """Return the layout, the number of lines before the numbers, and the titles, () if there are none."""
     if _is_numeric(first[0]):
         bare = [[_lenient_float(cell) for cell in line.cells if cell.strip()] for line in first]
         even = [row for row in bare if len(row) == len(bare[0])]
@@ -155,7 +155,7 @@ class _NumberTable:
 
     Attributes:
         rows: One row per line, one column per element of `columns`; NaN in columns without numbers.
-        filled: For each column, whether it has numbers.
+        filled: Whether each column has numbers.
     """
 
     def __init__(self, columns: Sequence[Column], width: int, decimal_comma: bool) -> None:
@@ -166,7 +166,7 @@ class _NumberTable:
         self._decimal_comma = decimal_comma
 
     def values_of(self, column: Column | None) -> Array | None:
-        """Return the numbers of a column; None if there are none."""
+        """Return the numbers of a column; None if the column has none."""
         if column is None:
             return None
         place = self._columns.index(column)
@@ -175,8 +175,8 @@ class _NumberTable:
     def read_lines(self, lines: Iterable[TableLine]) -> None:
         """Read all lines.
 
-        Raises TrajectoryError if a cell is no number, if a column is empty in only some lines, or if a line
-        has another number of cells.
+        Raises TrajectoryError if a cell is no number, if a column is empty in only some lines, or if lines
+        differ in their number of cells.
         """
         numbers, count = array("d"), 0
         for line in lines:
@@ -213,7 +213,7 @@ class _NumberTable:
         )
 
     def _cells(self, line: TableLine) -> list[str]:
-        """Return the cells of a line, without empty ones beyond the width."""
+        """Return the cells of a line, without empty cells beyond the table's width."""
         cells = line.cells
         if len(cells) < self._width or any(cells[self._width :]):
             columns = Count(len(cells), "column")
@@ -224,7 +224,7 @@ class _NumberTable:
 
 
 def _without_empty(layout: ColumnLayout, filled: Sequence[bool]) -> tuple[Column, ...]:
-    """Return the columns before the first empty one; raise if they are no pose or a later one has numbers."""
+    """Return the columns before the first empty one; raise if these are no pose or a later one is filled."""
     columns, axes_filled = layout.columns, filled[: len(layout.columns)]
     width = axes_filled.index(False) if False in axes_filled else len(axes_filled)
     if any(axes_filled[width:]) or width < MIN_COLUMNS[layout.kind]:
@@ -254,7 +254,7 @@ def _split_parts(
 
 
 def _counter_timing(column: Column | None, step: float | None) -> SetPointTiming:
-    """Derive the interval from the growth of the counter; no paper says what the counter counts."""
+    """Derive the interval from the growth of the counter; no public source says what the counter counts."""
     if column is None or column.axis != COUNTER or step is None:
         return SetPointTiming(None, None)
     if step <= 1:

@@ -1,8 +1,8 @@
 """Projects of WINCAPS III: search for control logs that can be read.
 
 No public source describes how a project stores a log itself, so bcapscope does not guess. It looks for
-exported logs in the project. If there are none, the error lists what the project holds and says what to
-export.
+exported logs in the project. If there are no exported logs, the error lists the project's files and says what
+to export.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ MAX_FILES = 5000
 """Maximum number of files in a folder that are examined."""
 
 MAX_TRAJECTORIES = 64
-"""Maximum number of trajectories read from a folder. Nobody chooses from a longer list."""
+"""Maximum number of trajectories read from a folder; a longer list would be of no use to the user."""
 
 _DEEPEST = 8
 _SUFFIXES = frozenset((".csv", ".tsv", ".txt", ".log", ".json", ".yaml", ".yml"))
@@ -37,18 +37,19 @@ def is_project(path: Path) -> bool:
     """Return whether a path is a folder or a project file."""
     try:
         return path.is_dir() or (path.suffix.casefold() == ".wpj" and path.is_file())
-    except ValueError:  # not a valid path; the file reader reports that
+    except ValueError:  # the path is invalid; the file reader reports that
         return False
 
 
 def read_project(path: Path, read_file: FileReader) -> tuple[Trajectory, ...]:
     """Read every control log in a project, given as its folder or file.
 
-    Reading stops after the file that reaches `MAX_TRAJECTORIES`. A table without titles does not count as a
-    log, because it may hold anything. Neither does a capture, which no program exports here.
+    Reading stops after the file that reaches `MAX_TRAJECTORIES`. A table without titles is not read as a log,
+    because its meaning is unknown. A capture is not read either, because WINCAPS III exports no captures.
 
     Raises:
-        TrajectoryError: There is no control log; the message lists what there is and what to export.
+        TrajectoryError: The project holds no control log; the message lists its files and says what to
+            export.
         OSError: The folder cannot be read.
     """
     folder = path if path.is_dir() else path.parent
@@ -71,7 +72,7 @@ def read_project(path: Path, read_file: FileReader) -> tuple[Trajectory, ...]:
 
 def _files(folder: Path) -> Iterator[Path]:
     """Yield the files in a folder and its subfolders, in order, without following links."""
-    os.scandir(folder).close()  # raises if the folder cannot be read, which os.walk does not
+    os.scandir(folder).close()  # scandir raises if the folder is unreadable; os.walk does not
     count = 0
     for place, folders, names in os.walk(folder):
         deep = len(Path(place).relative_to(folder).parts)
@@ -84,7 +85,7 @@ def _files(folder: Path) -> Iterator[Path]:
 
 
 def _with_file_name(trajectories: Sequence[Trajectory], name: str) -> Iterator[Trajectory]:
-    """Yield the trajectories whose columns have names, with the file name added."""
+    """Yield the trajectories whose columns have names, and add the file name to their source."""
     for trajectory in trajectories:
         source = trajectory.source
         part = Message.from_table("text", name)

@@ -1,7 +1,7 @@
-"""Errors of the controller: the active ones until ClearError, and the log of all.
+"""Errors of the controller: the active errors until ClearError, and the log of all errors.
 
 The fields of GetCurErrorInfo and GetErrorLog are those of ShoheiKobata/orin_bcap_python_samples and
-nkawa/Denso_CobottaPro900_MQTT_Control. Numbers that only a real program has are 0.
+nkawa/Denso_CobottaPro900_MQTT_Control. Fields that only a real controller program can fill are 0.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ MAX_LOGGED = 128
 
 @dataclass(frozen=True, slots=True)
 class Alarm:
-    """One error: HRESULT, unsigned, and time, ns of the model's clock."""
+    """One error: its HRESULT as an unsigned number, and its time in ns of the model's clock."""
 
     code: int
     time: int
@@ -29,7 +29,7 @@ class Alarm:
 
 
 class Alarms:
-    """The lists of errors, newest first."""
+    """The active errors and the error log of a controller, both newest first."""
 
     def __init__(self) -> None:
         self.active: deque[Alarm] = deque(maxlen=MAX_ACTIVE)

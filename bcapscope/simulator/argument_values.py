@@ -55,7 +55,7 @@ def bstr_array(items: Iterable[str]) -> Variant:
 
 
 def clip_to_r4(number: float) -> float:
-    """Clip a finite number to the range of a VT_R4."""
+    """Clip a finite number to the range of VT_R4."""
     if math.isfinite(number):
         return max(-LARGEST_FLOAT, min(LARGEST_FLOAT, float(number)))
     return float(number)
@@ -68,7 +68,7 @@ def _signed(number: int, bits: int) -> int:
 
 
 def number_of(variant: Variant) -> float | int:
-    """Read a number, a decimal text or the first number of an array; anything else is refused."""
+    """Read a number, a decimal text or the first number of an array; refuse any other value."""
     found = _plain(variant.value)
     if isinstance(found, tuple | bytes) and found:
         found = _plain(found[0])
@@ -80,12 +80,12 @@ def number_of(variant: Variant) -> float | int:
 
 
 def integer_of(variant: Variant) -> int:
-    """Read an integer, as `number_of`; fractions are cut off."""
+    """Read an integer as `number_of` reads a number, and cut off its fraction."""
     return int(number_of(variant))
 
 
 def number_within(variant: Variant, allowed: range, refusal: int) -> int:
-    """Read an integer; one that is not in `allowed` is refused with the code `refusal`."""
+    """Read an integer; refuse a number that is not in `allowed` with the code `refusal`."""
     number = integer_of(variant)
     if number not in allowed:
         raise RefusedError(refusal)
@@ -93,7 +93,7 @@ def number_within(variant: Variant, allowed: range, refusal: int) -> int:
 
 
 def text_of(variant: Variant) -> str:
-    """Read a text; EMPTY and NULL give "", anything else is refused."""
+    """Read a text; EMPTY and NULL give "", and any other value is refused."""
     if variant.value is None:
         return ""
     if isinstance(variant.value, str):
@@ -102,7 +102,7 @@ def text_of(variant: Variant) -> str:
 
 
 def items_of(variant: Variant) -> tuple[Variant, ...]:
-    """Return the elements of an array; a scalar is an array of one, EMPTY has none."""
+    """Return the elements of an array; a scalar gives one element, and EMPTY gives none."""
     value = variant.value
     if value is None:
         return ()
@@ -113,12 +113,12 @@ def items_of(variant: Variant) -> tuple[Variant, ...]:
 
 
 def numbers_of(variant: Variant) -> tuple[float, ...]:
-    """Read an array of finite numbers, as `items_of`; refused if an element is no number."""
+    """Read an array of finite numbers as `items_of` does; refuse it if an element is no number."""
     return tuple(float(number_of(item)) for item in items_of(variant))
 
 
 def argument_at(items: Sequence[Variant], index: int) -> Variant:
-    """Return an argument; refused if there are fewer."""
+    """Return the argument at an index; refuse the call if the argument is missing."""
     if index >= len(items):
         raise RefusedError(E_INVALIDARG)
     return items[index]

@@ -1,8 +1,9 @@
 """The arm over time: ordinary motions, set points, and encoders that lag behind.
 
 Times are ns, joints degrees. An ordinary motion follows the minimum-jerk curve, which begins and ends at
-rest. The encoders show the joints commanded `ENCODER_LAG_NS` ago. Real servos lag less regularly: the replies
-in DENSO Wave 2009, How to use the Slave mode, show joints about a degree behind their set points.
+rest. The encoders show the joints that were commanded `ENCODER_LAG_NS` earlier. Real servos lag less
+regularly: the replies in DENSO Wave 2009, How to use the Slave mode, show joints about a degree behind their
+set points.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from bcapscope.simulator.kinematics import AXIS_LIMITS, AxisLimit, Joints
 MS = 1_000_000
 ENCODER_LAG_NS = 24 * MS
 
-_PEAK_SPEED, _PEAK_ACCELERATION = 1.875, 5.774  # of the minimum-jerk curve over distance 1 in time 1
+_PEAK_SPEED, _PEAK_ACCELERATION = 1.875, 5.774  # peaks of the minimum-jerk curve over distance 1 in time 1
 
 
 _Step: TypeAlias = tuple[int, Joints]
@@ -24,7 +25,10 @@ _NOWHERE: _Step = (0, ())
 
 
 class ArmMotion(NamedTuple):
-    """One ordinary motion between joints; begin and end in ns. The encoders arrive `ENCODER_LAG_NS` later."""
+    """One ordinary motion from joints to joints; `begin` and `end` are in ns.
+
+    The encoders arrive `ENCODER_LAG_NS` later.
+    """
 
     start: Joints
     goal: Joints
@@ -32,7 +36,7 @@ class ArmMotion(NamedTuple):
     ends: int
 
     def at(self, time: int) -> Joints:
-        """Return the joints commanded at `time`."""
+        """Return the joints that the motion commands at `time`."""
         if time >= self.ends:
             return self.goal
         if time <= self.began:
@@ -47,7 +51,7 @@ def motion_duration(
 ) -> int:
     """Return the shortest time, ns, in which no axis exceeds its speed or acceleration.
 
-    `speed` is the share of the highest speed, above 0 up to 1.
+    `speed` is a share of the highest speed, above 0 and at most 1.
     """
     longest = 0.0
     for a, b, limit in zip(start, goal, limits, strict=False):
@@ -63,22 +67,22 @@ class Arm:
     def __init__(self, joints: Joints) -> None:
         self._motion = ArmMotion(joints, joints, 0, 0)
         self._steps: deque[_Step] = deque(maxlen=8)
-        self._last_segment = _NOWHERE, _NOWHERE  # the two steps around the last time that was asked for
+        self._last_segment = _NOWHERE, _NOWHERE  # steps around the time of the last query
         self._changed = -ENCODER_LAG_NS
 
     @property
     def goal(self) -> Joints:
-        """Joints at the end of the running motion, or the current joints."""
+        """Joints at the end of the running motion; without a motion, the current joints."""
         return self._steps[-1][1] if self._steps else self._motion.goal
 
     @property
     def ends(self) -> int:
-        """Time at which the command of the last ordinary motion arrives, ns."""
+        """Time in ns at which the command of the last ordinary motion reaches its end."""
         return self._motion.ends
 
     @property
     def at_rest_from(self) -> int:
-        """Time from which the encoders stand still unless a new motion begins, ns."""
+        """Time in ns from which the encoders stand still unless a new motion begins."""
         return (
             self._changed + ENCODER_LAG_NS
             if self._steps
@@ -86,11 +90,11 @@ class Arm:
         )
 
     def is_at_rest(self, now: int) -> bool:
-        """Return whether command and encoders stand still."""
+        """Return whether the commanded joints and the encoders stand still."""
         return now >= self.at_rest_from
 
     def commanded(self, now: int) -> Joints:
-        """Return the joints commanded at `now`."""
+        """Return the joints that are commanded at `now`."""
         before, after = self._last_segment
         if before[0] <= now < after[0]:
             return _interpolate(before, after, now)
@@ -109,7 +113,7 @@ class Arm:
         return self.commanded(now - ENCODER_LAG_NS)
 
     def move(self, goal: Joints, now: int, speed: float, min_duration: int = 0) -> ArmMotion:
-        """Begin an ordinary motion from the commanded joints; it takes at least `min_duration` ns."""
+        """Begin an ordinary motion from the commanded joints that takes at least `min_duration` ns."""
         start = self.commanded(now)
         self._motion = ArmMotion(
             start, goal, now, now + max(min_duration, motion_duration(start, goal, speed))
@@ -125,7 +129,7 @@ class Arm:
         self._changed = now
 
     def add_set_point(self, joints: Joints, began: int, time: int) -> None:
-        """Add a set point, reached at `time` along a straight line that begins at `began`, ns.
+        """Add a set point; the arm moves to it in a straight line from `began` to `time`, both in ns.
 
         Until `began`, the arm stays at the previous set point.
         """
@@ -150,7 +154,7 @@ def _interpolate(before: _Step, after: _Step, time: int) -> Joints:
     share = (time - before[0]) / span if span else 1.0
     if not 0.0 <= share <= 1.0:
         share = 0.0 if share < 0.0 else 1.0
-    # Every slvMove calls this; a loop takes three times as long.
+    # Unrolled for speed: every slvMove calls this function, and a loop takes three times as long.
     a1, a2, a3, a4, a5, a6, _, _ = before[1]
     b1, b2, b3, b4, b5, b6, _, _ = after[1]
     return (

@@ -14,7 +14,7 @@ from bcapscope.simulator.object_table import ControllerObject, ObjectTable
 
 @dataclass(slots=True)
 class CallContext:
-    """One call of a client, by its number, on one of its objects; `now` in ns."""
+    """One call on an object of a client; `client` is the client's number, `now` the time in ns."""
 
     machine: Machine
     client: int
@@ -24,10 +24,10 @@ class CallContext:
 
 
 CommandHandler: TypeAlias = Callable[[CallContext, Variant], HandlerOutcome]
-"""Runs a command of an ..._Execute function, with its vntParam."""
+"""Handler of one command of an ..._Execute function; the handler gets the command's parameter."""
 
 CommandTable: TypeAlias = Mapping[str, CommandHandler]
-"""Commands by their names in lower case."""
+"""Handlers of commands by the commands' names in lower case."""
 
 
 def accept_without_effect(context: CallContext, parameter: Variant) -> None:

@@ -1,7 +1,8 @@
-"""Execute the calls of one client, one after another: take request frames, return reply frames.
+"""Execute the calls of one client, one after another: request frames in, reply frames out.
 
-Keep-alive, InvokeTimeout and busy: orin_bcap C/src/bCAPServer/bcap_server.c, observed on loopback. In the C
-server a stuck call blocks one TCP connection, or all UDP clients. Here it blocks only its own client.
+Sources for keep-alive, InvokeTimeout and busy: orin_bcap C/src/bCAPServer/bcap_server.c, and that server
+observed on loopback. In the C server a stuck call blocks one TCP connection, or all UDP clients. In the
+simulator, a stuck call blocks only its own client.
 """
 
 from __future__ import annotations
@@ -22,11 +23,11 @@ from bcapscope.simulator.machine import Machine
 from bcapscope.simulator.profile import NoArgument
 
 MAX_WAITING = 16
-"""Requests of one client that wait while a call runs; our own limit."""
+"""Maximum number of requests of one client that wait while a call runs; the limit is bcapscope's own."""
 
 MAX_KEPT_REPLIES = 8
-"""Replies kept for retries: more than the seven attempts of any client. Each kept reply costs time in every
-call."""
+"""Number of replies kept to answer retries: more than the seven attempts of any client. Each kept reply costs
+time in every call."""
 
 _ROBOT_EXECUTE = 64
 _NEW = RequestKind.NEW
@@ -36,7 +37,7 @@ _FUNCTIONS_WITH_RESULT = frozenset(
 
 
 class CallReport(NamedTuple):
-    """A call with its result; both times in ns."""
+    """A finished call with its result; `began` and `ended` are in ns."""
 
     client: int
     function_id: int
@@ -50,8 +51,8 @@ class CallExecutor:
     """Runs the calls of one client.
 
     Attributes:
-        last_heard: Time of the last request, ns.
-        running: The call that is running; None if there is none.
+        last_heard: Time of the client's last request in ns.
+        running: The call that is running; None if no call runs.
     """
 
     def __init__(
@@ -75,7 +76,7 @@ class CallExecutor:
         self._is_timed_out = False
 
     def on_request(self, frame: Frame, now: int) -> list[bytes]:
-        """Process a sound request; return the frames to send."""
+        """Process a valid request; return the frames to send."""
         self.last_heard = now
         decision = self._responder.receive_request(frame)
         if decision.kind is _NEW:
@@ -91,7 +92,7 @@ class CallExecutor:
         return []
 
     def poll(self, now: int) -> list[bytes]:
-        """Return the frames to send now: the reply of a finished call, or a notice that is due."""
+        """Return the frames to send now: the reply to a finished call, or a notice that is due."""
         if self.running is None:
             return []
         answer = self.running.poll(now)
@@ -103,14 +104,14 @@ class CallExecutor:
         return [*([] if stuck else [reply]), *self._execute_waiting(now)]
 
     def due(self, now: int) -> int | None:
-        """Return the time of the next poll, ns; None if no call runs."""
+        """Return the time of the next poll in ns; None if no call runs."""
         if self.running is None:
             return None
         due = self.running.due(now)
         return due if self._next_notice is None else min(due, self._next_notice)
 
     def close(self) -> None:
-        """End the session of a client that is gone; its open requests get no reply."""
+        """End the session of a client that is gone; the client's open requests get no reply."""
         self.running = None
         self._waiting.clear()
         self._responder.reset()
@@ -163,7 +164,7 @@ class CallExecutor:
         return raw
 
     def _reply_arguments(self, function_id: int, answer: CallResult) -> tuple[Variant, ...]:
-        """Return the arguments of a reply: the value, EMPTY or none, as the profile demands."""
+        """Return the arguments of a reply: the value, EMPTY or no argument, as the profile demands."""
         if function_id not in _FUNCTIONS_WITH_RESULT or answer.hresult == E_NOTIMPL:
             return ()
         if answer.value is not None:
@@ -171,7 +172,7 @@ class CallExecutor:
         return () if self._has_no_argument(function_id) else (EMPTY,)
 
     def _has_no_argument(self, function_id: int) -> bool:
-        """Return whether the profile sends no argument, instead of EMPTY, in a reply without a value."""
+        """Return whether the profile sends no argument, not even EMPTY, in a reply without a value."""
         which = self._profile.no_argument
         if which is not NoArgument.SLVCHANGEMODE:
             return which is NoArgument.ALWAYS

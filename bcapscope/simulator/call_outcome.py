@@ -1,4 +1,4 @@
-"""The outcome of a call of the simulated controller: a result now, or later."""
+"""The outcome of a call to the simulated controller: a result now, or later."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from bcapscope.protocol.codec.variant import Variant
 from bcapscope.protocol.tables.hresult import S_OK
 
 
-# Every call makes one of these. A struct compares by its type, which a named tuple does not, and takes 0.1 µs
-# to make (named tuple 0.4 µs, frozen dataclass 0.9 µs).
+# Every call makes one object of this class. A struct compares by its type, which a named tuple does not, and
+# takes 0.1 µs to make (named tuple 0.4 µs, frozen dataclass 0.9 µs).
 class CallResult(msgspec.Struct, frozen=True):
     """A result.
 
     Attributes:
         hresult: Result code, unsigned.
         value: Value of the result; if None, the profile decides between no argument and EMPTY.
-        reason: Why the call was refused, for the simulator's user; empty if the result code says it.
+        reason: Why the call was refused, for the simulator's user; empty if the result code is enough.
     """
 
     hresult: int = S_OK
@@ -35,8 +35,8 @@ class RunningCall:
     """A call that is not finished.
 
     Attributes:
-        poll: Takes the time in ns; returns the result, or None while the call runs.
-        due: Takes the time in ns; returns the latest time for the next poll, ns.
+        poll: Function of the time in ns that returns the result, or None while the call runs.
+        due: Function of the time in ns that returns the latest time for the next poll in ns.
     """
 
     poll: Callable[[int], CallResult | None]
@@ -46,13 +46,13 @@ class RunningCall:
 CallOutcome: TypeAlias = CallResult | RunningCall
 
 HandlerOutcome: TypeAlias = CallOutcome | Variant | None
-"""What a handler returns: an outcome; or the value of a call that succeeded, None for no value."""
+"""Result of a handler: an outcome, the value of a call that succeeded, or None for success without value."""
 
 DONE = CallResult()
 
 
 class RefusedError(BcapError):
-    """The controller refuses a call and answers with `hresult`."""
+    """The controller refuses a call, and answers the call with `hresult`."""
 
     def __init__(self, hresult: int, reason: str = "") -> None:
         super().__init__(Message("simulator.refused", code=f"{hresult:08X}"))
@@ -61,5 +61,5 @@ class RefusedError(BcapError):
 
 
 def succeed_at(time: int) -> RunningCall:
-    """Return a call that succeeds at a given time, ns."""
+    """Return a running call that succeeds at a given time in ns."""
     return RunningCall(lambda now: DONE if now >= time else None, lambda now: time)

@@ -1,9 +1,9 @@
 """One client of the simulated controller: its session, its handles, and what it may call.
 
-Options of Service_Start and the limits: orin_bcap C/src/bCAPServer/bcap_server.c. It is assumed that every
-other call needs Service_Start first, and that the controller answers E_NOT_CONNECTED otherwise. The calls
-that slave mode refuses, and that the refusal ends slave mode: issues 13, 21, 42 and 48 of
-DENSORobot/denso_robot_ros.
+Source for the limits and the options of Service_Start: orin_bcap C/src/bCAPServer/bcap_server.c. It is
+assumed that every other call needs Service_Start first, and that the controller answers E_NOT_CONNECTED
+otherwise. Source for the calls that slave mode refuses, and for the end of slave mode after a refusal: issues
+13, 21, 42 and 48 of DENSORobot/denso_robot_ros.
 """
 
 from __future__ import annotations
@@ -38,13 +38,13 @@ from bcapscope.simulator.machine import Machine
 from bcapscope.simulator.object_table import ObjectTable
 
 SHORTEST_WDT = 80
-"""Shortest WDT and shortest InvokeTimeout, ms."""
+"""Shortest allowed WDT and InvokeTimeout in ms."""
 
 DEFAULT_INVOKE_TIMEOUT = 180_000
 """Default InvokeTimeout, ms."""
 
 LONGEST_QUOTED = 60
-"""Characters of a client's text that a reason quotes at most."""
+"""Maximum number of characters of a client's text that a reason quotes."""
 
 _START, _CONNECT = 1, 3
 _VARIABLE_PUT = 102
@@ -55,18 +55,18 @@ _OTHER_CLIENTS_COMMANDS = frozenset(
         *("handchuck", "handunchuck", "chuck", "unchuck"),
     )
 )
-"""Commands that a client may call while another one is in slave mode (orin_bcap_python_samples
+"""Commands that a client may call while another client is in slave mode (orin_bcap_python_samples
 others/bcapslavemove_handmove_COBOTTA.py). It is assumed that the client in slave mode may not call them: the
 hand cannot move while slave mode moves the arm (issue 13 of DENSORobot/denso_robot_ros)."""
 
 
 class ClientSession:
-    """The session of one client, by its number, from its first call to its last.
+    """The session of one client from its first call to its last; the client is known by a number.
 
     Attributes:
         is_started: Whether the client has called Service_Start.
-        wdt: Time between two S_EXECUTING, ns; None for none.
-        invoke_timeout: Longest time that a call may run, ns.
+        wdt: Time in ns between two S_EXECUTING notices; None if the client gets no notices.
+        invoke_timeout: Longest time in ns that a call may run.
     """
 
     def __init__(self, machine: Machine, number: int) -> None:
@@ -78,7 +78,7 @@ class ClientSession:
         self.objects = ObjectTable()
 
     def call(self, function_id: int, arguments: tuple[Variant, ...], now: int) -> CallOutcome:
-        """Run a call; every input gives an outcome, and nothing is raised."""
+        """Run a call; every input gives an outcome, and no input raises an exception."""
         self.machine.advance(now)
         try:
             outcome = self._call(function_id, arguments, now)
@@ -89,7 +89,7 @@ class ClientSession:
         return DONE if outcome is None else CallResult(value=outcome)
 
     def end(self) -> None:
-        """Release everything, as the server does for a lost client; VRC parameters do not matter here."""
+        """Release all objects and the arm, as the server does for a lost client."""
         self.is_started = False
         self.wdt = None
         self.objects.clear()
@@ -114,7 +114,7 @@ class ClientSession:
         return handler(CallContext(machine, self.number, self.objects, found, now), arguments[1:])
 
     def _call_without_object(self, function_id: int, arguments: tuple[Variant, ...]) -> Variant | None:
-        """Run a call that needs no object, or refuse a call."""
+        """Run a function that needs no object, or refuse the call."""
         if function_id not in FUNCTIONS:
             raise RefusedError(E_INVALIDARG)
         if function_id == _START:
@@ -137,9 +137,9 @@ class ClientSession:
         self.machine.open_objects[self.number] = self.objects
 
     def _connect(self, arguments: tuple[Variant, ...]) -> Variant:
-        """Open the controller; RC7 ignores all four strings, the others need their provider.
+        """Open the controller; RC7 ignores all four arguments, other controllers need their provider's name.
 
-        A name is in use while any client has it, also a crashed one that the controller remembers.
+        A name is in use while any client has it, even a crashed client that the controller still remembers.
         """
         name, provider, _, option = (text_of(argument_at(arguments, index)) for index in range(4))
         providers = self.machine.profile.providers
@@ -164,10 +164,10 @@ def _provider_reason(provider: str, providers: tuple[str, ...]) -> str:
 def is_allowed_in_slave_mode(
     function_id: int, arguments: tuple[Variant, ...], is_other: bool = False
 ) -> bool:
-    """Return whether a call is accepted while slave mode is on; `is_other`: another client has the arm.
+    """Return whether slave mode accepts a call; `is_other` means that another client has the arm.
 
-    If no source says, calls that only read are accepted and all others refused. Unknown commands are accepted
-    here, and refused elsewhere.
+    Where no source says whether a call is accepted, calls that only read are accepted and all others refused.
+    The function accepts unknown commands, because they are refused later anyway.
     """
     refused = _REFUSED_COMMANDS.get(function_id)
     if refused is not None:

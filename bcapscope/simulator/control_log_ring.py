@@ -1,7 +1,8 @@
-"""The control log: a ring of joint records, one every 8 ms while it records.
+"""The control log: a ring of joint records, one every 8 ms while the log is on.
 
 The 39 values of a record and their order are those of ShoheiKobata/orin_bcap_python_samples
-others/Get_Syslog.py. A counter in ms, and current and load computed from the encoders' lag, are our own.
+others/Get_Syslog.py. The counter in ms, and current and load computed from the encoders' lag, are assumptions
+of bcapscope.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ MAX_RECORDS = 10_000
 
 
 class ControlLogRecord(NamedTuple):
-    """One record: time in ns since the controller's start, commanded joints and joints of the encoders."""
+    """One record: time in ns since the controller's start, commanded joints, and joints of the encoders."""
 
     time: int
     commanded: Joints
@@ -27,10 +28,10 @@ class ControlLogRecord(NamedTuple):
 
 
 class ControlLog:
-    """The ring of records; the oldest has index 0.
+    """The ring of log records; the oldest record has index 0.
 
     Attributes:
-        due: Time of the next record, ns; None while the log does not record.
+        due: Time of the next record in ns; None while the log does not record.
     """
 
     def __init__(self) -> None:
@@ -44,7 +45,7 @@ class ControlLog:
         self.due = None
 
     def advance(self, now: int, sample: Callable[[int], ControlLogRecord]) -> None:
-        """Take the records that are due; after a long pause, only as many as the ring holds."""
+        """Store the records that are due; after a long pause, only as many records as the ring holds."""
         due = self.due
         if due is None:
             return
@@ -57,7 +58,7 @@ class ControlLog:
 
 
 def log_record_variant(record: ControlLogRecord, tool: int, work: int) -> Variant:
-    """Return the VARIANT array of GetLogRecord."""
+    """Return a record as the VARIANT array that GetLogRecord returns."""
     values = []
     for commanded, actual in zip(record.commanded, record.actual, strict=True):
         lag = commanded - actual

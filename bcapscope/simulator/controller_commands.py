@@ -43,14 +43,14 @@ def _error_log(context: CallContext, parameter: Variant) -> Variant:
 
 
 def _alarm_at(alarms: Sequence[Alarm], index: int) -> Alarm:
-    """Return an error by its index; 0 is the newest."""
+    """Return an error by its index; index 0 is the newest error."""
     if not 0 <= index < len(alarms):
         raise RefusedError(BAD_INDEX)
     return alarms[index]
 
 
 def _system_state(context: CallContext, parameter: Variant) -> Variant:
-    """Run SysState; the bits are those of `enumerations.SYS_STATE_BITS`."""
+    """Run SysState, whose bits are those of `enumerations.SYS_STATE_BITS`."""
     machine, now = context.machine, context.now
     automatic = machine.mode == AUTOMATIC
     bits = {
@@ -71,7 +71,7 @@ def _system_state(context: CallContext, parameter: Variant) -> Variant:
 
 
 def _put_auto_mode(context: CallContext, parameter: Variant) -> None:
-    """Run PutAutoMode (RC7): 1 is internal, 2 external."""
+    """Run PutAutoMode of RC7, whose parameter is 1 for internal and 2 for external."""
     mode = integer_of(parameter)
     if mode not in (1, 2):
         raise RefusedError(E_INVALIDARG)
@@ -81,13 +81,13 @@ def _put_auto_mode(context: CallContext, parameter: Variant) -> None:
 CONTROLLER_COMMANDS: CommandTable = {
     **HAND_COMMANDS,
     "clearerror": _clear_error,
-    # The text is bcapscope's, not the controller's.
+    # The text of an error is bcapscope's, not the controller's.
     "geterrordescription": lambda context, code: bstr(describe_hresult(integer_of(code)).text),
     "getcurerrorcount": lambda context, _: i4(len(context.machine.alarms.active)),
     "getcurerrorinfo": _current_error_info,
     "geterrorlogcount": lambda context, _: i4(len(context.machine.alarms.log)),
     "geterrorlog": _error_log,
-    # The serial number for 0, an empty text for other numbers.
+    # SysInfo returns the serial number for 0, and an empty text for other numbers.
     "sysinfo": lambda context, kind: bstr("" if integer_of(kind) else "SIMULATOR"),
     "sysstate": _system_state,
     "stostate": lambda context, _: boolean(context.machine.emergency),
@@ -97,9 +97,9 @@ CONTROLLER_COMMANDS: CommandTable = {
     "putautomode": _put_auto_mode,
     "getautomode": lambda context, _: i2(context.machine.auto_mode),
 }
-"""Commands of Controller_Execute by their names in lower case."""
+"""Handlers of the commands of Controller_Execute by the commands' names in lower case."""
 
 TASK_COMMANDS: CommandTable = {
     "getstatus": lambda context, _: i4(context.machine.tasks.get(context.object.name.casefold(), READY))
 }
-"""Commands of Task_Execute by their names in lower case."""
+"""Handlers of the commands of Task_Execute by the commands' names in lower case."""

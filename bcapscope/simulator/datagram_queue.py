@@ -1,4 +1,4 @@
-"""Datagrams that have arrived and wait; senders take turns, however much the others send."""
+"""Queue of datagrams that wait for processing; senders take turns, however much each one sends."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from collections.abc import Hashable, Iterator
 from typing import Generic, TypeVar
 
 MAX_PER_SENDER = 32
-"""Datagrams of one sender: room for the attempts of any call, and some calls more."""
+"""Maximum number of waiting datagrams of one sender: the attempts of a call, and some further calls."""
 
 MAX_BYTES = 2 << 20
-"""Bytes of all senders, with `_COST` added for each datagram."""
+"""Maximum number of waiting bytes of all senders; each datagram adds `_COST` to its size."""
 
 _COST = 512
 
@@ -21,8 +21,8 @@ class DatagramQueue(Generic[Sender]):
     """Waiting datagrams by sender.
 
     Attributes:
-        waiting: Arrival time and bytes of each datagram, oldest first.
-        dropped: Datagrams dropped because they came too fast.
+        waiting: Arrival time and bytes of each waiting datagram by sender, oldest first.
+        dropped: Number of datagrams that were dropped because too many were waiting.
     """
 
     def __init__(self) -> None:
@@ -35,7 +35,7 @@ class DatagramQueue(Generic[Sender]):
         return min(queue[0][0] for queue in self.waiting.values())
 
     def add(self, sender: Sender, received_at: int, data: bytes) -> None:
-        """Queue a datagram with its arrival time; drop it if there are too many."""
+        """Queue a datagram with its arrival time; drop the datagram if too many are waiting."""
         queue = self.waiting.get(sender)
         size = len(data) + _COST
         if self._bytes + size > MAX_BYTES or (queue is not None and len(queue) >= MAX_PER_SENDER):
@@ -47,7 +47,7 @@ class DatagramQueue(Generic[Sender]):
         self._bytes += size
 
     def pop_one_per_sender(self) -> Iterator[tuple[Sender, int, bytes]]:
-        """Yield the oldest datagram of each sender: sender, arrival time, bytes."""
+        """Remove the oldest datagram of each sender and yield its sender, arrival time and bytes."""
         for sender in list(self.waiting):
             queue = self.waiting[sender]
             came, data = queue.popleft()

@@ -1,11 +1,12 @@
 """Commands of Robot_Execute for groups of robots, forces, areas, scenes and buttons, and the extension Comm.
 
-Parameters: ShoheiKobata/orin_bcap_python_samples (SyncTime..., SyncMove..., ForceParam, AutoCal, RobInfo,
-buttons, Comm) and DENSO's descriptions quoted in nkawa/Denso_CobottaPro900_MQTT_Control (ForceCtrl,
-ForceParam, ForceValue, ForceSensor, areas). The codes of brackets: the list of controller errors there.
+Sources for parameters: ShoheiKobata/orin_bcap_python_samples (SyncTime..., SyncMove..., ForceParam, AutoCal,
+RobInfo, buttons, Comm) and DENSO's descriptions quoted in nkawa/Denso_CobottaPro900_MQTT_Control (ForceCtrl,
+ForceParam, ForceValue, ForceSensor, areas). Source for the codes of brackets: the list of controller errors
+in nkawa/Denso_CobottaPro900_MQTT_Control.
 
-No force acts on the simulated robot. It has one arm, so brackets are checked but do not change the motions
-between them.
+No force acts on the simulated robot. The simulator has one arm, so brackets are checked but do not change the
+motions between them.
 """
 
 from __future__ import annotations
@@ -56,7 +57,10 @@ def _close_bracket(context: CallContext, parameter: Variant, name: str) -> None:
 
 
 def _force_control(context: CallContext, parameter: Variant) -> None:
-    """Run ForceCtrl: on or off, number 1..10, mode. It stays off while the motor is off."""
+    """Run ForceCtrl with the parameters on or off, number 1..10, mode.
+
+    Force control stays off while the motor is off.
+    """
     items, machine = items_of(parameter), context.machine
     machine.check_arm(context.client)
     if integer_of(argument_at(items, 0)) == 0:
@@ -67,7 +71,7 @@ def _force_control(context: CallContext, parameter: Variant) -> None:
 
 
 def _force_parameters(context: CallContext, parameter: Variant) -> None:
-    """Run ForceParam: number 1..10, coordinates 0..2, six forces, and up to eleven more values."""
+    """Run ForceParam with number 1..10, coordinates 0..2, six forces, and up to eleven more values."""
     items = items_of(parameter)
     number_within(argument_at(items, 0), _FORCE_CONTROLS, E_INVALIDARG)
     number_within(argument_at(items, 1), _COORDINATES, E_INVALIDARG)
@@ -76,30 +80,30 @@ def _force_parameters(context: CallContext, parameter: Variant) -> None:
 
 
 def _force_value(context: CallContext, parameter: Variant) -> Variant:
-    """Run ForceValue: six zeros for any kind of data."""
+    """Run ForceValue, which returns six zeros for any kind of data."""
     integer_of(argument_at(items_of(parameter), 0))
     return float_array(VT.R8, _SIX)
 
 
 def _force_sensor(context: CallContext, parameter: Variant) -> None:
-    """Run ForceSensor: 0 resets the sensor; other values are refused."""
+    """Run ForceSensor, whose parameter 0 resets the sensor; refuse other values."""
     if integer_of(parameter) != 0:
         raise RefusedError(E_INVALIDARG)
 
 
 def _robot_info(context: CallContext, parameter: Variant) -> Variant:
-    """Run RobInfo: the type name for parameter 1, an empty text for others."""
+    """Run RobInfo, which returns the type name for parameter 1 and an empty text for others."""
     return bstr(context.machine.initial_state.type_name if integer_of(parameter) == 1 else "")
 
 
 def _button_state(context: CallContext, parameter: Variant) -> Variant:
-    """Run GetMechaButtonState or ClearMechaButtonState: the buttons 0 to 2 are never pressed."""
+    """Run GetMechaButtonState or ClearMechaButtonState; the buttons 0 to 2 are never pressed."""
     number_within(parameter, _BUTTONS, BAD_INDEX)
     return i4(0)
 
 
 def _scene_info(context: CallContext, parameter: Variant) -> Variant:
-    """Run SceneInfo: scene, sub-scene and an empty name."""
+    """Run SceneInfo, which returns scene, sub-scene and an empty name."""
     items = items_of(parameter)
     if any([integer_of(argument_at(items, index)) for index in (0, 1)]):
         raise RefusedError(BAD_INDEX)
@@ -107,7 +111,7 @@ def _scene_info(context: CallContext, parameter: Variant) -> Variant:
 
 
 def _switch_area(context: CallContext, parameter: Variant) -> None:
-    """Run SetAreaEnabled: number, on or off."""
+    """Run SetAreaEnabled, whose parameters are the area's number and on or off."""
     items, areas = items_of(parameter), context.machine.equipment.areas
     number = number_within(argument_at(items, 0), range(MAX_AREAS), BAD_INDEX)
     (areas.add if number_of(argument_at(items, 1)) else areas.discard)(number)
@@ -123,7 +127,7 @@ def _line(parameter: Variant) -> int:
 
 
 def _line_state(context: CallContext, parameter: Variant) -> Variant:
-    """Run State of the extension Comm: 2 for an open line, else 0."""
+    """Run State of the extension Comm, which returns 2 for an open line and 0 for a closed one."""
     return i4(_LINE_IS_OPEN if _line(parameter) in context.machine.equipment.lines else 0)
 
 
@@ -161,10 +165,10 @@ EQUIPMENT_COMMANDS: CommandTable = {
     "setareaenabled": _switch_area,
     "getareaenabled": _area_state,
 }
-"""Commands of Robot_Execute by their names in lower case."""
+"""Handlers of the commands of Robot_Execute by the commands' names in lower case."""
 
 LINE_COMMANDS: CommandTable = {
-    # Every line exists, and has no device at its other end.
+    # Every line number exists, and no line has a device at its other end.
     "open": lambda context, line: context.machine.equipment.lines.add(_line(line)),
     "close": lambda context, line: context.machine.equipment.lines.discard(_line(line)),
     "state": _line_state,
@@ -172,4 +176,4 @@ LINE_COMMANDS: CommandTable = {
     "count": _of_line(i4(0)),
     "input": _of_line(bstr("")),
 }
-"""Commands of the extension Comm by their names in lower case."""
+"""Handlers of the commands of the extension Comm by the commands' names in lower case."""

@@ -1,9 +1,9 @@
 """Commands of Robot_Execute that compute with poses, tools and works, and the extension Pallet.
 
-Parameters and results: ShoheiKobata/orin_bcap_python_samples (Dev, DevH, CheckVirtualFence, Pallet), and
-DENSO's descriptions of Dev, DevH, OutRange, GetToolDef and SetToolDef quoted in
-nkawa/Denso_CobottaPro900_MQTT_Control. The simulator stores and returns definitions of tools and works. They
-do not change the position that the simulated arm reports.
+Sources for parameters and results: ShoheiKobata/orin_bcap_python_samples (Dev, DevH, CheckVirtualFence,
+Pallet), and DENSO's descriptions of Dev, DevH, OutRange, GetToolDef and SetToolDef quoted in
+nkawa/Denso_CobottaPro900_MQTT_Control. The simulator stores and returns definitions of tools and works. These
+definitions do not change the position that the simulated arm reports.
 """
 
 from __future__ import annotations
@@ -39,11 +39,11 @@ ZERO_FRAME: CoordinateFrame = (0.0,) * 6
 """Definition of a tool or work that no client has defined."""
 
 FrameTable: TypeAlias = Callable[[CallContext], dict[int, CoordinateFrame]]
-"""Returns the definitions of tools, or those of works."""
+"""Function that returns the definitions of tools, or of works."""
 
 _UNREACHABLE = -1
 _MAX_PLACES = 32767
-"""Rows, columns and layers of a pallet at most; assumed."""
+"""Maximum number of rows, columns and layers of a pallet; the limit is assumed."""
 
 
 def _convert(context: CallContext, parameter: Variant, source: PoseType, target: PoseType) -> Variant:
@@ -55,7 +55,7 @@ def _real_array(context: CallContext, numbers: Iterable[float]) -> Variant:
 
 
 def _joints(context: CallContext, pose_type: PoseType, parameter: Variant) -> Joints:
-    """Read a pose; the type comes from the command unless the notation gives it."""
+    """Read a pose; the command decides the pose type unless the notation names one."""
     items = items_of(parameter)
     if len(items) >= len(AXES[_P]) - 1 and all(isinstance(item.value, int | float) for item in items):
         return joints_of(pose_type, numbers_of(parameter)[: len(AXES[pose_type])])
@@ -63,7 +63,7 @@ def _joints(context: CallContext, pose_type: PoseType, parameter: Variant) -> Jo
 
 
 def _out_range(context: CallContext, parameter: Variant) -> Variant:
-    """Run OutRange: 0 inside, bits of the axes beyond their limits, -1 unreachable."""
+    """Run OutRange, which returns 0 inside the limits, bits of axes beyond them, or -1 if out of reach."""
     items = items_of(parameter)
     pose = items[0] if items and not isinstance(items[0].value, int | float) else parameter
     try:
@@ -77,7 +77,7 @@ def _out_range(context: CallContext, parameter: Variant) -> Variant:
 
 
 def _check_virtual_fence(context: CallContext, parameter: Variant) -> Variant:
-    """Run CheckVirtualFence: always 0, because the simulated robot has no fences."""
+    """Run CheckVirtualFence, which returns 0, because the simulated robot has no fences."""
     parse_pose(parameter, context.machine.memory.read)
     return i4(0)
 
@@ -93,7 +93,7 @@ def _move(
 
 
 def _convert_work(context: CallContext, parameter: Variant) -> Variant:
-    """Run ConvertPosWork: convert a pose from one work to another."""
+    """Run ConvertPosWork, which converts a pose from one work to another."""
     items = items_of(parameter)
     pose = _parse_position(context, argument_at(items, 0))
     works = context.machine.equipment.works
@@ -116,14 +116,14 @@ def _define(context: CallContext, parameter: Variant, frames: FrameTable) -> Non
 
 
 def frame_number(number: int, first: int = 0) -> int:
-    """Return the number of a tool or work; refused if it is below `first` or too large."""
+    """Return the number of a tool or work; refuse a number that is below `first` or too large."""
     if not first <= number < MAX_FRAMES:
         raise RefusedError(BAD_INDEX)
     return number
 
 
 def _parse_position(context: CallContext, pose: Variant) -> PoseNumbers:
-    """Read a pose of any type as P type; a pose that is written as P type need not be within reach."""
+    """Convert a pose of any type to P type; a pose written as P type may be out of reach."""
     written = parse_pose(pose, context.machine.memory.read)
     return written.values if written.type is _P else pose_of(_P, joints_of(written.type, written.values))
 
@@ -137,7 +137,7 @@ def _pallet_position(context: CallContext, parameter: Variant) -> Variant:
 
     The parameter holds rows, columns, height of a layer in mm, the four corners, the number of the place and,
     optionally, of the layer, both from 1. Places are counted from the first corner to the second, then row by
-    row towards the third. The samples do not give this order.
+    row towards the third. This order is assumed, because the samples do not show the order.
     """
     items = items_of(parameter)
     rows, columns = (_count(argument_at(items, index)) for index in (0, 1))
@@ -188,7 +188,7 @@ FRAME_COMMANDS: CommandTable = {
     "settooldef": partial(_define, frames=FRAMES["TOOL"]),
     "setworkdef": partial(_define, frames=FRAMES["WORK"]),
 }
-"""Commands of Robot_Execute by their names in lower case."""
+"""Handlers of the commands of Robot_Execute by the commands' names in lower case."""
 
 PALLET_COMMANDS: CommandTable = {"calcpos": _pallet_position}
-"""Commands of the extension Pallet by their names in lower case."""
+"""Handlers of the commands of the extension Pallet by the commands' names in lower case."""

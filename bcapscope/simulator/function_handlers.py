@@ -1,10 +1,11 @@
-"""The functions that are called on an object: ids 4 to 137.
+"""The functions that clients call on an object, with the ids 4 to 137.
 
-A function that is missing here answers E_NOTIMPL. The C server does so for an id without callback (orin_bcap
-C/src/bCAPServer/bcap_server.c), and so does DENSO's skeleton of a provider (CaoProvRobot.cpp, 2003). Which
-functions a real controller lacks is documented for the robot only, by the methods of a wrapper of the RC8
-provider (H. Suzuki, VE026A_JNI.java, 2015): Chuck, Unchuck, GoHome and Drive are not among them. Drive is
-here because clients need it. Rotate is not, because no source describes its planes.
+The simulator answers E_NOTIMPL to a function without a handler in this module. The C server does the same for
+an id without callback (orin_bcap C/src/bCAPServer/bcap_server.c), and so does DENSO's skeleton of a provider
+(CaoProvRobot.cpp, 2003). The only source for missing functions concerns the robot: a wrapper of the RC8
+provider (VE026A_JNI.java by Suzuki, 2015) has no methods Chuck, Unchuck, GoHome and Drive. The simulator has
+Drive nevertheless, because clients need this function. The simulator lacks Rotate, because no source
+describes the planes of Rotate.
 """
 
 from __future__ import annotations
@@ -41,7 +42,7 @@ from bcapscope.simulator.result_codes import INVALID_COMMAND, OBJECT_NOT_FOUND, 
 from bcapscope.simulator.robot_commands import ROBOT_COMMANDS
 
 Arguments: TypeAlias = "tuple[Variant, ...]"
-"""Arguments of a request, without the handle."""
+"""Arguments of a request, without its handle."""
 
 FunctionHandler: TypeAlias = Callable[[CallContext, Arguments], HandlerOutcome]
 
@@ -74,12 +75,12 @@ def open_object(context: CallContext, kind: ObjectClass, arguments: Arguments) -
 
 
 def _text_at(arguments: Arguments, index: int) -> str:
-    """Read an optional text; "" if it is missing."""
+    """Read an optional text argument; return "" if it is missing."""
     return text_of(arguments[index]) if index < len(arguments) else ""
 
 
 def _check_name(context: CallContext, kind: ObjectClass, name: str, option: str) -> None:
-    """Refuse a name that the controller does not have; its one robot accepts any name."""
+    """Refuse an object name that the controller does not have; the one robot accepts any name."""
     machine, folded = context.machine, name.casefold()
     if kind is ObjectClass.VARIABLE:
         system_variables.check_exists(context.object.kind, name, machine.profile.generation)
@@ -98,7 +99,7 @@ def _create_file(context: CallContext, name: str, option: str) -> None:
 
 
 def _get_message(context: CallContext, arguments: Arguments) -> Variant:
-    """Run Controller_GetMessage: the newest active error is the message; refused if there is none."""
+    """Run Controller_GetMessage, which returns the newest active error or, without one, is refused."""
     active = context.machine.alarms.active
     if not active:
         raise RefusedError(OBJECT_NOT_FOUND)
@@ -120,7 +121,7 @@ def _message_values(alarm: Alarm, context: CallContext) -> dict[str, Variant]:
 
 
 def command_runner(commands: CommandTable) -> FunctionHandler:
-    """Return the handler of an ..._Execute function; it refuses commands that the profile lacks."""
+    """Return a handler of an ..._Execute function that refuses commands the profile lacks."""
 
     @lru_cache(maxsize=256)
     def named(name: str, lacks: frozenset[str]) -> CommandHandler:
@@ -145,7 +146,7 @@ def _extension_execute(context: CallContext, arguments: Arguments) -> HandlerOut
 
 
 def _command_execute(context: CallContext, arguments: Arguments) -> None:
-    """Run a command as its object holds it; a command that takes time leaves no result."""
+    """Run the command that a Command object holds; a command that takes time stores no result."""
     values = context.object.values
     outcome = CONTROLLER_COMMANDS[context.object.name.casefold()](context, values.get("parameters", EMPTY))
     if not isinstance(outcome, RunningCall):
@@ -182,7 +183,7 @@ def _robot_speed(context: CallContext, arguments: Arguments) -> None:
 
 
 def _robot_accelerate(context: CallContext, arguments: Arguments) -> None:
-    """Run Robot_Accelerate: the second and third number are percent; -1 keeps."""
+    """Run Robot_Accelerate: parameters two and three are in percent, and -1 keeps the current value."""
     pair = float(number_of(argument_at(arguments, 1))), float(number_of(argument_at(arguments, 2)))
     if not all(value == -1 or 0 < value <= 100 for value in pair):
         raise RefusedError(E_INVALIDARG)
@@ -237,7 +238,7 @@ _SHARED_HANDLERS: Mapping[str, FunctionHandler] = {
     "Disconnect": lambda context, _: context.objects.release(context.object),
     "GetVariableNames": _variable_names,
 }
-"""Handlers by verb, for functions that several classes have."""
+"""Handlers by verb, for functions that several classes of objects have."""
 
 _OWN_HANDLERS: Mapping[str, FunctionHandler] = {
     "Controller_GetMessage": _get_message,
@@ -298,5 +299,5 @@ def _handler(function: Function) -> FunctionHandler | None:
 FUNCTION_HANDLERS: Mapping[int, tuple[ObjectClass, FunctionHandler | None]] = {
     function.id: (function.owner, _handler(function)) for function in FUNCTIONS.values() if function.id > 3
 }
-"""By function id: the class of object that it is called on, and its handler; None if it is not
-implemented."""
+"""Class of object that a function is called on, and the function's handler (None if not implemented), by
+function id."""

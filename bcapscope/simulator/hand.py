@@ -1,12 +1,12 @@
-"""A hand with two parallel fingers: width, force, and what it holds, over time.
+"""Model of a hand with two parallel fingers: width, force and gripped object over time.
 
 Sources of `COBOTTA_HAND`: DENSORobot/denso_cobotta_ros denso_cobotta_gripper/config/gripper_parallel.yaml
 (stroke, speed, acceleration, force). Sources of `TWO_FINGER_HAND`: the documentation of TwofgGrip quoted in
-nkawa/Denso_CobottaPro900_MQTT_Control (force, speed in percent, width of an external grip). Three things are
-assumed: the speed of a grip without speed parameter, the second hand's speed in mm/s, and that both hands
-start open.
+nkawa/Denso_CobottaPro900_MQTT_Control (force, speed in percent, width of an external grip). No source gives
+the speed of a grip without speed parameter, the second hand's speed in mm/s, or the start position: both
+hands are assumed to start open.
 
-Times are ns, widths mm, speeds mm/s.
+All times are in ns, widths in mm, and speeds in mm/s.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ TWO_FINGER_HAND = HandLimits(1.0, 39.0, 100.0, 1000.0, 20.0, 10.0, 20.0, 140.0)
 
 
 class HandMotion(NamedTuple):
-    """A motion that accelerates, keeps its speed and brakes.
+    """A motion of the fingers that accelerates, keeps its speed and brakes.
 
     Attributes:
         speed: Highest speed reached.
@@ -55,7 +55,7 @@ class HandMotion(NamedTuple):
 
     @classmethod
     def plan(cls, start: float, goal: float, began: int, speed: float, acceleration: float) -> HandMotion:
-        """Plan a motion; a short one does not reach `speed`."""
+        """Plan a motion of the fingers; a short motion does not reach `speed`."""
         return cls(start, goal, began, min(speed, sqrt(abs(goal - start) * acceleration)), acceleration)
 
     @property
@@ -95,13 +95,13 @@ class HandMotion(NamedTuple):
 
 
 class Hand:
-    """The fingers, and an object that may be between them.
+    """The two fingers of a hand, and an object that may be between the fingers.
 
     Attributes:
-        object_width: Width of the object between the open fingers, mm; None if there is none.
+        object_width: Width in mm of the object between the open fingers; None without an object.
         motion_count: Number of motions and stops so far.
         stopped_by: Result of the last stop.
-        ends: Time of the end of the last motion, past or future.
+        ends: Time in ns at which the last motion ended or will end.
     """
 
     def __init__(self, limits: HandLimits, object_width: float | None = None) -> None:
@@ -122,22 +122,22 @@ class Hand:
         return now < self.ends
 
     def is_gripping(self, now: int) -> bool:
-        """Return whether the fingers press on the object."""
+        """Return whether the fingers press on an object."""
         return self._force > 0 and self._touches_object and not self.is_moving(now)
 
     def force(self, now: int) -> float:
-        """Return the force on the object, N; 0 if the hand does not grip."""
+        """Return the force on the object in N; 0 if the hand does not grip."""
         return self._force if self.is_gripping(now) else 0.0
 
     @property
     def collides_at(self) -> int | None:
-        """Time at which fingers that do not grip touch the object; None if they never do."""
+        """Time in ns at which fingers hit the object in a motion that is no grip; None if they never do."""
         return self.ends if self._touches_object and not self._force else None
 
     def move(self, goal: float, speed: float, now: int, force: float = 0.0) -> int:
-        """Begin a motion to `goal` mm at `speed` mm/s; return the time of its end.
+        """Begin a motion to `goal` mm at `speed` mm/s; return the time in ns of its end.
 
-        With a `force` (N), the motion is a grip.
+        With a `force` in N, the motion is a grip.
         """
         start, thing = self.width(now), self.object_width
         self._touches_object = thing is not None and goal < thing <= start
@@ -149,7 +149,7 @@ class Hand:
         return self.ends
 
     def stop(self, now: int, result: int) -> None:
-        """Stop moving fingers; the call that waits for them answers `result`. A grip stays."""
+        """Stop moving fingers; the call that waits for the motion returns `result`. A grip stays."""
         if self.is_moving(now) or self.collides_at is not None:
             self._final_width = self.width(now)
             self.ends = now
@@ -158,6 +158,6 @@ class Hand:
             self.motion_count += 1
 
     def lose_grip(self) -> None:
-        """Lose the grip, as happens without power."""
+        """Release the gripped object, as happens without the motor's power."""
         self._force = 0.0
         self._touches_object = False

@@ -1,13 +1,12 @@
 """Commands of the hands: COBOTTA's electric and vacuum hand, the extension Hand0, and the 2FG hand.
 
-Parameters: ShoheiKobata/orin_bcap_python_samples and public ROS bridges of COBOTTA (HandMove..., HandCurPos,
-HandHoldState), DENSORobot/denso_cobotta_ros issue 22 (HandMoveH, HandChuck, options), and DENSO's texts in
-nkawa/Denso_CobottaPro900_MQTT_Control (HandGrip, HandRelease, Twofg...). Codes: the list of controller errors
-there. What happens to fingers that touch an object without gripping: DENSORobot/denso_robot_ros issue 46.
-That the hand needs the motor: DENSORobot/denso_cobotta_ros denso_cobotta_gripper.
-
-A call lasts as long as its motion. The samples send the next command at once, and a moving hand would refuse
-it.
+Sources for parameters: ShoheiKobata/orin_bcap_python_samples and public ROS bridges of COBOTTA (HandMove...,
+HandCurPos, HandHoldState), DENSORobot/denso_cobotta_ros issue 22 (HandMoveH, HandChuck, options), and DENSO's
+texts in nkawa/Denso_CobottaPro900_MQTT_Control (HandGrip, HandRelease, Twofg...). Source for the codes: the
+list of controller errors in nkawa/Denso_CobottaPro900_MQTT_Control. Source for fingers that touch an object
+without gripping it: DENSORobot/denso_robot_ros issue 46. Source for the fact that the hand needs the motor:
+DENSORobot/denso_cobotta_ros denso_cobotta_gripper. A call lasts as long as its motion. The samples send the
+next command at once, and a moving hand would refuse it.
 """
 
 from __future__ import annotations
@@ -40,20 +39,20 @@ from bcapscope.simulator.result_codes import (
 )
 
 _CHUCK_SHARE, _CHUCK_FORCE = 0.5, 10.0
-"""Share of the top speed, and force in N, of a grip whose data the controller stores; assumed."""
+"""Assumed data that the controller stores for a grip: share of the top speed, and force in N."""
 
 _WEAKEST_SUCTION = 40.0
 """Percent: DENSORobot/denso_cobotta_ros denso_cobotta_gripper/config/gripper_vacuum.yaml."""
 
 _EXTERNAL_GRIP = 1
-"""Mode of the 2FG hand: it grips from outside."""
+"""Mode of the 2FG hand in which the hand grips from outside."""
 
 _SUCTION, _SUCTION_LOAD = -0.5, 50.0
-"""Pressure in kPa per percent of power, and load in percent, of the vacuum hand; assumed."""
+"""Assumed data of the vacuum hand: pressure in kPa per percent of power, and load in percent."""
 
 
 def _move_to(context: CallContext, parameter: Variant, relative: bool = False) -> HandlerOutcome:
-    """Run HandMoveA or HandMoveR: width or distance [mm], speed [%]."""
+    """Run HandMoveA or HandMoveR with the parameters width or distance [mm], speed [%]."""
     items, hand = items_of(parameter), context.machine.equipment.hand
     goal = _goal(context, argument_at(items, 0), relative)
     speed = _speed(hand, argument_at(items, 1))
@@ -62,7 +61,7 @@ def _move_to(context: CallContext, parameter: Variant, relative: bool = False) -
 
 
 def _move_and_grip(context: CallContext, parameter: Variant, relative: bool = False) -> HandlerOutcome:
-    """Run HandMoveAH or HandMoveRH: width or distance [mm], speed [%], force [N]."""
+    """Run HandMoveAH or HandMoveRH with the parameters width or distance [mm], speed [%], force [N]."""
     items, hand = items_of(parameter), context.machine.equipment.hand
     goal = _goal(context, argument_at(items, 0), relative)
     speed, force = _speed(hand, argument_at(items, 1)), _force(hand, argument_at(items, 2))
@@ -71,7 +70,7 @@ def _move_and_grip(context: CallContext, parameter: Variant, relative: bool = Fa
 
 
 def _grip(context: CallContext, parameter: Variant) -> HandlerOutcome:
-    """Run HandMoveH: force [N], whether to close."""
+    """Run HandMoveH with the parameters force [N] and whether to close."""
     items, hand = items_of(parameter), context.machine.equipment.hand
     force = _force(hand, argument_at(items, 0))
     closes = number_of(argument_at(items, 1)) != 0
@@ -80,19 +79,22 @@ def _grip(context: CallContext, parameter: Variant) -> HandlerOutcome:
 
 
 def _chuck(context: CallContext, parameter: Variant) -> HandlerOutcome:
-    """Run HandChuck, or Chuck of Hand0: close with the force that the controller stores."""
+    """Run HandChuck, or Chuck of Hand0, which closes the hand with the force that the controller stores."""
     limits = context.machine.equipment.hand.limits
     return _begin_motion(context, limits.narrowest, limits.speed * _CHUCK_SHARE, _CHUCK_FORCE)
 
 
 def _unchuck(context: CallContext, parameter: Variant) -> HandlerOutcome:
-    """Run HandUnChuck, or UnChuck of Hand0: open."""
+    """Run HandUnChuck, or UnChuck of Hand0, which opens the hand."""
     limits = context.machine.equipment.hand.limits
     return _begin_motion(context, limits.widest, limits.speed * _CHUCK_SHARE, 0.0)
 
 
 def _suck(context: CallContext, parameter: Variant) -> None:
-    """Run HandMoveVH of the vacuum hand: power [%], whether to draw in. HandStop ends it."""
+    """Run HandMoveVH of the vacuum hand with the parameters power [%] and whether to draw in.
+
+    HandStop ends the vacuum.
+    """
     items = items_of(parameter)
     power = float(number_of(argument_at(items, 0)))
     draws = number_of(argument_at(items, 1)) != 0
@@ -103,7 +105,7 @@ def _suck(context: CallContext, parameter: Variant) -> None:
 
 
 def _stop(context: CallContext, parameter: Variant) -> None:
-    """Run HandStop: a running motion answers 835002FF, and the vacuum goes off."""
+    """Run HandStop: the call of a running motion returns 835002FF, and the vacuum goes off."""
     equipment = context.machine.equipment
     equipment.hand.stop(context.now, HAND_STOPPED)
     equipment.vacuum = 0.0
@@ -112,7 +114,7 @@ def _stop(context: CallContext, parameter: Variant) -> None:
 def _begin_motion(
     context: CallContext, goal: float, speed: float, force: float, is_next: bool = False
 ) -> RunningCall | None:
-    """Begin a motion of COBOTTA's hand, unless the state forbids it, the motor is off or the hand moves."""
+    """Begin a motion of COBOTTA's hand, unless the state or the motor forbids it or the hand moves."""
     hand = context.machine.equipment.hand
     _check_ready(context)
     _check_not_moving(context, hand)
@@ -154,7 +156,7 @@ def _check_width(hand: Hand, width: float, result: int) -> None:
 
 
 def _speed(hand: Hand, part: Variant) -> float:
-    """Read a speed in percent; return it in mm/s."""
+    """Read a speed in percent, and return the speed in mm/s."""
     percent = float(number_of(part))
     if not hand.limits.slowest <= percent <= 100:
         raise RefusedError(HAND_SETTING)
@@ -169,12 +171,12 @@ def _force(hand: Hand, part: Variant) -> float:
 
 
 def _has_next_option(rest: tuple[Variant, ...]) -> bool:
-    """Return whether the call answers before the motion ends; the option DetectOn has no effect here."""
+    """Return whether the call returns before the motion ends; the option DetectOn has no effect."""
     return any("next" in text_of(item).casefold().replace(",", " ").split() for item in rest)
 
 
 def _two_finger_grip(context: CallContext, parameter: Variant) -> HandlerOutcome:
-    """Run TwofgGrip: width [mm], force [N], speed [%], whether to wait; a wait without grip fails."""
+    """Run TwofgGrip with width [mm], force [N], speed [%], whether to wait; a wait without a grip fails."""
     items, hand = items_of(parameter), context.machine.equipment.gripper
     width = float(number_of(argument_at(items, 0)))
     force, speed = _force(hand, argument_at(items, 1)), _speed(hand, argument_at(items, 2))
@@ -184,7 +186,7 @@ def _two_finger_grip(context: CallContext, parameter: Variant) -> HandlerOutcome
 
 
 def _two_finger_release(context: CallContext, parameter: Variant) -> HandlerOutcome:
-    """Run TwofgRelease: width [mm], whether to wait."""
+    """Run TwofgRelease with the parameters width [mm] and whether to wait."""
     items, hand = items_of(parameter), context.machine.equipment.gripper
     width = float(number_of(argument_at(items, 0)))
     _check_width(hand, width, HAND_SETTING)
@@ -204,13 +206,13 @@ def _two_finger_move(
 
 
 def _hand_grip(context: CallContext, parameter: Variant) -> HandlerOutcome:
-    """Run HandGrip: close the 2FG hand with the data that the controller stores."""
+    """Run HandGrip, which closes the 2FG hand with the data that the controller stores."""
     limits = context.machine.equipment.gripper.limits
     return _two_finger_move(context, limits.narrowest, limits.speed * _CHUCK_SHARE, limits.weakest)
 
 
 def _hand_release(context: CallContext, parameter: Variant) -> HandlerOutcome:
-    """Run HandRelease: open the 2FG hand."""
+    """Run HandRelease, which opens the 2FG hand."""
     limits = context.machine.equipment.gripper.limits
     return _two_finger_move(context, limits.widest, limits.speed * _CHUCK_SHARE, 0.0)
 
@@ -220,7 +222,7 @@ def _width(context: CallContext, parameter: Variant) -> Variant:
 
 
 def _of_gripper(read: Callable[[Hand, int], Variant]) -> CommandHandler:
-    """Make a command that reads the 2FG hand; `read` also takes the time in ns."""
+    """Make a handler that reads the 2FG hand; `read` gets the hand and the time in ns."""
     return lambda context, parameter: read(context.machine.equipment.gripper, context.now)
 
 
@@ -239,7 +241,7 @@ HAND_COMMANDS: CommandTable = {
     "handcurpressure": lambda context, _: r8(context.machine.equipment.vacuum * _SUCTION),
     "handcurload": lambda context, _: r8(_SUCTION_LOAD if context.machine.equipment.vacuum else 0.0),
 }
-"""Commands of Controller_Execute by their names in lower case."""
+"""Handlers of the hand commands of Controller_Execute by the commands' names in lower case."""
 
 GRIPPER_COMMANDS: CommandTable = {
     "handgrip": _hand_grip,
@@ -257,7 +259,7 @@ GRIPPER_COMMANDS: CommandTable = {
     "twofggetmaxwidth": _of_gripper(lambda hand, now: r8(hand.limits.widest)),
     "twofggetforce": _of_gripper(lambda hand, now: r8(hand.force(now))),
 }
-"""Commands of Robot_Execute by their names in lower case."""
+"""Handlers of the hand commands of Robot_Execute by the commands' names in lower case."""
 
 HAND_EXTENSION_COMMANDS: CommandTable = {"curpos": _width, "chuck": _chuck, "unchuck": _unchuck}
-"""Commands of the extension Hand0 by their names in lower case."""
+"""Handlers of the commands of the extension Hand0 by the commands' names in lower case."""

@@ -1,9 +1,9 @@
-"""A simple arm: joints to position and back.
+"""Kinematics of a simple arm: joints to position, and position to joints.
 
-No public source gives the link lengths of the real arms, so this arm is our own. J1 turns about the vertical.
-J2 and J3 move two links of equal length in a vertical plane. The wrist has no length: J4, J5 and J6 are Rx,
-Ry and Rz themselves. The conversion is exact in both directions, which is all that clients and tests need. It
-is no model of any DENSO robot.
+No public source gives the link lengths of the real arms, so the simulated arm has lengths of its own. J1
+turns about the vertical. J2 and J3 move two links of equal length in a vertical plane. The wrist has no
+length: J4, J5 and J6 are Rx, Ry and Rz themselves. The conversion is exact in both directions, which is all
+that clients and tests need. The simulated arm is no model of any DENSO robot.
 """
 
 from __future__ import annotations
@@ -19,21 +19,21 @@ from bcapscope.simulator.call_outcome import RefusedError
 from bcapscope.simulator.result_codes import POSITION_LIMIT
 
 Joints: TypeAlias = tuple[float, ...]
-"""Eight joints in degrees; the arm lacks the last two, which stay 0."""
+"""Eight joints in degrees; the arm lacks the last two joints, which stay 0."""
 
 AXIS_COUNT = 6
 SHOULDER_HEIGHT = 400.0
 LINK_LENGTH = 350.0
-"""mm; the arm reaches 700 mm from its shoulder."""
+"""Lengths in mm; the arm reaches 700 mm from its shoulder."""
 
 HOME: Joints = (0.0, 0.0, 90.0, 0.0, 90.0, 0.0, 0.0, 0.0)
 
 FIG = 1.0
-"""Posture of every result; the Fig of a parameter is ignored."""
+"""Fig of every computed position; the Fig of a parameter is ignored."""
 
 
 class AxisLimit(NamedTuple):
-    """Limits of one joint: degrees, degrees a second, degrees a second squared."""
+    """Limits of one joint in degrees, degrees per second, and degrees per second squared."""
 
     low: float
     high: float
@@ -49,8 +49,8 @@ AXIS_LIMITS: tuple[AxisLimit, ...] = (
     AxisLimit(-120.0, 120.0, 400.0, 8000.0),
     AxisLimit(-360.0, 360.0, 700.0, 14000.0),
 )
-"""Limits of an arm of that size, wide enough for the set points in DENSO Wave 2009, How to use the Slave
-mode; the figures are our own."""
+"""Limits of the simulated arm, wide enough for the set points in DENSO Wave 2009, How to use the Slave mode.
+The figures are assumed."""
 
 
 _P, _J, _T = PoseType.P, PoseType.J, PoseType.T
@@ -59,13 +59,13 @@ _NOT_THERE = _ZEROS[AXIS_COUNT:]
 
 
 def pad_joints(values: tuple[float, ...]) -> Joints:
-    """Drop values after the sixth, which the arm lacks, and fill up with zeros to eight joints."""
+    """Drop values after the sixth, which the arm lacks, and append zeros up to eight joints."""
     return (values[:AXIS_COUNT] + _ZEROS)[:8]
 
 
 def axis_beyond_limit(joints: Joints, limits: tuple[AxisLimit, ...] = AXIS_LIMITS) -> int | None:
-    """Return the first axis (1..6) outside its limits, or None."""
-    # Every slvMove calls this; a loop takes three times as long.
+    """Return the number (1..6) of the first axis outside its limits, or None."""
+    # Unrolled for speed: every slvMove calls this function, and a loop takes three times as long.
     j1, j2, j3, j4, j5, j6, _, _ = joints
     l1, l2, l3, l4, l5, l6 = limits
     if (
@@ -85,7 +85,7 @@ def _is_within(joint: float, limit: AxisLimit) -> bool:
 
 
 def position(joints: Joints) -> tuple[float, ...]:
-    """Compute X, Y, Z (mm), Rx, Ry, Rz (degrees) and Fig."""
+    """Compute X, Y, Z (mm), Rx, Ry, Rz (degrees) and Fig from joints."""
     first, second, elbow = (radians(value) for value in joints[:3])
     radius = LINK_LENGTH * (sin(second) + sin(second + elbow))
     height = SHOULDER_HEIGHT + LINK_LENGTH * (cos(second) + cos(second + elbow))
@@ -93,7 +93,7 @@ def position(joints: Joints) -> tuple[float, ...]:
 
 
 def joints_of_position(values: tuple[float, ...]) -> Joints:
-    """Compute the joints that reach X, Y, Z, Rx, Ry, Rz; the elbow is outside, and J1 points to the target.
+    """Compute the joints that reach X, Y, Z, Rx, Ry, Rz, with the elbow outside and J1 towards the target.
 
     Raises:
         RefusedError: The position is out of reach.
@@ -109,7 +109,7 @@ def joints_of_position(values: tuple[float, ...]) -> Joints:
 
 
 def trans(joints: Joints) -> tuple[float, ...]:
-    """Compute the T type: X, Y, Z, orientation vector, approach vector, Fig.
+    """Compute a T-type pose from joints: X, Y, Z, orientation vector, approach vector, Fig.
 
     The vectors are the second and third column of the rotation Rz·Ry·Rx.
     """
@@ -128,7 +128,7 @@ def trans(joints: Joints) -> tuple[float, ...]:
 
 
 def joints_of_trans(values: tuple[float, ...]) -> Joints:
-    """Compute the joints that reach a pose of T type; raises as `joints_of_position`."""
+    """Compute the joints that reach a T-type pose; raise RefusedError as `joints_of_position` does."""
     ox, oy, oz, ax, ay, az = values[3:9]
     nx, ny, nz = oy * az - oz * ay, oz * ax - ox * az, ox * ay - oy * ax
     pitch = asin(max(-1.0, min(1.0, -nz)))
@@ -161,4 +161,4 @@ FEWEST_NUMBERS: Mapping[PoseType, int] = {_P: 6, _J: 6, _T: 9}
 POSE_LENGTHS: Mapping[PoseType, range] = {
     pose_type: range(FEWEST_NUMBERS[pose_type], len(axes) + 2) for pose_type, axes in AXES.items()
 }
-"""Allowed numbers of values in a set point: Fig may be missing, and one more value may follow."""
+"""Allowed lengths of a set point, by pose type: Fig may be missing, and one more value may follow."""

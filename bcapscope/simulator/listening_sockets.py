@@ -10,21 +10,22 @@ from bcapscope.messages.os_errors import os_reason
 from bcapscope.transport.receive_timestamps import enable_receive_timestamps
 
 _RECEIVE_BUFFER = 4 << 20
-"""Bytes of datagrams that may wait while others are answered; the system may grant less."""
+"""Requested size in bytes of the buffer for waiting datagrams; the system may grant less."""
 
 _BACKLOG = 1024
-"""Connections that wait to be accepted. If there are more, a new client retries after a second."""
+"""Maximum number of connections that wait to be accepted. Beyond this number, a new client retries after a
+second."""
 
 
 class SimulatorListenError(BcapError):
-    """An address cannot be listened on."""
+    """The simulator cannot listen on an address."""
 
 
 def open_sockets(host: str, port: int) -> tuple[socket.socket, socket.socket]:
-    """Open a UDP and a TCP socket on one port; port 0 picks one that is free on both.
+    """Open a UDP and a TCP socket on one port; port 0 picks a port that is free for both.
 
     Raises:
-        SimulatorListenError: The address or port cannot be used.
+        SimulatorListenError: The simulator cannot listen on the address or port.
     """
     tries = 1 if port else 20
     for last in range(tries - 1, -1, -1):
@@ -35,7 +36,7 @@ def open_sockets(host: str, port: int) -> tuple[socket.socket, socket.socket]:
             tcp.close()
             if not last:
                 raise
-    raise AssertionError("one of the tries returns or raises")
+    raise AssertionError("each attempt but the last continues, and the last returns or raises")
 
 
 def _bind(host: str, port: int, kind: socket.SocketKind) -> socket.socket:

@@ -1,8 +1,8 @@
 """The controller that all clients share: modes, motor, arm, tasks, errors, and how time changes them.
 
-Which conditions are checked, and the codes of the refusals: the public list of controller errors in
+Sources for the checked conditions and the codes of refusals: the public list of controller errors in
 nkawa/Denso_CobottaPro900_MQTT_Control and the issues of DENSORobot/denso_robot_ros. The order of the checks
-and all durations are our own. Times are ns of a clock that the caller passes in.
+and all durations are assumed. All times are ns of the caller's clock.
 """
 
 from __future__ import annotations
@@ -37,13 +37,14 @@ from bcapscope.simulator.variable_memory import VariableMemory
 MOTOR_ON_TIME = 400 * MS
 MANUAL, TEACH_CHECK, AUTOMATIC = 1, 2, 3
 READY, RUNNING = 2, 3
-"""States of a task: ShoheiKobata/orin_bcap_python_samples, GetStatus."""
+"""States of a task, from GetStatus in ShoheiKobata/orin_bcap_python_samples."""
 
 ROBSLAVE = "RobSlave"
 ROBOT_TYPE = "BCAPSCOPE-SIM6"
 
 OTHER_CLIENT = 0
-"""Owner of the arm that is no client: the pendant, or a client on another network. Clients count from 1."""
+"""Number of an owner of the arm that is no client: the pendant, or a client on another network. Clients have
+numbers from 1."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,18 +52,19 @@ class InitialState:
     """State of the controller when it is switched on.
 
     Attributes:
-        joints: Eight joints, degrees.
-        mode: 1 manual, 2 teach check, 3 automatic.
+        joints: Eight joints in degrees.
+        mode: Position of the mode switch: 1 manual, 2 teach check, 3 automatic.
         token: Whether Ethernet has the executable token.
-        motor_time: Time that the motor takes to go on, ns.
+        motor_time: Time in ns that the motor takes to go on.
         speed: External speed in percent, as set on the pendant.
-        tasks: Names of the loaded programs, of which `running` run.
-        errors: Active errors, oldest first.
-        empty: Names of variables of the robot that answer EMPTY, in capitals.
+        tasks: Names of the loaded programs; `running` names those that run.
+        errors: Codes of the active errors, oldest first.
+        empty: Names, in capitals, of robot variables whose value is EMPTY.
         arm_taken: Whether a client outside this network has the arm.
-        object_width: Width of an object between the fingers of the hands, mm; None for no object.
-        udp_clients: Places on UDP that half-open clients hold; `tcp_clients` are those on TCP.
-        epoch: Time 0 of the model's clock, ns since 1970.
+        object_width: Width in mm of an object between the fingers of the hands; None for no object.
+        udp_clients: Number of client places that half-open UDP clients occupy; `tcp_clients` is the number
+            over TCP.
+        epoch: Time in ns since 1970 at which the model's clock is 0.
     """
 
     joints: Joints = HOME
@@ -87,7 +89,7 @@ class InitialState:
 
 @dataclass(slots=True)
 class Speeds:
-    """Speeds and accelerations in percent; the external ones scale the internal ones."""
+    """Speeds and accelerations in percent; the external values scale the internal values."""
 
     external: float = 100.0
     external_acceleration: float = 100.0
@@ -97,9 +99,9 @@ class Speeds:
     deceleration: float = 100.0
 
     def effective_share(self, speed: float | None) -> float:
-        """Return a motion's share of the highest speed, at least 0.001 and at most 1.
+        """Return the speed of a motion as a share of the highest speed, from 0.001 to 1.
 
-        `speed` is the internal speed in percent; None for the robot's own setting.
+        `speed` is the internal speed in percent; None means the robot's own setting.
         """
         internal = self.internal if speed is None else speed
         return max(0.001, min(1.0, self.external * internal / 10_000))
@@ -111,9 +113,9 @@ class Machine:
     Attributes:
         owner: Number of the client that has the arm; None if no client has it.
         open_objects: Objects that each client has opened, by client number.
-        stop_count: Number of stops of motion so far: Robot_Halt, errors, the emergency stop.
+        stop_count: Number of times that Robot_Halt, an error or the emergency stop stopped motion so far.
         stopped_by: Result of the last stop.
-        current_move: The last ordinary motion; None if it was stopped.
+        current_move: The last ordinary motion; None if that motion was stopped.
         equipment: The hands and other equipment.
     """
 
@@ -151,7 +153,7 @@ class Machine:
 
     @property
     def free_at(self) -> int:
-        """Time from which another motion may begin, ns."""
+        """Time in ns from which another motion may begin."""
         return self.current_move.done_at if self.current_move else self.started_at
 
     @property
@@ -162,7 +164,10 @@ class Machine:
         return self._motor_at is not None and now >= self._motor_at
 
     def switch_motor(self, on: bool, now: int) -> int:
-        """Switch the motor; return the time at which that is done, ns. Refused as by `check_state`."""
+        """Switch the motor on or off; return the time in ns at which the switching is done.
+
+        The call is refused under the conditions of `check_state`.
+        """
         if not on:
             self._lose_power()
             self.stop(now, MOTOR_IS_OFF, is_reported=False)
@@ -173,7 +178,7 @@ class Machine:
         return self._motor_at
 
     def check_state(self) -> None:
-        """Refuse a call on emergency stop or error, outside automatic mode, or without executable token."""
+        """Refuse a call during an emergency stop or error, outside automatic mode, or without token."""
         if self.emergency:
             raise RefusedError(EMERGENCY_STOP)
         if self.alarms.active:
@@ -184,14 +189,14 @@ class Machine:
             raise RefusedError(NO_TOKEN)
 
     def check_motion(self, client: int, now: int) -> None:
-        """Refuse a motion unless everything is ready: `check_state`, the motor, the arm."""
+        """Refuse a motion unless `check_state` passes, the motor is on and the client has the arm."""
         self.check_state()
         if not self.motor_is_on(now):
             raise RefusedError(MOTOR_IS_OFF)
         self.check_arm(client)
 
     def check_arm(self, client: int) -> None:
-        """Refuse a call that needs the arm, unless this client has it or the controller has no TakeArm."""
+        """Refuse a call unless this client has the arm, or the controller has no TakeArm."""
         if self.profile.needs_arm and self.owner != client:
             raise RefusedError(E_ARM_NOT_TAKEN)
 
@@ -211,11 +216,11 @@ class Machine:
             raise RefusedError(SOFTWARE_LIMIT + axis)
 
     def stop(self, now: int, code: int, is_reported: bool = True) -> None:
-        """End motions and slave mode at once; calls that wait for them answer `code`.
+        """End motions and slave mode at once; calls that wait for these return `code`.
 
-        Unless `is_reported` says that a client receives the code anyway, the next slvMove answers it (issues
-        20 and 49 of DENSORobot/denso_robot_ros). Later slvMove answer that slave mode is off (issues 6 and
-        42).
+        If slave mode was on, the next slvMove returns `code`, unless `is_reported` says that a client
+        receives it anyway (issues 20 and 49 of DENSORobot/denso_robot_ros). Later calls of slvMove return
+        that slave mode is off (issues 6 and 42).
         """
         self.slave.leave(0 if is_reported else code)
         self.arm.halt(now)
@@ -225,11 +230,11 @@ class Machine:
         self.current_move = None
 
     def raise_error(self, code: int, now: int, is_reported: bool = False) -> None:
-        """Raise an error: motions and slave mode end, RobSlave stops; it stays active until ClearError.
+        """Raise an error, which stays active until ClearError: motions and slave mode end, RobSlave stops.
 
         The motor goes off at level 4 and above, and at a set point beyond a limit (list of controller errors
-        in nkawa/Denso_CobottaPro900_MQTT_Control). It also goes off at the emergency stop. `is_reported` is
-        as for `stop`.
+        in nkawa/Denso_CobottaPro900_MQTT_Control). The motor also goes off at the emergency stop.
+        `is_reported` is as for `stop`.
         """
         self.alarms.add(code, now)
         self.stop(now, code, is_reported)
@@ -244,28 +249,28 @@ class Machine:
         The error is listed once, however often the client repeats the call. Otherwise 32 set points in a row
         would push the error that ended slave mode out of the list.
 
-        A real RC8 lists 83500121 and 83501032 as current errors (DENSORobot/denso_robot_ros issue 42). That
-        an RC7 does the same is assumed from DENSO Wave 2009, How to use the Slave mode: any result other than
-        S_OK stops RobSlave and ends slave mode.
+        A real RC8 lists 83500121 and 83501032 as current errors (DENSORobot/denso_robot_ros issue 42). It is
+        assumed that an RC7 does the same, because any result other than S_OK stops RobSlave and ends slave
+        mode (DENSO Wave 2009, How to use the Slave mode).
         """
         if not self.alarms.is_active(code):
             self.raise_error(code, now, is_reported=True)
         raise RefusedError(code)
 
     def clear_errors(self) -> None:
-        """Clear the active errors; slvMove does not answer a cleared one."""
+        """Clear the active errors; slvMove no longer returns a cleared error."""
         self.alarms.clear()
         self.slave.unreported_result = 0
 
     def switch_mode(self, mode: int, now: int) -> None:
-        """Turn the mode switch; leaving automatic mode ends all motion and switches the motor off."""
+        """Turn the mode switch; without automatic mode, all motion ends and the motor goes off."""
         self.mode = mode
         if mode != AUTOMATIC:
             self._lose_power()
             self.stop(now, NOT_AUTOMATIC, is_reported=False)
 
     def start_task(self, name: str) -> None:
-        """Start a program; refused as by `check_state`."""
+        """Start a program; refuse this under the conditions of `check_state`."""
         self.check_state()
         self.tasks[name.casefold()] = RUNNING
 
@@ -276,7 +281,7 @@ class Machine:
             self.stop(now, E_NOT_IN_SLAVE_MODE)
 
     def press_emergency_stop(self, now: int) -> None:
-        """Press the emergency stop: the motor goes off, and nothing moves until it is released."""
+        """Press the emergency stop: the motor goes off, and nothing moves until the stop is released."""
         self.emergency = True
         self.raise_error(EMERGENCY_STOP, now)
 
@@ -294,7 +299,7 @@ class Machine:
             self.raise_error(HAND_DEVIATION, collision)
 
     def due(self) -> int | None:
-        """Return the time of the next change that no call causes, ns; None if nothing is under way."""
+        """Return the time in ns of the next change that no call causes; None if nothing is in progress."""
         slave = self.slave
         due = None if slave.mode is None or slave.is_empty else slave.next_tick
         collision = self.equipment.hand.collides_at

@@ -1,9 +1,9 @@
 """Ordinary motions: Robot_Move, Drive, Approach, Depart, Halt, Hold, Unhold.
 
-Unless its option is NEXT, a call lasts until its motion ends: to the end of the command, or with @E until the
-encoders arrive. With @P, the next motion may begin when most of the time is over. Before that, the controller
-answers a second motion with 80010004, as in the ANSI-C client's b-Cap.h; that client then repeats its
-Robot_Move.
+Unless the option is NEXT, a call lasts as long as its motion: until the command ends, or with @E until the
+encoders arrive. With @P, the next motion may begin when most of the first motion's time is over. A second
+motion before that time is answered with 80010004, as in the ANSI-C client's b-Cap.h; that client then repeats
+its Robot_Move.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from bcapscope.simulator.timed_move import TimedMove
 
 IS_STOPPING = 0x83201404
 LONGEST_TIME = 3_600_000
-"""Longest TIME option, ms; our own limit."""
+"""Longest TIME option in ms; the limit is bcapscope's own."""
 
 _PTP, _LINE, _CIRCLE, _FREE_CURVE = 1, 2, 3, 4
 _BETWEEN_POSES = re.compile(r",\s*(?=[@PJT])", re.IGNORECASE)
@@ -46,7 +46,10 @@ _PAIR = re.compile(r"\(\s*([0-9]{1,2})\s*,\s*([^(),\s]+)\s*\)")
 
 
 def move(context: CallContext, interpolation: Variant, pose: Variant, option: Variant) -> HandlerOutcome:
-    """Run Robot_Move. Here, lines and circles are followed like PTP, and free curves hold no points."""
+    """Run Robot_Move.
+
+    The simulator executes lines and circles like PTP; free curves hold no points.
+    """
     kind, read = integer_of(interpolation), context.machine.memory.read
     if kind == _CIRCLE:
         targets = [parse_target(each, read) for each in _poses(pose)]
@@ -64,7 +67,7 @@ def move(context: CallContext, interpolation: Variant, pose: Variant, option: Va
 
 
 def _poses(pose: Variant) -> tuple[Variant, ...]:
-    """Return the poses of a circle, written as `P1, @E P2` or as an array of two."""
+    """Return the two poses of a circle, written as `P1, @E P2` or as an array."""
     if not isinstance(pose.value, str):
         return items_of(pose)
     return tuple(map(bstr, _BETWEEN_POSES.split(pose.value[:LONGEST_POSE_TEXT])))
@@ -77,7 +80,7 @@ def drive(
     option: str,
     passing: int | None = None,
 ) -> HandlerOutcome:
-    """Move single axes (1..6) by, or to, angles in degrees; `passing` None takes the pass from the option."""
+    """Move single axes (1..6) by, or to, angles in degrees; if `passing` is None, the option has the pass."""
     joints = list(context.machine.arm.goal)
     for axis, way in axis_moves:
         if not 1 <= axis <= AXIS_COUNT:
@@ -88,18 +91,18 @@ def drive(
 
 
 def halt(context: CallContext) -> None:
-    """Stop the arm at once; a running motion answers 83201404, and slave mode ends."""
+    """Stop the arm at once; the call of a running motion returns 83201404, and slave mode ends."""
     context.machine.stop(context.now, IS_STOPPING)
 
 
 def hold(context: CallContext) -> None:
-    """Pause the running motion, if any; its call keeps waiting."""
+    """Pause the running motion, if any; the motion's call keeps waiting."""
     if context.machine.current_move:
         context.machine.current_move.hold(context.now)
 
 
 def unhold(context: CallContext) -> None:
-    """Resume a paused motion of any client, unless the controller's state forbids motion."""
+    """Resume the paused motion of any client, unless the controller's state forbids motion."""
     machine = context.machine
     if machine.current_move and machine.is_held:
         machine.check_state()
@@ -107,7 +110,7 @@ def unhold(context: CallContext) -> None:
 
 
 def run_motion(context: CallContext, target: MotionTarget, option: str = "") -> HandlerOutcome:
-    """Begin a motion; refused if the robot is busy or not ready, or cannot reach the target."""
+    """Begin a motion; refuse it if the robot is busy or not ready, or cannot reach the target."""
     machine, now = context.machine, context.now
     machine.check_motion(context.client, now)
     if now < machine.free_at:
@@ -123,7 +126,7 @@ def run_motion(context: CallContext, target: MotionTarget, option: str = "") -> 
 
 
 class _MotionOptions(NamedTuple):
-    """Internal speed in percent or None, least duration in ns, and whether the call answers at once."""
+    """Internal speed in percent or None, minimum duration in ns, and whether the call returns at once."""
 
     speed: float | None
     time: int
@@ -131,10 +134,10 @@ class _MotionOptions(NamedTuple):
 
 
 def _parse_options(option: str, read: ReadVariable) -> _MotionOptions:
-    """Read an option such as `SPEED=50, TIME=2000, NEXT` or `S=F2`. It is assumed that TIME is in ms.
+    """Read an option such as `SPEED=50, TIME=2000, NEXT` or `S=F2`.
 
-    The option words are those of H. Suzuki, VE026A_JNI.java, and of the samples. ACCEL and DECEL are checked
-    but do not change the motion.
+    The unit of TIME, ms, is assumed. The names of the options come from VE026A_JNI.java by Suzuki and from
+    the samples. ACCEL and DECEL are checked but do not change the motion.
     """
     text = option[:LONGEST_POSE_TEXT].upper()
     given = {name: _option_number(value, read) for name, value in _OPTION.findall(text)}
@@ -166,14 +169,14 @@ def _parse_passing(option: str) -> int:
 
 
 def _before_position(joints: Joints, distance: float) -> Joints:
-    """Return the joints `distance` mm before a position, along the approach vector."""
+    """Return the joints for the point `distance` mm before a position, along its approach vector."""
     here = position(joints)
     vector = trans(joints)[6:9]
     return joints_of_position((*(a - distance * b for a, b in zip(here, vector, strict=False)), *here[3:]))
 
 
 def _distance(part: Variant) -> tuple[float, int]:
-    """Read `@P 10`, `10`, a number, or `[10, "", "@P"]`; return the distance in mm, and the pass."""
+    """Read a distance such as `@P 10`, `10`, a number, or `[10, "", "@P"]`; return it in mm, and the pass."""
     if isinstance(part.value, str):
         last = part.value.split()[-1:] or ["0"]
         return float(number_of(bstr(last[0]))), _parse_passing(part.value)
@@ -205,7 +208,7 @@ def _option(items: tuple[Variant, ...], index: int) -> str:
 
 
 def _drive_many(context: CallContext, parameter: Variant, absolute: bool) -> HandlerOutcome:
-    """Run DriveEx or DriveAEx: axes and angles as text or as pairs, then an option."""
+    """Run DriveEx or DriveAEx, whose parameters are axes and angles as text or as pairs, then an option."""
     items = items_of(parameter)
     axes = argument_at(items, 0)
     ways, passing = (
@@ -215,7 +218,7 @@ def _drive_many(context: CallContext, parameter: Variant, absolute: bool) -> Han
 
 
 def _axis_moves_of_text(text: str) -> tuple[list[tuple[int, float]], int | None]:
-    """Read `@E (1, 5), (2, -10)`; return axes with angles, and the pass."""
+    """Read text such as `@E (1, 5), (2, -10)`; return axes with angles, and the pass."""
     match = _AXES.fullmatch(text) if len(text) <= LONGEST_POSE_TEXT else None
     pairs = _PAIR.findall(match["pairs"]) if match else []
     if match is None or len(pairs) != match["pairs"].count("("):
@@ -237,7 +240,7 @@ def _axis_moves_of_pairs(axes: Variant) -> tuple[list[tuple[int, float]], int | 
 
 
 def _motion_skip(context: CallContext, parameter: Variant) -> None:
-    """Run MotionSkip: the running motion ends where the arm is, and its call succeeds."""
+    """Run MotionSkip, which ends the running motion where the arm is; the call of that motion succeeds."""
     machine, now = context.machine, context.now
     if machine.current_move and now < machine.free_at:
         machine.current_move.skip(now)
@@ -250,4 +253,4 @@ MOTION_COMMANDS: CommandTable = {
     "driveaex": partial(_drive_many, absolute=True),
     "motionskip": _motion_skip,
 }
-"""Commands of Robot_Execute by their names in lower case."""
+"""Handlers of the motion commands of Robot_Execute by the commands' names in lower case."""

@@ -1,7 +1,8 @@
 """The objects that a client has opened, by handle.
 
-A client has at most 1000 (orin_bcap C/src/bCAPServer/bcap_server.c). A handle is never used again, so that a
-released one differs from a new one. It is assumed that the release of an object releases its own objects.
+A client has at most 1000 objects (orin_bcap C/src/bCAPServer/bcap_server.c). A handle is never used again, so
+that a released handle differs from every new one. It is assumed that the release of an object also releases
+the objects opened from it.
 """
 
 from __future__ import annotations
@@ -18,9 +19,10 @@ from bcapscope.simulator.result_codes import OUT_OF_MEMORY, TYPE_MISMATCH
 MAX_OBJECTS = 1000
 LONGEST_NAME = 255
 LARGEST_VALUE = 4096
-"""Bytes of a tag or an ID that a client may store with an object; our own limit."""
+"""Maximum number of bytes of a tag or an ID that a client may store with an object; the limit is bcapscope's
+own."""
 
-_HANDLE_TYPES = (VT.I4, VT.UI4, VT.I2)  # types that the C server accepts
+_HANDLE_TYPES = (VT.I4, VT.UI4, VT.I2)  # VARIANT types that the C server accepts
 
 
 @dataclass(slots=True)
@@ -29,9 +31,10 @@ class ControllerObject:
 
     Attributes:
         parent: Object from which this one was opened; None for a controller.
-        tag: Any value that the client stored.
-        id: Any value that the client stored; the number of a variable whose name ends in `*`.
-        values: Other values of the class, such as a command's parameters.
+        tag: Value that the client stored with PutTag.
+        id: Value that the client stored with PutID; for a variable whose name ends in `*`, the variable's
+            number.
+        values: Other values that objects of this class hold, such as a command's parameters.
     """
 
     handle: int
@@ -54,7 +57,7 @@ class ObjectTable:
         return len(self._by_handle)
 
     def open(self, kind: ObjectClass, name: str, parent: ControllerObject | None) -> ControllerObject:
-        """Open an object; refused if the client has 1000 already, or if the name is too long."""
+        """Open an object; refuse this if the client already has 1000 objects or the name is too long."""
         if len(self._by_handle) >= MAX_OBJECTS:
             raise RefusedError(E_MAX_OBJECT)
         if len(name) > LONGEST_NAME:
@@ -65,7 +68,7 @@ class ObjectTable:
         return made
 
     def find(self, kind: ObjectClass, handle: Variant) -> ControllerObject:
-        """Return the object of a handle; refused if the handle is unknown or belongs to another class."""
+        """Return the object of a handle; refuse a handle that is unknown or belongs to another class."""
         value = handle.value
         found = self._by_handle.get(value) if handle.vt in _HANDLE_TYPES and isinstance(value, int) else None
         if found is None or found.kind is not kind:
@@ -75,7 +78,7 @@ class ObjectTable:
     def find_by_name(
         self, kind: ObjectClass, name: str, parent: ControllerObject | None
     ) -> ControllerObject | None:
-        """Return the open object of this name, in upper or lower case, or None."""
+        """Return the open object of this name, whatever its case, or None."""
         folded = name.casefold()
         for each in self._by_handle.values():
             if each.kind is kind and each.parent is parent and each.name.casefold() == folded:
@@ -99,7 +102,7 @@ def _belongs_to(each: ControllerObject | None, owner: ControllerObject) -> bool:
 
 
 def check_storable(value: Variant) -> Variant:
-    """Return a value to store; refused if it is too large, or of a type that cannot be sent back."""
+    """Return a value to store; refuse a value that is too large or of a type that cannot be sent back."""
     try:
         size = len(encode_variant(value))
     except LocalProtocolError:

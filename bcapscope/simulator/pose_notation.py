@@ -1,9 +1,9 @@
-"""Poses as clients write them: text, arrays, or arrays of both.
+"""Reading poses as clients write them: as text, arrays, or arrays of both.
 
 Examples: `@E J(0, 0, 90, 0)`, `@P P1`, a plain array of numbers, or a VARIANT array of numbers, type, pass
 and extra axes (ShoheiKobata/orin_bcap_python_samples, DENSORobot/denso_robot_ros2). The number of a variable
-may replace the numbers, as in `[1, "P", "@0"]`. The samples send it as VT_I4, and their README says VT_R4.
-They also write the pass before the type.
+may replace the numbers, as in `[1, "P", "@0"]`. ShoheiKobata's samples send this number as VT_I4, although
+their README says VT_R4. The samples also write the pass before the type.
 """
 
 from __future__ import annotations
@@ -22,10 +22,10 @@ from bcapscope.simulator.call_outcome import RefusedError
 from bcapscope.simulator.kinematics import FEWEST_NUMBERS, Joints, joints_of
 
 END_OF_ENCODERS = -2
-"""@E: the motion ends when the encoders arrive."""
+"""Pass @E: the motion ends when the encoders arrive."""
 
 PASSING = -1
-"""@P: the next motion may begin before this one ends."""
+"""Pass @P: the next motion may begin before this motion ends."""
 
 LONGEST_POSE_TEXT = 512
 
@@ -38,14 +38,14 @@ ReadVariable = Callable[[str, int], Variant]
 
 
 class MotionTarget(NamedTuple):
-    """Target of a motion: eight joints in degrees; passing -1 for @P, -2 for @E, else the distance of @n."""
+    """Target of a motion: eight joints in degrees; `passing` -1 for @P, -2 for @E, or the distance of @n."""
 
     joints: Joints
     passing: int
 
 
 class WrittenPose(NamedTuple):
-    """A pose as a client wrote it, with at least six numbers; `passing` as in `MotionTarget`."""
+    """A pose as a client wrote it, with at least six numbers; `passing` is as in `MotionTarget`."""
 
     type: PoseType
     values: tuple[float, ...]
@@ -53,7 +53,7 @@ class WrittenPose(NamedTuple):
 
 
 def parse_target(pose: Variant, read: ReadVariable) -> MotionTarget:
-    """Read the target of a motion, as `parse_pose`; refused if the arm cannot reach it."""
+    """Read the target of a motion with `parse_pose`; refuse a target that the arm cannot reach."""
     written = parse_pose(pose, read)
     return MotionTarget(joints_of(written.type, written.values), written.passing)
 
@@ -69,7 +69,7 @@ def parse_pose(pose: Variant, read: ReadVariable) -> WrittenPose:
 
 
 def parse_pass(part: Variant) -> int:
-    """Read a pass: `@P`, `@E`, `@10` or its number; 0 for an empty text."""
+    """Read a pass such as `@P`, `@E`, `@10` or its number; return 0 for an empty text."""
     if not isinstance(part.value, str):
         return argument_values.integer_of(part)
     match = re.fullmatch(r"\s*@([PE]|[0-9]{1,4})\s*|\s*", part.value[:LONGEST_POSE_TEXT], re.IGNORECASE)
@@ -79,7 +79,7 @@ def parse_pass(part: Variant) -> int:
 
 
 def parse_pass_text(text: str | None) -> int:
-    """Read the text after the `@` of a pass: `P`, `E` or a number; 0 for None."""
+    """Read the text after the `@` of a pass: `P`, `E` or a number; return 0 for None."""
     if text is None:
         return 0
     return {"P": PASSING, "E": END_OF_ENCODERS}.get(text.upper()) or int(text)
@@ -112,7 +112,7 @@ def _from_parts(items: tuple[Variant, ...], read: ReadVariable) -> WrittenPose:
 
 
 def _type_and_pass(parts: tuple[Variant, ...]) -> tuple[PoseType | None, int]:
-    """Read type and pass, in this order unless the first is a text with `@`."""
+    """Read pose type and pass, in this order unless the first part is a text with `@`."""
     if parts and isinstance(parts[0].value, str) and "@" in parts[0].value:
         parts = (parts[1] if len(parts) > 1 else argument_values.bstr(""), parts[0])
     type_ = _type(parts[0]) if parts else None
@@ -124,7 +124,7 @@ def _is_number(item: Variant) -> bool:
 
 
 def _is_index(items: tuple[Variant, ...]) -> bool:
-    """Return whether an array holds number, type and pass of a variable; a pose has at least six numbers."""
+    """Return whether an array is the number, type and pass of a variable, not the numbers of a pose."""
     return 1 < len(items) <= 4 and _is_number(items[0])
 
 
@@ -136,7 +136,7 @@ def _make_pose(type_: PoseType | None, numbers: tuple[float, ...], passing: int)
 
 
 def _type(part: Variant) -> PoseType | None:
-    """Read a pose type; None for an empty text, and for -1, which means no type."""
+    """Read a pose type; return None for an empty text, and for -1, which means no type."""
     value = part.value
     letter = (
         value.strip() if isinstance(value, str) else POSE_TYPES.get(argument_values.integer_of(part), "?")

@@ -1,4 +1,4 @@
-"""Poses relative to each other: X, Y, Z in mm, Rx, Ry, Rz in degrees, and further numbers such as Fig.
+"""Conversion of poses between coordinate systems: X, Y, Z in mm, Rx, Ry, Rz in degrees, and other numbers.
 
 The rotation of a pose is Rz·Ry·Rx, as in `kinematics.trans`.
 """
@@ -17,13 +17,13 @@ PoseNumbers: TypeAlias = tuple[float, ...]
 
 
 def moved_in_base(pose: PoseNumbers, deviation: PoseNumbers) -> PoseNumbers:
-    """Move a pose along and about the axes of the base; return six numbers."""
+    """Move and turn a pose along and about the axes of the base; return six numbers."""
     place = _add(_position(pose), _position(deviation))
     return place + _combined_angles(pose, deviation, rotation(deviation), rotation(pose))
 
 
 def moved_in_tool(pose: PoseNumbers, deviation: PoseNumbers) -> PoseNumbers:
-    """Move a pose along and about its own axes; return six numbers."""
+    """Move and turn a pose along and about its own axes; return six numbers."""
     turn = rotation(pose)
     place = _add(_position(pose), _apply(turn, _position(deviation)))
     return place + _combined_angles(pose, deviation, turn, rotation(deviation))
@@ -52,8 +52,8 @@ def rotation(pose: PoseNumbers) -> Matrix:
 def _combined_angles(pose: PoseNumbers, other: PoseNumbers, first: Matrix, second: Matrix) -> PoseNumbers:
     """Return the angles of first·second.
 
-    If the other rotation is zero, the angles of `pose` stay exactly the same: set points must not jump by a
-    full turn.
+    If the second rotation is zero, the angles of `pose` stay exactly the same, so that set points do not jump
+    by a full turn.
     """
     return pose[3:6] if not any(other[3:6]) else _angles(_product(first, second))
 

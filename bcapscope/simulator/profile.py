@@ -1,4 +1,4 @@
-"""Profiles: how the simulated controller answers where generations differ.
+"""Profiles: the answers of the simulated controller that depend on the generation.
 
 Sources: DENSO Wave 2009, How to use the Slave mode (RC7); DENSORobot/denso_robot_ros2 denso_robot_core and
 ShoheiKobata/orin_bcap_python_samples (RC8, RC9); orin_bcap C/src/bCAPServer/bcap_server.c (C server). It is
@@ -22,7 +22,7 @@ _CONTROLLER_EXECUTE, _ROBOT_EXECUTE = 17, 64
 
 
 def _documented_for(function_id: int, *controllers: str) -> frozenset[str]:
-    """Return the commands that the sources name for these controllers only, in lower case."""
+    """Return, in lower case, the commands that the sources name only for these controllers."""
     return frozenset(
         each.name.casefold() for each in commands_of(function_id) if each.controllers in controllers
     )
@@ -40,7 +40,7 @@ _RC7_ONLY = frozenset(("putautomode", "getautomode"))
 
 
 class NoArgument(StrEnum):
-    """Which replies without a value carry no argument, in calls that can return one; the others carry EMPTY.
+    """Choice of the replies that carry no argument instead of EMPTY, in calls that can return a value.
 
     Only the reply to slvChangeMode is documented for RC7 (DENSO Wave 2009, How to use the Slave mode).
     DENSO's C# and Java clients throw an exception if a successful reply to such a call has no argument.
@@ -56,16 +56,18 @@ class Profile:
     """One kind of controller.
 
     Attributes:
-        name: Name for `--profile`; the title is for people.
+        name: Name of the profile as an argument of `--profile`; `title` is its name for people.
         generation: Generation, which decides the meaning of slave-mode numbers.
-        replies: What replies carry in reserved.
-        mode_type: Type of slvGetMode's result.
-        real: Element type of poses.
-        providers: Names that Controller_Connect accepts, in upper or lower case; () if it ignores the name.
+        replies: Content of the reserved field of replies.
+        mode_type: VARIANT type of slvGetMode's result.
+        real: VARIANT type of the numbers in a pose.
+        providers: Provider names that Controller_Connect accepts, in upper or lower case; () if the
+            controller ignores the name.
         needs_robslave: Whether slave mode needs the task RobSlave.
         needs_arm: Whether motion needs TakeArm.
-        async_detector: Whether a late set point is an error in RC7's Async modes; a setting of the pendant.
-        running_result: Result of slvChangeMode if the robot did not stand still in time.
+        async_detector: Whether a late set point is an error in RC7's Async modes, which is a setting of the
+            pendant.
+        running_result: Result code of slvChangeMode if the robot did not stand still in time.
         lacks: Commands that the controller does not know, in lower case.
     """
 

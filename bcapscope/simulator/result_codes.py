@@ -1,7 +1,8 @@
-"""Result codes with which the simulated controller refuses calls, named by meaning.
+"""Result codes with which the simulated controller refuses calls, named for their meaning.
 
-Meanings: the public list of controller errors in nkawa/Denso_CobottaPro900_MQTT_Control; symbols of CAO:
-orin_bcap CSharp ORiNDefine.cs. A code with an axis is listed for axis 0; add the axis 1..8.
+Sources for the meanings: the public list of controller errors in nkawa/Denso_CobottaPro900_MQTT_Control;
+symbols of CAO: orin_bcap CSharp ORiNDefine.cs. For a code that depends on the axis, the constant is the code
+for axis 0; add the axis number 1..8.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Commands of Robot_Execute other than motions and slave mode.
 
-Names, parameters and results: ShoheiKobata/orin_bcap_python_samples, DENSORobot/denso_robot_ros2,
-nkawa/Denso_CobottaPro900_MQTT_Control. Results that no source printed are inferred as in `command_table`.
+Sources for names, parameters and results: ShoheiKobata/orin_bcap_python_samples, DENSORobot/denso_robot_ros2,
+nkawa/Denso_CobottaPro900_MQTT_Control. Results that no source shows are inferred as in `command_table`.
 """
 
 from __future__ import annotations
@@ -37,9 +37,9 @@ _KEEP, _SQUARE = -1, -2
 
 
 def _take_arm(context: CallContext, parameter: Variant) -> None:
-    """Run TakeArm; refused while another client has the arm.
+    """Run TakeArm; refuse it while another client has the arm.
 
-    Unless the second number is 1, it resets the internal speed, tool and work.
+    Unless its second number is 1, TakeArm resets the internal speed, tool and work.
     """
     machine, items = context.machine, items_of(parameter)
     keeps = len(items) > 1 and integer_of(items[1]) == 1
@@ -52,13 +52,13 @@ def _take_arm(context: CallContext, parameter: Variant) -> None:
 
 
 def _give_arm(context: CallContext, parameter: Variant) -> None:
-    """Run GiveArm; has no effect if another client has the arm."""
+    """Run GiveArm, which has no effect if another client has the arm."""
     if context.machine.owner == context.client:
         context.machine.owner = None
 
 
 def motor(context: CallContext, parameter: Variant) -> RunningCall | None:
-    """Run Motor; the call lasts until the motor is on unless the second number says not to wait."""
+    """Run Motor, which lasts until the motor is on, unless the second number says not to wait."""
     items = items_of(parameter)
     on = integer_of(argument_at(items, 0)) != 0
     done = context.machine.switch_motor(on, context.now)
@@ -67,7 +67,7 @@ def motor(context: CallContext, parameter: Variant) -> RunningCall | None:
 
 
 def _ext_speed(context: CallContext, parameter: Variant) -> None:
-    """Run ExtSpeed: speed, acceleration, deceleration in percent; -1 keeps, -2 is speed squared / 100."""
+    """Run ExtSpeed: speed, acceleration, deceleration in percent; -1 keeps a value, -2 is speed² / 100."""
     numbers = numbers_of(parameter)
     if not numbers:
         raise RefusedError(E_INVALIDARG)
@@ -97,7 +97,7 @@ def _destination(context: CallContext, parameter: Variant) -> Variant:
 
 
 def _motion_complete(context: CallContext, parameter: Variant) -> Variant:
-    """Run MotionComplete: by the command, or by the encoders if the second number is 1."""
+    """Run MotionComplete for the commanded motion; a second number 1 means that of the encoders."""
     items = items_of(parameter)
     if len(items) > 1 and integer_of(items[1]) == 1:
         return boolean(context.machine.arm.is_at_rest(context.now))
@@ -105,13 +105,13 @@ def _motion_complete(context: CallContext, parameter: Variant) -> Variant:
 
 
 def _servo_data(context: CallContext, parameter: Variant) -> Variant:
-    """Run GetSrvData: the lag of the encoders in degrees, for any number as parameter."""
+    """Run GetSrvData, which returns the lag of the encoders in degrees for any number as parameter."""
     integer_of(parameter)
     return float_array(VT.R8, currents(context))
 
 
 def _log_record(context: CallContext, parameter: Variant) -> Variant:
-    """Run GetLogRecord; index 0 is the oldest."""
+    """Run GetLogRecord, for which index 0 is the oldest record."""
     index, machine = integer_of(parameter), context.machine
     if not 0 <= index < len(machine.log.records):
         raise RefusedError(BAD_INDEX)
@@ -160,4 +160,4 @@ ROBOT_COMMANDS: CommandTable = {
     "motionpreparation": accept_without_effect,
     "getmotionpreparationstate": lambda context, _: boolean(True),
 }
-"""Commands of Robot_Execute by their names in lower case."""
+"""Handlers of the commands of Robot_Execute by the commands' names in lower case."""

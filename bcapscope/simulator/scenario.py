@@ -1,8 +1,8 @@
 """Scenarios: the state of a controller and what goes wrong with it, as validated frozen data from YAML.
 
 `read_scenario` reads a scenario, and `bcapscope.simulator.scenario_runner.ScenarioRunner` plays it. In the
-bundled scenarios, durations, limits and moments are our own. What they show has happened to users of real
-controllers, as each scenario says.
+bundled scenarios, durations, limits and times are assumed. The failures in these scenarios happened to users
+of real controllers, as each scenario says.
 """
 
 from __future__ import annotations
@@ -72,23 +72,24 @@ class ScenarioTransport(StrEnum):
 
 
 class ClientProgram(StrEnum):
-    """What a client does; without the trouble of a scenario, each of these succeeds."""
+    """Program of a client; without the faults of a scenario, each program succeeds."""
 
     CALLS = "calls"
-    """Connects, reads and writes a few variables, and disconnects."""
+    """The client connects, reads and writes a few variables, and disconnects."""
     MOTION = "motion"
-    """Like `CALLS`; also takes the arm, switches the motor on and moves the robot to and fro."""
+    """Like `CALLS`; the client also takes the arm, switches the motor on and moves the robot to and fro."""
     SLAVE = "slave"
-    """Like `MOTION`; also moves to a first position with @E and sends set points in slave mode. If the mode
-    paces the client, each reply triggers the next set point; else the client sends one every 8 ms."""
+    """Like `MOTION`; the client also moves to a first position with @E and sends set points in slave mode. If
+    the mode paces the client, each reply triggers the next set point; else the client sends one every 8 ms.
+    """
     PASSING = "passing"
-    """Like `SLAVE`, but with @P on the motion before slave mode."""
+    """Like `SLAVE`, but the motion before slave mode has the pass @P."""
     GRIPPER = "gripper"
-    """Like `SLAVE`, while a second client writes an output now and then."""
+    """Like `SLAVE`, while a second client sometimes writes an output."""
 
 
 class ScenarioClient(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The client that a scenario is made for: its slave mode, and its options of Service_Start."""
+    """The client that a scenario is made for: its program, its slave mode, its options of Service_Start."""
 
     session: ClientProgram = ClientProgram.SLAVE
     over: ScenarioTransport = ScenarioTransport.UDP
@@ -99,7 +100,7 @@ class ScenarioClient(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 class InitialSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """State of the controller when it is switched on, as in `machine.InitialState`.
 
-    `joints` are six angles in degrees, `empty` are names in upper or lower case.
+    `joints` holds six angles in degrees, and `empty` holds names in upper or lower case.
     """
 
     joints: Joints6 = HOME[:6]
@@ -128,7 +129,7 @@ class InitialSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class TaskSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Programs of the controller: the names of all, and of those that run."""
+    """Programs of the controller: the names of all programs, and of the running ones."""
 
     loaded: Names = (ROBSLAVE, "Pro1")
     running: Names = ()
@@ -174,19 +175,20 @@ class AxisLimitsSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True
 
 
 class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A controller, and what goes wrong with it.
+    """A controller with a start state, and the faults and events that happen to it.
 
     Attributes:
-        title: What the scenario shows, one sentence.
-        story: What happens, how the controller reacts, and which users it has happened to.
-        shows: Rule that `bcapscope diagnose` reports as the root cause; None if that is left open.
-        then: Other rules that it reports, among those that depend on the client.
+        title: One sentence that says what the scenario shows.
+        story: Text that says what happens, how the controller reacts, and which users met the same failure.
+        shows: Rule that `bcapscope diagnose` reports as the root cause; None if the scenario leaves this
+            open.
+        then: Other rules that `bcapscope diagnose` reports, among the rules that depend on the client.
         client: Client that the scenario is made for.
-        defects: Defects of DENSO's C server that it has; None for those of the profile.
-        no_argument: Replies without a value that carry no argument; None for those of the profile.
-        variables: Values by name, such as ``I1``, ``P3`` or ``IO128``.
-        faults: Faults and events from the start on.
-        in_slave_mode: Faults and events from the first time that slave mode is entered.
+        defects: Defects of DENSO's C server that the controller has; None for the defects of the profile.
+        no_argument: Choice of the replies that carry no argument; None for the choice of the profile.
+        variables: Initial values of variables by name, such as ``I1``, ``P3`` or ``IO128``.
+        faults: Faults and events that apply from the start.
+        in_slave_mode: Faults and events that apply after slave mode is first entered.
     """
 
     title: Text
@@ -224,7 +226,7 @@ class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     @property
     def controller_profile(self) -> Profile:
-        """The profile, with the changes of the scenario."""
+        """The profile of the controller, with the changes of the scenario."""
         profile = PROFILES[self.profile]
         if self.defects is not None:
             profile = replace(
@@ -246,7 +248,7 @@ class Scenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         return InitialState(**start, limits=limits, tasks=tasks.loaded, running=tasks.running, epoch=epoch)
 
     def write_variables(self, memory: VariableMemory) -> None:
-        """Write the variables of the scenario; a wrong one raises FieldError."""
+        """Write the scenario's variables to `memory`; an invalid variable raises FieldError."""
         for name, value in self.variables.items():
             match = _VARIABLE.fullmatch(name.upper())
             if match is None:

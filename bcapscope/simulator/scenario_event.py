@@ -1,7 +1,7 @@
 """Events at a controller that no client asked for, such as the emergency stop or an action on the pendant.
 
-Each event is validated data and knows how to apply itself. Events share the notation of message faults;
-`action` distinguishes them in a document.
+Each event is validated data with a method that applies the event. Events share the notation of message
+faults; `action` distinguishes them in a document.
 """
 
 from __future__ import annotations
@@ -68,12 +68,12 @@ class ScenarioEvent(Fault, frozen=True, kw_only=True):
 
     @property
     def is_timed(self) -> bool:
-        """Whether the event happens automatically, when the time `after` is over."""
+        """Whether the event happens automatically when the time `after` has passed."""
         return self.when is None and self.attempt is None
 
 
 class EmergencyStop(ScenarioEvent, frozen=True, kw_only=True, tag="emergency-stop"):
-    """Somebody presses the emergency stop, which stays pressed."""
+    """Somebody presses the emergency stop, and it stays pressed."""
 
     def apply(self, simulator: Simulator, now: int) -> None:
         simulator.machine.press_emergency_stop(now)
@@ -87,7 +87,7 @@ class ReleaseEmergencyStop(ScenarioEvent, frozen=True, kw_only=True, tag="let-go
 
 
 class MotorOff(ScenarioEvent, frozen=True, kw_only=True, tag="motor-off"):
-    """Somebody switches the motor off, or opens a door that does."""
+    """Somebody switches the motor off, or opens a door that switches the motor off."""
 
     def apply(self, simulator: Simulator, now: int) -> None:
         simulator.machine.switch_motor(False, now)
@@ -133,7 +133,7 @@ class TakeArm(ScenarioEvent, frozen=True, kw_only=True, tag="take-arm"):
 
 
 class MoveArm(ScenarioEvent, frozen=True, kw_only=True, tag="move"):
-    """Somebody else moves the arm, unless slave mode is on or a motion is held; `speed` in percent."""
+    """Somebody else moves the arm at `speed` percent, unless slave mode is on or a motion is held."""
 
     joints: Joints6
     speed: Percent = 100.0

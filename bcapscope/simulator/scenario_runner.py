@@ -1,8 +1,8 @@
 """Playing a scenario: a simulator, with the faults of the scenario between it and its clients.
 
 Like the simulator, a `ScenarioRunner` does no I/O and has no clock, and `SimulatorServer` can serve it in the
-same way. Requests pass the socket before the faults, and replies pass it after them. So a capture made at the
-socket shows what a capture at the controller's end of the cable would show.
+same way. Requests pass the socket before the faults, and replies pass the socket after the faults. A capture
+made at the socket therefore shows the same as a capture at the controller's end of the cable.
 """
 
 from __future__ import annotations
@@ -28,13 +28,13 @@ from bcapscope.traffic.call_kind import RecentRequests
 from bcapscope.traffic.observation import Conversation, Direction, Endpoint, Flow, Transport
 
 MAX_LINES = 1024
-"""Clients at most; beyond that, the longest silent UDP client is forgotten."""
+"""Maximum number of clients; beyond it, the runner forgets the UDP client that has been silent longest."""
 
 _HERE = Endpoint("simulator", 0)
 
 
 class _ClientLine(NamedTuple):
-    """The connection to one client: `up` carries requests, `down` replies."""
+    """The connection to one client: `up` carries requests, and `down` carries replies."""
 
     peer: Peer
     up: Flow
@@ -56,8 +56,8 @@ class ScenarioRunner:
     ) -> None:
         """Begin to play; `simulator` has the scenario's profile and initial state.
 
-        Without a `seed`, that of the scenario counts. `on_news` gets the name of each event and fault that
-        acts.
+        Without a `seed`, the scenario's seed is used. `on_news` gets the name of each event and fault that
+        takes effect.
         """
         self.simulator = simulator
         self._scenario = scenario
@@ -139,7 +139,7 @@ class ScenarioRunner:
         return self._send_to_clients(event.apply(self.simulator, now) or (), now)
 
     def advance(self, now: int) -> list[SimulatorOutput]:
-        """Run everything that is due by `now`, in order of time."""
+        """Run all events and messages that are due by `now`, in order of time."""
         outputs: list[SimulatorOutput] = []
         while self._timed and self._timed[0][0] <= now:
             when, _, event = heapq.heappop(self._timed)
@@ -162,7 +162,7 @@ class ScenarioRunner:
         return outputs + self._shape(line.up, data, now)
 
     def _shape(self, flow: Flow, data: bytes, now: int) -> list[SimulatorOutput]:
-        """Pass one message through the faults; return what to send."""
+        """Pass one message through the faults; return the frames to send."""
         taken = self.shaper.process_message(flow, data, now)
         for note in taken.fault_notes:
             self._on_news(note)
@@ -182,7 +182,7 @@ class ScenarioRunner:
         return outputs
 
     def _carry_out(self, verdicts: Iterable[Verdict], now: int) -> list[SimulatorOutput]:
-        """Pass on to controller or client what the faults have left of messages."""
+        """Deliver the messages that the faults let through to the controller or the client."""
         outputs: list[SimulatorOutput] = []
         for verdict in verdicts:
             if isinstance(verdict, CloseConnection):
@@ -248,7 +248,7 @@ class ScenarioRunner:
 
 
 def _endpoint(peer: Peer) -> Endpoint:
-    """Return host and port of a client whose key is its address, as in `SimulatorServer`."""
+    """Return host and port of a client; the key of a client is its address, as in `SimulatorServer`."""
     match peer:
         case (_, (str(host), int(port), *_)):
             return Endpoint(host, port)

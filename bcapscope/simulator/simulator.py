@@ -1,8 +1,8 @@
-"""The simulated controller with its clients: takes datagrams and segments, returns datagrams and segments.
+"""The simulated controller with its clients: datagrams and segments in, datagrams and segments out.
 
-It does no I/O and has no clock. The limits on clients are those of orin_bcap C/src/bCAPServer/bcap_server.c.
-That server's UDP service ends when a datagram begins like a frame but is none. Here such a datagram is
-dropped and counted.
+The model does no I/O and has no clock. The limits on clients are those of orin_bcap
+C/src/bCAPServer/bcap_server.c. That server's UDP service ends when a datagram begins like a frame but is
+none. The simulator drops and counts such a datagram.
 """
 
 from __future__ import annotations
@@ -21,24 +21,24 @@ from bcapscope.simulator.machine import InitialState, Machine
 from bcapscope.simulator.profile import Profile
 
 MAX_CLIENTS = 20
-"""Clients on TCP, and as many on UDP."""
+"""Maximum number of clients on TCP, and of clients on UDP."""
 
 STOP_CLIENTS = 4
-"""Additional clients of each transport, if their first request is a stop. DENSO's C server refuses them; this
-limit is bcapscope's own."""
+"""Number of additional clients per transport whose first request is a stop. DENSO's C server refuses such
+clients; the additional places are bcapscope's own."""
 
 EVICTABLE_AFTER_NS = 10_000_000_000
-"""Silence, ns, after which a new client replaces a UDP client when the list is full."""
+"""Silence of a UDP client, in ns, after which a new client replaces it if all places are taken."""
 
 LARGEST_REQUEST = 64 * 1024
-"""Largest request on TCP in bytes; our own limit, so that a client cannot fill the memory."""
+"""Largest request on TCP in bytes; the limit is bcapscope's own, so that a client cannot fill the memory."""
 
 Peer: TypeAlias = Hashable
 """Key by which the caller identifies a client, such as an address or a connection."""
 
 
 class ResetMarker(bytes):
-    """Empty data that closes a connection by reset."""
+    """Empty data that tells the server to reset a connection."""
 
 
 class SimulatorOutput(NamedTuple):
@@ -54,12 +54,12 @@ class _Link(NamedTuple):
 
 
 def _sound_frame(data: bytes, templates: FrameTemplates) -> Frame | None:
-    """Return the frame if a datagram is exactly one sound frame, else None; fast, because of floods."""
+    """Return the frame if a datagram is exactly one valid frame, else None; fast enough for floods."""
     size = len(data)
     if not SMALLEST_FRAME <= size <= LARGEST_UDP_FRAME or data[0] != SOH or data[-1] != EOT:
         return None
     frame = Frame(data, None, templates)
-    if frame.template_match is not None:  # a frame that matches a template is sound
+    if frame.template_match is not None:  # a frame that matches a template is valid
         return frame
     return frame if frame.length == size and not frame.problems else None
 
@@ -68,9 +68,9 @@ class Simulator:
     """A controller and all its clients.
 
     Attributes:
-        machine: The controller.
-        dropped: Datagrams that were no sound frame, or came from a client beyond the limit.
-        refused: Connections closed because of a bad frame or because there were too many.
+        machine: The state of the controller.
+        dropped: Number of datagrams that were no valid frame, or came from a client beyond the limit.
+        refused: Number of connections that were closed because of a bad frame or too many clients.
     """
 
     def __init__(
@@ -80,9 +80,9 @@ class Simulator:
         now: int = 0,
         report: Callable[[Peer, CallReport], None] = lambda peer, report: None,
     ) -> None:
-        """Switch the controller on at `now`, ns; all later times use the same clock.
+        """Switch the controller on at `now`, in ns; all later times use the same clock.
 
-        `report` is called with the client and each answered call.
+        The simulator calls `report` with the client and the call for each answered call.
         """
         self.machine = Machine(profile, initial_state, now)
         self.dropped = 0
@@ -91,7 +91,7 @@ class Simulator:
         self._templates = FrameTemplates()
         self._links: dict[Peer, _Link] = {}
         self._running: dict[Peer, CallExecutor] = {}
-        self._stops: dict[Peer, None] = {}  # UDP clients in the places kept for stops, oldest first
+        self._stops: dict[Peer, None] = {}  # UDP clients in the additional places for stops, oldest first
         self._number = 0
         for place in range(self.machine.initial_state.udp_clients):
             self._add_client(("half-open", "udp", place), None, now)
@@ -110,7 +110,7 @@ class Simulator:
         return self._on_request(peer, link.executor, frame, now)
 
     def on_connect(self, peer: Peer, now: int, is_stop: bool = False) -> bool:
-        """Accept a TCP connection; return False if there are too many, so that the caller closes it.
+        """Accept a TCP connection; return False if all places are taken, so that the caller closes it.
 
         A client whose first request is a stop (`is_stop`) is accepted beyond the usual limit.
         """
@@ -121,7 +121,7 @@ class Simulator:
         return True
 
     def on_segment(self, peer: Peer, data: bytes, now: int) -> list[SimulatorOutput]:
-        """Process bytes of a connection; return what to send.
+        """Process bytes of a connection; return the data to send.
 
         A bad frame ends the connection without a reply. Bytes outside any frame are skipped.
         """
@@ -161,7 +161,7 @@ class Simulator:
         return self._poll(now) if self._running else []
 
     def due(self, now: int) -> int | None:
-        """Return the latest time for the next `advance`, ns; None if nothing is under way."""
+        """Return the latest time in ns for the next `advance`; None if nothing is in progress."""
         due = self.machine.due()
         if not self._running:
             return due
@@ -170,13 +170,13 @@ class Simulator:
 
     @property
     def runs_in_real_time(self) -> bool:
-        """Whether the model's time continues without processor time, as for clients that set the pace."""
+        """Whether the model's time continues without processor time, because a client sets the pace."""
         mode = self.machine.slave.mode
         return mode is not None and mode.overwrites_waiting
 
     @property
     def has_running_calls(self) -> bool:
-        """Whether a call waits for time to pass."""
+        """Whether a call is running that ends at a later time."""
         return bool(self._running)
 
     @property
@@ -187,10 +187,10 @@ class Simulator:
     def _on_request(
         self, peer: Peer, conversation: CallExecutor, frame: Frame, now: int
     ) -> list[SimulatorOutput]:
-        """Pass on a request, then poll the running calls, which the request may have completed."""
+        """Process a request, then poll the running calls, because the request may have completed them."""
         outputs = []
         for each in conversation.on_request(frame, now):
-            outputs.append(SimulatorOutput(peer, each))  # a comprehension would cost a call of its own
+            outputs.append(SimulatorOutput(peer, each))  # faster than a comprehension, which costs a call
         if conversation.running:
             self._running[peer] = conversation
         return outputs + self._poll(now) if self._running else outputs
@@ -218,7 +218,7 @@ class Simulator:
         return self._add_client(peer, None, now)
 
     def _evict_silent_client(self, now: int) -> bool:
-        """Forget the UDP client that has been silent longest; return False if none was silent long enough."""
+        """Forget the UDP client that was silent longest; return False if no client was silent long enough."""
         silent = [(link.executor.last_heard, peer) for peer, link in self._links.items() if not link.splitter]
         heard, peer = min(silent, key=lambda each: each[0])
         if now - heard < EVICTABLE_AFTER_NS:

@@ -1,12 +1,12 @@
 """The controller's time: the machine's time, stopped while this process gets no processor.
 
-A real controller never waits for a processor. If this process gets none while something is due or a request
-is in its socket, the model's time stands still until it runs again. Otherwise 8 ms would pass before the
-simulator sends the reply that asks the client for its next set point.
+A real controller never waits for a processor. If this process gets no processor while an event is due or a
+request is in its socket, the model's time stands still until the process runs again. Otherwise 8 ms would
+pass before the simulator sends the reply that asks the client for its next set point.
 
-A frame that arrived meanwhile counts from its arrival, which the operating system records. So a set point
-that arrived in time is in time, however late the simulator reads it, and a late one is late. Clients that do
-not wait for replies go on meanwhile, and then the model's time goes on too.
+A frame that arrived meanwhile counts from its arrival, which the operating system records. A set point that
+arrived in time therefore counts as in time, however late the simulator reads it. Clients that do not wait for
+replies continue during such a delay; with such a client, the model's time does not stop.
 """
 
 from __future__ import annotations
@@ -16,7 +16,8 @@ from collections.abc import Callable
 from typing import Protocol
 
 STALL_NS = 1_000_000
-"""Delay, ns, behind a due time or an arrival that is normal; a longer one means a lack of processor time."""
+"""Longest normal delay in ns after a due time or an arrival; a longer delay means that this process got no
+processor."""
 
 
 class ClockedModel(Protocol):
@@ -30,11 +31,11 @@ class ClockedModel(Protocol):
 
 
 class SimulatorClock:
-    """The model's clock. All times are ns; the times that the model receives never go back.
+    """The model's clock. All times are in ns, and the times that the model receives never go back.
 
     Attributes:
         latest_time: The latest time that the model received.
-        paused_ns: Total length of all pauses.
+        paused_ns: Total length of all pauses in ns.
     """
 
     def __init__(
@@ -43,21 +44,21 @@ class SimulatorClock:
         monotonic: Callable[[], int] = time.monotonic_ns,
         wall: Callable[[], int] = time.time_ns,
     ) -> None:
-        """Begin with the time of `monotonic`; `wall` is the clock of the arrival times."""
+        """The clock follows `monotonic`; arrival times are times of the clock `wall`."""
         self.latest_time = 0
         self.paused_ns = 0
         self._model = model
         self._monotonic = monotonic
         self._wall = wall
         self._updated_at = monotonic()
-        # The last pause: begin and end by the machine's clock, and the model's time meanwhile.
+        # The last pause: its begin and end by the machine's clock, and the model's time during the pause.
         self._pause_began = self._pause_ended = self._paused_at = 0
 
     def now(self) -> int:
         return self._monotonic() - self.paused_ns
 
     def update(self) -> int:
-        """Return the model's time; if something is overdue too long, the time pauses from its due time."""
+        """Return the model's time; if an event is long overdue, the time pauses from the event's due time."""
         ours = self._monotonic()
         now = ours - self.paused_ns
         if now - self._updated_at > STALL_NS and not self._model.runs_in_real_time:
@@ -69,11 +70,11 @@ class SimulatorClock:
         return now
 
     def arrival_time(self, received_at: int) -> int:
-        """Return the model's time when a request arrived; `received_at` is ns since 1970.
+        """Return the model's time at which a request arrived; `received_at` is in ns since 1970.
 
-        If the request waited too long, the model's time pauses from its arrival. It does not pause while a
-        call waits for time to pass: then the request is most likely a retry of that call. Only the last of
-        several pauses is known; requests that arrived before it are read soon after it.
+        If the request waited too long, the model's time pauses from the arrival. The time does not pause
+        while a call runs, because the request is then most likely a retry of that call. Only the last of
+        several pauses is stored, because requests that arrived before a pause are read soon after the pause.
         """
         now, ours = self.update(), self._monotonic()
         moment = ours - max(0, self._wall() - received_at)
@@ -96,12 +97,12 @@ class SimulatorClock:
         self._updated_at = at
 
     def make_monotonic(self, now: int) -> int:
-        """Return the later of `now` and `latest_time`, for the model."""
+        """Return the later of `now` and `latest_time`, so that the model's time never goes back."""
         self.latest_time = max(self.latest_time, now)
         return self.latest_time
 
     def on_replies_sent(self) -> None:
-        """Note that all replies are sent; if that took too long, the time pauses from the last update."""
+        """Note that all replies are sent; if sending took too long, the time pauses from the last update."""
         ours = self._monotonic()
         if ours - self.paused_ns - self._updated_at > STALL_NS and not self._model.runs_in_real_time:
             self._pause(self._updated_at + self.paused_ns, ours, self._updated_at)

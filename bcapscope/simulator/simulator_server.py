@@ -33,30 +33,30 @@ from bcapscope.transport.tcp_link import close_with_reset
 
 LARGEST_DATAGRAM = 65535
 LARGEST_BACKLOG = 1 << 20
-"""Bytes that a client may leave unread before the server closes its connection."""
+"""Maximum number of bytes that a client may leave unread before the server closes its connection."""
 
 LONGEST_WAIT = 0.5
-"""Seconds; on every system, an interrupt is noticed after this time at the latest."""
+"""Longest wait in seconds; after this time at the latest, the server notices an interrupt on every system."""
 
-# ns. On a virtual machine, waking an idle processor takes longer than answering a call. Yielding instead of
-# spinning would cost a whole time slice if another program runs.
+# Time in ns to poll instead of sleeping. On a virtual machine, waking an idle processor takes longer than
+# answering a call. Yielding instead of polling would cost a whole time slice if another program runs.
 _SPIN_NS = 60_000
 
-_MAX_DATAGRAMS = 1024  # datagrams read from the system before any but the first is processed
-_READ_SIZE = 256  # bytes read from a connection before others have their turn
-_READ_SIZE_PACED = 16384  # the same in modes where each set point has its own time
-_BETWEEN_FRAMES = re.compile(rb"(?<=\x04)(?=\x01)")  # also matches inside a frame, which does no harm
-_MAX_ACCEPTED = 16  # connections accepted before others have their turn
-_SPARE_DESCRIPTORS = 3  # for clients that may send a stop when no other descriptors are left
+_MAX_DATAGRAMS = 1024  # maximum number of datagrams read before the second is processed
+_READ_SIZE = 256  # bytes read from a connection before the server reads another
+_READ_SIZE_PACED = 16384  # as `_READ_SIZE`, in modes where each set point has its own time
+_BETWEEN_FRAMES = re.compile(rb"(?<=\x04)(?=\x01)")  # a match inside a frame does no harm
+_MAX_ACCEPTED = 16  # maximum number of connections accepted in a row
+_SPARE_DESCRIPTORS = 3  # kept for clients that send a stop when no other descriptors are left
 _TIDY_INTERVAL_NS = 1_000_000_000  # ns
 
-_SAME_MOMENT_NS = 2_000_000  # ns; bytes that arrive within it hold no set points for different cycles
+_SAME_MOMENT_NS = 2_000_000  # ns; set points that arrive within this time belong to one cycle
 
 _Address: TypeAlias = "tuple[Any, ...]"  # two values, four with IPv6
 
 
 class _Connection:
-    """A TCP client: its socket and the bytes that could not be sent yet."""
+    """A TCP client: its socket, and the bytes that wait to be sent to it."""
 
     __slots__ = ("backlog", "client", "is_blocked", "last_heard", "number", "peer", "receive", "socket")
 
@@ -74,21 +74,21 @@ class _Connection:
 class SimulatorServer:
     """Moves bytes between sockets and a simulator.
 
-    The model's time is that of a `SimulatorClock`: requests count from their arrival, which Linux records. On
-    TCP, Linux records it for the last byte only. If set points that wait for no reply have piled up, the
-    server spreads their times evenly between the client's previous bytes and the last ones. In other modes
-    all of them count as arriving at once.
+    The model's time is the time of a `SimulatorClock`: requests count from their arrival, which Linux
+    records. On TCP, Linux records only the arrival of the last byte. In modes where the client sets the pace,
+    set points can pile up; the server spreads their times evenly between the client's previous bytes and the
+    last ones. In other modes, all requests that were read together count as arriving at once.
 
     Attributes:
         address: Host and port that the server listens on.
-        tap: Receives all traffic; None for none.
+        tap: Object that receives all traffic; None if there is none.
     """
 
     def __init__(self, simulator: ControllerModel, host: str, port: int) -> None:
-        """Listen on UDP and TCP; port 0 chooses one that is free on both.
+        """Listen on UDP and TCP; port 0 chooses a port that is free for both.
 
         Raises:
-            SimulatorListenError: The port cannot be listened on.
+            SimulatorListenError: The server cannot listen on the port.
         """
         self._model = simulator
         self.tap: TrafficTap | None = None
@@ -96,13 +96,13 @@ class SimulatorServer:
         self._connections: dict[int, _Connection] = {}
         self._by_peer: dict[object, _Connection] = {}
         self._lobby: FirstFrameQueue[int] = FirstFrameQueue()
-        self._stops: list[_Connection] = []  # beyond the controller's limit, oldest first
+        self._stops: list[_Connection] = []  # connections beyond the limit, oldest first
         self._spares = SpareDescriptors(_SPARE_DESCRIPTORS)
         self._is_paused = False
-        self._tidied_at = -_TIDY_INTERVAL_NS  # spares only now: the command needs its own descriptors first
+        self._tidied_at = -_TIDY_INTERVAL_NS  # opens no spares yet: the command needs descriptors first
         self._spin_until = 0
         self._may_be_more = True
-        self._polled_empty_at = 0  # nothing had arrived before this time
+        self._polled_empty_at = 0  # no data had arrived before this time
         self._clock = SimulatorClock(simulator)
         self._udp, self._tcp = open_sockets(host, port)
         self._udp_descriptor, self._tcp_descriptor = self._udp.fileno(), self._tcp.fileno()
@@ -123,9 +123,9 @@ class SimulatorServer:
         self._spares.close()
 
     def step(self, until: float = LONGEST_WAIT, extra: Sequence[int] = ()) -> list[int]:
-        """Wait up to `until` seconds for one thing to do, and do it.
+        """Wait up to `until` seconds for a socket or a due time, and serve it.
 
-        `extra` are other file descriptors to wait for; those that are readable are returned.
+        `extra` holds other file descriptors to wait for; the method returns those that are readable.
         """
         now = self._clock.now()
         self._tidy()
@@ -168,8 +168,8 @@ class SimulatorServer:
     def _wait(self, until: float, due: int | None, now: int) -> ReadyDescriptors:
         """Wait for readable and writable sockets; shortly after a request, poll instead of sleeping.
 
-        Bytes found after an empty poll arrived since that poll. If more than one datagram did, the next poll
-        finds the others.
+        Bytes found after an empty poll arrived since that poll. If several datagrams arrived since then, the
+        next poll finds the others.
         """
         end = self._spin_until if due is None else min(self._spin_until, due)
         self._may_be_more = True
@@ -186,7 +186,7 @@ class SimulatorServer:
         return self._selector.wait(wait)
 
     def _read_socket(self, source: int, is_crowded: bool) -> None:
-        """Read a socket; when many connections are readable, read datagrams after each of them."""
+        """Read a socket; when many connections are readable, read datagrams after each connection."""
         if source == self._udp_descriptor:
             self._read_datagrams()
         elif source == self._tcp_descriptor:
@@ -200,11 +200,11 @@ class SimulatorServer:
     def _read_datagrams(self) -> None:
         """Read datagrams before the system's buffer overflows; answer the first at once, queue the others."""
         receive, turns = self._receive, self.datagram_queue
-        asked = ANCILLARY_SIZE if self._may_be_more else 0  # else the datagram arrived between two polls
+        asked = ANCILLARY_SIZE if self._may_be_more else 0  # 0: the datagram arrived between two polls
         for number in range(_MAX_DATAGRAMS if self._may_be_more else 1):
             try:
                 data, control, _, address = receive(LARGEST_DATAGRAM, asked)
-            except OSError:  # nothing left; on Windows also word of an earlier client's closed port
+            except OSError:  # no data left; on Windows also raised for an earlier client's closed port
                 return
             if self.tap:
                 self.tap.on_datagram(address[:2], self.address, data, time.time_ns())
@@ -222,7 +222,7 @@ class SimulatorServer:
         self._clock.on_replies_sent()
 
     def _arrival_time(self, control: AncillaryData) -> int:
-        """Return the model's time at which the bytes just read arrived."""
+        """Return the model's time at which the bytes that were just read arrived."""
         if not self._may_be_more:
             return self._polled_empty_at
         return self._clock.arrival_time(kernel_timestamp(control, 0))
@@ -234,11 +234,11 @@ class SimulatorServer:
                 if (accepted := accept_connection(self._tcp, self._free_descriptor)) is None:
                     break
             except OSError:
-                self._is_paused = True  # else the selector would report the same connection again and again
+                self._is_paused = True  # or the selector would report the same connection again
                 break
             sock, address = accepted
             sock.setblocking(False)
-            with suppress(OSError):  # on macOS a client that is gone by now has no options
+            with suppress(OSError):  # macOS refuses options for a client that is already gone
                 sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
             enable_receive_timestamps(sock)
             connection = _Connection(sock, address)
@@ -247,7 +247,7 @@ class SimulatorServer:
         self._selector_is_stale = True
 
     def _drop_newcomer(self, number: int | None) -> bool:
-        """Close a connection that has sent no frame yet; return whether there was one."""
+        """Close a connection that has sent no frame yet; return whether there was such a connection."""
         if number is None:
             return False
         self._drop(self._connections[number], by_reset=True)
@@ -287,7 +287,7 @@ class SimulatorServer:
         return has_room
 
     def _rebuild_selector(self) -> None:
-        """Select the sockets anew; the server reads nothing from a client that does not read its replies."""
+        """Choose the sockets to wait for; read nothing from a client that does not read its replies."""
         self._selector_is_stale = False
         connections = self._connections.items()
         writers = [number for number, each in connections if each.is_blocked]
@@ -376,7 +376,7 @@ class SimulatorServer:
             self._selector_is_stale = True
 
     def _drop_broken(self, connection: _Connection, error: OSError) -> None:
-        """Drop a client that reset its connection or is unreachable."""
+        """Drop a client that reset its connection or became unreachable."""
         if self.tap and isinstance(error, ConnectionError):
             self.tap.on_stream_end(connection.client, self.address, time.time_ns(), reset=True)
         self._drop(connection, is_broken=True)
@@ -404,8 +404,8 @@ def serve(
 ) -> None:
     """Serve until interrupted.
 
-    `idle` is called after each step and returns whether it has more to do. `on_readable` is called with each
-    of the descriptors in `extra` that is readable, and may change that list.
+    The loop calls `idle` after each step; `idle` returns whether it has more work to do. The loop calls
+    `on_readable` with each readable descriptor in `extra`; `on_readable` may change that list.
     """
     is_busy = False
     while True:

@@ -1,8 +1,8 @@
 """The commands of slave mode: slvChangeMode, slvGetMode, slvMove and the two formats.
 
 Sources: DENSO Wave 2009, How to use the Slave mode (RC7); DENSORobot/denso_robot_ros2 denso_robot_core
-(formats). Before slvRecvFormat, slvMove returns a pose of the mode's type, as in the samples of 2009; no
-paper says so.
+(formats). It is assumed that slvMove returns a pose of the mode's type before slvRecvFormat, as in the
+samples of 2009.
 """
 
 from __future__ import annotations
@@ -36,11 +36,11 @@ from bcapscope.simulator.result_codes import POSITION_LIMIT
 from bcapscope.simulator.variable_memory import IO_BYTES
 
 PATIENCE = 500 * MS
-"""Time, ns, that slvChangeMode waits for the robot to stand still (DENSO Wave 2009)."""
+"""Longest time in ns that slvChangeMode waits until the robot stands still (DENSO Wave 2009)."""
 
 INVALID_SET_POINT = 0x83201405
 LONGEST_SET_POINT = 1e9
-"""A set point is invalid if its numbers, taken as a vector, are as long as this."""
+"""Length from which a set point is invalid: the norm of its numbers as a vector."""
 
 FIRST_USER_IO = 128
 HAND_IO, MINI_IO = 48, 0
@@ -90,7 +90,7 @@ def _leave(context: CallContext) -> RunningCall | None:
         if slave.run_number != run:
             return DONE
         if slave.mode is None:
-            slave.unreported_result = 0  # this reply reports the end already, so slvMove need not
+            slave.unreported_result = 0  # this reply reports the end, so slvMove need not
             return DONE
         if not slave.is_empty or not machine.arm.is_at_rest(now):
             return None
@@ -159,7 +159,7 @@ def _pace(context: CallContext, pose_type: PoseType, point: SetPoint, needed: in
 
 
 def _joints(context: CallContext, pose_type: PoseType, point: SetPoint) -> Joints:
-    """Return the joints of a set point; an impossible set point is an error that ends slave mode.
+    """Return the joints of a set point; an impossible set point raises an error that ends slave mode.
 
     Raises:
         RefusedError: The set point is malformed or impossible.
@@ -170,7 +170,7 @@ def _joints(context: CallContext, pose_type: PoseType, point: SetPoint) -> Joint
     if len(values) + len(point.pose.extra) not in POSE_LENGTHS[pose_type]:
         raise RefusedError(E_INVALIDARG)
     try:
-        if not hypot(*values) < LONGEST_SET_POINT:  # also true if a number is NaN
+        if not hypot(*values) < LONGEST_SET_POINT:  # `not <` is also true if a number is NaN
             raise RefusedError(INVALID_SET_POINT)
         joints = joints_of(pose_type, values)
         axis = axis_beyond_limit(joints, context.machine.initial_state.limits)
@@ -201,7 +201,7 @@ def _run(run: UserIO) -> tuple[int, int]:
 
 
 def _feedback(context: CallContext, pose_type: PoseType, point: SetPoint) -> Variant:
-    """Return the result of slvMove in the receive format."""
+    """Return the value that slvMove returns in the current receive format."""
     machine = context.machine
     actual = machine.arm.actual(context.now)
     form = machine.slave.receive_format
@@ -239,7 +239,7 @@ def _words(context: CallContext, form: ReceiveFormat, point: SetPoint) -> list[V
 
 
 def currents(context: CallContext) -> tuple[float, ...]:
-    """Return one number per axis in place of motor currents: the lag of the encoders in degrees."""
+    """Return one number per axis in place of its motor current: the lag of the encoders in degrees."""
     arm, now = context.machine.arm, context.now
     return tuple(a - b for a, b in zip(arm.commanded(now), arm.actual(now), strict=True))
 
@@ -251,4 +251,4 @@ SLAVE_COMMANDS: CommandTable = {
     "slvsendformat": send_format,
     "slvrecvformat": receive_format,
 }
-"""Commands of Robot_Execute by their names in lower case."""
+"""Handlers of the slave-mode commands of Robot_Execute by the commands' names in lower case."""

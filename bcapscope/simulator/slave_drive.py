@@ -1,8 +1,8 @@
 """Slave mode inside the controller: the buffer of set points, and what happens to them every 8 ms.
 
-Slots, pacing and errors: DENSO Wave 2009, How to use the Slave mode (RC7); documentation of
+Sources for slots, pacing and errors: DENSO Wave 2009, How to use the Slave mode (RC7); documentation of
 ShoheiKobata/orin_bcap_python_samples (table of slave modes) and issues of DENSORobot/denso_robot_ros (RC8).
-Two things are our own: `MOVING_THRESHOLD`, above which an axis counts as moving, and the grid of 8 ms that
+Two facts are assumed: the `MOVING_THRESHOLD` above which an axis counts as moving, and a grid of 8 ms that
 does not follow the client.
 """
 
@@ -20,14 +20,14 @@ from bcapscope.simulator.kinematics import AXIS_COUNT, AXIS_LIMITS, AxisLimit, J
 from bcapscope.simulator.result_codes import ACCELERATION_LIMIT, SPEED_LIMIT
 
 MOVING_THRESHOLD = 0.01
-"""Degrees in 8 ms."""
+"""Change of an axis, in degrees per 8 ms, above which the axis counts as moving."""
 
-_TOLERANCE = 1.000001  # single-precision set points are rounded; rounding is no excess
+_TOLERANCE = 1.000001  # tolerance for set points that were rounded to single precision
 
 
 @dataclass(frozen=True, slots=True)
 class SlaveModeFault:
-    """The code (HRESULT) of the error that ended slave mode, and its time, ns."""
+    """The HRESULT of the error that ended slave mode, and the error's time in ns."""
 
     code: int
     time: int
@@ -37,13 +37,14 @@ class SlaveDrive:
     """Consumes one set point every 8 ms while slave mode is on.
 
     Attributes:
-        mode: The slave mode; None while it is off.
+        mode: The current slave mode; None while slave mode is off.
         run_number: Number of slave-mode sessions so far.
-        consumed: Set points consumed in this slave-mode session.
-        next_tick: Time at which the next set point is due, ns.
+        consumed: Number of set points consumed in this slave-mode session.
+        next_tick: Time in ns at which the next set point is due.
         async_detector: Whether a late set point is an error in modes that leave this to the pendant.
-        receive_format: What slvMove returns, as set by slvRecvFormat; None before that.
-        unreported_result: Result that ended slave mode and that no client has received yet; 0 if none.
+        receive_format: Format of slvMove's result, as set by slvRecvFormat; None before slvRecvFormat.
+        unreported_result: Result that ended slave mode and that no client has received yet; 0 if there is
+            none.
     """
 
     def __init__(
@@ -70,7 +71,7 @@ class SlaveDrive:
 
     @property
     def is_empty(self) -> bool:
-        """Whether no set point waits and the last one did not move an axis."""
+        """Whether the buffer is empty and the last set point did not move an axis."""
         return not self._queue and not self._moving
 
     def enter(self, mode: SlaveMode, now: int) -> None:
@@ -86,7 +87,7 @@ class SlaveDrive:
         self._arm.begin_set_points(now)
 
     def drain(self) -> None:
-        """Go on until the buffer is empty; running empty is then no error."""
+        """Continue until the buffer is empty; an empty buffer is from now on no error."""
         self._leaving = True
 
     def leave(self, unreported_result: int = 0) -> None:
@@ -100,7 +101,7 @@ class SlaveDrive:
         """Put a set point into the buffer; return the value of `consumed` at which slvMove may answer.
 
         Raises:
-            RefusedError: The buffer is full, and in this mode the client does not wait.
+            RefusedError: The buffer is full, and the mode does not make the client wait.
         """
         mode = self.mode
         assert mode is not None
@@ -148,7 +149,7 @@ class SlaveDrive:
         self._moving = False
 
     def _limit_violation(self, speed: Joints) -> int:
-        """Return the result for the first axis that would be too fast or accelerate too much; else 0."""
+        """Return the result code for the first axis that would be too fast or accelerate too much; else 0."""
         seconds = PERIOD_NS / 1e9
         for axis in range(AXIS_COUNT):
             limit = self._limits[axis]

@@ -1,4 +1,4 @@
-"""Waiting for sockets that can be read and written."""
+"""Waiting for sockets that are readable or writable."""
 
 from __future__ import annotations
 
@@ -7,18 +7,18 @@ from collections.abc import Sequence
 from typing import TypeAlias
 
 ReadyDescriptors: TypeAlias = tuple[list[int], list[int]]
-"""Readable file descriptors, and writable ones."""
+"""Readable file descriptors, and writable file descriptors."""
 
 
 class SocketSelector:
     """Polls file descriptors, or waits for them; regular files, which stdin may be, are always ready.
 
-    `epoll`, which the proxy's relay uses, refuses regular files. It also needs two steps to wait with
-    microsecond precision.
+    `epoll`, which the proxy's relay uses, refuses regular files. A wait with microsecond precision also takes
+    two steps with `epoll`.
     """
 
     def __init__(self, readers: Sequence[int], writers: Sequence[int]) -> None:
-        """Watch these descriptors; another set needs another selector."""
+        """Watch these file descriptors; another set of descriptors needs another selector."""
         self.readers = readers
         self.writers = writers
         self._poll = select.poll() if hasattr(select, "poll") else None
@@ -29,7 +29,7 @@ class SocketSelector:
                 self._poll.register(writer, select.POLLOUT)
 
     def ready_now(self) -> ReadyDescriptors:
-        """Return what is ready now; if nothing is, `poll` takes half the time of `select`."""
+        """Return the descriptors that are ready now; if none is, `poll` takes half the time of `select`."""
         if self._poll is None:
             return self.wait(0)
         found = self._poll.poll(0)
@@ -40,7 +40,7 @@ class SocketSelector:
         return ([each for each in ready if each not in writable] if writable else ready), writable
 
     def wait(self, seconds: float) -> ReadyDescriptors:
-        """Return what is ready, after `seconds` at the latest.
+        """Return the descriptors that are ready, after `seconds` at the latest.
 
         `select` waits with the microsecond precision that modes on the 8 ms grid need; `poll` does not.
         """

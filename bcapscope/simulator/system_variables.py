@@ -2,7 +2,7 @@
 
 Names and types: `bcapscope.protocol.tables.variables`. DENSO's ROS drivers write @SERVO_ON and @EXTSPEED, and
 their configuration lists @START and @STOP as writable (DENSORobot/denso_robot_ros2 denso_robot_core/config).
-It is assumed that the other speeds can be written. TOOLn, WORKn and _ITP were seen on RC7 only.
+It is assumed that the other speed variables can be written. TOOLn, WORKn and _ITP were seen on RC7 only.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ def read_variable(context: CallContext) -> Variant:
 
 
 def write_variable(context: CallContext, value: Variant) -> HandlerOutcome:
-    """Write the variable of `context.object`; if it acts as a command, the call lasts as long as that."""
+    """Write the variable of `context.object`; if this acts as a command, the call lasts as long."""
     place = _numbered_variable(context.object)
     if place:
         if place[0] in FRAMES:
@@ -80,7 +80,7 @@ def write_variable(context: CallContext, value: Variant) -> HandlerOutcome:
 
 
 def variable_names(owner: ObjectClass, generation: Generation) -> tuple[str, ...]:
-    """Return the names of an object's variables; numbered ones appear as number 0."""
+    """Return the names of an object's variables; numbered variables appear with the number 0."""
     letters = (*LETTERS, *FRAMES) if owner is ObjectClass.CONTROLLER else ()
     named = (name for kind, name in _READERS if kind is owner)
     return (
@@ -101,7 +101,7 @@ def _write_frame(context: CallContext, kind: str, number: int, value: Variant) -
 
 
 def _numbered_variable(variable: ControllerObject) -> tuple[str, int] | None:
-    """Return letter and number of a numbered variable; for `*`, the ID holds the number."""
+    """Return letter and number of a numbered variable; if its name ends in `*`, the ID holds the number."""
     match = _NUMBERED.fullmatch(variable.name.strip().upper())
     if match is None or _owner_kind(variable) is not ObjectClass.CONTROLLER:
         return None
@@ -173,10 +173,12 @@ _WRITE_COMMANDS: Mapping[tuple[ObjectClass, str], CommandHandler] = {
     ),
     **{(ObjectClass.ROBOT, name): _put_speed(field) for name, field in _SPEEDS.items()},
 }
-"""Variables whose writing acts like a command or function, such as Motor, Task_Start and ExtSpeed."""
+"""Handlers of variables whose writing acts like a command or function, such as Motor, Task_Start and
+ExtSpeed."""
 
 _REFUSED_IN_SLAVE_MODE = frozenset(("@SERVO_ON", "@START", "@EXTSPEED", "@EXTACCEL", "@EXTDECEL"))
-"""Those of which slave mode refuses the equivalent command or function."""
+"""Variables that cannot be written in slave mode, because slave mode refuses the equivalent command or
+function."""
 
 
 def _speed(field: str) -> VariableReader:

@@ -1,7 +1,7 @@
-"""An ordinary motion for the calls that wait for it: when it is done, and holding it.
+"""An ordinary motion as seen by the calls that wait for it: when the motion is done, hold and resume.
 
-It is assumed that Hold stops at once, and that the rest of the motion starts again from rest. No source says
-so.
+It is assumed that Hold stops the motion at once, and that Unhold starts the rest of the motion from rest. No
+source says so.
 """
 
 from __future__ import annotations
@@ -11,17 +11,17 @@ from bcapscope.simulator.kinematics import Joints
 from bcapscope.simulator.pose_notation import END_OF_ENCODERS, PASSING
 
 NEVER = 1 << 62
-"""ns; later than any clock gets."""
+"""Time in ns that no clock reaches."""
 
 PASS_SHARE = 0.7
-"""Share of a motion's time after which @P allows the next motion; our own."""
+"""Share of a motion's time after which @P allows the next motion; the figure is assumed."""
 
 
 class TimedMove:
     """A motion that starts at the commanded joints.
 
     Attributes:
-        done_at: Time from which the next motion may begin, ns; `NEVER` while the motion is held.
+        done_at: Time in ns from which the next motion may begin; `NEVER` while the motion is held.
     """
 
     def __init__(
@@ -29,7 +29,7 @@ class TimedMove:
     ) -> None:
         """Begin the motion; `passing` is as in `MotionTarget`, `min_duration` in ns.
 
-        `speed` is the share of the highest speed, above 0 up to 1.
+        `speed` is a share of the highest speed, above 0 and at most 1.
         """
         self._arm = arm
         self._goal = goal
@@ -44,7 +44,7 @@ class TimedMove:
         return self.done_at == NEVER
 
     def hold(self, now: int) -> None:
-        """Stop at the commanded joints, unless the motion has ended."""
+        """Hold the motion at the commanded joints, unless the motion has ended."""
         left = self._arm.ends - now
         if left > 0 and not self.is_held:
             self._arm.halt(now)
@@ -57,7 +57,7 @@ class TimedMove:
             self._start(now, self._remaining)
 
     def skip(self, now: int) -> None:
-        """End the motion at the commanded joints."""
+        """End the motion early, at the currently commanded joints."""
         self._arm.halt(now)
         self.done_at = now
 

@@ -1,7 +1,8 @@
 """Numbered variables and I/O of the controller.
 
-Types by letter: ShoheiKobata/orin_bcap_python_samples SimpleSamples and DENSORobot/denso_robot_ros2. On a
-real controller, the number of variables of each letter is a setting; here it is the same for all.
+Sources for the type by letter: ShoheiKobata/orin_bcap_python_samples SimpleSamples and
+DENSORobot/denso_robot_ros2. On a real controller, the number of variables of each letter is a setting; the
+simulator has one number for all letters.
 """
 
 from __future__ import annotations
@@ -20,7 +21,8 @@ IO_BYTES = 64
 """512 bits, IO0 to IO511."""
 
 LONGEST_TEXT = 247
-"""Characters of an S variable, as on RC8 (by the manual's table of string variables; not verified)."""
+"""Maximum number of characters of an S variable, as on RC8 (by the manual's table of string variables; not
+verified)."""
 
 _ROW_LENGTHS = {"V": 3, "P": 7, "J": 8, "T": 10}
 _SCALARS = {"I": VT.I4, "F": VT.R4, "D": VT.R8}
@@ -37,7 +39,7 @@ class VariableMemory:
     """The variables that programs and clients share."""
 
     def __init__(self, real: VT) -> None:
-        """Set everything to zero; `real` is the element type of vectors."""
+        """Set all variables and I/O to zero; `real` is the VARIANT type of the numbers in vectors."""
         self._real = real
         self._numbers: dict[tuple[str, int], float] = {}
         self._rows: dict[tuple[str, int], tuple[float, ...]] = {}
@@ -45,7 +47,7 @@ class VariableMemory:
         self.io = bytearray(IO_BYTES)
 
     def read(self, letter: str, index: int) -> Variant:
-        """Read a variable; the index of I/O is that of its first bit.
+        """Read a variable; the index of an I/O variable is the index of its first bit.
 
         Raises:
             RefusedError: There is no such variable.
@@ -65,7 +67,7 @@ class VariableMemory:
         """Write a variable; numbers are converted, and zeros complete a short vector.
 
         Raises:
-            RefusedError: There is no such variable, or the value does not fit.
+            RefusedError: The variable does not exist, or the value does not fit.
         """
         if letter.startswith("IO"):
             self._write_io(letter, index, value)
@@ -135,7 +137,7 @@ def _checked_text(value: Variant) -> str:
 
 
 def vector_of(value: Variant, length: int, real: VT) -> tuple[float, ...]:
-    """Convert an array to `length` numbers; missing ones are 0. Anything else is refused."""
+    """Convert an array to `length` numbers; missing numbers become 0. Anything else is refused."""
     if not value.vt & ARRAY:
         raise RefusedError(TYPE_MISMATCH)
     numbers = argument_values.numbers_of(value)

@@ -81,7 +81,7 @@ def test_an_order_ends_the_reading_of_the_log(ordered: bool, monkeypatch: pytest
     )
     assert stage.said[-1] == "Service_Stop"
     if ordered:
-        told = "the log could not be written: nobody waited for it"
+        told = "the log could not be written: an order to stop arrived first"
         assert (ended.outcome, str(ended.reason or ""), log.getvalue()) == (PlayOutcome.UNWRITABLE, told, b"")
     else:
         assert (ended.outcome, ended.logged, log.getvalue()[-9:]) == (PlayOutcome.STOPPED, 9, b"record 8\n")

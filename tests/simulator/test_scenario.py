@@ -131,7 +131,7 @@ def _in(what: str) -> str:
             "line 3: start.joints[4]: J5 is beyond its limits",
         ),
         (_in("variables:\n  Q1: 3"), "line 3: variables.Q1: there is no such variable"),
-        (_in("variables:\n  I100: 3"), "line 3: variables.I100: there is none of that number"),
+        (_in("variables:\n  I100: 3"), "line 3: variables.I100: there is no variable of that number"),
         (_in("variables:\n  I1: [1, 2]"), "line 3: variables.I1: the value does not fit"),
         (_in("variables:\n  P1: [.nan]"), "line 2: variables: Expected float"),
         (_in("tasks: {running: [Pro9]}"), "line 2: tasks.running[0]: Pro9 is not loaded"),
@@ -160,7 +160,7 @@ def _in(what: str) -> str:
         ),
         (
             _in("faults: [{action: drop, name: a}]\nin_slave_mode:\n- {action: drop, name: a}"),
-            "line 4: in_slave_mode[0].name: a is the name of another one",
+            "line 4: in_slave_mode[0].name: a is the name of another fault or event",
         ),
         (_in("seed: x"), "line 2: seed: Expected int, got str"),
     ],
@@ -177,7 +177,7 @@ def test_scenarios_by_name_and_from_files(tmp_path: Path) -> None:
     path.write_text("title: Täglich", encoding="utf-8")
     assert load_scenario(str(path)).title == "Täglich"
     path.write_bytes(b"title: \xff")
-    with pytest.raises(DocumentError, match="no text in UTF-8"):
+    with pytest.raises(DocumentError, match="the file is not UTF-8 text"):
         load_scenario(str(path))
     with pytest.raises(LookupError, match="did you mean 'emergency-stop'"):
         load_scenario("emergency-step")
