@@ -67,5 +67,5 @@ def _place_types() -> dict[str, type[Place]]:
     return {
         each.type_name: each
         for each in vars(places).values()
-        if isinstance(each, type) and issubclass(each, Place) and hasattr(each, "type_name")
+        if isinstance(each, type) and issubclass(each, Place) and each is not Place
     }

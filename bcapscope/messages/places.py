@@ -250,7 +250,7 @@ class WireText(Place):
         return self.value
 
 
-class _Several(Place):
+class _Several:
     """Several messages or strings."""
 
     def __init__(self, items: tuple[Message | str, ...]) -> None:
@@ -263,7 +263,7 @@ class _Several(Place):
         return [str(each) for each in self.items]
 
 
-class Listing(_Several):
+class Listing(_Several, Place):
     """Several in a row; the last one follows "and"."""
 
     type_name = "list"
@@ -275,7 +275,7 @@ class Listing(_Several):
         return words("list.and", items=words("list.comma").join(texts[:-1]), last=texts[-1])
 
 
-class Enumeration(_Several):
+class Enumeration(_Several, Place):
     """Several in a row, all separated alike."""
 
     type_name = "enumeration"
@@ -284,7 +284,7 @@ class Enumeration(_Several):
         return words("list.comma").join(self.texts(words))
 
 
-class IndentedLines(_Several):
+class IndentedLines(_Several, Place):
     """Several, each on a line of its own below the sentence."""
 
     type_name = "lines"

@@ -333,5 +333,5 @@ def test_nobody_listens() -> None:
     assert ran.err == "bcapscope: 127.0.0.1:1 over TCP: connection refused\n"
     ran = run_here("call", "127.0.0.1", "--port", "1", "--timeout", "5", "--retries", "0", "Service_Start")
     assert ran.code == ExitCode.UNANSWERED
-    assert ran.err.startswith("bcapscope: 127.0.0.1:1 over UDP: Service_Start was not answered")
+    assert ran.err.startswith("bcapscope: 127.0.0.1:1 over UDP: Service_Start got no reply")
     assert "connection refused at" in ran.err

@@ -290,7 +290,7 @@ def test_pasted_hex_is_read_and_what_is_wrong_with_it_said(golden: Callable[[str
 def test_a_text_without_hex_is_said(text: bytes) -> None:
     done = run("decode", "--text", "-", stdin=text)
     assert done.code == ExitCode.UNREADABLE
-    assert "no hex found in this text" in done.err
+    assert "this text contains no hex" in done.err
 
 
 def test_one_source_at_a_time() -> None:

@@ -460,7 +460,7 @@ HERE = ["--listen", "127.0.0.1:0", "--to", "127.0.0.1:1"]
     ("words", "code", "sentence"),
     [
         (["--listen", "127.0.0.1:0", "--ring", "x"], 2, "a ring is written as"),
-        (["--listen", "127.0.0.1:0"], 2, "each --listen needs its --to"),
+        (["--listen", "127.0.0.1:0"], 2, "each --listen needs one --to"),
         (["--listen", "127.0.0.1:0", "--to", "127.0.0.1:1", "-f", "nonsense =="], 2, "nonsense"),
         (
             ["--listen", "127.0.0.1:0", "--to", "no.such.host.invalid:1"],

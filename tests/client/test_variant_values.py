@@ -55,10 +55,10 @@ def test_the_function_has_its_types() -> None:
 @pytest.mark.parametrize(
     ("values", "told"),
     [
-        ((7, "a", 1), "Robot_Speed, lAxis: 'a' is no VT_I4"),
-        ((7, 2**31, 1), "Robot_Speed, lAxis: 2147483648 is no VT_I4"),
-        ((None, 1, 1), "Robot_Speed, hRobot: None is no VT_I4"),
-        ((7, 1, "fast"), "Robot_Speed, fSpeed: 'fast' is no VT_R4"),
+        ((7, "a", 1), "Robot_Speed, lAxis: 'a' is not a VT_I4"),
+        ((7, 2**31, 1), "Robot_Speed, lAxis: 2147483648 is not a VT_I4"),
+        ((None, 1, 1), "Robot_Speed, hRobot: None is not a VT_I4"),
+        ((7, 1, "fast"), "Robot_Speed, fSpeed: 'fast' is not a VT_R4"),
     ],
 )
 def test_an_argument_of_another_type_is_named(values: tuple[object, ...], told: str) -> None:

@@ -439,7 +439,7 @@ def test_limits_that_the_user_knows_are_kept(tmp_path: Path) -> None:
         await until(pilot, lambda: not start.disabled)
         assert "limits of an unknown arm" in sight(pilot)
         here.query_one("#limits", Input).value = "J6=20..25 J6.speed"
-        await until(pilot, lambda: "'J6.speed' is no limit" in sight(pilot))
+        await until(pilot, lambda: "'J6.speed' is not a limit" in sight(pilot))
         here.query_one("#limits", Input).value = "J6=20..25"
         await until(pilot, lambda: "its limits are 20 and 25" in sight(pilot))
         assert start.disabled

@@ -22,7 +22,7 @@ TO = ("--to", "127.0.0.1:9")
 @pytest.mark.parametrize(
     ("words", "reason"),
     [
-        (["--proxy", "--listen", "127.0.0.1:0"], "each --listen needs its --to"),
+        (["--proxy", "--listen", "127.0.0.1:0"], "each --listen needs one --to"),
         (["--proxy", "--sim"], "only one of HOST, FILE, -i, --proxy and --sim"),
         (["--listen", "127.0.0.1:0", *TO], "add --proxy"),
         (["--read-only"], "add --proxy"),
