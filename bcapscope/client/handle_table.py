@@ -16,8 +16,8 @@ class ObjectHandle(NamedTuple):
     Attributes:
         kind: Class of the object.
         handle: Number that the controller gave.
-        opened_with: String arguments of the opening call, such as name and option. For a controller, the
-            four strings of Controller_Connect.
+        opened_with: String arguments of the opening call, such as name and option. For a controller, the four
+            strings of Controller_Connect.
         parent: Object through which the client opened this one; None for a controller.
     """
 

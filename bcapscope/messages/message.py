@@ -59,8 +59,8 @@ class Message:
     Attributes:
         id: Key in the catalogue, such as `finding.no-reply`.
         places: Values by the name of their place.
-        english: English text of messages whose words come from a table of the protocol; None if the
-            catalogue has them.
+        english: English text of messages whose words come from a table of the protocol; None if the catalogue
+            has them.
     """
 
     __slots__ = ("english", "id", "places")

@@ -111,7 +111,7 @@ class Frame:
         reserved: Reserved field; marks retries on UDP.
         code: Function id or HRESULT, unsigned.
         external_problem: A problem that the frame's own bytes do not show, such as a packet truncated by the
-        capture; None for nearly all frames.
+            capture; None for nearly all frames.
     """
 
     __slots__ = ("_templates", "code", "external_problem", "raw", "reserved", "serial")

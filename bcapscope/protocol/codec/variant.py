@@ -88,13 +88,10 @@ class Variant(NamedTuple):
     Attributes:
         vt: Type number, or-ed with `ARRAY` for arrays; unknown numbers are kept.
         value: None for EMPTY and NULL. int, float, bool or str for scalars (CY and ERROR as raw integers,
-            DATE as
-        days since 1899-12-30). A tuple for arrays, `bytes` for an array of UI1, a tuple of Variant for an
-            array
-        of VARIANT. The raw `bytes` of an unknown type.
+            DATE as days since 1899-12-30). A tuple for arrays, `bytes` for an array of UI1, a tuple of
+            Variant for an array of VARIANT. The raw `bytes` of an unknown type.
         elements: Element count as in the frame. Scalars have 1; EMPTY and NULL may also have 0. Larger than
-            the
-        number of values if a frame holds fewer elements than it announces.
+            the number of values if a frame holds fewer elements than it announces.
     """
 
     vt: int
@@ -141,8 +138,7 @@ def encode_variant(variant: Variant) -> bytes:
 
     Raises:
         LocalProtocolError: The value does not fit its type, the element count of an array differs from the
-            number
-        of its values, VARIANT arrays nest deeper than `MAX_NESTING`, or b-CAP has no such type.
+            number of its values, VARIANT arrays nest deeper than `MAX_NESTING`, or b-CAP has no such type.
     """
     return _encode(variant, 0)
 

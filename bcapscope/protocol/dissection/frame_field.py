@@ -51,8 +51,7 @@ class FrameField:
         unit: `mm`, `deg`, or empty.
         problems: Problems of this field or inside it, in the order of the bytes.
         children: Fields that it consists of, which cover it without a gap. They are created on access, so
-            that an
-        array of a million elements costs nothing before.
+            that an array of a million elements costs nothing before.
     """
 
     name: str

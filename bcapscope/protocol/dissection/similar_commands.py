@@ -35,8 +35,7 @@ class SimilarCommand(NamedTuple):
         name: Name in the frame.
         catalogue_name: Name as the catalogue spells it.
         misread_bytes: Bytes to change to get `catalogue_name`. Empty if all characters of `name` are ordinary
-            ones.
-        Such a name was not misread: it is misspelt, or the catalogue lacks it.
+            ones. Such a name was not misread: it is misspelt, or the catalogue lacks it.
     """
 
     name: str

@@ -63,8 +63,7 @@ class SlaveMode:
         overwrites_waiting: A new set point replaces the waiting one.
         paces_client: The reply to slvMove waits for room in the buffer and thereby paces the client.
         underflow_is_error: A missing set point during motion ends slave mode; None if a setting on the
-            pendant
-        decides.
+            pendant decides.
         overflow_is_error: The controller refuses an excess set point with 83201483, after the warning
             S_BUF_FULL.
         text: Description for people.
