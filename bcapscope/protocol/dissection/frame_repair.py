@@ -126,7 +126,7 @@ def _changed_zeros(raw: bytes, length: int | None, is_request: bool | None) -> F
 
 
 def _with_changed_zeros(raw: bytes, lacking: int, is_request: bool | None) -> list[bytes]:
-    """Return `raw`, then `raw` with one and with two zeros changed where the change makes most plausible."""
+    """Return `raw`, then `raw` with one and two zeros changed where that makes the longest prefix sound."""
     versions = [raw]
     for _ in range(min(abs(lacking), MAX_EDITS) if len(raw) <= LONGEST_REPAIRED else 0):
         edited = _one_zero_more(versions[-1]) if lacking > 0 else _one_zero_less(versions[-1])

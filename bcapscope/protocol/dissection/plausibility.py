@@ -125,8 +125,7 @@ def _read(number: struct.Struct, data: bytes, pos: int) -> int:
 
 
 def _check_argument(data: bytes, pos: int, bound: int, declared: str) -> int:
-    """Check the argument at `pos`, which must end at or before `bound`; return the offset after the
-    argument."""
+    """Check the argument at `pos`, which must end at or before `bound`; return the offset after it."""
     stop = pos + 4 + _read(_U32, data, pos)
     if stop > bound:
         raise _Implausible(pos)
