@@ -188,8 +188,7 @@ class CallStore:
         return StoredCall(call, None if record.subject is None else _object_from_record(record.subject))
 
     def index_of_frame(self, frame: int) -> int | None:
-        """Return the index of the row to which a frame belongs; None if the row is not known yet, or
-        never."""
+        """Return the index of the row to which a frame belongs; None if no stored row has the frame."""
         data = self._row_by_frame.read((frame - 1) * _ROW_NUMBER.size, _ROW_NUMBER.size)
         row = int.from_bytes(data, "little")
         return row - 1 if row else None

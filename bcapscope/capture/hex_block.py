@@ -169,8 +169,7 @@ class HexBlock:
         self._data = None
 
     def _fill_gap(self, count: int, line: int) -> bool:
-        """Append `count` bytes of copies of the last row, or note the gap; return False if the gap is too
-        large."""
+        """Fill a gap with copies of the last row, or note the gap; return False if the gap is too large."""
         if count <= self.asterisk_bytes:
             row = self._parts[-1]
             self._append((row * (2 * count // len(row) + 1))[: 2 * count])

@@ -204,8 +204,7 @@ def _make_run(line: str, group: Sequence[_Run]) -> _Run:
 
 
 def _are_characters(digits: str, text: str) -> bool:
-    """Return whether `text` shows the bytes of `digits` as characters, with a dot or the like for the
-    rest."""
+    """Return whether `text` shows the bytes of `digits` as characters, with a dot for other bytes."""
     text = text.strip().strip("|")
     if text[:1] == ">" and text[-1:] == "<":
         text = text[1:-1]
