@@ -1,4 +1,4 @@
-"""Files that one process appends to while other processes read them at any position."""
+"""Log files: one process appends records while other processes read records at any position."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 _READ_AHEAD = 64 * 1024
-"""Bytes per read. The records that one screen shows lie close together."""
+"""Number of bytes per read. A screen shows adjacent records, so one read often covers all of them."""
 
 _OFFSET = struct.Struct("<Q")
 
@@ -26,8 +26,7 @@ class AppendLogWriter:
     def __init__(self, path: Path) -> None:
         """Create `path` and an index file beside it.
 
-        Raises:
-            FileExistsError: One of the two files exists.
+        Raises: FileExistsError: One of the two files already exists.
         """
         self._file: BinaryIO = path.open("xb", buffering=0)
         self._index: BinaryIO = _index_path(path).open("xb", buffering=0)
@@ -43,7 +42,7 @@ class AppendLogWriter:
         self.count += 1
 
     def flush(self) -> None:
-        """Make all records visible to readers. The records are written before their index entries.
+        """Make all records visible to readers. Records are written before their index entries.
 
         Raises:
             OSError: A file cannot be written, such as on a full disk.
@@ -70,7 +69,7 @@ def write_all(file: BinaryIO | RawIOBase, data: bytes | bytearray) -> None:
 
 
 class CachedFileReader:
-    """Reads at any position of a growing file, and caches the piece read last."""
+    """Reads a growing file at any position, and caches the bytes of the latest read."""
 
     def __init__(self, path: Path) -> None:
         self._file: BinaryIO = path.open("rb", buffering=0)
@@ -99,7 +98,7 @@ class CachedFileReader:
 
 
 class AppendLogReader:
-    """Reads the records of an `AppendLogWriter`, by number from 0."""
+    """Reads the records that an `AppendLogWriter` writes, by number from 0."""
 
     def __init__(self, path: Path) -> None:
         self._records = CachedFileReader(path)
@@ -107,7 +106,7 @@ class AppendLogReader:
         self._count = 0
 
     def __len__(self) -> int:
-        """Return the number of records at the last `refresh`."""
+        """Return the number of records that the last `refresh` found."""
         return self._count
 
     def refresh(self) -> int:
@@ -115,10 +114,9 @@ class AppendLogReader:
         return self._count
 
     def offset_of(self, number: int) -> int:
-        """Return the offset of a record in bytes.
+        """Return the byte offset of a record in the record file.
 
-        Raises:
-            IndexError: No such record exists.
+        Raises: IndexError: The log has no record with this number.
         """
         data = self._index.read(number * _OFFSET.size, _OFFSET.size) if number >= 0 else b""
         if len(data) < _OFFSET.size:

@@ -10,21 +10,22 @@ from bcapscope.errors import CaptureError
 from bcapscope.messages import Message
 
 CHUNK_SIZE = 256 * 1024
-"""Bytes requested per read. A pipe returns the bytes that it has, so a large value causes no delay."""
+"""Number of bytes to request per read. A pipe returns the bytes that it has, so a large number causes no
+delay."""
 
 GZIP_MAGIC = b"\x1f\x8b"
-_GZIP_WINDOW = 31  # zlib's notation for the largest window behind a gzip header
+_GZIP_WINDOW = 31  # wbits of zlib: a gzip header and the largest window
 
 
 ChunkReader: TypeAlias = Callable[[int], bytes]
-"""Takes a number of bytes and returns at most that many, as soon as it has any; b"" at the end."""
+"""Function that returns at most the given number of bytes, as soon as bytes are available; b"" at the end."""
 
 
 class ByteSource:
-    """A window on a stream of bytes that only moves forward.
+    """The part of a byte stream that a capture reader currently holds in memory.
 
     Attributes:
-        data: Bytes in the window.
+        data: Bytes in memory.
         offset: Offset of `data` in the capture, in bytes.
     """
 
@@ -34,7 +35,7 @@ class ByteSource:
         self.offset = 0
 
     def advance(self, used: int) -> bool:
-        """Drop the first `used` bytes of `data` and append the next ones; return False at the end."""
+        """Drop the first `used` bytes of `data` and append bytes of the stream; return False at its end."""
         chunk = self._read(CHUNK_SIZE)
         self.data = self.data[used:] + chunk
         self.offset += used
@@ -51,7 +52,8 @@ class ByteSource:
 class GzipReader:
     """Decompresses a gzip file of one or several members while it is read.
 
-    The standard library's reader waits for full buffers, and loses bytes that it decompressed before damage.
+    The standard library's reader waits for full buffers. At damage, it loses bytes that it has already
+    decompressed.
     """
 
     def __init__(self, read: ChunkReader, head: bytes) -> None:
@@ -79,9 +81,9 @@ class GzipReader:
                 return data
 
     def _next_member(self) -> bool:
-        """Continue with the next member; return False at the end.
+        """Continue with the next gzip member; return False at the end of the file.
 
-        Zeros may follow the last member as padding (gzip manual, "tapes").
+        Zeros may follow the last member of a gzip file as padding (gzip manual, "tapes").
         """
         rest = self._decompressor.unused_data.lstrip(b"\x00")
         while len(rest) < len(GZIP_MAGIC):
@@ -105,7 +107,7 @@ class GzipReader:
         return data
 
     def _salvage(self, packed: bytes, size: int, error: zlib.error) -> bytes:
-        """Decompress byte by byte up to the damage; raise CaptureError once no byte is left before it."""
+        """Decompress the bytes before the damage one by one; raise CaptureError when none is left."""
         data = bytearray()
         position = 0
         try:

@@ -1,4 +1,4 @@
-"""Calls on disk, stored beside the observations that they consist of."""
+"""Calls on disk, stored beside their observations."""
 
 from __future__ import annotations
 
@@ -36,10 +36,10 @@ _ObjectRecord = tuple[int, int, bytes, bytes, int, bool]
 
 
 class _Record(msgspec.Struct, array_like=True):
-    """A call by its number and those of its frames, or a stray reply.
+    """Stored form of a call or a stray reply, which refers to frames by their observation numbers.
 
-    Of a stray reply, `number` is 0, `request` is its frame, `reply` is the number of the call that it is too
-    late for (or 0), and `evicted` stands for `may_answer_evicted`.
+    For a stray reply, `number` is 0 and `request` is the number of the reply's frame. `reply` is the number
+    of the call that the reply is too late for, or 0. `evicted` holds `may_answer_evicted`.
     """
 
     number: int
@@ -66,7 +66,7 @@ class StoredCall(NamedTuple):
 
     Attributes:
         settled: The complete call, or the stray reply.
-        subject: The object that the request addresses; None where it is unknown.
+        subject: The controller object that the request addresses; None if unknown.
     """
 
     settled: PairingResult
@@ -74,20 +74,23 @@ class StoredCall(NamedTuple):
 
 
 class CallStoreWriter:
-    """Writes complete calls, and the row of the call to which each frame belongs."""
+    """Writes complete calls and stray replies as rows, and the row to which each frame belongs."""
 
     def __init__(self, folder: Path) -> None:
         """Create the files in the folder of an observation store."""
         self._calls = AppendLogWriter(folder / _CALLS)
         self._file = (folder / _ROW_BY_FRAME).open("xb", buffering=0)
-        self._new_rows: dict[int, int] = {}  # by frame, since the last flush
+        self._new_rows: dict[int, int] = {}  # row by frame number, added since the last flush
 
     @property
     def count(self) -> int:
         return self._calls.count
 
     def add(self, settled: PairingResult, subject: TrackedObject | None) -> None:
-        """Add a row; the caller writes its frames to the observation store before `flush`."""
+        """Add a call or stray reply as a row.
+
+        Before `flush`, the caller must write the row's frames to the observation store.
+        """
         if isinstance(settled, StrayReply):
             number = settled.observation.number
             late_for = settled.call_number or 0
@@ -143,13 +146,12 @@ def _record_of(call: Call, subject: TrackedObject | None) -> _Record:
 
 
 class CallStore:
-    """Reads the files of a `CallStoreWriter`, also while it writes them."""
+    """Reads the files of a `CallStoreWriter`, even while the writer adds rows."""
 
     def __init__(self, folder: Path, observations: ObservationStore) -> None:
-        """Open the calls of a folder.
+        """Open the files of a `CallStoreWriter` in a folder.
 
-        Raises:
-            OSError: The folder holds no calls.
+        Raises: OSError: The folder holds no files of a `CallStoreWriter`.
         """
         self._observations = observations
         self._records = AppendLogReader(folder / _CALLS)
@@ -163,10 +165,9 @@ class CallStore:
         return self._records.refresh()
 
     def read_call(self, index: int) -> StoredCall:
-        """Read the row at an index from 0, in the order in which calls became complete.
+        """Read a row by its index from 0. The rows are in the order in which the calls became complete.
 
-        Raises:
-            IndexError: No such row exists.
+        Raises: IndexError: No row has this index.
         """
         record = _decoder.decode(self._read_record(index))
         annotated = self._observations.read_frame(record.request)
@@ -187,7 +188,7 @@ class CallStore:
         return StoredCall(call, None if record.subject is None else _object_from_record(record.subject))
 
     def index_of_frame(self, frame: int) -> int | None:
-        """Return the index of the row that a frame belongs to; None where it is not known, or not yet."""
+        """Return the index of the row to which a frame belongs; None if no stored row has the frame."""
         data = self._row_by_frame.read((frame - 1) * _ROW_NUMBER.size, _ROW_NUMBER.size)
         row = int.from_bytes(data, "little")
         return row - 1 if row else None

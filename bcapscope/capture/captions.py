@@ -10,7 +10,7 @@ LONGEST_CAPTION = 120
 """Kept characters of a caption."""
 
 LONGEST_PARAGRAPH = 500
-"""Characters at the end of a paragraph that are searched for a direction."""
+"""Number of characters at the end of a paragraph in which to look for a direction."""
 
 _SENTENCE_END = re.compile(r"(?<=[.!?。])\s+")
 
@@ -54,6 +54,6 @@ def _direction_in(words: str) -> Direction | None:
 
 
 def shorten_caption(words: str) -> str:
-    """Return a caption without decoration; of a long paragraph, only the end of its last sentence."""
+    """Return a caption without decoration; for a long paragraph, only the end of its last sentence."""
     words = words.strip(" \t-*#•:=")
     return words if len(words) <= LONGEST_CAPTION else _SENTENCE_END.split(words)[-1][-LONGEST_CAPTION:]

@@ -8,21 +8,24 @@ from dataclasses import dataclass, field
 
 @dataclass(slots=True)
 class CaptureCounts:
-    """Sums over a capture so far. A packet without an observation is counted for one reason at most.
+    """Numbers of packets and observations of a capture, as read so far.
+
+    A packet without observation is counted under at most one reason.
 
     Attributes:
-        packets: Packets read.
-        items: Observations: frames, bytes that are no frame, and gaps.
-        malformed: Observations of bytes that are no frame.
-        gaps: Observations of gaps in a TCP stream.
-        missing: Bytes in those gaps.
-        not_ip: Packets of other protocols than IP, such as ARP.
-        broken: Packets whose headers are damaged or cut off, so that they cannot be decoded.
-        not_bcap: IP packets with other content than b-CAP, except TCP segments without content.
-        cut: Packets of which the capture kept only the beginning.
-        fragments_lost: Fragmented IP packets dropped because fragments were missing or contradictory.
-        contradictions: TCP retransmissions whose content differs from the first transmission.
-        unknown_links: Packets with an unknown link type, by that type.
+        packets: Number of packets read.
+        items: Number of observations: frames, bytes that are not a frame, and gaps.
+        malformed: Number of observations of bytes that are not a frame.
+        gaps: Number of gaps in TCP streams.
+        missing: Number of bytes missing in the gaps of TCP streams.
+        not_ip: Number of packets of other protocols than IP, such as ARP.
+        broken: Number of packets that cannot be decoded because their headers are damaged or cut off.
+        not_bcap: Number of IP packets with other content than b-CAP, without empty TCP segments.
+        cut: Number of packets of which the capture kept only the beginning.
+        fragments_lost: Number of fragmented IP packets dropped because fragments were missing or
+            contradictory.
+        contradictions: Number of TCP retransmissions whose content differs from the first transmission.
+        unknown_links: Number of packets with an unknown link type, by link type.
     """
 
     packets: int = 0

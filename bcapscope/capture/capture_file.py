@@ -30,15 +30,15 @@ _OTHER_FORMATS = {
 
 
 class CaptureFile:
-    """A capture, read once from beginning to end; also a context manager that closes it.
+    """A capture that is read once, from beginning to end. As a context manager, it closes the file.
 
     Attributes:
         size: Size of the file on disk in bytes; None for a stream without a size, such as a pipe.
-        position: Bytes of the file read so far.
+        position: Number of bytes of the file read so far.
     """
 
     def __init__(self, stream: BinaryIO) -> None:
-        """Read from a binary stream; packets of a pipe are yielded as they arrive."""
+        """Read from a binary stream. Packets from a pipe are yielded as soon as they arrive."""
         self._stream = stream
         self._read: ChunkReader = getattr(stream, "read1", stream.read)
         self.size = _file_size(stream)
@@ -57,7 +57,7 @@ class CaptureFile:
         """Yield the packets.
 
         Raises:
-            CaptureError: The stream is no capture, or it is damaged or incomplete. All packets before the
+            CaptureError: The stream is not a capture, or is damaged or incomplete. All packets before the
                 damage were yielded.
         """
         source = ByteSource(self._read_chunk)

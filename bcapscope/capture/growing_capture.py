@@ -14,12 +14,12 @@ from bcapscope.messages import Message
 from bcapscope.messages.os_errors import os_reason
 
 POLL_INTERVAL = 0.02
-"""Seconds between two checks for new data, too short to notice. No function that all systems offer reports
-that a file has grown."""
+"""Time in s between two checks for new data, too short for users to notice. Polling is necessary, since no
+function of all systems reports that a file has grown."""
 
 
 class _GrowingFile(io.RawIOBase):
-    """Returns the available bytes, and waits for more at the end of the file."""
+    """A file that waits for more bytes at its end until the capture has ended."""
 
     def __init__(self, file: io.FileIO, ended: Event, on_idle: Callable[[], None]) -> None:
         self._file = file
@@ -29,7 +29,7 @@ class _GrowingFile(io.RawIOBase):
     def read(self, size: int = -1) -> bytes:
         """Return up to `size` bytes; b"" only when the capture has ended."""
         while True:
-            over = self._ended.is_set()  # checked first, so that no byte written before the end is missed
+            over = self._ended.is_set()  # before the read, so that no byte is missed
             data = self._file.read(size)
             if data or over:
                 return data or b""
@@ -44,7 +44,7 @@ class _GrowingFile(io.RawIOBase):
 def follow_capture(path: Path, ended: Event, on_idle: Callable[[], None]) -> CaptureFile:
     """Open a capture that another program still writes, until the caller sets `ended`.
 
-    `on_idle` is called whenever there is nothing to read.
+    The reader calls `on_idle` whenever it waits for new data.
 
     Raises:
         CaptureError: The file cannot be opened.

@@ -1,4 +1,4 @@
-"""Blocks of hex rows that belong together."""
+"""Blocks: consecutive rows of hex that belong together."""
 
 from __future__ import annotations
 
@@ -10,38 +10,40 @@ from bcapscope.capture.hex_line import HexDigits
 from bcapscope.traffic.observation import Direction
 
 LARGEST_REPEAT = 64 * 1024
-"""Bytes that one asterisk may stand for."""
+"""Maximum number of bytes that one asterisk line of a dump may stand for."""
 
 LARGEST_BLOCK = 256 * 1024
-"""Bytes per block, enough for many frames of real sessions. A longer dump is split."""
+"""Maximum number of bytes per block, enough for many frames of real sessions. A longer dump becomes several
+blocks."""
 
 MAX_ROWS = 16 * 1024
-"""Rows per block: with 16 bytes per row, as many bytes as `LARGEST_BLOCK`."""
+"""Maximum number of rows per block. With 16 bytes per row, these rows hold `LARGEST_BLOCK` bytes."""
 
 _LARGEST_HOLE = 4096
-"""Bytes by which the offset of a row may be ahead while the row still belongs to the same block."""
+"""Maximum number of bytes that may be missing before a row that still belongs to the same block."""
 
 _BASES = {7: (16, 10, 8)}
-"""Possible number bases of an offset, by its number of digits. od prints seven digits in any of these bases;
-all other offsets are hexadecimal."""
+"""Possible number bases of an offset, by the offset's number of digits. The program od prints seven digits in
+any of these bases; offsets of other lengths are hexadecimal."""
 
 
 class HexBlock:
-    """Rows of hex with nothing between them.
+    """Consecutive rows of hex in a text, with nothing between them.
 
     Attributes:
-        caption: Words above the block.
-        direction: Direction that the caption states; None if it states none.
-        is_captioned: Whether the caption is directly above, with no other hex between.
-        offset: Offset written before the first row; "" where there is none.
-        indent: Column of that offset; -1 without an offset.
-        starts_at_zero: Whether that offset is 0.
-        is_hex_only: Whether its lines hold nothing but hex, offsets and characters.
-        has_hex_notation: Whether a row uses a notation that is used for hex only.
-        blank_line_follows: Whether a blank line follows.
-        asterisk_bytes: Bytes that a following asterisk may stand for, in rows like the last; 0 without one.
-        size: Number of whole bytes.
-        notes: Oddities, one clause each.
+        caption: Words in the text above the block.
+        direction: Direction that the caption states; None if the caption states no direction.
+        is_captioned: Whether the caption is directly above the block, with no other hex between.
+        offset: Offset written before the first row; "" if the first row has no offset.
+        indent: Column of the first row's offset; -1 if the first row has no offset.
+        starts_at_zero: Whether the first row's offset is 0.
+        is_hex_only: Whether the lines of the block hold nothing but hex, offsets and characters.
+        has_hex_notation: Whether a row has a notation that only hex has, such as 0x.
+        blank_line_follows: Whether a blank line follows the block.
+        asterisk_bytes: Maximum number of bytes that an asterisk after the last row may stand for; 0 without
+            an asterisk.
+        size: Number of whole bytes in the block.
+        notes: Oddities of the text, one clause each.
     """
 
     def __init__(
@@ -71,23 +73,23 @@ class HexBlock:
 
     @property
     def size(self) -> int:
-        """Number of whole bytes; half a byte at the end does not count."""
+        """Number of whole bytes in the block, without half a byte at the end."""
         return self._digit_count // 2
 
     @property
     def is_full(self) -> bool:
-        """Whether the block must be split before more rows are added."""
+        """Whether the block must be split before another row is added."""
         return self.size >= LARGEST_BLOCK or len(self._rows) >= MAX_ROWS
 
     @property
     def data(self) -> bytes:
-        """The whole bytes, without half a byte at the end."""
+        """The bytes of the block, without half a byte at the end."""
         if self._data is None:
             self._data = bytes.fromhex(self.digits[: 2 * self.size])
         return self._data
 
     def line_numbers(self) -> list[tuple[int, int]]:
-        """Return offset (in bytes) and line number of each row."""
+        """Return the byte offset in the block and the line number of each row."""
         return [(place // 2, line) for place, line in self._rows]
 
     def add(self, line: int, row: HexDigits) -> None:
@@ -98,9 +100,10 @@ class HexBlock:
         self.blank_line_follows = False
 
     def split(self, offset: int) -> HexBlock:
-        """Cut the block at an offset in bytes and return the rest, to which further rows are added.
+        """Cut the block at a byte offset and return the bytes after the cut as a new block for further rows.
 
-        If the offset is 0 or leaves too many rows, the rest is only the last row, with a note.
+        If `offset` is 0 or the new block would have too many rows, the new block holds only the last row,
+        with a note.
         """
         first = bisect_right(self._rows, 2 * offset, key=itemgetter(0)) - 1
         note = ""
@@ -128,10 +131,11 @@ class HexBlock:
         self.notes += other.notes
 
     def fit_to_offset(self, offset: str, line: int) -> bool:
-        """Make the block end at `offset`, and return whether that is possible.
+        """Make the block end at the offset of the next row, and return whether that is possible.
 
-        A longer last row is cut: the surplus is characters to the right that were mistaken for hex. A gap is
-        filled with the rows that an asterisk stands for, or noted. Offsets are hexadecimal, decimal or octal.
+        If the last row is too long, cut characters that were mistaken for hex from its right end. If rows are
+        missing, add those that an asterisk stands for, or note the gap. `offset` is hexadecimal, decimal or
+        octal text.
         """
         size = self.size
         places = [(base, self._position_of(offset, base)) for base in self._bases]
@@ -153,7 +157,7 @@ class HexBlock:
         return False
 
     def _position_of(self, offset: str, base: int) -> int | None:
-        """Return the byte position of an offset in the block; None if `offset` is no number in `base`."""
+        """Return the byte position of an offset in the block; None if `offset` is not a number in `base`."""
         try:
             return int(offset.rstrip(":"), base) - int(self.offset.rstrip(":"), base) - self._skipped
         except ValueError:
@@ -165,7 +169,7 @@ class HexBlock:
         self._data = None
 
     def _fill_gap(self, count: int, line: int) -> bool:
-        """Fill `count` bytes with copies of the last row or note that they are missing; False if too many."""
+        """Fill a gap with copies of the last row, or note the gap; return False if the gap is too large."""
         if count <= self.asterisk_bytes:
             row = self._parts[-1]
             self._append((row * (2 * count // len(row) + 1))[: 2 * count])

@@ -1,7 +1,7 @@
 """Find frames in text: hex that people paste from mails, documents, tools and screenshots.
 
-`bcapscope.capture.hex_line` finds the hex in a line. This module turns lines into packets, with direction
-and caption from the text. It ignores prose, tables and words that look like hex.
+`bcapscope.capture.hex_line` finds the hex in a line. This module combines the lines to packets, and takes
+each packet's direction and caption from the text. Prose, tables and words that look like hex are ignored.
 """
 
 from __future__ import annotations
@@ -26,22 +26,24 @@ from bcapscope.protocol.dissection.plausibility import (
 from bcapscope.traffic.observation import Direction
 
 MAX_REPEATED = 1024 * 1024
-"""Bytes that all asterisks of a text may stand for together, so that a short text cannot fill the memory."""
+"""Maximum number of bytes that all asterisk lines of a text may stand for together. Without a limit, a short
+text could fill the memory."""
 
 _UDP, _TCP = 17, 6
 _SERIAL = slice(5, 7)
 
 
 class HexPacket(NamedTuple):
-    """One packet found in a text.
+    """A packet that was found in a text.
 
     Attributes:
-        data: One frame, sound or not, or bytes that are no frame.
-        direction: Direction of the frame. None where neither the text nor the bytes show it.
-        is_direction_guessed: Whether the direction follows from the bytes only.
-        caption: Words above the hex or before it on its line, or "". Untrusted, as all pasted text.
-        line: Line on which the packet begins, from 1.
-        notes: Oddities that the bytes do not show, one clause each.
+        data: A frame, which may be damaged, or bytes that are not a frame.
+        direction: Direction of the frame; None if neither the text nor the bytes show the direction.
+        is_direction_guessed: Whether only the bytes show the direction.
+        caption: Words above the hex, or before the hex on its line; "" if there are none. The words are
+            untrusted, as all pasted text.
+        line: Number of the line on which the packet begins, from 1.
+        notes: Oddities of the text that the bytes do not show, one clause each.
     """
 
     data: bytes
@@ -53,9 +55,9 @@ class HexPacket(NamedTuple):
 
 
 def read_hex_text(lines: Iterable[str]) -> Iterator[HexPacket]:
-    """Find the packets in the lines of a text, in their order; none where there is no hex.
+    """Yield the packets in the lines of a text, in their order.
 
-    Yields a packet as soon as the lines after it show that it is complete.
+    A packet is yielded as soon as later lines show that the packet is complete.
 
     Raises:
         CaptureError: `lines` raised it.
@@ -65,7 +67,7 @@ def read_hex_text(lines: Iterable[str]) -> Iterator[HexPacket]:
 
 
 def _read_blocks(lines: Iterable[str]) -> Iterator[HexBlock]:
-    """Yield the blocks of a text, including those that turn out not to be hex."""
+    """Yield the blocks of a text, including blocks that are not b-CAP."""
     reader = _BlockReader()
     for number, line in enumerate(lines, 1):
         reader.add_line(number, parse_line(line))
@@ -78,7 +80,7 @@ class _BlockReader:
     """Assembles blocks from the hex of lines.
 
     Attributes:
-        last: the latest block, which further lines may belong to.
+        last: The latest block, to which further lines may belong.
     """
 
     def __init__(self) -> None:
@@ -93,7 +95,7 @@ class _BlockReader:
         self._repeat_budget = MAX_REPEATED
 
     def add_line(self, number: int, pieces: list[LinePiece]) -> None:
-        """Add the pieces of line `number`, from 1."""
+        """Add the pieces of a line; `number` is the line's number, from 1."""
         if not pieces and self._open is not None:
             self._open.blank_line_follows = True
         for piece in pieces:
@@ -107,7 +109,7 @@ class _BlockReader:
                 self._open.asterisk_bytes = min(LARGEST_REPEAT, self._repeat_budget)
 
     def pop_finished(self) -> list[HexBlock]:
-        """Return the complete blocks since the previous call."""
+        """Return the blocks that became complete since the previous `pop_finished`."""
         complete, self._finished = self._finished, []
         return complete
 
@@ -131,7 +133,7 @@ class _BlockReader:
             self._begin_block(number, piece)
 
     def _add_dump_row(self, number: int, piece: HexDigits) -> None:
-        """Continue the last block if the offset fits; wrapped characters may come between its rows."""
+        """Add a row to the last block if the row's offset fits, otherwise begin a new block."""
         last = self.last
         if (
             last is not None
@@ -150,7 +152,7 @@ class _BlockReader:
         return reached
 
     def _add_few_bytes(self, number: int, piece: HexDigits) -> None:
-        """Use a few bytes beside words as the end of a frame, or as the start of the next line's bytes."""
+        """Handle a few bytes beside words, which may end a frame or begin the bytes of the next line."""
         block = self._open
         is_short = block is not None and block.size <= LONGEST_REPAIRED
         if piece.starts_line and block and is_short and len(piece.digits) <= 2 * _missing_bytes(block.data):
@@ -174,7 +176,7 @@ class _BlockReader:
         self._has_new_caption, self._tail = False, None
 
     def _add_row(self, block: HexBlock, number: int, piece: HexDigits) -> None:
-        """Add a row to the last block; from a full block, carry over only the incomplete frame."""
+        """Add a row to a block; if the block is full, continue its last frame in a new block."""
         block.add(number, piece)
         if block.is_full:
             self._set_last_block(block.split(_last_frame_start(block)))
@@ -192,7 +194,7 @@ class _BlockReader:
 
 
 def _last_frame_start(block: HexBlock) -> int:
-    """Return the offset of the last frame in a full block; 0 if the rest would be too long."""
+    """Return the offset of the last frame in a full block; 0 if the bytes from that offset are too many."""
     start = (
         _frame_starts(block.data, [place for place, _ in block.line_numbers()])[-1]
         if _begins_as_frame(block.data)
@@ -206,14 +208,14 @@ def _begins_as_frame(data: bytes) -> bool:
 
 
 def _missing_bytes(data: bytes) -> int:
-    """Return how many bytes the last frame in `data` lacks; 0 if it is whole or there is no frame."""
+    """Return how many bytes the last frame in `data` lacks; 0 for a whole frame and without a frame."""
     last = data[_frame_starts(data, [])[-1] :]
     length = plausible_length_field(last) if _begins_as_frame(last) else None
     return max(length - len(last), 0) if length else 0
 
 
 def _join_blocks(blocks: Iterable[HexBlock]) -> Iterator[HexBlock]:
-    """Join blocks of one frame that only blank lines separate, and drop blocks that are not b-CAP."""
+    """Join blocks that belong to one frame, and drop blocks that are not b-CAP."""
     pending: HexBlock | None = None
     for block in blocks:
         if (
@@ -232,9 +234,9 @@ def _join_blocks(blocks: Iterable[HexBlock]) -> Iterator[HexBlock]:
 
 
 def _continues_frame(before: HexBlock, block: HexBlock) -> bool:
-    """Return whether `block` continues an incomplete frame.
+    """Return whether `block` continues an incomplete frame at the end of `before`.
 
-    A lone byte counts only if it completes the frame, since it may be a page number.
+    A single byte must complete the frame, since otherwise the byte may be a page number.
     """
     data = block.data
     lacking = _missing_bytes(before.data)
@@ -242,7 +244,10 @@ def _continues_frame(before: HexBlock, block: HexBlock) -> bool:
 
 
 def _is_bcap_hex(block: HexBlock) -> bool:
-    """Return whether a block holds b-CAP bytes. Many b-CAP bytes are zero, unlike those of other numbers."""
+    """Return whether a block holds b-CAP bytes.
+
+    Many bytes of b-CAP are zero, which distinguishes them from other hex.
+    """
     data = block.data
     if block.is_captioned and block.direction is not None:
         return len(data) >= MIN_HEX_BYTES // 2
@@ -274,9 +279,9 @@ def _packets_in(block: HexBlock) -> Iterator[HexPacket]:
 
 
 def _frame_starts(data: bytes, rows: list[int]) -> list[int]:
-    """Return the offsets of the frames in the bytes of a block whose rows begin at `rows`.
+    """Return the offsets of the frames in the bytes of a block; `rows` are the offsets of the rows.
 
-    A frame begins after a whole frame, or else at a row that looks like the start of a frame.
+    A frame begins directly after a whole frame, or at a row that looks like the start of a frame.
     """
     cuts = [0]
     while True:
@@ -297,7 +302,7 @@ def _frame_starts(data: bytes, rows: list[int]) -> list[int]:
 def _direction_of(
     part: bytes, block: HexBlock, by_port: Direction | None
 ) -> tuple[Direction | None, bool, list[str]]:
-    """Return the direction of a packet, whether it is a guess, and the contradicting evidence as text."""
+    """Return the direction of a packet, whether the direction is a guess, and contradicting evidence."""
     content = _direction_by_content(part)
     if by_port is not None:
         return by_port, False, []
@@ -310,7 +315,7 @@ def _direction_of(
 
 
 def _direction_by_content(part: bytes) -> Direction | None:
-    """Return the direction that only the content shows, if necessary after repair; None if it shows none."""
+    """Return the direction that the content shows, perhaps after a repair; None if unknown."""
     if not _begins_as_frame(part) or len(part) < HEADER_SIZE:
         return None
     shown = direction_evidence(parse_single_frame(part))
@@ -330,7 +335,7 @@ def _direction_by_content(part: bytes) -> Direction | None:
 
 
 def _without_headers(data: bytes) -> tuple[bytes, Direction | None, int]:
-    """Strip the headers of a packet; return payload, direction by port, and number of bytes stripped."""
+    """Strip link, IP and transport headers; return payload, direction by port, and the headers' size."""
     for start in (find_ip(ETHERNET, data), 0):
         packet = read_ip(data, start) if start != NOT_IP and data else None
         if packet is None or packet.fragment is not None:

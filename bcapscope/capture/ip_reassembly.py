@@ -8,19 +8,19 @@ from typing import NamedTuple
 from bcapscope.capture.link_layer import IPPacket
 
 REASSEMBLY_TIMEOUT = 30 * 1_000_000_000
-"""Time after its first fragment at which an incomplete packet is dropped, ns; as in Linux (ipfrag_time)."""
+"""Time in ns after its first fragment at which an incomplete packet is dropped, as in Linux (ipfrag_time)."""
 
 MEMORY_LIMIT = 4 * 1024 * 1024
-"""Bytes held for all incomplete packets together, as in Linux (ipfrag_high_thresh)."""
+"""Maximum number of bytes held for all incomplete packets together, as in Linux (ipfrag_high_thresh)."""
 
 LARGEST_PAYLOAD = 65535
 """Longest payload of a fragmented IP packet, in bytes (RFC 791; RFC 8200 for IPv6)."""
 
-_PART_COST = 128  # bytes of memory per fragment, in addition to its content
+_PART_COST = 128  # memory of a fragment in bytes, without its content
 
 
 class ReassembledPacket(NamedTuple):
-    """A packet whose last missing fragment has arrived.
+    """A fragmented packet of which all fragments have arrived.
 
     Attributes:
         packet: The whole packet.
@@ -32,7 +32,7 @@ class ReassembledPacket(NamedTuple):
 
 
 class _PartialPacket:
-    """The fragments of one packet so far."""
+    """The fragments of one incomplete packet that have arrived so far."""
 
     __slots__ = ("_content", "_held_bytes", "_is_contradictory", "_offsets", "_size", "began", "protocol")
 
@@ -72,7 +72,7 @@ class _PartialPacket:
             self._held_bytes += len(payload)
 
     def joined_payload(self) -> bytes | None:
-        """Return the payload; None while fragments are missing."""
+        """Return the payload of the whole packet; None while fragments are missing."""
         if self._held_bytes != self._size:
             return None
         return b"".join(map(self._content.__getitem__, self._offsets))
@@ -95,10 +95,10 @@ class _PartialPacket:
 
 
 class IpReassembly:
-    """Reassembles fragments to packets, and holds the incomplete packets.
+    """Reassembles IP fragments to packets, and holds the fragments of incomplete packets.
 
     Attributes:
-        packets_lost: Packets dropped because fragments were missing or contradicted each other.
+        packets_lost: Number of packets dropped because fragments were missing or contradictory.
     """
 
     def __init__(self) -> None:
@@ -107,9 +107,9 @@ class IpReassembly:
         self._cost = 0
 
     def add(self, packet: IPPacket, time: int) -> ReassembledPacket | None:
-        """Add a fragment and return the packet that it completes; None while fragments are missing.
+        """Add a fragment and return the packet that the fragment completes; None while fragments are missing.
 
-        A whole packet is returned unchanged. `time` is the capture time, ns since 1970.
+        An unfragmented packet is returned unchanged. `time` is the capture time, ns since 1970.
         """
         fragment = packet.fragment
         if fragment is None:
@@ -140,7 +140,7 @@ class IpReassembly:
         self._cost -= self._incomplete.pop(key).cost
 
     def _drop_expired(self, time: int) -> None:
-        """Drop incomplete packets that are too old, and the oldest ones while they use too much memory."""
+        """Drop incomplete packets that are too old, and the oldest packets while all use too much memory."""
         while self._incomplete:
             key, oldest = next(iter(self._incomplete.items()))
             if oldest.began + REASSEMBLY_TIMEOUT > time and self._cost <= MEMORY_LIMIT:

@@ -64,9 +64,9 @@ def _as_variant(value: Any) -> Variant:
 
 
 class ArgumentsField(StrField):  # type: ignore[misc] # scapy's classes have no types here
-    """The arguments as a tuple of `Variant`.
+    """The arguments of a frame as a tuple of `Variant`.
 
-    You may set Python values. They get the types that DENSO's Python client sends: int I4, float R8,
+    You may set Python values. Python values get the types that DENSO's Python client sends: int I4, float R8,
     str BSTR, bytes an array of UI1, bool BOOL, None EMPTY.
     """
 
@@ -86,16 +86,17 @@ class ArgumentsField(StrField):  # type: ignore[misc] # scapy's classes have no 
         return len(x or ())
 
     def i2repr(self, pkt: Packet | None, x: Any) -> str:
-        """Return the arguments as text, with all non-ASCII and control characters escaped."""
+        """Return the arguments as text with non-ASCII and control characters escaped."""
         return ascii(list(x or ()))
 
 
 class BCAP(Packet):  # type: ignore[misc] # as above
     """One frame.
 
-    Requests have the field `function_id`, replies have `hresult`. Setting either one selects the kind.
-    `trailer` holds the bytes between the arguments and EOT: none, the CRC of a serial line, the mode of a
-    version 1 frame, or bytes that belong to no argument. An unchanged frame keeps its original bytes.
+    A b-CAP frame. Requests have the field `function_id`, replies have `hresult`. If you set one of the two
+    fields, the frame becomes a request or a reply. `trailer` holds the bytes between the arguments and EOT:
+    none, the CRC of a serial line, the mode of a version 1 frame, or bytes that belong to no argument. An
+    unchanged frame keeps its original bytes.
     """
 
     name = "b-CAP"
@@ -130,9 +131,9 @@ class BCAP(Packet):  # type: ignore[misc] # as above
 
     @classmethod
     def tcp_reassemble(cls, data: bytes, metadata: dict[str, Any], session: dict[str, Any]) -> Packet | None:
-        """Return the first frame of a stream, with the rest as padding, which scapy passes in again.
+        """Return the first frame of a stream, with the remaining bytes as padding; None until it is whole.
 
-        Bytes outside of any frame become a raw layer. Returns None until the frame is whole.
+        scapy passes the padding to this method again. Bytes outside any frame become a raw layer.
         """
         garbage = _garbage_size(data)
         if garbage:
@@ -163,7 +164,7 @@ class BCAP(Packet):  # type: ignore[misc] # as above
 
     @property
     def command_name(self) -> str | None:
-        """The command of an Execute request, such as `slvMove`; None in all other frames."""
+        """The command of an ..._Execute request, such as `slvMove`; None for all other frames."""
         if self.is_response or self.function_id not in FUNCTIONS:
             return None
         params = FUNCTIONS[self.function_id].params
@@ -198,15 +199,18 @@ class BCAP(Packet):  # type: ignore[misc] # as above
         return s[size:]
 
     def extract_padding(self, s: bytes) -> tuple[bytes, bytes]:
-        """Return all bytes as padding: a frame carries no payload, so another frame follows."""
+        """Return all bytes as padding, since a frame has no payload and another frame follows."""
         return b"", s
 
     def hashret(self) -> bytes:
-        """Return the serial as bytes: a request and its reply share it."""
+        """Return the serial as bytes, by which scapy finds the reply to a request."""
         return struct.pack("<H", self.serial)
 
     def answers(self, other: Packet) -> bool:
-        """Return whether this is the reply to the request `other`; a notice (S_EXECUTING) is not."""
+        """Return whether this frame is the reply to the request `other`.
+
+        A notice (S_EXECUTING) is not a reply.
+        """
         if not isinstance(other, BCAP) or not self.is_response or other.is_response:
             return False
         return bool(self.serial == other.serial and self.hresult != S_EXECUTING)
@@ -220,7 +224,7 @@ class BCAP(Packet):  # type: ignore[misc] # as above
 
 
 def _garbage_size(data: bytes) -> int:
-    """Return the number of bytes before the first possible frame of a stream."""
+    """Return the number of bytes at the start of a stream that cannot belong to a frame."""
     length = int.from_bytes(data[1:5], "little")
     if data[:1] == bytes((SOH,)) and (len(data) < 5 or SMALLEST_FRAME <= length <= LARGEST_FRAME):
         return 0

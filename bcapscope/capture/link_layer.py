@@ -18,17 +18,18 @@ _VLAN_TAGS = frozenset({0x8100, 0x88A8, 0x9100})
 """Customer tag, service tag (IEEE 802.1Q), and the service tag of switches older than the standard."""
 
 _MAX_LENGTH_FIELD = 1500
-"""Up to this value the type field is a length, and LLC follows (IEEE 802.3)."""
+"""Largest value of Ethernet's type field that is a length, after which LLC follows (IEEE 802.3)."""
 
 _SNAP = b"\xaa\xaa\x03\x00\x00\x00"
-"""LLC for SNAP, unnumbered information, and the organisation code for Ethernet types."""
+"""LLC header for SNAP (unnumbered information), and the organisation code for Ethernet types."""
 
 _PPPOE, _PPPOE_SIZE = 0x8864, 6
 _PPP_FRAMING = b"\xff\x03"
 _PPP_IP = frozenset({0x0021, 0x0057})
 
 _LOOPBACK_FAMILIES = frozenset({2, 10, 24, 28, 30})
-"""AF_INET, then AF_INET6 of Linux, NetBSD and OpenBSD, FreeBSD, macOS (LINKTYPE_NULL)."""
+"""Address families of IP: AF_INET, then AF_INET6 of Linux, NetBSD and OpenBSD, FreeBSD, macOS
+(LINKTYPE_NULL)."""
 
 _HOP_BY_HOP, _ROUTING, _FRAGMENT, _AUTHENTICATION, _DESTINATION = 0, 43, 44, 51, 60
 _EXTENSIONS = frozenset({_HOP_BY_HOP, _ROUTING, _AUTHENTICATION, _DESTINATION, 135, 139, 140})
@@ -40,12 +41,13 @@ _IPV4_HEADER = struct.Struct(">2xH2sHxBxx8s")
 
 
 class Fragment(NamedTuple):
-    """The place of an IP fragment in its packet.
+    """The position of an IP fragment in its packet.
 
     Attributes:
-        key: Bytes that all fragments share: addresses, identification and, in IPv4, protocol.
+        key: Header bytes that all fragments of a packet share: addresses, identification and, in IPv4,
+            protocol.
         offset: Offset of the fragment in the whole payload, in bytes.
-        more: Whether more fragments follow.
+        more: Whether more fragments of the packet follow.
     """
 
     key: bytes
@@ -57,11 +59,11 @@ class IPPacket(NamedTuple):
     """Payload and header fields of an IP packet.
 
     Attributes:
-        protocol: Transport protocol: 17 for UDP, 6 for TCP.
+        protocol: Number of the transport protocol, 17 for UDP, 6 for TCP.
         addresses: Source and destination address, 4 or 16 bytes each.
-        payload: Captured payload, without padding of the link.
-        missing: Bytes of the payload that the length field states and the capture lacks.
-        fragment: Place of a fragment; None for a whole packet.
+        payload: Captured payload of the IP packet, without padding of the link.
+        missing: Number of bytes that the capture lacks at the end of the payload, by the length field.
+        fragment: Position of the fragment in its packet; None for a whole packet.
     """
 
     protocol: int
@@ -72,17 +74,16 @@ class IPPacket(NamedTuple):
 
 
 def find_ip(linktype: int, data: bytes) -> int:
-    """Return the offset of the IP header, or `NOT_IP`.
+    """Return the offset of the IP header in a captured packet, or `NOT_IP`.
 
-    Raises:
-        KeyError: The link type is not in `IP_OFFSET_FINDERS`.
+    Raises: KeyError: The link type is not in `IP_OFFSET_FINDERS`.
     """
     offset = IP_OFFSET_FINDERS[linktype](data)
     return offset if offset < len(data) else NOT_IP
 
 
 def read_ip(data: bytes, offset: int) -> IPPacket | None:
-    """Parse the IP packet at `offset`; return None if its header is not sound."""
+    """Parse the IP packet at `offset`; return None if the IP header is invalid."""
     version = data[offset] >> 4
     if version == 4:
         return _read_ipv4(data, offset)
@@ -92,7 +93,7 @@ def read_ip(data: bytes, offset: int) -> IPPacket | None:
 def _ip_after_type(data: bytes, offset: int) -> int:
     """Return the offset of the IP header behind the type field at `offset`, or `NOT_IP`.
 
-    VLAN tags, LLC with SNAP and a PPPoE session are skipped.
+    The function skips VLAN tags, LLC with SNAP, and the header of a PPPoE session.
     """
     kind = int.from_bytes(data[offset : offset + 2])
     while kind in _VLAN_TAGS:
@@ -106,7 +107,7 @@ def _ip_after_type(data: bytes, offset: int) -> int:
 
 
 def _type_after_llc(data: bytes, offset: int) -> tuple[int, int]:
-    """Return the offset and the value of the type field after LLC and SNAP; the value is 0 without one."""
+    """Return the offset and the value of the type field after LLC and SNAP; value 0 without SNAP."""
     if not data.startswith(_SNAP, offset):
         return offset, 0
     offset += len(_SNAP)
@@ -116,7 +117,7 @@ def _type_after_llc(data: bytes, offset: int) -> tuple[int, int]:
 def _ip_after_ppp(data: bytes, offset: int) -> int:
     """Return the offset of the IP header behind the PPP protocol field at `offset`, or `NOT_IP`.
 
-    The field has two bytes, or one where the ends agreed to compress it.
+    The PPP protocol field has two bytes, or one byte if both ends agreed to compress the field.
     """
     compressed = data[offset : offset + 1]
     if compressed and compressed[0] & 1:
@@ -139,9 +140,9 @@ def _cooked_2(data: bytes) -> int:
 
 
 def _loopback(data: bytes) -> int:
-    """Return the offset after the address family, or `NOT_IP`.
+    """Return the offset after a loopback packet's address family, or `NOT_IP`.
 
-    The family is in the byte order of the capturing machine (network order for LOOP).
+    The address family is in the byte order of the capturing machine (network order for LOOP).
     """
     families = {int.from_bytes(data[:4], "little"), int.from_bytes(data[:4])}
     return 4 if families & _LOOPBACK_FAMILIES else NOT_IP
@@ -165,7 +166,7 @@ IP_OFFSET_FINDERS: dict[int, Callable[[bytes], int]] = {
     229: _raw,
     LINUX_COOKED_2: _cooked_2,
 }
-"""For each link type, the function that returns the offset of the IP header."""
+"""Functions that return the offset of the IP header, by link type."""
 
 
 def _read_ipv4(data: bytes, offset: int) -> IPPacket | None:
@@ -174,7 +175,8 @@ def _read_ipv4(data: bytes, offset: int) -> IPPacket | None:
     if size < 20 or start > len(data):
         return None
     total, identification, part, protocol, addresses = _IPV4_HEADER.unpack_from(data, offset)
-    # The length is 0 if the capturing machine is the sender and its network card fills the field in.
+    # The length field is 0 if the capturing machine sent the packet and its network card fills the field in
+    # later.
     total = total or len(data) - offset
     if total < size:
         return None
@@ -190,7 +192,8 @@ def _read_ipv6(data: bytes, offset: int) -> IPPacket | None:
     start = offset + 40
     if start > len(data):
         return None
-    # A length of 0 marks a jumbogram (RFC 2675), or the network card fills it in as in IPv4.
+    # The length field is 0 in a jumbogram (RFC 2675), or if the network card fills the field in later, as in
+    # IPv4.
     length = int.from_bytes(data[offset + 4 : offset + 6]) or len(data) - start
     stop = start + length
     protocol, addresses = data[offset + 6], data[offset + 8 : start]
@@ -201,7 +204,7 @@ def _read_ipv6(data: bytes, offset: int) -> IPPacket | None:
         following, words = data[start], data[start + 1]
         if protocol == _FRAGMENT:
             place = int.from_bytes(data[start + 2 : start + 4])
-            if place & 0xFFF9:  # without an offset and "more", it is a whole packet (RFC 6946)
+            if place & 0xFFF9:  # else it is an unfragmented packet (RFC 6946)
                 fragment = Fragment(addresses + data[start + 4 : start + 8], place & 0xFFF8, bool(place & 1))
             start += 8
         else:

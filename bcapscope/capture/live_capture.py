@@ -1,8 +1,8 @@
 """Live capture on an interface of this machine.
 
-On Linux, a packet socket (packet(7)) captures. It reports what scapy hides: time stamps in nanoseconds,
-duplicates on the loopback interface, and the number of lost packets. On other systems, scapy captures through
-libpcap or BPF in a separate process.
+On Linux, bcapscope captures with a packet socket (packet(7)). The packet socket reports what scapy hides:
+time stamps in nanoseconds, duplicates on the loopback interface, and the number of lost packets. On other
+systems, scapy captures through libpcap or BPF in a separate process.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ from bcapscope.messages.os_errors import os_reason
 from bcapscope.transport.receive_timestamps import ANCILLARY_SIZE, enable_receive_timestamps, kernel_timestamp
 
 ANY_INTERFACE = "any"
-"""Name that stands for all interfaces at once, as in tcpdump (Linux only)."""
+"""Interface name that selects all interfaces at once, as in tcpdump (Linux only)."""
 
 _EXIT_TIMEOUT = 5.0
 _LARGEST_PACKET = 262144
-_BUFFER_SIZE = 16 * 1024 * 1024  # about 50,000 frames, in case this process gets no CPU time for a while
+_BUFFER_SIZE = 16 * 1024 * 1024  # in bytes; holds 50,000 frames while this process gets no CPU time
 _ETH_P_ALL = 3
 _SOL_PACKET, _PACKET_STATISTICS = 263, 6
 _SO_RCVBUFFORCE = 33
@@ -39,9 +39,9 @@ _COOKED_HEADER = struct.Struct(">HHH8sH")
 def open_live_capture(name: str) -> LiveCapture:
     """Start to capture on an interface such as `eth0`, or on `ANY_INTERFACE`; buffer its packets from now on.
 
-    The capture is a context manager that ends it, and yields packets as they arrive, until interrupted. It
-    raises CaptureError if it fails, such as when the interface disappears. `lost` counts the packets that the
-    system dropped for lack of buffer space, as far as it reports them.
+    Iteration over the capture yields packets as they arrive, until interrupted, and raises CaptureError if
+    the capture fails, such as when the interface disappears. Use the capture as a context manager to end it.
+    Its attribute `lost` is the number of packets that the system reports as dropped for lack of buffer space.
 
     Raises:
         CaptureError: The interface does not exist, the right to capture is missing, or the capture fails.
@@ -65,7 +65,11 @@ def _permission_help(name: str) -> Message:
 
 
 class _PacketSocket:
-    """Capture on Linux. Packets arrive without a link header and get a cooked one, as with tcpdump."""
+    """Capture on Linux.
+
+    The kernel delivers packets without a link header, so this class adds a "cooked" link header, as tcpdump
+    does.
+    """
 
     def __init__(self, name: str) -> None:
         self._name = name
@@ -91,7 +95,7 @@ class _PacketSocket:
 
     @property
     def lost(self) -> int:
-        """Number of packets that the socket's buffer had no room for."""
+        """Number of packets that the kernel dropped because the socket's buffer was full."""
         _, lost = struct.unpack("II", self._socket.getsockopt(_SOL_PACKET, _PACKET_STATISTICS, 8))
         self._lost += lost  # the kernel resets its counter at each query
         return self._lost
@@ -140,11 +144,11 @@ class _SnifferProcess:
             raise
 
     def _wait_until_ready(self) -> int:
-        """Wait until the process captures; return the link type.
+        """Wait until the separate process captures; return the link type.
 
         Raises:
             PermissionError: The right to capture is missing.
-            CaptureError: The process cannot capture for another reason.
+            CaptureError: The separate process cannot capture for another reason.
         """
         kind, linktype, data = self._read_record()
         if kind == SnifferRecordKind.FORBIDDEN:
@@ -155,7 +159,7 @@ class _SnifferProcess:
         return linktype
 
     def _read_record(self) -> tuple[int, int, bytes]:
-        """Read a record; return an `ENDED` record if the process has ended."""
+        """Read a record from the separate process; return an `ENDED` record if the process has ended."""
         assert self._process.stdout is not None
         head = self._process.stdout.read(RECORD_HEADER.size)
         if len(head) < RECORD_HEADER.size:
@@ -167,7 +171,7 @@ class _SnifferProcess:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Close the pipe, which ends the process; kill it if it does not end."""
+        """Close the pipe, which ends the separate process; kill a process that does not end."""
         if self._process.stdout is not None:
             self._process.stdout.close()
         try:

@@ -1,7 +1,7 @@
-"""Observations on disk, with fast access to any one of a million and without a share of memory for each.
+"""Observations on disk: fast access to any of millions, in constant memory.
 
-One process writes while others read. Observations from a file, an interface, a proxy or a client are stored
-alike.
+One process writes while others read. The format is the same for observations from a file, an interface, a
+proxy or a client.
 """
 
 from __future__ import annotations
@@ -21,12 +21,13 @@ from bcapscope.traffic.filter.getters import AnnotatedFrame
 from bcapscope.traffic.observation import Conversation, Direction, Endpoint, Flow, Observation, Transport
 
 MAX_FLOWS = 4096
-"""Conversations that the writer and each reader keep in memory."""
+"""Maximum number of conversations that the writer and each reader keep in memory."""
 
 _FRAMES, _CONVERSATIONS = "frames", "conversations"
 _HEAD = struct.Struct("<qqQQIIIIB")
-"""Head of a record, little-endian: last and first arrival time (ns since 1970), packet number, offset of the
-conversation; function id; bytes of the command, of the item and of the rare fields; flags."""
+"""Head of a record, little-endian: arrival time of the last and the first byte (ns since 1970), packet
+number, offset of the conversation, function id; sizes of the command, the item and the rare fields in bytes;
+flags."""
 
 _RESPONSE, _MALFORMED, _HAS_CALL_KIND, _HAS_COMMAND = 1, 2, 4, 8
 _SIZE = struct.Struct("<I")
@@ -52,7 +53,7 @@ class ObservationStoreWriter:
     """Writes observations in the order of their numbers, which start at 1."""
 
     def __init__(self, folder: Path) -> None:
-        """Create the files in an existing folder, which must not hold them yet."""
+        """Create the files in an existing folder that does not hold such files yet."""
         self._frames = AppendLogWriter(folder / _FRAMES)
         self._conversations = (folder / _CONVERSATIONS).open("xb", buffering=0)
         self._next_offset = 0
@@ -63,7 +64,7 @@ class ObservationStoreWriter:
         return self._frames.count
 
     def add(self, observation: Observation, call_kind: CallKind | None, comments: Sequence[str] = ()) -> None:
-        """Add an observation, with the kind of its call and the capture's comments on its packet.
+        """Add an observation, the kind of its call, and the comments that its packet has in the capture.
 
         Raises:
             OSError: A file cannot be written, such as on a full disk.
@@ -131,10 +132,10 @@ def _encode_rare_fields(missing: int, problems: Sequence[Problem], comments: Seq
 
 
 class ObservationStore:
-    """Reads the files of an `ObservationStoreWriter`, also while it writes them."""
+    """Reads the files of an `ObservationStoreWriter`, even while the writer adds observations."""
 
     def __init__(self, folder: Path) -> None:
-        """Open the observations of a folder.
+        """Open the files of an `ObservationStoreWriter` in a folder.
 
         Raises:
             OSError: The folder holds no observations.
@@ -151,7 +152,7 @@ class ObservationStore:
         return self._records.refresh()
 
     def read_frame(self, number: int) -> AnnotatedFrame:
-        """Return an observation by its number, with the kind of its call and its comments.
+        """Return an observation by its number, the kind of its call, and the comments on its packet.
 
         Raises:
             IndexError: No observation has that number.
@@ -175,7 +176,7 @@ class ObservationStore:
         return AnnotatedFrame(Observation(number, time, began, flow, item, packet), question, comments)
 
     def time_of(self, number: int) -> int:
-        """Return the time of an observation by its number, ns since 1970.
+        """Return the arrival time of an observation by its number, ns since 1970.
 
         Raises:
             IndexError: No observation has that number.

@@ -1,4 +1,4 @@
-"""A captured packet, and the interface it was captured on."""
+"""A captured packet, and the interface on which the packet was captured."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ class Interface(NamedTuple):
     Attributes:
         linktype: Type of the packets' link header, a number of the LINKTYPE_ list that pcap and pcapng share
             (draft-ietf-opsawg-pcaplinktype).
-        name: Name in the capture; "" where the capture has none.
+        name: Name of the interface in the capture; "" if the capture names no interface.
     """
 
     linktype: int
@@ -19,7 +19,6 @@ class Interface(NamedTuple):
 
 
 Packet: TypeAlias = tuple[int, bytes, int, Interface, tuple[str, ...]]
-"""Time in ns since 1970-01-01 UTC; captured bytes; size on the wire in bytes; interface; comments.
-
-It is a plain tuple because captures hold millions of packets. A named tuple costs more to create than the
-rest of reading a packet."""
+"""A packet: time in ns since 1970-01-01 UTC; captured bytes; size on the wire in bytes; interface; comments.
+A packet is a plain tuple because captures hold millions of packets. To create a named tuple would take longer
+than to read the packet."""

@@ -22,21 +22,24 @@ from bcapscope.protocol.codec.frame_template import FrameTemplates
 from bcapscope.traffic.observation import Conversation, Flow, Observation
 
 CONVERSATIONS_LIMIT = 10_000
-"""Conversations that are listed. Without a limit, a flood of forged addresses would fill the memory."""
+"""Maximum number of conversations in `PacketDecoder.conversations`. Without a limit, a flood of forged
+addresses would fill the memory."""
 
 COMMENTS_LIMIT = 4096
-"""Packets whose comments are kept, enough for the consumer of an observation to read them in time."""
+"""Maximum number of packets whose comments are kept. The consumer of an observation reads the comments before
+they are dropped."""
 
 COMMENTS_BYTES = 4 * 1024 * 1024
-"""Bytes of all kept comments. Beyond this size the oldest are dropped, except those of the latest packet."""
+"""Maximum size in bytes of all kept comments. Beyond this size the oldest comments are dropped, except those
+of the latest packet."""
 
 _TCP, _UDP = 6, 17
 _UDP_HEADER_SIZE = 8
 _NO_ITEM = Malformed(b"", ())
 
 _UDP_IN_ETHERNET = struct.Struct(">12xHBxHxxHxBxx12sH")
-"""Ethernet type; IPv4 version and header size, length, fragmentation and protocol; addresses and ports; UDP
-length. All are big-endian."""
+"""Header fields of a UDP packet over Ethernet: Ethernet type; IPv4 version and header size, length,
+fragmentation and protocol; addresses and ports; UDP length. All are big-endian."""
 
 _SMALLEST_IN_ETHERNET = 42 + SMALLEST_FRAME
 _SOH_AND_LENGTH = struct.Struct("<BI")
@@ -46,16 +49,16 @@ class PacketDecoder:
     """Turns packets into observations.
 
     Attributes:
-        counts: Sums over the packets so far.
-        comments: Comments by packet number, of the latest `COMMENTS_LIMIT` packets that have any.
+        counts: Numbers of packets and observations so far.
+        comments: Comments by packet number, for the latest `COMMENTS_LIMIT` packets with comments.
         end_time: Latest capture time of all packets so far, b-CAP or not, ns since 1970; 0 before the first.
     """
 
     def __init__(self, ports: Collection[int] = BCAP_PORTS, interface_prefix: str = "") -> None:
         """Start without conversations.
 
-        Servers listen on `ports`; conversations on other ports are detected by their content. Only packets of
-        interfaces whose name has `interface_prefix` are decoded.
+        The end whose port is in `ports` is the server; on other ports, the content shows which end is the
+        server. The decoder ignores packets of interfaces whose name does not begin with `interface_prefix`.
         """
         self.counts = CaptureCounts()
         self.comments: dict[int, tuple[str, ...]] = {}
@@ -70,17 +73,18 @@ class PacketDecoder:
 
     @property
     def conversations(self) -> tuple[Conversation, ...]:
-        """Conversations in the order of their first observation, at most `CONVERSATIONS_LIMIT`.
+        """The first `CONVERSATIONS_LIMIT` conversations, in the order of their first observation.
 
-        Each states how its server was identified.
+        The attribute `server_known_by` of a conversation states how its server was identified.
         """
         return tuple(self._conversations)
 
     def decode(self, packets: Iterable[Packet]) -> Iterator[Observation]:
         """Yield an observation for each frame, for bytes where a frame should be, and for each gap.
 
-        An observation is yielded once it is complete. Items of a conversation whose server is unknown are
-        held back until the server is known. A second `decode` continues the numbers of the first.
+        An observation is yielded once it is complete. While the server of a conversation is unknown, the
+        decoder holds the conversation's items back. A second `decode` continues the observation numbers of
+        the first.
 
         Raises:
             CaptureError: `packets` raised it; all observations before were yielded.
@@ -101,7 +105,7 @@ class PacketDecoder:
                     wanted = source.name.startswith(self._interface_prefix)
                 if not wanted:
                     continue
-                if ethernet and len(data) >= _SMALLEST_IN_ETHERNET:  # nearly all packets of a session
+                if ethernet and len(data) >= _SMALLEST_IN_ETHERNET:  # fast path for most packets
                     kind, version, total, part, protocol, key, size = unpack(data)
                     flow = flow_of(key)
                     if flow is not None and kind == 0x0800 and version == 0x45 and protocol == _UDP:
@@ -187,7 +191,7 @@ class PacketDecoder:
 
     def _decode_udp(self, ip: IPPacket, cut: bool, timed_item: TimedItem) -> list[tuple[Flow, TimedItem]]:
         there = len(ip.payload) + ip.missing
-        size = int.from_bytes(ip.payload[4:6]) or there  # 0 where the network card fills it in
+        size = int.from_bytes(ip.payload[4:6]) or there  # 0 if the network card fills the length in
         if len(ip.payload) < _UDP_HEADER_SIZE or size < _UDP_HEADER_SIZE:
             self.counts.broken += 1
             return []

@@ -1,4 +1,4 @@
-"""Turn pasted hex into observations, so that it is shown like any other traffic."""
+"""Turn pasted hex into observations, so that bcapscope shows the text like any other traffic."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ from bcapscope.traffic.observation import (
 
 
 class PastedText:
-    """The packets of a text, in their order. Their times are unknown and set to 0.
+    """Observations of the packets in a text, in the order of the text. Their times are unknown and set to 0.
 
     The problems of a damaged frame include the probable cause of the damage, worded as a guess.
 
     Attributes:
-        count: Number of packets so far.
-        comments: Comments on the latest packet, by its number, in addition to its problems.
+        count: Number of packets read so far.
+        comments: Comments on the latest packet, by packet number.
     """
 
     def __init__(self, lines: Iterable[str]) -> None:
-        """Store the lines of the text, which are read during iteration."""
+        """Store the iterable of lines; iteration over the `PastedText` reads the lines."""
         self.count = 0
         self.comments: dict[int, tuple[str, ...]] = {}
         self._lines = lines
@@ -66,7 +66,7 @@ def _decode_packet(packet: HexPacket) -> Frame | Malformed:
 def _packet_comments(packet: HexPacket) -> tuple[str, ...]:
     comments = [f"line {packet.line}{': ' if packet.caption else ''}{packet.caption}"]
     if packet.direction is None:
-        comments.append("nothing tells who sent it, read as a request")
+        comments.append("direction unknown, decoded as a request")
     elif packet.is_direction_guessed:
         comments.append(f"taken for a {packet.direction} by its bytes")
     return (*comments, *packet.notes)

@@ -17,7 +17,7 @@ MAGICS = {
     b"\x4d\x3c\xb2\xa1": ("<", 1),
     b"\xa1\xb2\x3c\x4d": (">", 1),
 }
-"""For each magic number: the byte order, and the unit of the second time field in ns."""
+"""Byte order, and the unit in ns of the second time field, by magic number of the file."""
 
 RECORD_LIMIT = 256 * 1024
 """Largest packet in bytes. libpcap refuses larger ones for every link type that carries IP (pcap-int.h,
@@ -25,7 +25,7 @@ MAXIMUM_SNAPLEN 262144)."""
 
 _HEADER_SIZE = 24
 _RECORD_HEADER_SIZE = 16
-_LINKTYPE = 0x03FFFFFF  # the bits above hold the length of a frame check sequence (pcap-common.c)
+_LINKTYPE = 0x03FFFFFF  # higher bits hold the length of a frame check sequence (pcap-common.c)
 
 
 def read_pcap(source: ByteSource) -> Iterator[Packet]:

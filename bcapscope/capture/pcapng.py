@@ -19,23 +19,23 @@ BLOCK_LIMIT = 16 * 1024 * 1024
 """Largest block in bytes, as in libpcap (sf-pcapng.c, INITIAL_MAX_BLOCKSIZE)."""
 
 INTERFACES_LIMIT = 65536
-"""Interfaces per section: as many as the obsolete packet block could number."""
+"""Maximum number of interfaces per section: as many as the obsolete packet block can number."""
 
 LONGEST_NAME = 128
-"""Kept characters of an interface's name."""
+"""Maximum number of characters to keep of an interface's name."""
 
 COMMENTS_SIZE = 65_535
-"""Bytes of one packet's comments that are read: the largest size of one comment."""
+"""Maximum number of bytes to read of all comments on a packet: the largest size of a single comment."""
 
 _SECTION, _INTERFACE, _OBSOLETE, _SIMPLE, _ENHANCED = 0x0A0D0D0A, 1, 2, 3, 6
 _END, _COMMENT, _NAME, _RESOLUTION, _OFFSET = 0, 1, 2, 9, 14  # option codes
 _ORDERS = {b"\x4d\x3c\x2b\x1a": "<", b"\x1a\x2b\x3c\x4d": ">"}
-_BLOCK_OVERHEAD = 12  # type and length before the body of a block, and the length again after it
-_ENHANCED_SIZE = 32  # an enhanced packet block without data and options
+_BLOCK_OVERHEAD = 12  # type and length before the body of a block, the length again after the body
+_ENHANCED_SIZE = 32  # size of an enhanced packet block without data and options
 
 
 class _InterfaceClock(NamedTuple):
-    """An interface and its time unit: ns since 1970 are ticks * factor // divisor + offset."""
+    """An interface and its clock. A packet's time in ns since 1970 is ticks * factor // divisor + offset."""
 
     interface: Interface
     factor: int
@@ -55,7 +55,7 @@ class _DamagedBlockError(Exception):
 def read_pcapng(source: ByteSource) -> Iterator[Packet]:
     """Yield the packets of a capture that begins with a section header block.
 
-    A simple packet block has no time; its packet gets the time of the packet before it.
+    Since a simple packet block has no time, its packet gets the time of the previous packet.
 
     Raises:
         CaptureError: The file ends inside a block, or a block contradicts itself. All packets before were
@@ -107,7 +107,7 @@ def read_pcapng(source: ByteSource) -> Iterator[Packet]:
 
 
 class _Section:
-    """Parses the blocks of a section, with its byte order and interfaces."""
+    """Parses the blocks of a section in the section's byte order, and holds the section's interfaces."""
 
     def __init__(self) -> None:
         self.clocks: list[_InterfaceClock] = []
@@ -147,7 +147,7 @@ class _Section:
     def read_block(self, data: bytes, position: int, size: int, time: int) -> Packet | None:
         """Parse the block at `position`; return its packet, or None for any other block.
 
-        `time` is that of the packet before, ns since 1970.
+        `time` is the time of the previous packet, ns since 1970.
         """
         kind, _ = self._unpack("II", data, position)
         body = data[position + 8 : position + size - 4]
@@ -233,7 +233,7 @@ class _Section:
 
 
 def _tick_unit(resolution: int) -> tuple[int, int]:
-    """Return factor and divisor from ticks to ns, for the interface's option if_tsresol."""
+    """Return the factor and divisor that convert ticks to ns, from the interface's option if_tsresol."""
     exponent = resolution & 0x7F
     if resolution & 0x80:
         return 1_000_000_000, 1 << exponent

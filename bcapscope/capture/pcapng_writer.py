@@ -15,7 +15,7 @@ _SECTION = struct.pack("<IHHq", 0x1A2B3C4D, 1, 0, -1)
 _HEAD, _SIZE = struct.Struct("<IIIIIII"), struct.Struct("<I")
 _WORD = 0xFFFFFFFF
 _PADDING = b"", b"\0\0\0", b"\0\0", b"\0"
-"""Padding to a multiple of four bytes, by the two low bits of the size."""
+"""Padding of data to a multiple of four bytes, by the two low bits of the data's size."""
 
 _COMMENT, _NAME, _RESOLUTION = 1, 2, 9
 _END = struct.pack("<HH", 0, 0)
@@ -25,13 +25,13 @@ _LONGEST_OPTION = 65535
 
 
 class PacketTemplate(NamedTuple):
-    """The constant bytes of packet blocks that differ only in their times and in their last data bytes.
+    """The common bytes of packet blocks that differ only in the time and in the end of the packet's data.
 
     Attributes:
-        before_time: Bytes before the time.
-        after_time: Bytes between the time and the last data bytes.
-        after_data: Bytes after the last data bytes.
-        data_size: Number of the last data bytes.
+        before_time: Bytes of the block before the time.
+        after_time: Bytes between the time and the varying data.
+        after_data: Bytes after the varying data.
+        data_size: Size in bytes of the varying data.
     """
 
     before_time: bytes
@@ -41,19 +41,19 @@ class PacketTemplate(NamedTuple):
 
 
 PacketPairEncoder: TypeAlias = Callable[[int, int, bytes], bytes]
-"""Returns the blocks of two packets that end with the same bytes. It takes both times, ns since 1970, and
-those bytes."""
+"""Function that returns the blocks of two packets with the same varying data. Its arguments are the times of
+both packets, ns since 1970, and the varying data."""
 
 
 class PcapngWriter:
     """Writes a capture packet by packet, and describes each interface before its first packet.
 
     Attributes:
-        packet_count: Number of packets so far.
+        packet_count: Number of packets written so far.
     """
 
     def __init__(self, file: BinaryIO | RawIOBase) -> None:
-        """Write the section header to `file`, which is unbuffered or which the caller flushes."""
+        """Write the section header to `file`. The file must be unbuffered, or the caller must flush it."""
         self._file = file
         self._interfaces: dict[Interface, int] = {}
         self.packet_count = 0
@@ -77,7 +77,7 @@ class PcapngWriter:
         write_all(self._file, b"".join((head, data, _PADDING[captured & 3], options, _SIZE.pack(size))))
 
     def write_blocks(self, blocks: bytes, count: int) -> None:
-        """Write blocks of `count` packets that were made from templates of this writer.
+        """Write finished blocks of `count` packets, made from templates of this writer.
 
         Raises:
             OSError: The file cannot be written, such as on a full disk.
@@ -86,7 +86,7 @@ class PcapngWriter:
         write_all(self._file, blocks)
 
     def packet_template(self, interface: Interface, head: bytes, size: int) -> PacketTemplate:
-        """Return a template of packets without comments: `size` bytes follow the constant first bytes `head`.
+        """Return a template for packets that consist of the bytes `head` and `size` varying bytes.
 
         Raises:
             OSError: The description of a new interface cannot be written, such as on a full disk.
@@ -111,7 +111,7 @@ class PcapngWriter:
 
 
 def pair_encoder(first: PacketTemplate, second: PacketTemplate) -> PacketPairEncoder:
-    """Return a function that makes one block of each template at once, in half the time.
+    """Return a function that makes one block of each template in a single step, which halves the time.
 
     Both templates have the same `data_size`.
     """
@@ -140,9 +140,9 @@ def pair_encoder(first: PacketTemplate, second: PacketTemplate) -> PacketPairEnc
 
 
 def write_annotated(packets: Iterable[Packet], notes: Mapping[int, str], file: BinaryIO | RawIOBase) -> int:
-    """Copy packets to a new capture, add notes to their comments, and return the number of packets.
+    """Copy packets to a new capture with the user's notes as comments; return the number of packets.
 
-    The notes are by packet number, from 1; an empty note only marks the packet.
+    `notes` holds the user's notes by packet number, from 1. An empty note only marks the packet.
 
     Raises:
         CaptureError: `packets` raised it.
@@ -164,13 +164,13 @@ MARK_COMMENT = "marked"
 
 
 def is_packet_block(block: bytes) -> bool:
-    """Return whether a written block is a packet block, and not a section header or an interface."""
+    """Return whether a written block is a packet block, not a section header or interface description."""
     return block.startswith(_PACKET_BLOCK.to_bytes(4, "little"))
 
 
 def _option(code: int, text: str) -> bytes:
     data = text.encode("utf-8", "replace")[:_LONGEST_OPTION]
-    data = data.decode("utf-8", "ignore").encode()  # drops a character that the limit cuts in two
+    data = data.decode("utf-8", "ignore").encode()  # drop a character that the limit cuts in two
     return struct.pack("<HH", code, len(data)) + _padded(data)
 
 

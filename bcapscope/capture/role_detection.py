@@ -1,4 +1,7 @@
-"""Detect which end is the server. No field of a frame says it, but ports and content mostly do."""
+"""Detect which end of a conversation is the server.
+
+No field of a frame names the server, but ports and content mostly show which end it is.
+"""
 
 from __future__ import annotations
 
@@ -16,16 +19,17 @@ BCAP_PORTS = frozenset({5007})
 
 
 def server_index_by_port(ports: Collection[int], first: int, second: int) -> int | None:
-    """Return which port, 0 or 1, is the server's; None if both or neither are in `ports`."""
+    """Return the index, 0 or 1, of the port that is in `ports`; None if both ports are, or neither."""
     known = (first in ports, second in ports)
     return known.index(True) if sum(known) == 1 else None
 
 
 def direction_evidence(item: Frame | Malformed) -> tuple[Direction, str] | None:
-    """Return the direction that the content proves, with the evidence as text; None if it proves neither.
+    """Return the direction that the content proves, and the evidence as text; None without proof.
 
-    At offset 9, a value of 0, 0x900 or with the top bit set can only be a result code. The value 1 with one
-    string is Service_Start, not S_FALSE. Any other function id counts only with its function's arguments.
+    A code of 0 or 0x900, and a code with the top bit set, can only be a result code. The code 1 with one
+    string is Service_Start, not S_FALSE. Any other function id proves a request only if the arguments fit the
+    function.
     """
     if isinstance(item, Malformed) or item.problems:
         return None
@@ -37,7 +41,7 @@ def direction_evidence(item: Frame | Malformed) -> tuple[Direction, str] | None:
 
 
 def _arguments_fit(frame: Frame) -> bool:
-    """Return whether the arguments match the function's parameters and rule out an S_FALSE reply."""
+    """Return whether a frame's arguments fit its function and show that it is not an S_FALSE reply."""
     params = FUNCTIONS[frame.code].params
     arguments = frame.arguments
     if len(arguments) != len(params) or (frame.code == S_FALSE and not arguments):
@@ -49,7 +53,7 @@ def _arguments_fit(frame: Frame) -> bool:
 
 
 def may_begin_frame(data: bytes) -> bool:
-    """Return whether `data`, which may be cut short, could be the beginning of a b-CAP stream."""
+    """Return whether `data` could be the first bytes of a b-CAP frame in a stream."""
     if data[:1] != bytes((SOH,)):
         return False
     length = int.from_bytes(data[1:5], "little")

@@ -21,21 +21,21 @@ _ROTATION = re.compile(r"(\d{1,6})x(.+)", re.ASCII)
 _SIZE = re.compile(r"(\d{1,12})([kMGT]?)B", re.ASCII)
 _TIME = re.compile(r"(\d{1,8})(s|min|h|d)", re.ASCII)
 _SMALLEST = 10_000
-"""Smallest size limit of a file in a ring, in bytes."""
+"""Smallest size limit, in bytes, that users can set for the files of a ring."""
 
 _BLOCK_OVERHEAD = 512
-"""Bytes of memory that a pending block needs besides its data."""
+"""Memory in bytes that a pending block needs besides its data."""
 
 _DISK_FULL = frozenset({errno.ENOSPC, errno.EDQUOT})
 
 
 @dataclass(frozen=True, slots=True)
 class RotationLimits:
-    """Limits of a ring of files.
+    """Limits of a recording in a ring of files.
 
     Attributes:
-        files: Largest number of files.
-        size: Size in bytes after which the next packet begins a new file; 0 for no limit.
+        files: Maximum number of files in the ring.
+        size: Size in bytes of a file after which the next packet begins a new file; 0 for no limit.
         seconds: Seconds after a file's first packet, after which the next packet begins a new file; 0 for no
             limit.
     """
@@ -65,7 +65,7 @@ def parse_rotation(text: str) -> RotationLimits:
             seconds = int(as_time[1]) * _TIMES[as_time[2]]
         else:
             raise ValueError(
-                f"{part!r} is no size, such as 100MB, and no time, such as 1h, or is there twice"
+                f"{part!r} is neither a size such as 100MB nor a time such as 1h, or is given twice"
             )
     if (size and size < _SMALLEST) or not size + seconds:
         raise ValueError(f"{text!r}: each file must hold at least 10kB and at least one second")
@@ -73,25 +73,28 @@ def parse_rotation(text: str) -> RotationLimits:
 
 
 class RotatingRecording(io.RawIOBase):
-    """The files of a recording; `flush` writes all pending blocks at once.
+    """Writes a recording to one file or a ring of files; `flush` writes all pending blocks at once.
 
-    One thread may add packets while another one flushes, unless the recording is a ring.
+    One thread may add packets while another thread calls `flush`, unless the recording is a ring.
 
-    The caller calls `rotate_if_full` before each packet. A new file then begins only for an existing packet.
-    Therefore no file is empty, and no old file is removed without need.
+    The caller calls `rotate_if_full` before each packet. So a new file begins only when there is a packet for
+    it. Therefore no file is empty, and no old file is removed without need.
 
     On a full disk, a ring removes its oldest file and continues. No file takes more than half of the space
-    that was free when it began. Therefore an older file exists when the disk is full.
+    that was free when it began. Therefore the ring has an older file to remove when the disk is full.
 
     Attributes:
-        recording: Writes packets to the current file.
+        recording: Writer of packets to the current file.
         files_freed: Number of files removed because the disk was full.
     """
 
     def __init__(self, path: Path, limits: RotationLimits | None = None) -> None:
-        """Create the first file, which must not exist. Without limits, it is the only one.
+        """Create the first file at a path that must not exist.
 
-        The files of a ring add their number, and the date and time at which they began, to the name.
+        Without `limits`, the first file is the only file.
+
+        The names of a ring's files contain the number of the file, and the date and time at which the file
+        began.
 
         Raises:
             OSError: The file cannot be written.
@@ -107,7 +110,7 @@ class RotatingRecording(io.RawIOBase):
         try:
             self._open_next_file()
         except OSError:
-            super().close()  # otherwise Python calls our `close`, and there is no file to close
+            super().close()  # Else Python calls `close` later, without a file to close.
             raise
         self.recording = SocketRecording(self)
         self._write_file_header()
@@ -115,8 +118,11 @@ class RotatingRecording(io.RawIOBase):
     def writable(self) -> bool:
         return True
 
-    def write(self, data: bytes, /) -> int:  # type: ignore[override]  # whole blocks, which are bytes
-        """Add whole blocks of the capture, which the next `flush` writes. A closed recording drops them."""
+    def write(self, data: bytes, /) -> int:  # type: ignore[override]  # takes whole blocks as bytes
+        """Add whole pcapng blocks, which the next `flush` writes to the file.
+
+        A closed recording drops them.
+        """
         if not self.closed:
             self._pending.append(data)
             self._added += len(data)
@@ -128,14 +134,15 @@ class RotatingRecording(io.RawIOBase):
 
     @property
     def packets_pending(self) -> int:
-        """Number of packets in the pending blocks, if each block was added on its own."""
+        """Number of packets in the pending blocks; only correct if each `write` added one block."""
         return sum(map(is_packet_block, self._pending.copy()))
 
     def flush(self) -> None:
         """Write all pending blocks to the file.
 
         Raises:
-            OSError: The file cannot be written, such as on a full disk. It keeps only its earlier content.
+            OSError: The file cannot be written, such as on a full disk. The file keeps only its earlier
+                content.
         """
         count = len(self._pending)
         if not count:
@@ -152,7 +159,9 @@ class RotatingRecording(io.RawIOBase):
         self._size += len(data)
 
     def _try_write(self, data: bytes) -> bool:
-        """Write all of `data` or nothing; return False if the disk was full and an old file was removed.
+        """Write all of `data`, or nothing if the disk is full.
+
+        Return False if the ring's oldest file was removed.
 
         Raises:
             OSError: The file cannot be written, and no file can be removed.
@@ -171,7 +180,10 @@ class RotatingRecording(io.RawIOBase):
         return True
 
     def _free_space(self, error: OSError, kept: int) -> bool:
-        """On a full disk, remove a ring's oldest file, but not the newest `kept`; return whether it did."""
+        """On a full disk, remove the ring's oldest file; keep the `kept` newest.
+
+        Return whether a file was removed.
+        """
         if self._limits is None or error.errno not in _DISK_FULL or len(self._files) <= kept:
             return False
         self.files_freed += 1
@@ -183,7 +195,7 @@ class RotatingRecording(io.RawIOBase):
             self._files.popleft().unlink()
 
     def rotate_if_full(self) -> bool:
-        """Begin the next file of a ring if the current one is full; return whether a new file began.
+        """Begin the next file of a ring if the current file is full; return whether a new file began.
 
         Raises:
             OSError: A file cannot be written.
@@ -201,7 +213,7 @@ class RotatingRecording(io.RawIOBase):
         return True
 
     def close(self) -> None:
-        """Close the file; blocks that were not flushed are lost."""
+        """Close the file; blocks that were added after the last `flush` are lost."""
         self._drop_pending()
         super().close()
         self._file.close()
@@ -255,7 +267,7 @@ class RotatingRecording(io.RawIOBase):
 
 
 def _free_bytes(path: Path) -> int:
-    """Return the free bytes on a file's disk, or a large number if the system does not report them."""
+    """Return the number of free bytes on a file's disk, or a large number if the system cannot report it."""
     try:
         return shutil.disk_usage(path.parent).free
     except OSError:

@@ -2,9 +2,10 @@
 
 scapy is under the GPL, version 2 only. Filters use google-re2, whose wheel contains code under the Apache
 License 2.0. The two licences do not permit both in one program. Therefore scapy runs in a separate process,
-which loads only Python's standard library besides and sends packets through a pipe.
+which otherwise loads only Python's standard library. The process sends packets through a pipe.
 
-Standard output carries records: a `RECORD_HEADER` with kind, time and length, then that many bytes.
+The process writes records to standard output: a `RECORD_HEADER` with kind, time and length, then `length`
+bytes of data.
 """
 
 from __future__ import annotations
@@ -19,16 +20,17 @@ from enum import IntEnum
 from typing import BinaryIO
 
 RECORD_HEADER = struct.Struct("<BqI")
-"""Little-endian: kind; ns since 1970-01-01 UTC, or the link type in `READY`; number of bytes that follow."""
+"""Head of a record, little-endian: kind; time in ns since 1970-01-01 UTC, or the link type in `READY`; number
+of bytes that follow."""
 
 READ_TIMEOUT = 0.25
-"""Longest wait of a read, in seconds. Interrupts take effect soon, and each end notices when the other
-has ended."""
+"""Maximum time in s that a read waits for a packet, so that interrupts take effect soon, and each of the two
+processes notices when the other has ended."""
 
 
 class SnifferRecordKind(IntEnum):
     READY = 0
-    """Capturing has begun; the number is the link type."""
+    """Capturing has begun; the record's number is the link type."""
     PACKET = 1
     """A packet follows."""
     ALIVE = 2
@@ -36,7 +38,7 @@ class SnifferRecordKind(IntEnum):
     FORBIDDEN = 3
     """The right to capture is missing."""
     ENDED = 4
-    """The capture ended; the reason follows as UTF-8."""
+    """The capture ended; the record's data is the reason as UTF-8."""
 
 
 class ScapySource:
@@ -59,7 +61,7 @@ class ScapySource:
         self.linktype: int = conf.l2types.layer2num.get(self._socket.LL, 1)
 
     def packets(self) -> Iterator[tuple[int, bytes] | None]:
-        """Yield time (ns since 1970) and bytes of each packet; None when none came for `READ_TIMEOUT`."""
+        """Yield each packet as time (ns since 1970) and bytes; None after `READ_TIMEOUT` without packet."""
         while True:
             if not self._socket.select([self._socket], READ_TIMEOUT):
                 yield None
@@ -85,7 +87,7 @@ def main(name: str, out: BinaryIO) -> None:
             else:
                 write(SnifferRecordKind.PACKET, *packet)
     except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), out.fileno())  # the flush at exit must not fail
+        os.dup2(os.open(os.devnull, os.O_WRONLY), out.fileno())  # else Python cannot flush at exit
     except PermissionError:
         write(SnifferRecordKind.FORBIDDEN)
     except Exception as error:  # scapy raises its own exceptions, some of them undocumented

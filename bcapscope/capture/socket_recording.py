@@ -1,7 +1,7 @@
 """Record the traffic of sockets as a capture: raw IP packets in pcapng, which other tools read too.
 
-A socket shows neither IP nor transport headers. The recording adds made-up headers with the real addresses
-and ports. A TCP segment holds the bytes of one send or receive; acknowledgements are not recorded.
+A socket shows neither IP nor transport headers. The recording therefore has artificial headers, with the real
+addresses and ports. A TCP segment holds the bytes of one send or receive; acknowledgements are not recorded.
 """
 
 from __future__ import annotations
@@ -18,26 +18,26 @@ Address = tuple[str, int]
 """IP address as text, and port."""
 
 Hop = tuple[Address, Address, Interface]
-"""Source, target and interface of a datagram."""
+"""Source address, target address and interface of a datagram."""
 
 RAW_IP = 101
-"""Link type of packets that begin with their IP header."""
+"""LINKTYPE_RAW, the link type of packets that begin with the IP header."""
 
 _UNNAMED_INTERFACE = Interface(RAW_IP)
 _UDP, _TCP = 17, 6
 _FIN, _SYN, _RST, _PUSH, _ACK = 1, 2, 4, 8, 16
 _MAX_SEGMENT_BYTES = 60_000
-"""Largest TCP segment; more bytes become several packets."""
+"""Maximum number of bytes in a recorded TCP segment; more bytes become several packets."""
 
 _SEQUENCE_NS = 4000
-"""Time per step of the initial sequence number, in ns, so that a new connection between the same ends starts
-with a higher number (RFC 9293, 3.4.1)."""
+"""Time in ns after which the initial TCP sequence number is one higher. A new connection between the same
+ends therefore starts with a higher number (RFC 9293, 3.4.1)."""
 
 _MAX_HOST_PAIRS = 4096
-"""Pairs of hosts whose packed addresses are kept, and pairs of ends whose headers are kept."""
+"""Maximum number of host pairs, and of address-and-port pairs, whose packet headers are cached."""
 
 _MAX_SIZES = 64
-"""Datagram sizes between the same ends whose headers are kept."""
+"""Maximum number of datagram sizes, between the same two ends, whose headers are cached."""
 
 _IPV4 = struct.Struct(">BBHHHBBH8s")
 _IPV6 = struct.Struct(">IHBB32s")
@@ -46,14 +46,17 @@ _SEGMENT = struct.Struct(">HHIIHHHH")
 
 
 class SocketRecording:
-    """Writes a capture packet by packet.
+    """Writes the data that sockets send and receive to a capture, packet by packet.
 
-    In all methods, `time` is in ns since 1970. `interface` carries the name that users see. `comment` becomes
+    In all methods, `time` is in ns since 1970. The name of `interface` is shown to users. `comment` becomes
     the comment of the packet.
     """
 
     def __init__(self, file: BinaryIO | RawIOBase) -> None:
-        """Write the header of the capture to `file`, which is unbuffered or which the caller flushes."""
+        """Write the header of the capture to `file`.
+
+        The file must be unbuffered, or the caller must flush it.
+        """
         self._sequence: dict[tuple[Address, Address], int] = {}
         self._ip_headers: dict[tuple[str, str], _IpHeaderTemplate] = {}
         self._datagram_headers: dict[tuple[Address, Address], dict[int, bytes]] = {}
@@ -64,11 +67,11 @@ class SocketRecording:
         return self._writer.packet_count
 
     def continue_in(self, file: BinaryIO | RawIOBase) -> None:
-        """Write all further packets to another file, which can be read without the first."""
+        """Write all further packets to another file, which readers can open without the previous file."""
         self._writer = PcapngWriter(file)
 
     def write_packet(self, packet: Packet) -> None:
-        """Write a packet that was captured, with its own headers."""
+        """Write a captured packet with its real headers."""
         self._writer.write(packet)
 
     def write_datagram(
@@ -87,9 +90,9 @@ class SocketRecording:
         self._writer.write((time, packet, len(packet), interface, (comment,) if comment else ()))
 
     def datagram_pair_encoder(self, incoming: Hop, outgoing: Hop, size: int) -> PacketPairEncoder:
-        """Return an encoder for datagrams of `size` bytes that are recorded on two hops, for `write_blocks`.
+        """Return a function that encodes a datagram of `size` bytes as a packet on each of two hops.
 
-        The encoder is valid until `continue_in`.
+        `write_blocks` takes the encoded packets. The function is valid until the next `continue_in`.
         """
         first, second = (
             self._writer.packet_template(where, self._datagram_header(source, target, size), size)
@@ -98,7 +101,7 @@ class SocketRecording:
         return pair_encoder(first, second)
 
     def write_blocks(self, blocks: bytes, pairs: int) -> None:
-        """Write blocks that the encoder of `datagram_pair_encoder` returned in `pairs` calls."""
+        """Write blocks that a function from `datagram_pair_encoder` returned in `pairs` calls."""
         self._writer.write_blocks(blocks, 2 * pairs)
 
     def write_segment(
@@ -117,7 +120,7 @@ class SocketRecording:
             self._writer.write((time, packet, len(packet), interface, (comment,) if comment else ()))
 
     def skip_bytes(self, source: Address, target: Address, size: int) -> None:
-        """Skip `size` bytes of a TCP connection that are not recorded; readers of the capture see a gap."""
+        """Leave out `size` bytes of a TCP connection; readers of the capture see a gap."""
         self._sequence[source, target] = self._sequence.get((source, target), 1) + size & 0xFFFFFFFF
 
     def write_handshake(
@@ -139,7 +142,7 @@ class SocketRecording:
         reset: bool = False,
         comment: str = "",
     ) -> None:
-        """Write a FIN, or with `reset` a RST, of one end of a TCP connection."""
+        """Write that one end closes a TCP connection: a FIN, or a RST with `reset`."""
         self._write_empty_segment(source, target, _ACK | (_RST if reset else _FIN), time, interface, comment)
 
     def drop_connection(self, client: Address, server: Address) -> None:
@@ -151,7 +154,7 @@ class SocketRecording:
     def _write_empty_segment(  # noqa: PLR0917 - internal; the public methods take keywords
         self, source: Address, target: Address, flags: int, time: int, interface: Interface, comment: str = ""
     ) -> None:
-        """Write a segment without data; SYN and FIN advance the sequence number by one."""
+        """Write a TCP segment without data; SYN and FIN advance the sequence number by one."""
         packet = self._make_segment(source, target, flags, b"")
         self._writer.write((time, packet, len(packet), interface, (comment,) if comment else ()))
         if flags & (_SYN | _FIN):
@@ -165,7 +168,7 @@ class SocketRecording:
         return b"".join((self._ip_header(source, target, _TCP, 20 + len(data)), head, data))
 
     def _datagram_header(self, source: Address, target: Address, size: int) -> bytes:
-        """Return the IP and UDP header before `size` bytes, and keep it for later datagrams."""
+        """Return the IP and UDP header of a datagram with `size` bytes, and cache it for later datagrams."""
         if len(self._datagram_headers) >= _MAX_HOST_PAIRS:
             self._datagram_headers.clear()
         heads = self._datagram_headers.setdefault((source, target), {})
@@ -185,7 +188,7 @@ class SocketRecording:
 
 
 class _IpHeaderTemplate:
-    """The common part of the IP headers from one host to another; IPv6 if either host uses it."""
+    """The constant part of the IP headers from one host to another; IPv6 if one host has an IPv6 address."""
 
     def __init__(self, source: str, target: str) -> None:
         ends = [ipaddress.ip_address(host.partition("%")[0]) for host in (source, target)]
@@ -204,5 +207,5 @@ class _IpHeaderTemplate:
 
 
 def _mapped(address: ipaddress.IPv4Address | ipaddress.IPv6Address) -> bytes:
-    """Return 16 bytes; an IPv4 address is mapped to IPv6 (RFC 4291, 2.5.5.2)."""
+    """Return the 16 bytes of an IPv6 address; an IPv4 address is mapped to IPv6 (RFC 4291, 2.5.5.2)."""
     return address.packed if address.version == 6 else bytes(10) + b"\xff\xff" + address.packed

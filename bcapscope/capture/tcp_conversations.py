@@ -1,4 +1,4 @@
-"""TCP conversations of a capture: find them, reassemble them and decide which end is the server."""
+"""TCP conversations of a capture: find and reassemble b-CAP connections, and detect their servers."""
 
 from __future__ import annotations
 
@@ -21,14 +21,15 @@ from bcapscope.protocol.codec.frame_template import FrameTemplates
 from bcapscope.traffic.observation import Flow, Transport
 
 CONNECTIONS_LIMIT = 1024
-"""Connections followed at a time. Beyond this number, the connection that was idle longest is closed."""
+"""Maximum number of TCP connections to follow at a time. Beyond this number, bcapscope stops following the
+connection that was idle longest."""
 
 
 class _TrackedConnection:
-    """A connection, its ends and its conversation.
+    """A TCP connection, its two ends and its conversation.
 
-    The first key is that of sender 0. There is only one key if a forged packet has equal source and
-    destination.
+    `keys` holds the key of sender 0, then that of sender 1. A forged packet with equal source and destination
+    has only one key.
     """
 
     def __init__(self, key: bytes, connection: TcpConnection) -> None:
@@ -36,14 +37,17 @@ class _TrackedConnection:
         self.ends = endpoints_of(key)
         self.connection = connection
         self.conversation: UndecidedConversation | None = None
-        self.unconfirmed_segments = 0  # segments accepted while the traffic could be something else
+        self.unconfirmed_segments = 0  # number of segments while the protocol is uncertain
 
 
 class TcpConversations:
     def __init__(
         self, ports: Collection[int], counts: CaptureCounts, templates: FrameTemplates | None = None
     ) -> None:
-        """Start without connections; servers listen on `ports`, and `counts` gets what is not b-CAP."""
+        """Start without connections.
+
+        An end whose port is in `ports` is a server; `counts` counts segments that are not b-CAP.
+        """
         self._ports = ports
         self._counts = counts
         self._budget = ByteBudget()
@@ -62,9 +66,10 @@ class TcpConversations:
     def receive(
         self, key: bytes, segment: TcpSegment, time: int, packet: int
     ) -> list[tuple[Flow, TimedItem]]:
-        """Accept a segment and return the items whose flow is known by now.
+        """Accept a segment and return the items whose server is known by now.
 
-        `key` is source and destination address, then source and destination port, as in the packet.
+        `key` is the bytes of source address, destination address, source port and destination port, as in the
+        packet.
         """
         known = self._connections.get(key)
         if known is not None:
@@ -93,7 +98,7 @@ class TcpConversations:
     def _receive_in_order(
         self, call: _TrackedConnection, sender: int, segment: TcpSegment, time: int, packet: int
     ) -> list[tuple[Flow, TimedItem]] | None:
-        """Try the fast path for a known conversation; None if the segment needs `_receive_any`."""
+        """Accept the next segment of a known conversation fast; None if the segment needs `_receive_any`."""
         flows = (
             None if call.conversation is None or call.conversation.is_tentative else call.conversation.flows
         )
@@ -150,7 +155,7 @@ class TcpConversations:
         return call.conversation.release_items()
 
     def _reset_as_not_bcap(self, call: _TrackedConnection) -> None:
-        """Count the connection's segments as not b-CAP, and start to detect its protocol anew."""
+        """Count the connection's segments as not b-CAP, and detect the connection's protocol anew."""
         self._counts.not_bcap += call.unconfirmed_segments
         call.connection.close(0, 0)
         call.conversation, call.unconfirmed_segments = None, 0
@@ -159,7 +164,7 @@ class TcpConversations:
     def _end_connection(
         self, call: _TrackedConnection, time: int, packet: int
     ) -> list[tuple[Flow, TimedItem]]:
-        for key in set(call.keys):  # both keys are the same in a forged packet from an end to itself
+        for key in set(call.keys):  # equal keys in a forged packet from an end to itself
             del self._connections[key]
         self._contradictions += call.connection.contradictions
         if call.conversation is None:
@@ -175,10 +180,10 @@ class TcpConversations:
 def _recognise_bcap(
     call: _TrackedConnection, sender: int, segment: TcpSegment
 ) -> UndecidedConversation | None:
-    """Return a conversation if a segment shows that a connection between unknown ports may be b-CAP.
+    """Return a conversation if a segment between unknown ports looks like b-CAP; else None.
 
-    At the beginning of a stream, the start of a frame is enough. Anywhere else, the segment must start with
-    a whole, sound frame.
+    The first segment of a stream must begin like a frame. Any other segment must begin with a whole, sound
+    frame.
     """
     if not may_begin_frame(segment.data):
         return None

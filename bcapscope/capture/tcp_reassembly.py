@@ -18,21 +18,20 @@ from bcapscope.protocol.codec.frame_template import FrameTemplates
 from bcapscope.protocol.codec.stream_splitter import GUARANTEED_BUFFER, StreamPiece, StreamSplitter
 
 REORDER_LIMIT = 1024 * 1024
-"""Bytes of one direction that are held back for a missing segment.
-
-The windows of controllers and their clients stay below 64 KiB. Suricata gives up at 1 MiB too
-(stream.reassembly.depth)."""
+"""Maximum number of bytes of one direction to hold back while a segment is missing. The TCP windows of
+controllers and their clients stay below 64 KiB. Suricata gives up at 1 MiB too (stream.reassembly.depth)."""
 
 ACK_LIMIT = 1 << 30
-"""Bytes by which an acknowledgement can be ahead: the largest possible window (RFC 7323, 2.3)."""
+"""Maximum number of bytes by which an acknowledgement can be ahead of captured data: the largest TCP window
+(RFC 7323, 2.3)."""
 
 MARKS_LIMIT = 128
-"""Segments of one unfinished frame whose times are kept separately. All streams together keep at most 25 MB
-of such times."""
+"""Maximum number of segments of an unfinished frame whose arrival times are kept separately. All streams
+together keep at most 25 MB of arrival times."""
 
-_SEGMENT_COST = 128  # bytes of memory per held segment, in addition to its content
-_RECENT = 16  # delivered segments that are compared with retransmissions
-_LONGEST_RECENT = 2048  # bytes of such a segment: more than an Ethernet frame carries
+_SEGMENT_COST = 128  # memory of a held segment in bytes, without its content
+_RECENT = 16  # number of delivered segments to compare with retransmissions
+_LONGEST_RECENT = 2048  # bytes to compare per segment: more than an Ethernet frame carries
 _HEADER = struct.Struct(">4xIIBB")
 
 FIN, SYN, RST, ACK = 1, 2, 4, 16
@@ -44,9 +43,9 @@ class TcpSegment(NamedTuple):
     Attributes:
         flags: Bits of `FIN`, `SYN`, `RST` and `ACK`.
         seq: Sequence number of the first byte, or of the SYN.
-        ack: Sequence number that the sender expects next; valid where `ACK` is set.
-        data: Captured bytes of the content.
-        missing: Number of bytes after `data` that the capture lacks.
+        ack: Sequence number that the segment's sender expects next; valid if `ACK` is set.
+        data: Captured bytes of the segment's content.
+        missing: Number of content bytes after `data` that the capture lacks.
     """
 
     flags: int
@@ -57,9 +56,9 @@ class TcpSegment(NamedTuple):
 
 
 def read_segment(payload: bytes, missing: int) -> TcpSegment | None:
-    """Parse the payload of an IP packet as a segment; return None if the header is not sound.
+    """Parse the payload of an IP packet as a TCP segment; return None if the header is invalid.
 
-    The capture lacks `missing` bytes after `payload`.
+    `missing` is the number of bytes after `payload` that the capture lacks.
     """
     if len(payload) < 20:
         return None
@@ -81,7 +80,7 @@ class _StreamPart(NamedTuple):
 
 
 class _ArrivalMark(NamedTuple):
-    """Arrival time and packet number of the bytes from `start` to `stop`."""
+    """Arrival time and packet number of the stream's bytes from offset `start` to `stop`."""
 
     start: int
     stop: int
@@ -90,11 +89,12 @@ class _ArrivalMark(NamedTuple):
 
 
 class TcpStream:
-    """One direction of a connection; offsets count from the first byte seen.
+    """One direction of a TCP connection; offsets count from the first captured byte.
 
     Attributes:
-        begun: Whether the first sequence number is known.
-        closed: Whether the stream has ended. Later bytes are retransmissions or another connection's.
+        begun: Whether the first sequence number of the stream is known.
+        closed: Whether the stream has ended; later bytes are retransmissions, or belong to another
+            connection.
         contradictions: Number of retransmissions with different content. The first content is kept.
     """
 
@@ -111,9 +111,9 @@ class TcpStream:
         self._recent: deque[_StreamPart] = deque(maxlen=_RECENT)
 
     def begin(self, seq: int, from_start: bool) -> None:
-        """Start the stream at the sequence number of the first byte seen.
+        """Start the stream at the sequence number of the first captured byte.
 
-        With the SYN seen (`from_start`), that is the first byte sent.
+        With `from_start`, the capture holds the SYN, so the first captured byte is the first byte sent.
         """
         self.begun = True
         self._first_seq = seq
@@ -123,19 +123,19 @@ class TcpStream:
         return self.begun and seq == self._first_seq
 
     def is_ahead(self, seq: int) -> bool:
-        """Return whether `seq` is after all bytes that were delivered."""
+        """Return whether the sequence number `seq` is beyond all delivered bytes."""
         return self._offset_of(seq) >= self._next_offset
 
     @property
     def is_waiting(self) -> bool:
-        """Whether bytes are missing in front of held segments, or a FIN was seen."""
+        """Whether segments are held because earlier bytes are missing, or a FIN was captured."""
         return bool(self._ahead) or self._end_offset is not None
 
     def receive_frame(self, segment: TcpSegment, time: int, packet: int) -> TimedItem | None:
-        """Accept a segment that comes next in order and is exactly one frame; the fast path.
+        """Accept the next segment fast if the segment is exactly one frame.
 
-        Call it only while not `is_waiting`. None for any other segment, which is left untouched for
-        `receive`.
+        Call this method only while `is_waiting` is False. For any other segment, return None and consume
+        nothing; the caller then calls `receive`.
         """
         _, seq, _, data, _ = segment
         if (
@@ -164,7 +164,7 @@ class TcpStream:
             known = data[: self._next_offset - start]
             if (
                 len(data) > 1 or start + 1 != self._next_offset
-            ):  # else a keep-alive probe: its byte means nothing
+            ):  # not a keep-alive probe, whose byte is no data
                 self._count_contradiction(_StreamPart(start, known, time, packet), self._recent)
             start, data = start + len(known), data[len(known) :]
         if data:
@@ -172,9 +172,9 @@ class TcpStream:
         return self._drain_and_skip(time, packet)
 
     def acknowledge(self, ack: int, time: int, packet: int) -> list[TimedItem]:
-        """Record that the other end has all bytes before `ack`, and return the items that this completes.
+        """Record that the other end has all bytes before `ack`, and return the items that are now complete.
 
-        Missing bytes before `ack` will not be sent again.
+        The sender will not send missing bytes before `ack` again.
         """
         offset = self._offset_of(ack)
         if self._acknowledged < offset <= self._next_offset + ACK_LIMIT:
@@ -191,7 +191,7 @@ class TcpStream:
         while self._ahead:
             found += self._skip_lost(self._ahead[0].start, time, packet)
             found += self._drain_ready()
-        # A FIN is acknowledged like a byte. Without a captured FIN, the last acknowledged byte may be one.
+        # A FIN is acknowledged like a byte. If no FIN was captured, the last acknowledged byte may be a FIN.
         expected = (
             self._acknowledged - 1 if self._end_offset is None else min(self._acknowledged, self._end_offset)
         )
@@ -218,20 +218,20 @@ class TcpStream:
         return self._with_times(self._splitter.feed(data), time, packet)
 
     def _keep_recent(self, part: _StreamPart) -> None:
-        """Keep the part, or the last bytes of a long part, for comparison with retransmissions."""
+        """Keep a delivered part, or the last bytes of a long part, for comparison with retransmissions."""
         surplus = len(part.data) - _LONGEST_RECENT
         if surplus > 0:
             part = part._replace(start=part.start + surplus, data=part.data[surplus:])
         self._recent.append(part)
 
     def _thin_marks(self) -> None:
-        """Merge marks in pairs, which keep the later time; the first mark stays unchanged."""
+        """Merge arrival marks in pairs, each with the later time of both. The first mark stays unchanged."""
         marks = list(self._marks)
         kept = [b._replace(start=a.start) for a, b in zip(marks[1::2], marks[2::2], strict=False)]
         self._marks = deque([marks[0], *kept, *marks[1 + 2 * len(kept) :]])
 
     def _drain_and_skip(self, time: int, packet: int) -> list[TimedItem]:
-        """Deliver the parts that are in order, and skip gaps that will not be filled."""
+        """Deliver the held parts that are in order, and skip gaps that no segment will fill."""
         found = self._drain_ready()
         while self._ahead and (self._acknowledged >= self._ahead[0].start or self._is_over_limit):
             found += self._skip_lost(self._ahead[0].start, time, packet)
@@ -263,7 +263,7 @@ class TcpStream:
         return self._with_times(self._splitter.add_gap(missing), time, packet)
 
     def _hold_ahead(self, part: _StreamPart) -> None:
-        """Hold the bytes of a part ahead of the stream, except those held already."""
+        """Hold the bytes of a part that arrived before earlier bytes, except bytes that are already held."""
         start, data, time, packet = part
         stop = start + len(data)
         ahead = self._ahead
@@ -285,7 +285,7 @@ class TcpStream:
         self._budget.held += cost
 
     def _count_contradiction(self, part: _StreamPart, known: deque[_StreamPart] | list[_StreamPart]) -> None:
-        """Count the part if its content differs from the bytes that came first."""
+        """Count a retransmitted part if its content differs from the bytes that arrived first."""
         for other in known:
             if other.start >= part.start + len(part.data):
                 return
@@ -297,7 +297,8 @@ class TcpStream:
                 return
 
     def _with_times(self, pieces: list[StreamPiece], time: int, packet: int) -> list[TimedItem]:
-        """Give each piece the times of its own segments, and a gap that of the packet that revealed it."""
+        """Give each piece the arrival times of its segments, and each gap the time at which it became
+        known."""
         found = []
         marks = self._marks
         for start, stop, item in pieces:
@@ -322,7 +323,7 @@ class TcpConnection:
 
     Attributes:
         streams: The stream of each sender, by index 0 or 1.
-        server: Index of the end that accepted the connection. None if the handshake was not seen.
+        server: Index of the end that accepted the connection; None if the handshake was not captured.
     """
 
     def __init__(self, budget: ByteBudget, templates: FrameTemplates | None = None) -> None:
@@ -334,7 +335,7 @@ class TcpConnection:
         return self.streams[0].contradictions + self.streams[1].contradictions
 
     def is_reopened_by(self, sender: int, segment: TcpSegment) -> bool:
-        """Return whether a segment begins another connection between the same ports."""
+        """Return whether a segment begins a new connection between the same ports."""
         own, other = self.streams[sender], self.streams[1 - sender]
         if segment.flags & SYN:
             first = (segment.seq + 1) & 0xFFFFFFFF
@@ -344,9 +345,9 @@ class TcpConnection:
     def receive_in_order(
         self, sender: int, segment: TcpSegment, time: int, packet: int
     ) -> list[TimedItem] | None:
-        """Accept a segment in order that holds exactly one frame or no data; nearly all segments do.
+        """Accept a segment in order that holds exactly one frame or no data, as nearly all segments do.
 
-        None for any other segment, which is left untouched for `receive`.
+        For any other segment, return None and consume nothing; the caller then calls `receive`.
         """
         own, other = self.streams[sender], self.streams[1 - sender]
         if segment.flags & (FIN | SYN | RST) or own.is_waiting or other.is_waiting:
@@ -364,7 +365,7 @@ class TcpConnection:
     def receive(
         self, sender: int, segment: TcpSegment, time: int, packet: int
     ) -> list[tuple[int, TimedItem]]:
-        """Accept a segment and return the items that it completes, each with its sender."""
+        """Accept a segment and return the items that are now complete, each with the index of its sender."""
         own, other = self.streams[sender], self.streams[1 - sender]
         found = []
         if segment.flags & ACK and other.begun:
@@ -384,7 +385,7 @@ class TcpConnection:
         return found
 
     def close(self, time: int, packet: int) -> list[tuple[int, TimedItem]]:
-        """End both directions and return their remaining items, each with its sender."""
+        """End both directions and return their remaining items, each with the index of its sender."""
         return [
             (sender, sighting)
             for sender, stream in enumerate(self.streams)

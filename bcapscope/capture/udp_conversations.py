@@ -17,26 +17,31 @@ from bcapscope.protocol.codec.frame_template import FrameTemplates
 from bcapscope.traffic.observation import Flow, Transport
 
 FLOWS_LIMIT = 65536
-"""Flows kept. A controller has at most twenty clients (orin_bcap C/src/bcap_server.c).
+"""Maximum number of flows to remember. A controller has at most twenty clients (orin_bcap
+C/src/bcap_server.c).
 
-A client that is dropped here and returns counts as another conversation."""
+If a forgotten client returns, its traffic becomes a new conversation."""
 
 UNDECIDED_LIMIT = 1024
-"""Conversations whose server is unknown. Beyond this number, the server of the oldest one is guessed."""
+"""Maximum number of conversations whose server is unknown. Beyond this number, bcapscope guesses the server
+of the oldest of them."""
 
 
 class UdpConversations:
     """All UDP conversations of a capture.
 
     Attributes:
-        flows: Flow of each b-CAP conversation whose server is known. The key is the source and destination
-            address, then the source and destination port, as in a packet.
+        flows: Flow of each b-CAP conversation whose server is known. The key is the bytes of source address,
+            destination address, source port and destination port, as in a packet.
     """
 
     def __init__(
         self, ports: Collection[int], counts: CaptureCounts, templates: FrameTemplates | None = None
     ) -> None:
-        """Start without conversations; servers listen on `ports`, and `counts` gets what is not b-CAP."""
+        """Start without conversations.
+
+        An end whose port is in `ports` is a server; `counts` counts datagrams that are not b-CAP.
+        """
         self.flows: dict[bytes, Flow] = {}
         self._ports = ports
         self._counts = counts
@@ -46,9 +51,10 @@ class UdpConversations:
     def receive(
         self, addresses: bytes, segment: bytes, timed_item: TimedItem, note: Problem | None
     ) -> list[tuple[Flow, TimedItem]]:
-        """Accept a datagram, with its header of 8 bytes, and return the items whose flow is known by now.
+        """Accept a datagram with its 8-byte header, and return the items whose server is known by now.
 
-        The item of `timed_item` is ignored. `note` says why the datagram is incomplete; None for a whole one.
+        `timed_item` holds the datagram's times; its item is ignored. `note` is the reason why the datagram is
+        incomplete; None for a whole datagram.
         """
         key = addresses + segment[:4]
         payload = segment[8:]
@@ -74,7 +80,7 @@ class UdpConversations:
         return found + self._release_items(key, talk, sender)
 
     def close(self) -> list[tuple[Flow, TimedItem]]:
-        """Guess the server of all undecided conversations and return their held items."""
+        """Guess the servers of all undecided conversations and return the held items."""
         found: list[tuple[Flow, TimedItem]] = []
         while self._undecided:
             found += self._guess_oldest()
@@ -95,7 +101,7 @@ class UdpConversations:
     ) -> list[tuple[Flow, TimedItem]]:
         if conversation.flows is not None:
             other = reverse_key(key)
-            for each in {key, other}:  # both are the same in a forged packet from an end to itself
+            for each in {key, other}:  # equal keys in a forged packet from an end to itself
                 del self._undecided[each]
             self.flows[key], self.flows[other] = conversation.flows[sender], conversation.flows[1 - sender]
             while len(self.flows) > FLOWS_LIMIT:

@@ -10,13 +10,13 @@ from bcapscope.protocol.codec.frame import Frame, Malformed
 from bcapscope.traffic.observation import Conversation, Direction, Endpoint, Flow, Transport
 
 HELD_ITEMS_LIMIT = 64
-"""Items held back while the server is unknown. At this number the server is guessed.
-
-A single S_OK reply or a single request identifies the server, so real traffic needs one or two items."""
+"""Maximum number of items of a conversation to hold back while its server is unknown. At this number,
+bcapscope guesses the server. A single S_OK reply or a single request identifies the server, so real traffic
+needs one or two items."""
 
 
 def endpoints_of(key: bytes) -> tuple[Endpoint, Endpoint]:
-    """Return both ends, from source and destination address and then both ports, as in a packet."""
+    """Return both ends of a key, which consists of both addresses and then both ports, as in a packet."""
     size = (len(key) - 4) // 2
     family = socket.AF_INET if size == 4 else socket.AF_INET6
     hosts = (socket.inet_ntop(family, key[:size]), socket.inet_ntop(family, key[size : 2 * size]))
@@ -30,19 +30,19 @@ def reverse_key(key: bytes) -> bytes:
 
 
 HELD_BYTES_LIMIT = 16 * 1024
-"""Bytes of held items. At this size the server is guessed too.
-
-Frames of real sessions are below 10 KiB. Up to 2,048 conversations can be undecided at a time."""
+"""Maximum size in bytes of the items of a conversation to hold back while its server is unknown. At this
+size, bcapscope guesses the server. Frames of real sessions are below 10 KiB. Up to 2,048 conversations can be
+undecided at a time."""
 
 
 class TimedItem(NamedTuple):
-    """A frame, or bytes that are no frame, with its arrival times.
+    """A frame, or bytes that are not a frame, with the arrival times.
 
     Attributes:
-        began: Arrival time of the first byte, ns since 1970.
-        time: Arrival time of the last byte, ns since 1970.
-        packet: Number of the packet that carried the last byte.
-        item: The frame, or the bytes that are no frame.
+        began: Arrival time of the item's first byte, ns since 1970.
+        time: Arrival time of the item's last byte, ns since 1970.
+        packet: Number of the packet that carried the item's last byte.
+        item: The frame, or the bytes that are not a frame.
     """
 
     began: int
@@ -55,24 +55,27 @@ class UndecidedConversation:
     """The items that two ends send each other over one transport, held until the server is known.
 
     Attributes:
-        flows: Flow of each sender, by index 0 or 1. None until the server is known.
+        flows: Flow of each sender, by index 0 or 1; None until the server is known.
         is_tentative: Whether the traffic may still turn out not to be b-CAP.
     """
 
     def __init__(
         self, ends: tuple[Endpoint, Endpoint], transport: Transport, is_tentative: bool = False
     ) -> None:
-        """Create a conversation. A tentative one counts as b-CAP only if its first frame is valid."""
+        """Create a conversation.
+
+        With `is_tentative`, the conversation is b-CAP only if its first frame is valid.
+        """
         self._ends = ends
         self._transport = transport
         self.is_tentative = is_tentative
         self._held_items: list[tuple[int, TimedItem]] = []
         self._held_bytes = 0
-        self._closed: dict[tuple[int, bool], int] = {}  # time of the close, by (sender, was it a RST)
+        self._closed: dict[tuple[int, bool], int] = {}  # time by (sender, was it a RST)
         self.flows: tuple[Flow, Flow] | None = None
 
     def set_server(self, server: int, why: str) -> None:
-        """Set which end, 0 or 1, is the server, and the reason as text for the user."""
+        """Set the index, 0 or 1, of the server, and the evidence as text for the user."""
         conversation = Conversation(self._ends[1 - server], self._ends[server], self._transport, why)
         request, response = Flow(conversation, Direction.REQUEST), Flow(conversation, Direction.RESPONSE)
         self.flows = (response, request) if server == 0 else (request, response)
@@ -80,10 +83,10 @@ class UndecidedConversation:
             self.record_close(sender, reset, time)
 
     def guess_server(self) -> None:
-        """Guess the server if it is still unknown: the end that sends first is mostly the client."""
+        """Guess the server if it is still unknown; mostly, the end that sends first is the client."""
         if self.flows is None:
             client = self._held_items[0][0] if self._held_items else 0
-            self.set_server(1 - client, "a guess: the other end spoke first, and nothing said was proof")
+            self.set_server(1 - client, "a guess: the other end sent first, and no frame shows the roles")
 
     def record_close(self, sender: int, reset: bool, time: int) -> None:
         if self.flows is None:
@@ -93,7 +96,7 @@ class UndecidedConversation:
             flow.conversation.record_end(flow.direction, reset, time)
 
     def add_item(self, sender: int, timed_item: TimedItem) -> bool:
-        """Hold an item until `release_items`; return False if the traffic turns out not to be b-CAP."""
+        """Hold an item until `release_items`; return False if the item shows that this is not b-CAP."""
         if self.is_tentative:
             if isinstance(timed_item.item, Malformed) or timed_item.item.problems:
                 return False
@@ -115,7 +118,7 @@ class UndecidedConversation:
             self.guess_server()
 
     def release_items(self) -> list[tuple[Flow, TimedItem]]:
-        """Return the items since the previous call; none while the server is unknown."""
+        """Return the items added since the previous `release_items`; none while the server is unknown."""
         if self.flows is None or not self._held_items:
             return []
         flows, held = self.flows, self._held_items

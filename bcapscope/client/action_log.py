@@ -1,8 +1,8 @@
 """The action log: what bcapscope's own clients send to a controller, one JSON object per line.
 
-`call`, `replay`, `play` and the Tester write the same lines to the same files. A separate thread writes
-them, so a slow disk never delays a stop. A call that needs arming waits until its line is written, but only
-briefly. If the log fails, an operator expects a warning, not a robot that ignores commands.
+`call`, `replay`, `play` and the Tester write the same lines to the same files. A separate thread writes the
+lines, so a slow disk never delays a stop. A call that needs arming waits until its line is written, but only
+for `LINE_TIMEOUT`: if the log fails, operators get a warning, and the robot still obeys commands.
 """
 
 from __future__ import annotations
@@ -29,27 +29,28 @@ from bcapscope.protocol.tables.hresult import hresult_name
 from bcapscope.traffic.observation import Conversation, Transport
 
 LINE_TIMEOUT = 0.25
-"""Longest wait of a call that needs arming until its line is written, s."""
+"""Maximum time in s that a call that needs arming waits for its log line."""
 
 CLOSE_TIMEOUT = 2.0
-"""Longest wait of `ActionLog.close` for unwritten lines, s."""
+"""Maximum time in s that `ActionLog.close` waits for unwritten lines."""
 
 MAX_WAITING = 4096
-"""Limit of lines that wait for the disk, and of requests that wait for a reply; further ones are lost."""
+"""Maximum number of lines that wait for the disk, and of requests that wait for a reply. Beyond this number,
+lines are lost."""
 
 _MAX_TEXT, _MAX_VALUES, _MAX_BYTES = 512, 128, 1024
 
 ErrorCallback: TypeAlias = Callable[[Path, OSError], None]
-"""Called from any thread with the file that cannot be written and the reason."""
+"""Function that gets the file that cannot be written and the reason; may be called from any thread."""
 
 
 class LoggedConnection(NamedTuple):
-    """A connection to a controller, as named in the log.
+    """A connection to a controller, as the action log names it.
 
     Attributes:
         host: Name or address of the controller.
         port: Port of the controller.
-        transport: "udp" or "tcp".
+        transport: Transport of the connection: "udp" or "tcp".
         client_port: Port of the client; 0 if unknown.
     """
 
@@ -60,13 +61,13 @@ class LoggedConnection(NamedTuple):
 
     @classmethod
     def of_target(cls, target: ControllerTarget, client_port: int = 0) -> LoggedConnection:
-        """Return the connection to a target, named as the user typed it."""
+        """Return the connection to a target, with the host as the user typed it."""
         transport = Transport.TCP if target.tcp else Transport.UDP
         return cls(target.host, target.port, transport.value, client_port)
 
     @classmethod
     def of_conversation(cls, conversation: Conversation) -> LoggedConnection:
-        """Return the connection of a conversation, named by its endpoints."""
+        """Return the connection of a conversation, with the address of the controller as host."""
         server = conversation.server
         return cls(server.host, server.port, conversation.transport.value, conversation.client.port)
 
@@ -76,17 +77,17 @@ def default_folder() -> Path:
 
 
 class ActionLog:
-    """Writes the log. Any thread may call its methods.
+    """Writes the action log. Any thread may call the methods of an `ActionLog`.
 
     Attributes:
-        folder: Folder of the files.
+        folder: Folder of the log files.
     """
 
     def __init__(self, folder: Path, program: str, on_error: ErrorCallback) -> None:
-        """Create nothing yet; the first line creates the files.
+        """Set up the log; the first line creates the files.
 
-        `program` is the program that sends, such as "call". `on_error` is called when the log cannot be
-        written, once until writing works again.
+        `program` is the name of the sending program, such as "call". If the log cannot be written, `on_error`
+        is called once, and again only after writing has worked in between.
         """
         self.folder = folder
         self._program = program
@@ -106,9 +107,9 @@ class ActionLog:
         who: str,
         is_logged: bool = True,
     ) -> None:
-        """Log a request that `who` made at `time`, ns since 1970-01-01 UTC, and later its reply.
+        """Log a request that `who` sent at `time`, ns since 1970-01-01 UTC, and remember to log its reply.
 
-        With `is_logged` False, neither the request nor its reply is logged.
+        If `is_logged` is False, log neither the request nor its reply.
         """
         if isinstance(item, Malformed):
             self._write(time, connection, {"who": who, "sent": None, **_hex(item.raw)}, True)
@@ -140,13 +141,13 @@ class ActionLog:
             self._write(time, connection, {**fields, **_hex(item.raw)}, False)
 
     def log_set_points(self, connection: LoggedConnection, count: int, time: int, who: str) -> None:
-        """Log the number of set points sent in a row, in one line."""
+        """Log the number of consecutive set points in one line."""
         self._write(
             time, connection, {"who": who, "sent": "Robot_Execute slvMove", "set_points": count}, False
         )
 
     def close(self) -> None:
-        """Wait until all lines are written, with a time limit. A later line starts a new thread."""
+        """Wait at most `CLOSE_TIMEOUT` until all lines are written. A later line starts a new thread."""
         with self._lock:
             thread, self._thread = self._thread, None
         if thread is None:
@@ -210,7 +211,7 @@ def _json(fields: dict[str, object]) -> bytes:
 
 
 def _hex(raw: bytes) -> dict[str, object]:
-    """Return the first bytes as hex, and the number of bytes if some are left out."""
+    """Return the first bytes of a frame as hex, and the frame's size if bytes are left out."""
     shown: dict[str, object] = {"hex": raw[:_MAX_BYTES].hex()}
     return shown if len(raw) <= _MAX_BYTES else {**shown, "bytes": len(raw)}
 
@@ -226,7 +227,7 @@ def _typed_json(variant: Variant, left: list[int]) -> object:
 
 
 def _value_json(value: Value, left: list[int]) -> object:
-    """Convert a value to JSON types; `left` limits the number of values in all arguments together."""
+    """Convert a value to JSON types; `left` is the number of values that may still be logged for the call."""
     left[0] -= 1
     if isinstance(value, Variant):
         return _typed_json(value, left)

@@ -15,10 +15,10 @@ _FUNCTION_ID = 9
 
 
 class ArmedCallLogger:
-    """Selects the calls that need arming from all frames of a connection.
+    """Logs the calls that need arming, from all frames of a connection.
 
-    In a run of set points, it logs the first one like any other call, and later their number. A set point
-    repeated before any reply is a retry.
+    Of consecutive set points, the logger logs the first one like any other call, and later the number of set
+    points. A set point that is sent again before any reply is a retry.
     """
 
     def __init__(self, log: ActionLog, connection: LoggedConnection) -> None:
@@ -54,11 +54,14 @@ class ArmedCallLogger:
         self._log.log_request(self._connection, frame, timestamp, _WHO, wanted)
 
     def add_set_points(self, count: int) -> None:
-        """Count set points whose frames the logger did not receive."""
+        """Count set points that were sent without `add_frame`."""
         self._set_points += count
 
     def end_set_points(self, timestamp: int | None = None) -> None:
-        """Log the number of set points sent, if any. `timestamp` is ns since 1970-01-01 UTC; None for now."""
+        """Log the number of set points sent since the last call of this method, if any.
+
+        `timestamp` is in ns since 1970-01-01 UTC; None means now.
+        """
         count, self._set_points = self._set_points, 0
         if count:
             self._log.log_set_points(

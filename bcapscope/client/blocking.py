@@ -12,17 +12,17 @@ R = TypeVar("R")
 
 
 class Blocking:
-    """Runs coroutines to their end, and leaves all entered blocks at the end of its own.
+    """Runs coroutines to their end, and exits all entered context managers at the end of its own block.
 
         with Blocking() as wait:
             service = wait.enter(connect(over_udp("192.168.0.1")))
             controller = wait(service.connect())
 
-    The types are those of the asynchronous methods, since it calls these directly.
+    Results have the types of the asynchronous methods, which `Blocking` calls directly.
     """
 
     def __init__(self, runner: asyncio.Runner | None = None) -> None:
-        """Use an event loop of its own, or that of `runner`."""
+        """Create an event loop, or use the event loop of `runner`."""
         self._runner = runner or asyncio.Runner()
         self._stack = AsyncExitStack()
 
@@ -31,7 +31,7 @@ class Blocking:
         return self._runner.run(step)
 
     def enter(self, context: AbstractAsyncContextManager[R]) -> R:
-        """Enter an asynchronous context manager; it is left at the end of the `Blocking` block."""
+        """Enter an asynchronous context manager, which the end of the `Blocking` block exits."""
         return self._runner.run(self._stack.enter_async_context(context))
 
     def __enter__(self) -> Self:

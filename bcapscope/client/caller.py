@@ -1,4 +1,4 @@
-"""Asyncio wrapper of the requester: a link, one timer and one call at a time."""
+"""Asyncio wrapper of `Requester`, with a link and a timer, for one call at a time."""
 
 from __future__ import annotations
 
@@ -18,21 +18,21 @@ from bcapscope.transport.loop_clock import LoopClock
 from bcapscope.transport.peer_link import Link
 
 Observer: TypeAlias = Callable[[Observation], None]
-"""Receives every frame as soon as it is sent or received; must not raise."""
+"""Function that gets every frame as soon as the frame is sent or received; must not raise."""
 
 EventListener: TypeAlias = Callable[[RequesterEvent], None]
-"""Receives every event, including late and unexpected replies and notices; must not raise."""
+"""Function that gets every event, including notices and late or unmatched replies; must not raise."""
 
 
 class Caller:
     """Makes calls over a link, one after the other, and shows every frame to an observer.
 
-    An input is a call, bytes or the timer. After every input the caller sends what is due, sets the timer
-    and reports the events.
+    After every call, received data and timeout, the caller sends the requester's frames, sets the timer and
+    reports the events.
     """
 
     def __init__(self, observer: Observer | None = None, listener: EventListener | None = None) -> None:
-        """Start without a link, because a link needs its receiver first."""
+        """Start without a link, because a link needs the caller as its receiver."""
         self._observer = observer
         self._listener = listener
         self._clock = LoopClock(asyncio.get_running_loop())
@@ -78,7 +78,7 @@ class Caller:
                 self._after_input()
 
     async def send_raw(self, raw: bytes, timeout: float) -> bool:
-        """Send bytes unchanged, valid or not, without retries; return whether anything arrived.
+        """Send bytes unchanged and without retries, even invalid bytes; return whether data arrived in time.
 
         `raw` is one datagram, or bytes of a stream. `timeout` is in s. The observer receives what arrives.
 
@@ -118,7 +118,7 @@ class Caller:
         self._requester.record_send_error(reason, self._clock.now())
 
     def on_link_lost(self, reason: Message) -> None:
-        """Fail the pending call and all later ones, because the link is lost."""
+        """Fail the pending call and all later calls, because the link is lost."""
         self._lost_reason = reason
         if self._pending_call is not None and not self._pending_call.done():
             self._pending_call.set_exception(ConnectionResetError(self._lost_reason))
@@ -133,7 +133,7 @@ class Caller:
         self._after_input()
 
     def _after_input(self) -> None:
-        """Send what is due, set the timer and report the events."""
+        """Send the requester's frames, set the timer and report the events."""
         requester = self._requester
         for raw in requester.data_to_send():
             frame = Frame(raw, None, self._templates)

@@ -1,4 +1,7 @@
-"""Read and clear the active errors of a controller. Clearing destroys the evidence, so read first."""
+"""Read and clear the active errors of a controller.
+
+Read the errors before you clear them, since clearing destroys the evidence.
+"""
 
 from __future__ import annotations
 
@@ -9,14 +12,14 @@ from bcapscope.protocol.codec.variant import Value
 from bcapscope.protocol.tables.hresult import describe_hresult
 
 MAX_ERRORS = 20
-"""Maximum number of errors to read; the newest come first."""
+"""Maximum number of errors to read, the newest first."""
 
 
 async def read_errors(controller: Controller) -> tuple[tuple[int, str], ...]:
-    """Return the active errors as result code and text, newest first; nothing is cleared.
+    """Return the active errors as result code and text, newest first, without clearing them.
 
     Raises:
-        BcapError: As for `Session.call`, except for a refusal.
+        BcapError: A call failed as in `Session.call`, for another reason than a refusal.
     """
     found: list[tuple[int, str]] = []
     try:
@@ -41,7 +44,7 @@ async def clear_errors(controller: Controller) -> None:
 
 
 def clean_text(value: Value) -> str:
-    """Return a value as text, "" for EMPTY; half a surrogate pair, which UTF-8 cannot hold, is replaced."""
+    """Return a value as text; "" for EMPTY. Lone surrogates, which UTF-8 cannot encode, are replaced."""
     return "" if value is None else str(value).encode("utf-16", "surrogatepass").decode("utf-16", "replace")
 
 

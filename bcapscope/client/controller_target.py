@@ -10,10 +10,10 @@ from bcapscope.protocol.retry.requester import RetryPolicy
 from bcapscope.protocol.retry.reserved_convention import ReservedConvention, client_conventions
 
 DEFAULT_ROBOT = "Arm"
-"""Name of the robot that most controllers have."""
+"""Name of the robot on most controllers."""
 
 ROBSLAVE = "RobSlave"
-"""The program that an RC7 needs for slave mode (DENSO Wave 2009, How to use the Slave mode)."""
+"""Name of the program that must run on an RC7 for slave mode (DENSO Wave 2009, How to use the Slave mode)."""
 
 _MS = 1_000_000
 
@@ -23,17 +23,17 @@ class ControllerTarget:
     """Address of a controller and the options for connecting to it.
 
     Attributes:
-        host: Name or address.
-        port: UDP or TCP port.
+        host: Name or address of the controller.
+        port: UDP or TCP port of the controller.
         tcp: Whether to use TCP instead of UDP.
         timeout: Timeout of each attempt, ms, for all calls but slvMove.
         retries: Number of retries, for all calls but slvMove.
         convention: Convention of the reserved field; None for the default.
-        service: Option of Service_Start.
-        name: Name for Controller_Connect.
-        provider: Provider for Controller_Connect.
-        machine: Machine for Controller_Connect.
-        connect_option: Option for Controller_Connect.
+        service: Option string of Service_Start.
+        name: Name of the controller in Controller_Connect.
+        provider: Provider in Controller_Connect.
+        machine: Machine in Controller_Connect.
+        connect_option: Option string of Controller_Connect.
     """
 
     host: str
@@ -63,7 +63,7 @@ class ControllerTarget:
 
     @property
     def address(self) -> str:
-        """Host and port; an IPv6 address in brackets."""
+        """Host and port as text, with an IPv6 address in brackets."""
         host = f"[{self.host}]" if ":" in self.host else self.host
         return f"{host}:{self.port}"
 
@@ -76,7 +76,7 @@ class ControllerTarget:
 
 
 def split_host_port(text: str) -> tuple[str, str]:
-    """Split ``host:port`` or ``[address]:port``; the port is "" if there is none.
+    """Split ``host:port`` or ``[address]:port``; the port is "" if the text has no port.
 
     A text with more than one colon and no brackets is an IPv6 address without a port.
     """

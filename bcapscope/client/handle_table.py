@@ -15,10 +15,10 @@ class ObjectHandle(NamedTuple):
 
     Attributes:
         kind: Class of the object.
-        handle: Number that the controller gave.
-        opened_with: String arguments of the opening call, such as name and option. For a controller, the
-            four strings of Controller_Connect.
-        parent: Object through which the client opened this one; None for a controller.
+        handle: Number that the controller gave for the object.
+        opened_with: String arguments of the opening call, such as name and option. For a controller, the four
+            strings of Controller_Connect.
+        parent: Object through which the client opened this object; None for a controller.
     """
 
     kind: ObjectClass
@@ -28,7 +28,7 @@ class ObjectHandle(NamedTuple):
 
     @property
     def label(self) -> str:
-        """Display name: the first string of `opened_with`, or class and number, such as `Message 3`."""
+        """Name for people: the first string of `opened_with`, or class and number, such as `Message 3`."""
         return (self.opened_with[0] if self.opened_with else "") or f"{self.kind} {self.handle}"
 
 
@@ -57,12 +57,12 @@ class HandleTable:
             self._unreleased.pop((function.releases, handle), None)
 
     def find(self, kind: ObjectClass, handle: int | None) -> ObjectHandle | None:
-        """Return the open object of a handle, or None if there is none."""
+        """Return the open object with this handle, or None if the handle is unknown or released."""
         found = None if handle is None else self._unreleased.get((kind, handle))
         return found if found is not None and self._is_open(found) else None
 
     def find_named(self, kind: ObjectClass, name: str, parent: ObjectHandle) -> ObjectHandle | None:
-        """Return the latest open object of this name that was opened through `parent`, or None."""
+        """Return the latest open object with this name that the client opened through `parent`, or None."""
         found = (one for one in self._newest_first(kind) if one.label == name and one.parent == parent)
         return next(found, None)
 
@@ -73,9 +73,9 @@ class HandleTable:
         return tuple(filter(self._is_open, self._unreleased.values()))
 
     def unreleased_handles(self) -> tuple[ObjectHandle, ...]:
-        """List what the client must still release, newest first.
+        """List the objects that the client must still release, newest first.
 
-        Objects of a controller that was disconnected are not open, but not released either.
+        Objects of a disconnected controller are no longer open, but still unreleased.
         """
         return tuple(reversed(self._unreleased.values()))
 
@@ -105,6 +105,6 @@ class HandleTable:
 
 
 def first_number(values: Sequence[Variant]) -> int | None:
-    """Return the first value if it is a whole number, such as a handle."""
+    """Return the first value if it is a whole number, such as a handle; else None."""
     value = values[0].value if values else None
     return value if isinstance(value, int) else None

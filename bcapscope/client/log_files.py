@@ -10,17 +10,17 @@ from datetime import datetime
 from pathlib import Path
 
 MAX_FILE_SIZE = 16 << 20
-"""Limit in bytes of a file; beyond it, the next file of that day begins."""
+"""Size limit of a log file in bytes. Beyond this size, the next file of the day begins."""
 
 MAX_TOTAL_SIZE = 128 << 20
-"""Limit in bytes of all files together; the oldest are deleted when a new one begins."""
+"""Size limit of all log files together in bytes. The oldest files are deleted when a new file begins."""
 
 
 class LogFiles:
     """Appends lines to ``<name>-<date>.jsonl``, then ``<name>-<date>.2.jsonl`` and so on.
 
     Attributes:
-        path: Path of the file used last; the folder before the first line.
+        path: Path of the file that holds the last line; the folder before the first line.
     """
 
     def __init__(
@@ -30,7 +30,7 @@ class LogFiles:
         max_file_size: int = MAX_FILE_SIZE,
         max_total_size: int = MAX_TOTAL_SIZE,
     ) -> None:
-        """Create nothing yet; the first line creates the folder."""
+        """Set up the log files; the first line creates the folder."""
         self.path = folder
         self._folder = folder
         self._name = name
@@ -42,7 +42,7 @@ class LogFiles:
         """Append a line with a single write, so that other processes can append to the same file.
 
         Raises:
-            OSError: The line was not written, or only partly.
+            OSError: The line was not written, or only a part of it.
         """
         self.path = self._current(datetime.now().strftime("%Y-%m-%d"))
         data = b"\n" + line if self._is_torn else line
@@ -79,7 +79,7 @@ class LogFiles:
         return self._folder / f"{self._name}-{day}{f'.{number}' if number > 1 else ''}.jsonl"
 
     def _delete_oldest(self) -> None:
-        """Delete the oldest files until one more fits. The first file that cannot be deleted ends this."""
+        """Delete the oldest files until a new file fits into the limit, or a file cannot be deleted."""
         with suppress(OSError):
             found = [(path.stat(), path) for path in self._folder.glob(f"{self._name}-*.jsonl")]
             left = sum(stat.st_size for stat, _ in found) + self._max_file_size

@@ -1,4 +1,4 @@
-"""Open what a function needs: the service, the controller, and the object whose handle it takes."""
+"""Open what a function needs: the service, the controller, and the object of the function's handle."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ DEFAULT_OBJECT_NAMES: Mapping[ObjectClass, str] = {
     ObjectClass.ROBOT: DEFAULT_ROBOT,
     ObjectClass.TASK: ROBSLAVE,
 }
-"""Names of objects that most controllers have."""
+"""Names of objects on most controllers, by class."""
 
 
 _UNKNOWN_PROVIDER_CODES = (E_INVALIDARG, 0x80000201)
-"""Result codes for an unknown provider name: that of RC8, and the CAO engine's own (orin_bcap
+"""Result codes for an unknown provider name, from RC8 and from the CAO engine (orin_bcap
 C/include/bcap_common.h)."""
 
 
@@ -49,16 +49,16 @@ class ObjectOpener:
         target: ControllerTarget,
         names: Mapping[ObjectClass, str] = DEFAULT_OBJECT_NAMES,
     ) -> None:
-        """Set options, and names that differ from `DEFAULT_OBJECT_NAMES`; nothing is sent yet."""
+        """Set the target's options, and object names other than `DEFAULT_OBJECT_NAMES`; send nothing yet."""
         self.session = session
         self._target = target
         self._names = {**DEFAULT_OBJECT_NAMES, **names}
 
     async def handle_for(self, object_class: ObjectClass) -> int:
-        """Return the handle of the latest object of this class; open one if there is none.
+        """Return the handle of the latest open object of a class; if none is open, open one.
 
         Raises:
-            ValueError: Opening needs a name, and none is known.
+            ValueError: The object to open needs a name, and no name is known.
         """
         found = self.session.handles.latest(object_class)
         if found is not None:
@@ -71,16 +71,16 @@ class ObjectOpener:
         return await self._open_named(object_class)
 
     async def open_remote(self, kind: type[R]) -> R:
-        """Return the latest object of a class; open one if there is none."""
+        """Return the latest open object of a class; if none is open, open one."""
         return kind(self.session, await self.handle_for(kind.owner))
 
     async def start_service(self) -> None:
-        """Start the service, if it is not started yet."""
+        """Start the service, if the session has not started it yet."""
         if not self.session.handles.is_service_started:
             await self.session.invoke("Service_Start", self._target.service)
 
     async def connect_controller(self, providers: Sequence[str]) -> str:
-        """Connect with the first of `providers` that the controller knows; return its name."""
+        """Connect with the first of `providers` that the controller knows; return the provider's name."""
         for provider in providers[:-1]:
             try:
                 await self._connect_with(provider)
@@ -93,20 +93,20 @@ class ObjectOpener:
         return providers[-1]
 
     async def open_child(self, parent: ObjectHandle, kind: ObjectClass, name: str) -> int:
-        """Return the handle of the open object of this name; open it through `parent` if necessary."""
+        """Return the handle of the object with this name; if it is not open, open it through `parent`."""
         found = self.session.handles.find_named(kind, name, parent)
         if found is not None:
             return found.handle
         return handle_of(await self.session.invoke(f"{parent.kind}_Get{kind}", parent.handle, name, ""))
 
     async def read_variable(self, owner: ObjectClass, name: str) -> Variant:
-        """Read a variable of the latest object of a class. It stays open for the next reading.
+        """Read a variable of the latest object of a class. The variable stays open for the next reading.
 
         Raises:
             RemoteProtocolError: The reply holds no value.
         """
         parent = self.session.handles.find(owner, await self.handle_for(owner))
-        assert parent is not None  # the session records what it opens
+        assert parent is not None  # the session has recorded the new object
         variable = await self.open_child(parent, ObjectClass.VARIABLE, name)
         return required_variant(await self.session.invoke("Variable_GetValue", variable), name)
 
@@ -145,7 +145,10 @@ class ObjectOpener:
 
 
 async def read_variable_once(owner: Controller | Robot, name: str) -> Variant | None:
-    """Open, read and release a variable; EMPTY without a value, None if the controller refuses."""
+    """Open, read and release a variable.
+
+    Return EMPTY for a reply without value, None if the controller refuses.
+    """
     try:
         variable = await owner.get_variable(name)
     except ControllerError:

@@ -27,16 +27,16 @@ def handle_of(reply: Frame) -> int:
 
 
 def first_variant(reply: Frame) -> Variant | None:
-    """Return the value in a reply; None without one."""
+    """Return the value in a reply; None for a reply without value."""
     arguments = reply.arguments
     return arguments[0].variant if arguments else None
 
 
 def expect_value(reply: Frame, kind: type[R], wanted: str) -> R:
-    """Return the value in a reply, without its type.
+    """Return the value in a reply as a Python value.
 
-    Raises:
-        RemoteProtocolError: It is no `kind`; `wanted` is the id of its name.
+    Raises: RemoteProtocolError: The value is not of type `kind`; `wanted` is the message id of the type's
+    name.
     """
     variant = first_variant(reply)
     if variant is not None and isinstance(variant.value, kind):
@@ -48,8 +48,7 @@ def expect_value(reply: Frame, kind: type[R], wanted: str) -> R:
 def required_variant(reply: Frame, name: str) -> Variant:
     """Return the value in a reply.
 
-    Raises:
-        RemoteProtocolError: There is none; `name` names what was read.
+    Raises: RemoteProtocolError: The reply has no value; `name` names what was read.
     """
     variant = first_variant(reply)
     if variant is None:
@@ -67,7 +66,7 @@ class RemoteObject:
         self.handle = handle
 
     async def release(self) -> None:
-        """Release the object. The session releases it automatically at the end of its block."""
+        """Release the object. Without this call, the session releases the object at the end of its block."""
         await self._invoke("Release")
 
     async def __aenter__(self) -> Self:

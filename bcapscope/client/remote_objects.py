@@ -18,7 +18,7 @@ from bcapscope.protocol.tables.function_table import ObjectClass
 R = TypeVar("R")
 
 PTP = 1
-"""Interpolation of Robot_Move: each axis moves straight to its goal."""
+"""PTP interpolation of Robot_Move: each axis moves directly to its target."""
 
 ONE_CYCLE = 1
 """Mode of Task_Start."""
@@ -27,7 +27,7 @@ ONE_CYCLE = 1
 def _getter(
     invoke: Callable[[RemoteObject, str], Coroutine[Any, Any, R]], verb: str
 ) -> Callable[[RemoteObject], Coroutine[Any, Any, R]]:
-    """Return a method for a function that has no arguments but the handle."""
+    """Return a method for a function whose only argument is the handle."""
 
     async def get(self: RemoteObject) -> R:
         return await invoke(self, verb)
@@ -41,10 +41,10 @@ class _DescribedObject(RemoteObject):
     get_attribute = _getter(RemoteObject._invoke_int, "GetAttribute")  # bits
     get_help = _getter(RemoteObject._invoke_text, "GetHelp")
     get_name = _getter(RemoteObject._invoke_text, "GetName")
-    get_tag = _getter(RemoteObject._invoke_value, "GetTag")  # the value that a client stored with `put_tag`
+    get_tag = _getter(RemoteObject._invoke_value, "GetTag")  # value stored with `put_tag`
 
     async def put_tag(self, value: object) -> None:
-        """Store a value of the client's own."""
+        """Store a value of the client in the object."""
         await self._invoke("PutTag", value)
 
     get_id = _getter(RemoteObject._invoke_value, "GetID")
@@ -68,7 +68,10 @@ class _ExecutingObject(RemoteObject):
     """Functions of objects that execute commands."""
 
     async def execute(self, command: str, param: object = None) -> Value:
-        """Execute a command. A Variant as `param` sets the type; `variant_of` converts other values."""
+        """Execute a command.
+
+        A Variant as `param` is sent with its type; `variant_of` converts other values.
+        """
         return await self._invoke_value("Execute", command, param)
 
 
@@ -121,7 +124,7 @@ class Controller(_DescribedObject, _ObjectWithVariables, _ExecutingObject):
 
 
 class Extension(_DescribedObject, _ObjectWithVariables, _ExecutingObject):
-    """An extension: a hand, a line, a pallet."""
+    """An extension of the controller, such as a hand, a serial line or a pallet."""
 
     owner = ObjectClass.EXTENSION
 
@@ -151,7 +154,7 @@ class File(_DescribedObject, _ObjectWithVariables, _ExecutingObject):
         await self._invoke("Move", name, option)
 
     async def run(self, option: str = "") -> str:
-        """Run the file; return the name of what runs."""
+        """Run the file; return the name that the controller gives the running program."""
         return await self._invoke_text("Run", option)
 
     get_date_created = _getter(RemoteObject._invoke_date, "GetDateCreated")
@@ -168,7 +171,7 @@ class File(_DescribedObject, _ObjectWithVariables, _ExecutingObject):
 
 
 class Robot(_DescribedObject, _ObjectWithVariables, _ExecutingObject):
-    """A robot arm. Many of these methods move it."""
+    """A robot arm. Many of these methods move the robot."""
 
     owner = ObjectClass.ROBOT
 
@@ -177,7 +180,7 @@ class Robot(_DescribedObject, _ObjectWithVariables, _ExecutingObject):
         await self._invoke("Accelerate", axis, accel, decel)
 
     async def change(self, name: str) -> None:
-        """Change the tool or work, such as ``Tool1``."""
+        """Select a tool or work coordinate system, such as ``Tool1``."""
         await self._invoke("Change", name)
 
     async def chuck(self, option: str = "") -> None:
@@ -220,15 +223,20 @@ class Robot(_DescribedObject, _ObjectWithVariables, _ExecutingObject):
         await self._invoke("Unhold", option)
 
     async def slv_change_mode(self, mode: int) -> None:
-        """Enter a slave mode; 0 leaves it. The session leaves it automatically at the end of its block."""
+        """Enter a slave mode; mode 0 leaves slave mode.
+
+        The session leaves slave mode at the end of its block.
+        """
         await self.execute("slvChangeMode", Variant(VT.I4, mode))
 
     async def slv_get_mode(self) -> int:
         return expect_value(await self._invoke("Execute", "slvGetMode", None), int, "reply.a-mode")
 
     async def slv_move(self, point: object) -> Value:
-        """Send one set point; return the position of the robot. A Variant sets the type; a list becomes
-        R8."""
+        """Send a set point; return the position of the robot.
+
+        A Variant is sent with its type; a list is sent as R8.
+        """
         return await self._invoke_value("Execute", "slvMove", point)
 
 
@@ -262,7 +270,7 @@ class Variable(_DescribedObject):
     get_value = _getter(RemoteObject._invoke_value, "GetValue")
 
     async def put_value(self, value: object) -> None:
-        """Write the value. A Variant sets the type; `variant_of` converts other values."""
+        """Write the value. A Variant is sent with its type; `variant_of` converts other values."""
         await self._invoke("PutValue", value)
 
     get_date_time = _getter(RemoteObject._invoke_date, "GetDateTime")

@@ -1,4 +1,4 @@
-"""Default port, timeouts and numbers of retries."""
+"""Default port, timeouts and numbers of retries of a client."""
 
 from __future__ import annotations
 
@@ -16,10 +16,11 @@ class RetryPolicies(NamedTuple):
     """Timeouts and numbers of retries (DENSO Wave 2009, How to use the Slave mode).
 
     Attributes:
-        others: For all calls but slvMove. While the robot is in an Async mode, the default policy has one
-            retry less.
-        sync: For slvMove in a mode that is not Async: 2 ms, 7 retries, together two control periods.
-        asynchronous: For slvMove in an Async mode: no retry, because the next set point is due anyway.
+        others: Policy for all calls but slvMove. While the robot is in an Async mode, the default policy has
+            one retry less.
+        sync: Policy for slvMove in a mode that is not Async: 2 ms and 7 retries, together two cycle times.
+        asynchronous: Policy for slvMove in an Async mode: no retry, because the next set point follows
+            anyway.
     """
 
     others: RetryPolicy = RetryPolicy(1000 * _MS, 4)
@@ -31,4 +32,4 @@ DEFAULT_RETRY_POLICIES = RetryPolicies()
 """Policies that DENSO recommends."""
 
 OTHERS_IN_ASYNC_MODE = RetryPolicy(1000 * _MS, 3)
-"""Policy that DENSO recommends for all calls but slvMove in an Async mode."""
+"""Policy that DENSO recommends in an Async mode for all calls but slvMove."""

@@ -10,19 +10,20 @@ from bcapscope.protocol.retry.requester import RetryPolicy
 from bcapscope.protocol.tables.hresult import E_BUSY
 
 HALT_RETRY_POLICY = RetryPolicy(16_000_000, 60)
-"""Attempts of one call: every 16 ms, for about a second."""
+"""Retry policy of one Robot_Halt call: an attempt every 16 ms, for about a second."""
 
 _MAX_CALLS, _BUSY_PAUSE = 50, 10_000_000
 
 
 async def halt_robot(session: Session, robot: int, pause: Callable[[int], Awaitable[None]]) -> None:
-    """Stop the arm at once. `pause` waits for a number of ns.
+    """Stop the arm at once.
 
-    A controller that is executing another call of the connection replies that it is busy. Or it stays silent
-    until that call is done (orin_bcap C/src/bCAPServer/bcap_server.c).
+    `pause` waits for a number of ns. While a controller executes another call of the connection, the
+    controller replies that it is busy, or sends no reply until that call ends (orin_bcap
+    C/src/bCAPServer/bcap_server.c).
 
     Raises:
-        ControllerError: The controller refused it.
+        ControllerError: The controller refused Robot_Halt.
         CallTimeout: No attempt was answered.
         ConnectionError: The link is lost.
     """

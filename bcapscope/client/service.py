@@ -20,12 +20,17 @@ class Service:
         self.session = session
 
     async def start(self, option: str = "") -> None:
-        """Service_Start: start the service. Option ``,WDT=400`` requests a notice every 400 ms of a long
-        call."""
+        """Service_Start: start the service.
+
+        The option ``,WDT=400`` requests a notice every 400 ms during a long call.
+        """
         await self.session.invoke("Service_Start", option)
 
     async def stop(self) -> None:
-        """Service_Stop: stop the service. The session stops it automatically at the end of its block."""
+        """Service_Stop: stop the service.
+
+        Without this call, the session stops the service at the end of its block.
+        """
         await self.session.invoke("Service_Stop")
 
     async def connect(
@@ -34,7 +39,7 @@ class Service:
         """Controller_Connect: RC7 ignores all four arguments; RC8 and later need the provider.
 
         The provider is ``CaoProv.DENSO.VRC``, or ``CaoProv.DENSO.VRC9`` on RC9 and COBOTTA PRO; the machine
-        is ``localhost``. An empty name stands for an automatic one. An option is ``@IfNotMember``.
+        is ``localhost``. For an empty name, the controller chooses a name. An option is ``@IfNotMember``.
         """
         reply = await self.session.invoke("Controller_Connect", name, provider, machine, option)
         return Controller(self.session, handle_of(reply))

@@ -1,4 +1,4 @@
-"""A client's session with one controller: calls by name, their timeouts, and the objects to release."""
+"""A client's session with one controller: makes calls with retries, and releases open objects at the end."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def over_tcp(host: str, port: int = DEFAULT_PORT) -> LinkOpener:
 
 
 def over_link(link: MemoryLink) -> LinkOpener:
-    """Return an opener that uses `link`, for a controller in this process."""
+    """Return a link opener for a controller in this process, to which `link` leads."""
 
     async def open_it(receiver: LinkReceiver) -> Link:
         link.receiver = receiver
@@ -73,16 +73,16 @@ class BaseCaller(Protocol):
 
 
 class Session:
-    """Makes calls and remembers what they opened.
+    """Makes calls and remembers the objects that they opened.
 
-    On TCP a call has one attempt, with the time of all attempts together. slvMove gets the same time as
-    other calls there, because TCP takes longer than a set point to retransmit lost data.
+    On TCP, a call has one attempt, whose timeout is that of all UDP attempts together. On TCP, slvMove has
+    the timeout of other calls, because TCP needs longer than a cycle time to retransmit lost data.
 
     Attributes:
-        retry_policies: Policies of the following calls.
-        caller: Makes the calls.
-        handles: What the calls have opened.
-        check_armed: Called before each call that needs arming; an exception that it raises prevents the call.
+        retry_policies: Retry policies of the following calls.
+        caller: Object that makes the calls.
+        handles: Objects that the calls have opened.
+        check_armed: Function called before each call that needs arming; if it raises, the call is not made.
     """
 
     def __init__(self, caller: BaseCaller, retry_policies: RetryPolicies) -> None:
@@ -106,7 +106,8 @@ class Session:
         mode = requested_slave_mode(function_id, arguments)
         robot = _first_handle(arguments)
         before = self._slave_modes.get(robot, 0)
-        # The controller may still execute a call that is cancelled while it waits. So note its effect first.
+        # The controller may still execute a call that is cancelled here while it waits for the reply. So note
+        # its effect first.
         self._is_starting = function_id == _SERVICE_START
         if mode:
             self._slave_modes[robot] = mode
@@ -137,24 +138,24 @@ class Session:
         raise CallTimeout(name, settled.attempts)
 
     async def invoke(self, name: str, *values: object) -> Frame:
-        """Call a function by its name, with Python values as arguments; otherwise as `call`."""
+        """Call a function by its name, with Python values as arguments; raises the errors of `call`."""
         function = function_by_name(name)
         assert function is not None, name
         return await self.call(function.id, arguments_of(function, values))
 
     async def close(self) -> None:
-        """Leave slave mode, release what is open, newest first, and close the link.
+        """Leave slave mode, release the open objects, newest first, and close the link.
 
-        If the controller no longer answers, the session sends Service_Stop once and releases nothing more. A
-        controller that is only busy with an abandoned motion reads it when the motion is done. The rest is
-        left to the controller.
+        If the controller no longer replies, the session sends Service_Stop once and releases no further
+        objects. If the controller is only busy with an abandoned motion, it reads Service_Stop when the
+        motion ends. Releasing the remaining objects is left to the controller.
         """
         try:
             if self._is_starting:
                 patience = min(self.retry_policies.others.timeout, DEFAULT_RETRY_POLICIES.others.timeout)
                 self.retry_policies = self.retry_policies._replace(
                     others=RetryPolicy(patience, 0)
-                )  # a silent controller may not exist
+                )  # one attempt, since a silent controller may not exist
                 await self._call_ignoring_refusal(_SERVICE_STOP, ())
             robots = [handle for handle, mode in self._slave_modes.items() if mode]
             objects = [(opened.kind, opened.handle) for opened in self.handles.unreleased_handles()]
@@ -180,10 +181,10 @@ class Session:
         except CallTimeout:
             raise
         except BcapError:
-            pass  # the controller released it before, perhaps with its parent
+            pass  # The controller may have released the object with its parent.
 
     def retry_policy_for(self, function_id: int, arguments: Sequence[Variant]) -> RetryPolicy:
-        """Return timeout and retries of a call, considering the slave mode of the robot."""
+        """Return the timeout and number of retries of a call, which depend on the robot's slave mode."""
         paces = self.retry_policies
         if not self.caller.link.datagrams:
             return RetryPolicy(paces.others.timeout * (paces.others.retries + 1), 0)
@@ -197,7 +198,7 @@ class Session:
         )
 
     def needs_arming(self, function_id: int, arguments: Sequence[Variant]) -> bool:
-        """Return whether a call may energise or move the robot, considering which variable it writes."""
+        """Return whether a call may energise or move the robot; for a write, this depends on the variable."""
         variable = self.handles.find(ObjectClass.VARIABLE, first_number(arguments))
         return needs_arming(function_id, arguments, "" if variable is None else variable.label)
 
@@ -237,11 +238,10 @@ async def open_session(
     observer: Observer | None = None,
     listener: EventListener | None = None,
 ) -> AsyncIterator[Session]:
-    """Open a link. The end of the block releases everything that calls have opened, even after an error.
+    """Open a link. The end of the block releases all objects that calls have opened, even after an error.
 
-    `open_link` is the result of `over_udp`, `over_tcp` or `over_link`. The default convention of the reserved
-    field is that of DENSO's slides on UDP, and 0 on TCP. `observer` receives every frame, `listener` every
-    event.
+    `open_link` is the result of `over_udp`, `over_tcp` or `over_link`. By default, the reserved field follows
+    DENSO's slides on UDP, and is 0 on TCP. `observer` gets every frame, and `listener` gets every event.
 
     Raises:
         OSError: The controller cannot be reached, or does not listen.

@@ -18,9 +18,9 @@ _TYPES = {"VT_I4": VT.I4, "VT_R4": VT.R4, "VT_BSTR": VT.BSTR}
 def variant_of(value: object) -> Variant:
     """Convert a Python value to a VARIANT.
 
-    None becomes EMPTY, bool BOOL, int I4 (I8 if it does not fit), float R8, str BSTR and bytes an array of
-    UI1. A list of one of these types becomes an array of it, and a list of int and float an array of R8. Any
-    other list becomes an array of VARIANT. A Variant stays unchanged.
+    None becomes EMPTY, bool BOOL, int I4 (or I8 if too large), float R8, str BSTR and bytes an array of UI1.
+    A list of values of one type becomes an array of that type, and a list of int and float an array of R8.
+    Any other list becomes an array of VARIANT. A Variant stays unchanged.
 
     Raises:
         LocalProtocolError: b-CAP has no type for the value.
@@ -54,16 +54,16 @@ def arguments_of(function: Function, values: Sequence[object]) -> tuple[Variant,
 
 
 def plain_value(variant: Variant) -> Value:
-    """Return the value of a VARIANT without its type; elements of VARIANT arrays likewise."""
+    """Return the Python value of a VARIANT, and of all elements of a VARIANT array."""
     if isinstance(variant.value, tuple):
         return tuple(plain_value(item) if isinstance(item, Variant) else item for item in variant.value)
     return variant.value
 
 
 def date_of(days: float) -> datetime | None:
-    """Convert a DATE, days since 1899-12-30, to a datetime in the controller's time zone, without naming it.
+    """Convert a DATE, days since 1899-12-30, to a naive datetime in the controller's time zone.
 
-    None if the date is outside Python's calendar.
+    Return None if the date is outside Python's calendar.
     """
     try:
         return _DATE_ZERO + timedelta(days=days)

@@ -1,6 +1,7 @@
 """Sentences as data: ids with typed places, and their English and Japanese words.
 
-Every room may make a `Message`. The words are in ``locale/*/LC_MESSAGES/bcapscope.po`` and nowhere else.
+Every package may create a `Message`. All words are in ``locale/*/LC_MESSAGES/bcapscope.po``, except for the
+English texts of the protocol's tables.
 """
 
 from bcapscope.messages.language import Language, language_of

@@ -21,10 +21,12 @@ Json: TypeAlias = "str | int | float | list[Json] | dict[str, Json] | None"
 
 
 class Place(ABC):
-    """A typed value. In templates, its type follows the name of the place: ``{latency:duration}``.
+    """A typed value.
 
-    Nobody changes its attributes, which are the arguments of its constructor, in their order. The kinds of
-    places are no dataclasses: to make 17 of those takes 7 ms at the start of every command.
+    In templates, the type of the value follows the name of the place: ``{latency:duration}``.
+
+    The attributes of a place are the arguments of its constructor, in the same order, and never change.
+    Subclasses are not dataclasses, since defining 17 dataclasses takes 7 ms at the start of every command.
     """
 
     type_name: ClassVar[str]
@@ -40,27 +42,28 @@ class Place(ABC):
 
     @abstractmethod
     def text(self, words: MessageFormatter) -> str:
-        """Return the value as text; strings from the wire are not escaped."""
+        """Return the value as text, without escaping strings from the wire."""
 
     @abstractmethod
     def to_json(self) -> Json:
-        """Return the value for programs."""
+        """Return the value as JSON data for programs."""
 
 
 PlaceValue: TypeAlias = Union["Message", Place, str, int, float]
-"""Value of a place: a typed one, another message, or plain text or a plain number."""
+"""Value of a place: a typed value, another message, a string or a number."""
 
 
 class Message:
-    """An id of the catalogue, and a value for each place of its sentence. Immutable; compared by value.
+    """A sentence as data: an id of the catalogue, and a value for each place. Immutable; compared by value.
 
-    ``str()`` gives the English sentence, so an exception that holds a message reads well anywhere.
+    ``str()`` returns the English sentence, so a traceback shows the sentence of an exception that holds a
+    message.
 
     Attributes:
         id: Key in the catalogue, such as `finding.no-reply`.
-        places: Values by the name of their place.
-        english: English text of messages whose words come from a table of the protocol; None if the
-            catalogue has them.
+        places: Values by name of the place in the sentence.
+        english: English text of a message whose words come from a table of the protocol; None if the
+            catalogue has the English text.
     """
 
     __slots__ = ("english", "id", "places")
@@ -76,9 +79,9 @@ class Message:
 
     @classmethod
     def from_table(cls, id: str, english: str, /, **places: PlaceValue) -> Message:
-        """Return a message whose English is in a table, such as the meaning of a result code.
+        """Return a message whose English text is in a table, such as the meaning of a result code.
 
-        The catalogue holds its translations only.
+        The catalogue holds only the translations of the text.
         """
         message = cls(id, **places)
         object.__setattr__(message, "english", english)
@@ -116,12 +119,12 @@ def foreign_text(text: str) -> Message:
 
 
 class MessageFormatter:
-    """Puts messages into one language, for one report.
+    """Turns the messages of a report into sentences in one language.
 
     Attributes:
         language: Language of the reader.
-        start: Time when the traffic began, ns since 1970. Times in sentences count from there.
-        only_client: Whether the traffic has a single client, which then needs no address.
+        start: Time when the traffic began, ns since 1970; sentences show times relative to it.
+        only_client: Whether the traffic has a single client, whose address sentences then omit.
     """
 
     def __init__(
@@ -132,22 +135,22 @@ class MessageFormatter:
         self.only_client = only_client
 
     def __call__(self, id: str, /, **places: PlaceValue) -> str:
-        """Return the text of a message that is made for this purpose only."""
+        """Return the text of a message by its id and places, without a `Message` object of the caller."""
         return self.text(Message(id, **places))
 
     def for_report(self, start: int, only_client: bool) -> MessageFormatter:
-        """Return a formatter in the same language for other traffic."""
+        """Return a formatter in the same language for a report about other traffic."""
         return MessageFormatter(self.language, start, only_client)
 
     def text(self, message: Message) -> str:
-        """Return a message as text. An unknown id gives the id and the places; it never raises."""
+        """Return a message as text; never raises. The text of an unknown id is the id with the places."""
         template = _template(self.language, message.id)
         if template is None:
             return self._without_template(message)
         return self._filled(template, message)
 
     def plural(self, id: str, number: int) -> str:
-        """Return the text for a number of things; its template has the place ``{n}``."""
+        """Return the text for a number of things, from a template with the place ``{n}``."""
         translations = _translations(self.language)
         template = translations.ngettext(id, f"{id}.plural", number)
         if template.startswith(id):
@@ -155,11 +158,11 @@ class MessageFormatter:
         return template.replace("{n}", str(number))
 
     def sentences(self, texts: Iterable[str]) -> str:
-        """Return sentences one after the other; Japanese has no space between them."""
+        """Join sentences with spaces; in Japanese, without spaces."""
         return ("" if self.language is Language.JAPANESE else " ").join(filter(None, texts))
 
     def place_text(self, value: PlaceValue, type_name: str) -> str:
-        """Return the text of a place; for a type with a capital letter, the text begins a sentence."""
+        """Return the text of a place's value; a type with a capital letter capitalises the text."""
         if isinstance(value, Place):
             text = value.text(self)
         else:
@@ -167,7 +170,7 @@ class MessageFormatter:
         return text[:1].upper() + text[1:] if type_name[:1].isupper() else text
 
     def _filled(self, template: str, message: Message) -> str:
-        """Fill the places. A space of the template goes where it is between two Japanese characters."""
+        """Fill the places of a template, and remove its spaces between two Japanese characters."""
         made = ""
         for literal, name, type_name in _parsed(template):
             needless = literal[:1] == " " and _is_japanese(made[-1:]) and _is_japanese(literal[1:2])
@@ -191,7 +194,7 @@ def _is_japanese(character: str) -> bool:
 
 
 ENGLISH_WORDS = MessageFormatter()
-"""English, for messages without a report around them."""
+"""English formatter for messages outside a report."""
 
 
 def message_params(message: Message) -> dict[str, Json]:
@@ -219,9 +222,9 @@ def has_message(id: str) -> bool:
 
 @lru_cache(4096)
 def _template(language: Language, id: str) -> str | None:
-    """Return the template of an id; the English one if the language lacks it, None if that is missing too."""
+    """Return the template of an id in a language, else in English; None if the catalogue lacks the id."""
     found = _translations(language).gettext(id)
-    if id and found != id:  # gettext gives the header of the catalogue for an empty id
+    if id and found != id:  # for an empty id, gettext returns the header of the catalogue
         return found
     if language is Language.ENGLISH:
         return None
@@ -230,5 +233,5 @@ def _template(language: Language, id: str) -> str | None:
 
 @lru_cache(4096)
 def _parsed(template: str) -> tuple[tuple[str, str | None, str], ...]:
-    """Return literal, name and type of each place, in order."""
+    """Return the parts of a template in order: literal text, then name and type of the place after it."""
     return tuple((literal, name, spec or "") for literal, name, spec, _ in Formatter().parse(template))

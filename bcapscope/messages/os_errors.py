@@ -9,10 +9,10 @@ from bcapscope.messages.message import Message
 
 
 def os_reason(error: Exception) -> Message:
-    """Return why the operating system refused something, in lower case, without Python's additions.
+    """Return the reason of an operating system's error, in lower case, without Python's additions.
 
-    A connection that was lost has its message already. Errors of name resolution have no number of `errno`;
-    their text is in English only.
+    If the error holds a `Message`, as for a lost connection, return that message. Errors of name resolution
+    have no `errno`, so their text is in English only.
     """
     if error.args and isinstance(error.args[0], Message):
         return error.args[0]

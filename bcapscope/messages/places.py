@@ -1,4 +1,4 @@
-"""Typed values for the places of messages. Each knows its text in a language and its JSON."""
+"""Typed values for the places of messages, each with its text and its JSON."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from bcapscope.messages.message import Json, Message, MessageFormatter, Place
 
 LONGEST_TEXT = 60
-"""Characters of a string from the wire that a sentence shows."""
+"""Maximum number of characters of a string from the wire that a sentence shows."""
 
 _MS = 1_000_000
 
@@ -23,12 +23,12 @@ def duration_text(nanoseconds: int) -> str:
 
 
 def amount_text(value: float) -> str:
-    """Format a measured number with three significant digits, or with all digits before the decimal point."""
+    """Format a measured number with three significant digits; a large number with all integer digits."""
     return f"{value:.0f}" if 999.5 <= abs(value) < 1e9 else f"{value:.3g}"
 
 
 class Duration(Place):
-    """A duration in ns; negative ones count too."""
+    """A duration in ns, which may be negative."""
 
     type_name = "duration"
 
@@ -43,7 +43,7 @@ class Duration(Place):
 
 
 class Moment(Place):
-    """A time in ns since 1970; sentences count it in seconds from the start of the traffic."""
+    """A time in ns since 1970; sentences show the time in seconds since the start of the traffic."""
 
     type_name = "time"
 
@@ -61,8 +61,8 @@ class Quantity(Place):
     """A measured number with its unit, such as `12.5 deg`.
 
     Attributes:
-        value: The number.
-        unit: Its unit; "" for a bare number.
+        value: The measured number.
+        unit: Unit of the number; "" for a number without unit.
         decimals: Digits after the decimal point; None for three significant digits.
     """
 
@@ -82,7 +82,7 @@ class Quantity(Place):
 
 
 class HexNumber(Place):
-    """A number that the field writes in hex, such as a result code without its meaning, or a slave mode."""
+    """A number that engineers write in hex, such as a result code without its meaning, or a slave mode."""
 
     type_name = "hex"
 
@@ -98,7 +98,7 @@ class HexNumber(Place):
 
 
 class Measured(Place):
-    """A number with its unit and a chosen precision, such as `1234.56 deg`; unit "" for a bare number."""
+    """A number with its unit and a chosen number of decimals, such as `1234.56 deg`; unit "" for none."""
 
     type_name = "measured"
 
@@ -115,11 +115,11 @@ class Measured(Place):
 
 
 class Count(Place):
-    """A number of things, with the plural that the language wants.
+    """A number of things, such as `3 calls`, with the plural form of the language.
 
     Attributes:
-        number: How many.
-        unit: Thing that is counted: the id `count.<unit>` of the catalogue.
+        number: Number of things.
+        unit: Kind of things; the catalogue's id is `count.<unit>`.
     """
 
     type_name = "count"
@@ -176,7 +176,7 @@ class CodePlace(Place):
 
 
 class FramePlace(Place):
-    """One or more frames by their numbers in the traffic."""
+    """One or more frames, by their numbers in the traffic."""
 
     type_name = "frames"
 
@@ -194,9 +194,9 @@ class CallPlace(Place):
     """A call.
 
     Attributes:
-        name: Its command, or its function if it has none.
-        serial: Serial of its first attempt; None to show the name only.
-        number: Its number in the traffic.
+        name: Command of the call, or its function if it has no command.
+        serial: Serial of the call's first attempt; None to show only the name.
+        number: Number of the call in the traffic.
     """
 
     type_name = "call"
@@ -218,8 +218,8 @@ class ClientPlace(Place):
     """A client. In templates, ``{client:Client}`` begins a sentence.
 
     Attributes:
-        address: Host and port as text.
-        transport: Transport as lower-case text.
+        address: Host and port of the client as text.
+        transport: Transport of the client in lower case, such as `udp`.
     """
 
     type_name = "client"
@@ -238,7 +238,7 @@ class ClientPlace(Place):
 
 
 class WireText(Place):
-    """A string from the wire, shortened in sentences. It is escaped where it is shown, not here."""
+    """A string from the wire, shortened in sentences. The code that shows the sentence escapes the string."""
 
     type_name = "text"
 
@@ -266,7 +266,7 @@ class _Several:
 
 
 class Listing(_Several, Place):
-    """Several in a row; the last one follows "and"."""
+    """Several texts in one line, with "and" before the last text."""
 
     type_name = "list"
 
@@ -278,7 +278,7 @@ class Listing(_Several, Place):
 
 
 class Enumeration(_Several, Place):
-    """Several in a row, all separated alike."""
+    """Several texts in one line, separated by commas."""
 
     type_name = "enumeration"
 
@@ -304,7 +304,7 @@ def joined_clauses(clauses: Iterable[Message]) -> Message | None:
 
 
 class IndentedLines(_Several, Place):
-    """Several, each on a line of its own below the sentence."""
+    """Several texts below the sentence, each on its own line."""
 
     type_name = "lines"
 
@@ -313,5 +313,5 @@ class IndentedLines(_Several, Place):
 
 
 def shortened(text: str) -> str:
-    """Return at most `LONGEST_TEXT` characters, with … for the rest."""
+    """Return at most `LONGEST_TEXT` characters of a text, followed by … if the text is longer."""
     return text if len(text) <= LONGEST_TEXT else text[:LONGEST_TEXT] + "…"

@@ -1,13 +1,14 @@
 """The b-CAP protocol: frames, VARIANTs, functions, commands and result codes.
 
-Standard library only, no I/O and no clock. The most useful names for other programs can be imported from
-here:
+Standard library only, no I/O and no clock. Other programs can import these names directly from
+`bcapscope.protocol`:
 
-* `Frame`, `Malformed`, `parse_datagram`, `parse_single_frame`, `encode_frame`: a frame, or all of a datagram.
-* `StreamSplitter`, `StreamPiece`: the frames of a TCP stream.
-* `VT`, `ARRAY`, `Variant`, `EMPTY`, `vt_name`, `integer_value`: typed values.
-* `FUNCTIONS`, `Function`, `function_name`, `function_by_name`, `call_name`: what a frame calls.
-* `is_failure`, `is_success`, `hresult_name`, `describe_hresult`, `HresultInfo`: what a result code means.
+* `Frame`, `Malformed`, `parse_datagram`, `parse_single_frame`, `encode_frame`: read and write single frames
+  and datagrams.
+* `StreamSplitter`, `StreamPiece`: find the frames in a TCP stream.
+* `VT`, `ARRAY`, `Variant`, `EMPTY`, `vt_name`, `integer_value`: the typed values in a frame.
+* `FUNCTIONS`, `Function`, `function_name`, `function_by_name`, `call_name`: the functions that requests call.
+* `is_failure`, `is_success`, `hresult_name`, `describe_hresult`, `HresultInfo`: the meanings of result codes.
 
 The submodules hold the rest. Each name is loaded on first use, so that importing one submodule does not load
 the others.
@@ -74,10 +75,10 @@ _NAMES_BY_MODULE = {
 _MODULE_BY_NAME = {name: module for module, names in _NAMES_BY_MODULE.items() for name in names.split()}
 
 
-if not TYPE_CHECKING:  # otherwise a type checker would accept any name
+if not TYPE_CHECKING:  # A type checker that sees `__getattr__` accepts any name of the module.
 
     def __getattr__(name: str) -> object:
-        """Load a name of `__all__`. Submodules are not in `__all__`; Python imports them itself."""
+        """Import the submodule that defines a name of `__all__`, and return the named object."""
         module = _MODULE_BY_NAME.get(name)
         if module is None:
             raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

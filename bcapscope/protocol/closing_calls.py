@@ -1,4 +1,7 @@
-"""The calls that close a session, for a client that ends and for the proxy in a client's place."""
+"""The calls that close a session.
+
+A client makes them when it ends; the proxy makes them for a lost client.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +13,7 @@ from bcapscope.protocol.tables.function_table import FUNCTIONS, ID, Function, Ob
 RELEASES: Mapping[ObjectClass, Function] = {
     function.releases: function for function in FUNCTIONS.values() if function.releases is not None
 }
-"""The function that releases an object of each class; Service_Stop for the service."""
+"""The function that releases an object, by the object's class; Service_Stop for the service."""
 
 ClosingCall = tuple[int, tuple[Variant, ...]]
 
@@ -24,13 +27,13 @@ def closing_calls(
 ) -> Iterator[ClosingCall]:
     """Yield the calls in order: leave slave mode, give the arm back, release objects, stop the service.
 
-    None of them moves a robot.
+    None of these calls moves a robot.
 
     Args:
         robots: Handles of the robots in slave mode.
-        arms: Handles of the robots whose arm the client holds.
-        objects: Class and handle of what is not released, newest first.
-        stops_service: Whether the service was started.
+        arms: Handles of the robots whose arm the client has taken with TakeArm.
+        objects: Class and handle of each object that is still open, newest first.
+        stops_service: Whether the last call is Service_Stop.
 
     Yields:
         Function id and arguments.

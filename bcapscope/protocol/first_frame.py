@@ -1,4 +1,4 @@
-"""The first frame of a client: whether it is complete, and whether it stops something."""
+"""Classify the first frame of a client: whether the frame is complete, and whether it is a stop request."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ from bcapscope.protocol.codec.frame_content import has_compressed_header
 from bcapscope.protocol.guard import always_passes
 
 LONGEST_FIRST_FRAME = 4096
-"""Bytes after which a first frame counts as complete; far more than any call that opens a session needs."""
+"""Number of bytes after which a first frame is treated as complete. Calls that open a session are much
+shorter."""
 
 _LONGEST_STOP = 1024
 _LENGTH_ENDS = 5
@@ -26,7 +27,7 @@ def is_first_frame_incomplete(data: bytes | bytearray) -> bool:
 
 
 def first_frame_stops(data: bytes) -> bool:
-    """Return whether the first frame of a datagram or stream is a request that no guard may hold up."""
+    """Return whether a datagram or stream begins with a request that stops something or releases a handle."""
     if len(data) < SMALLEST_FRAME or data[0] != SOH:
         return False
     length = _length(data)

@@ -1,7 +1,7 @@
-"""Effect of a request on the robot, from its function and arguments, and which requests stop the robot.
+"""Decide from a request's function and arguments how it affects the robot, and whether it stops the robot.
 
-All clients of bcapscope and the proxy's guard use these functions. They err on the side of caution. Commands
-outside the catalogue, missing arguments, arguments of another type and unknown function ids count as moving.
+All clients of bcapscope and the proxy's guard use these functions. In doubt, the functions assume that a
+request moves the robot: unknown function ids, unknown commands, and missing or mistyped arguments.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _STOPPING_FUNCTIONS = frozenset(
 )
 _STOPPING_COMMANDS = frozenset(("handstop", "twofgstop"))
 _SWITCH_COMMANDS = frozenset(("motor", "slvchangemode"))
-"""Commands that switch something off if their parameter is 0."""
+"""Commands that switch the motor or slave mode off if their parameter is 0."""
 
 _ARGUMENTS_WITH_PARAMETER = 3
 """Number of arguments of an ..._Execute function: handle, command, parameter."""
@@ -47,11 +47,11 @@ def request_effect(function_id: int, arguments: Sequence[Variant], variable: str
 
 
 def always_passes(function_id: int, arguments: Sequence[Variant]) -> bool:
-    """Return whether a request stops something or releases a handle, so that no guard may hold it up.
+    """Return whether a request stops something or releases a handle, so that no guard may block it.
 
-    These are Robot_Halt, Robot_Hold, Task_Stop, Command_Cancel, HandStop, TwofgStop, slvChangeMode 0, the
-    releases, Controller_Disconnect and Service_Stop. A command counts only without further arguments: with
-    them it is ambiguous which one the controller uses.
+    Such requests are Robot_Halt, Robot_Hold, Task_Stop, Command_Cancel, HandStop, TwofgStop, slvChangeMode 0,
+    the ..._Release functions, Controller_Disconnect and Service_Stop. A stop command with surplus arguments
+    may be blocked, since it is unclear which argument the controller uses.
     """
     function = FUNCTIONS.get(function_id)
     if function is None:
@@ -69,8 +69,8 @@ def always_passes(function_id: int, arguments: Sequence[Variant]) -> bool:
 def passes_read_only(function_id: int, arguments: Sequence[Variant]) -> bool:
     """Return whether a read-only proxy forwards a request.
 
-    It also forwards requests that open a session, Controller_Connect included. Nothing can be read without
-    the handles that they return, and the controller only gains a client.
+    A read-only proxy also forwards requests that open a session or an object, such as Controller_Connect. A
+    client can read nothing without the handles in the replies.
     """
     return (
         always_passes(function_id, arguments) or request_effect(function_id, arguments) <= CallEffect.SESSION
@@ -80,8 +80,8 @@ def passes_read_only(function_id: int, arguments: Sequence[Variant]) -> bool:
 def needs_arming(function_id: int, arguments: Sequence[Variant], variable: str = "") -> bool:
     """Return whether a client of bcapscope must be armed to send a request to a real controller.
 
-    True for everything that may energise or move the robot, never for requests that stop or switch off.
-    `variable` is the name of the variable behind the handle; "" if unknown.
+    Requests that may energise or move the robot need arming; requests that stop something do not. `variable`
+    is the name of the variable behind the handle; "" if unknown.
     """
     if always_passes(function_id, arguments):
         return False
@@ -97,9 +97,9 @@ def _command_effect(function_id: int, arguments: Sequence[Variant]) -> CallEffec
 
 
 def _switches_off(arguments: Sequence[Variant]) -> bool:
-    """Return whether the parameter of a switch command is certainly 0.
+    """Return whether the parameter of Motor or slvChangeMode is certainly 0.
 
-    Motor also accepts an array whose first element is 0.
+    For Motor, the parameter may also be an array whose first element is 0.
     """
     if len(arguments) != _ARGUMENTS_WITH_PARAMETER:
         return False

@@ -1,7 +1,7 @@
-"""Parse numbers that people type: ASCII digits, bounded length, bounded value.
+"""Parse numbers that people type: only ASCII digits, of limited length and value.
 
-Python accepts digits of every script, integers of 4,300 digits and floats that overflow to infinity. These
-functions return none of that.
+Python's own functions also accept digits of every script, integers of 4,300 digits, and floats that overflow
+to infinity.
 """
 
 from __future__ import annotations
@@ -9,14 +9,14 @@ from __future__ import annotations
 import re
 
 LONGEST_NUMBER = 40
-"""Longest accepted text, in characters; an integer of 64 bits needs 20."""
+"""Maximum length, in characters, of the text of a number. An integer of 64 bits needs 20."""
 
 _INTEGER = re.compile(r"[-+]?(?:[0-9]+|0[xX][0-9A-Fa-f]+)")
 _NUMBER = re.compile(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?")
 
 
 def parse_integer(text: str, minimum: int, maximum: int) -> int | None:
-    """Parse a decimal integer, or a hexadecimal one with prefix 0x; None if invalid or out of bounds."""
+    """Parse a decimal integer, or a hexadecimal integer with prefix 0x; None if invalid or out of bounds."""
     text = text.strip()
     if len(text) > LONGEST_NUMBER or not _INTEGER.fullmatch(text):
         return None

@@ -8,25 +8,25 @@ _FORMULA_STARTS = tuple("=+-@\t\r＝＋－＠")
 
 
 def is_spreadsheet_formula(text: str) -> bool:
-    """Return whether a spreadsheet would treat a text as a formula.
+    """Return whether a spreadsheet would interpret a text as a formula.
 
-    Japanese spreadsheets also accept the full-width signs.
+    Japanese spreadsheets also interpret the full-width signs.
     """
     return text.lstrip(" \u3000").startswith(_FORMULA_STARTS)
 
 
 def counted(count: int, noun: str, plural: str = "") -> str:
-    """Return a number with its noun; without `plural`, the plural is the noun with an s."""
+    """Return a number with its noun, such as `2 bytes`; the default plural is the noun with an s."""
     return f"{count} {noun}" if count == 1 else f"{count} {plural or noun + 's'}"
 
 
 def shortened(text: str, most: int) -> str:
-    """Return the first `most` characters of a text, with an ellipsis if it was cut."""
+    """Return the first `most` characters of a text, followed by an ellipsis if the text is longer."""
     return text if len(text) <= most else f"{text[:most]}…"
 
 
 def display_width(text: str) -> int:
-    """Return the terminal columns of a text: two for wide characters, none for combining ones."""
+    """Return how many terminal columns a text takes: two per wide character, none per combining character."""
     if text.isascii():
         return len(text)
     return sum(

@@ -1,4 +1,4 @@
-"""Deprecated location of `VT` and `Variant`, kept for programs copied from the screen before the move."""
+"""Deprecated location of `VT` and `Variant`, kept for programs copied from older versions of the screen."""
 
 import warnings
 from typing import Any

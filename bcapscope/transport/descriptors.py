@@ -1,4 +1,4 @@
-"""Spare file descriptors, reserved so that a stop request can still connect when all others are in use."""
+"""Spare file descriptors, so that a stop request can still connect when all other descriptors are in use."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def is_out_of_descriptors(error: OSError) -> bool:
 def wait_readable(descriptor: int, seconds: float) -> bool:
     """Wait until a file descriptor is readable, at most `seconds`; return whether it is.
 
-    Opens no file descriptor. Where `poll` exists, the descriptor may exceed the limit of `select`.
+    Opens no file descriptor. On systems with `poll`, the descriptor may exceed the limit of `select`.
     """
     if not hasattr(select, "poll"):
         return bool(select.select([descriptor], (), (), seconds)[0])
@@ -40,7 +40,8 @@ def accept_connection(
 ) -> tuple[socket.socket, Any] | None:
     """Accept a connection and return its socket and address; None if no connection is pending.
 
-    If no file descriptor is free, `free_descriptor` closes one and returns whether it could.
+    If no file descriptor is free, this function calls `free_descriptor`, which closes one and returns whether
+    it did.
 
     Raises:
         OSError: No connection can be accepted now.
@@ -51,7 +52,7 @@ def accept_connection(
         except (BlockingIOError, ConnectionError):
             return None
         except OSError as error:
-            # Linux looks for a free file descriptor before it looks for a connection.
+            # Linux looks for a free file descriptor before it looks for a pending connection.
             if is_out_of_descriptors(error) and not wait_readable(listener.fileno(), 0):
                 return None
             if not is_out_of_descriptors(error) or not free_descriptor():
@@ -63,8 +64,8 @@ def raise_descriptor_limit(count: int) -> None:
     if sys.platform == "win32":
         return
     try:
-        import resource  # noqa: PLC0415  # there is none on Windows
-    except ImportError:  # there is no file descriptor left to load it with
+        import resource  # noqa: PLC0415  # Windows lacks the module
+    except ImportError:  # no file descriptor is free to load the module
         return
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     most = count if hard == resource.RLIM_INFINITY else min(count, hard)
@@ -77,26 +78,26 @@ class SpareDescriptors:
     """Spare file descriptors that can be released for a more important connection."""
 
     def __init__(self, count: int) -> None:
-        """Plan to reserve `count` descriptors; `refill` opens them."""
+        """Set the number of descriptors to reserve; `refill` opens them."""
         self._count = count
         self._held: list[int] = []
 
     def refill(self) -> bool:
-        """Open the missing descriptors; return whether all are reserved now."""
+        """Open the spare descriptors that are missing; return whether all are reserved now."""
         with suppress(OSError):
             while len(self._held) < self._count:
                 self._held.append(os.open(os.devnull, os.O_RDONLY))
         return len(self._held) == self._count
 
     def release_one(self, *, keep: int = 0) -> bool:
-        """Close one descriptor if more than `keep` are reserved; return whether it did."""
+        """Close a spare descriptor if more than `keep` are reserved; return whether one was closed."""
         if len(self._held) <= keep:
             return False
         os.close(self._held.pop())
         return True
 
     def close(self) -> None:
-        """Close all descriptors for good; `refill` opens none afterwards."""
+        """Close all spare descriptors; later calls of `refill` open none."""
         self._count = 0
         while self.release_one():
             pass

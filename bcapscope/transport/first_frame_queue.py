@@ -1,8 +1,8 @@
 """TCP connections that have not sent a complete frame yet; no I/O and no clock.
 
-A connection costs an attacker nothing, but each place it takes is lost to honest clients. So a connection
-counts as a client only once its first frame is complete. Connections without a complete frame are dropped
-first.
+An attacker can open many connections at no cost, and each takes the place of an honest client. Therefore a
+connection becomes a client only when its first frame is complete. When places run out, connections without a
+complete frame are dropped first.
 """
 
 from __future__ import annotations
@@ -15,18 +15,18 @@ from typing import Generic, TypeVar
 from bcapscope.protocol.first_frame import is_first_frame_incomplete
 
 MAX_PENDING = 256
-"""Connections without a complete frame; at this limit, a new one displaces another. On a busy machine an
-honest client may need some ms between connecting and its first byte. A flood opens a hundred connections in
-that time."""
+"""Maximum number of connections without a complete frame. At this limit, a new connection displaces another.
+On a busy machine, an honest client may send its first byte some ms after it connects. A flood opens a hundred
+connections in that time."""
 
 FIRST_FRAME_TIMEOUT = 10_000_000_000
-"""Longest time between the first and the last byte of a first frame, ns."""
+"""Maximum time in ns between the first and the last byte of a connection's first frame."""
 
 Key = TypeVar("Key", bound=Hashable)
 
 
 def source_network(host: str) -> str:
-    """Return the key that limits count by: an IPv4 address, or the /64 network of an IPv6 address."""
+    """Return the network that limits count by: the IPv4 address, or the /64 network of the IPv6 address."""
     return host if ":" not in host else str(ip_network((host.partition("%")[0], 64), strict=False))
 
 
@@ -35,8 +35,8 @@ class _PendingConnection:
 
     Attributes:
         source: Network of the client, as `source_network` returns it.
-        data: Bytes received so far.
-        first_byte_at: Time of the first byte, ns; 0 before it.
+        data: Bytes received from the connection so far.
+        first_byte_at: Time in ns when the first byte arrived; 0 until then.
     """
 
     def __init__(self, source: str) -> None:
@@ -59,10 +59,11 @@ class FirstFrameQueue(Generic[Key]):
         return key in self._waiting
 
     def add(self, key: Key, host: str) -> Key | None:
-        """Add a connection; return the connection that the caller must drop for it, None if there is room.
+        """Add a connection.
 
-        The dropped connection is the oldest of the source with the most connections. A few bytes do not
-        protect a connection, because an honest client that has just connected has sent none.
+        Return the connection that the caller must drop to make room; None if there is room. The connection to
+        drop is the oldest of the source with the most connections. Connections that sent a few bytes have no
+        priority, because an honest client that has just connected has sent none.
         """
         dropped = self._next_to_drop() if len(self._waiting) >= self._limit else None
         if dropped is not None:
@@ -71,10 +72,10 @@ class FirstFrameQueue(Generic[Key]):
         return dropped
 
     def feed_bytes(self, key: Key, data: bytes, now: int) -> bytes | None:
-        """Add bytes that a connection sent at the time `now`, ns.
+        """Add bytes that arrived from a connection at the time `now`, ns.
 
-        Once its first frame is complete, or its bytes cannot begin a frame, the connection leaves the queue,
-        and all its bytes are returned; None before that.
+        When the first frame is complete, or the bytes cannot begin a frame, the connection leaves the queue,
+        and this method returns all its bytes. Until then it returns None.
         """
         newcomer = self._waiting[key]
         newcomer.first_byte_at = newcomer.first_byte_at or now
@@ -85,7 +86,7 @@ class FirstFrameQueue(Generic[Key]):
         return bytes(newcomer.data)
 
     def remove(self, key: Key) -> None:
-        """Remove a connection that has ended; unknown connections are ignored."""
+        """Remove a connection that has ended; do nothing for an unknown connection."""
         self._waiting.pop(key, None)
 
     def drop_one(self) -> Key | None:

@@ -11,7 +11,7 @@ class LoopClock:
     """Reads the time of an event loop in ns."""
 
     def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
-        """Record the offset between the loop's time and 1970-01-01 UTC."""
+        """Record the difference between the loop's time and the time since 1970-01-01 UTC."""
         self._loop = loop
         self._epoch = time.time_ns() - self.now()
 

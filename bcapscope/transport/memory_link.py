@@ -11,7 +11,7 @@ from bcapscope.messages import Message
 from bcapscope.transport.peer_link import Address, LinkReceiver
 
 NetworkModel: TypeAlias = Callable[[bytes], Iterable[float]]
-"""Returns the delay of each copy of a packet that arrives, in s; no delay for a lost packet."""
+"""Function that returns the delay in s of each copy of a packet that arrives; empty for a lost packet."""
 
 
 def perfect_network(_: bytes) -> Iterable[float]:
@@ -19,7 +19,7 @@ def perfect_network(_: bytes) -> Iterable[float]:
 
 
 class MemoryLink:
-    """One end of a pair. The event loop's timers deliver packets, never `send` itself."""
+    """One end of a memory link. Timers of the event loop deliver the packets; `send` itself never does."""
 
     def __init__(self, local: Address, peer: Address, network: NetworkModel, datagrams: bool) -> None:
         self.local = local
@@ -33,7 +33,10 @@ class MemoryLink:
         self._sent_count = 0
 
     def send(self, data: bytes) -> None:
-        """Send a packet, or the next bytes of a stream. A stream keeps its order whatever the delays."""
+        """Send a packet, or the next bytes of a stream.
+
+        The bytes of a stream arrive in order, whatever the delays.
+        """
         other = self._far_end
         if other is None:
             return
@@ -54,7 +57,7 @@ class MemoryLink:
             other._on_far_end_closed()
 
     def _deliver_first(self, other: MemoryLink) -> None:
-        """Deliver the earliest packet. The loop may run timers of the same moment in any order."""
+        """Deliver the earliest packet. The event loop may run timers of the same time in any order."""
         _, _, data = heapq.heappop(self._in_flight)
         if other.receiver is not None:
             other.receiver.on_data(data)
@@ -71,9 +74,9 @@ def memory_link_pair(
     to_client: NetworkModel = perfect_network,
     datagrams: bool = True,
 ) -> tuple[MemoryLink, MemoryLink]:
-    """Return the client's and the controller's end of a link; the caller sets the `receiver` of each.
+    """Return the client's and the controller's end of a link; the caller sets the `receiver` of each end.
 
-    The network models are those of each direction. Without `datagrams`, the link is a stream as over TCP.
+    Each direction has its own network model. Without `datagrams`, the link is a stream as over TCP.
     """
     client_address, server_address = ("memory", 1), ("memory", 5007)
     client = MemoryLink(client_address, server_address, to_server, datagrams)

@@ -17,19 +17,18 @@ class LinkReceiver(Protocol):
         """Process a datagram, or the next bytes of a stream."""
 
     def on_send_error(self, reason: Message) -> None:
-        """Process the system's error for data that was sent; the link remains open."""
+        """Process an error of the operating system for sent data; the link remains open."""
 
     def on_link_lost(self, reason: Message) -> None:
         """Process the loss of the link; no data follows."""
 
 
 class BaseLink(Protocol):
-    """A link to one peer; implementations decide how the caller gets received data.
+    """A link to one peer; each implementation decides how it passes on received data.
 
     Attributes:
-        datagrams: True if each message arrives whole, zero, one or several times; False for a stream.
-        local: Address of this end.
-        peer: Address of the other end.
+        datagrams: True if the link carries datagrams, which may get lost or repeated; False for a stream.
+        local: Address of the link's own end. peer: Address of the link's other end.
     """
 
     @property
@@ -42,14 +41,14 @@ class BaseLink(Protocol):
     def peer(self) -> Address: ...
 
     def send(self, data: bytes) -> None:
-        """Send at once; never waits.
+        """Send data at once, without waiting.
 
         Raises:
             OSError: The data cannot be sent, and the link has no `LinkReceiver` for the error.
         """
 
     def close(self) -> None:
-        """Close the link; may be called again."""
+        """Close the link; a second call does nothing."""
 
 
 class Link(BaseLink, Protocol):

@@ -12,7 +12,7 @@ from functools import partial
 from typing import Any, TypeAlias
 
 AncillaryData: TypeAlias = list[tuple[int, int, bytes]]
-"""Ancillary data of a received message; holds the receive time if the kernel reports it."""
+"""Ancillary data of a received message, which includes the receive time if the kernel reports it."""
 
 ReceiveFunction: TypeAlias = Callable[[int, int], tuple[bytes, AncillaryData, int, Any]]
 """A function with the signature of `socket.recvmsg`."""
@@ -25,14 +25,14 @@ _TIMESPEC = struct.Struct("@ll")
 
 
 def enable_receive_timestamps(sock: socket.socket) -> None:
-    """Ask the kernel for receive times (Linux only); without support this does nothing."""
+    """Ask the kernel to report receive times; do nothing on systems other than Linux."""
     if sys.platform == "linux":
         with suppress(OSError):
             sock.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMPNS, 1)
 
 
 def receive_function(sock: socket.socket) -> ReceiveFunction:
-    """Return the socket's `recvmsg`, or a replacement without ancillary data if there is none."""
+    """Return the socket's `recvmsg`; if the system lacks it, a replacement without ancillary data."""
     return getattr(sock, "recvmsg", None) or partial(_receive_without_ancillary, sock)
 
 
@@ -44,9 +44,9 @@ def _receive_without_ancillary(
 
 
 def kernel_timestamp(ancillary: AncillaryData, now: int) -> int:
-    """Return the kernel's receive time, ns since 1970.
+    """Return the receive time that the kernel reported, ns since 1970.
 
-    Without one, return `now`, or the current time if `now` is 0.
+    If the kernel reported none, return `now`, or the current time if `now` is 0.
     """
     if not ancillary or len(ancillary[0][2]) != _TIMESPEC.size:
         return now or time.time_ns()

@@ -13,10 +13,10 @@ T = TypeVar("T", bound=asyncio.BaseTransport)
 
 
 class SocketLink(asyncio.BaseProtocol, Generic[T]):
-    """This end of a socket connected to its peer; passes events to the receiver until `close`.
+    """A link over a connected socket, which passes events to the receiver until `close`.
 
     Attributes:
-        end_reason: Id of the reason passed to `on_link_lost` if the link ended without an error.
+        end_reason: Message id of the reason for `on_link_lost` if the link ends without an error.
     """
 
     end_reason = "connection.socket-closed"
@@ -34,7 +34,7 @@ class SocketLink(asyncio.BaseProtocol, Generic[T]):
         return self._address("peername")
 
     def close(self) -> None:
-        """Close the socket; a stream still sends what was written to it."""
+        """Close the socket; a stream still sends the data written before."""
         self._receiver = None
         if self._transport is not None:
             self._transport.close()

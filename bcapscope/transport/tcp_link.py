@@ -12,7 +12,7 @@ from bcapscope.transport.socket_link import SocketLink
 
 
 class TcpLink(SocketLink[asyncio.Transport], asyncio.Protocol):
-    """A TCP connection. asyncio sends small writes at once (TCP_NODELAY), which set points need."""
+    """A TCP connection. asyncio sets TCP_NODELAY, so a set point is sent without delay."""
 
     datagrams = False
     end_reason = "connection.closed-by-peer"

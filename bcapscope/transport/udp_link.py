@@ -16,7 +16,7 @@ AddressInfo: TypeAlias = tuple[int, int, int, str, Any]
 
 
 def preferred_address(addresses: Iterable[AddressInfo]) -> AddressInfo:
-    """Return the first IPv4 address, or the first address if there is none. Controllers use IPv4.
+    """Return the first IPv4 address of a host; without IPv4 address, the first address. Controllers use IPv4.
 
     Over UDP a wrong choice looks like a controller that does not answer. Names such as localhost often list
     an IPv6 address first.
@@ -34,7 +34,7 @@ class UdpLink(SocketLink[asyncio.DatagramTransport], asyncio.DatagramProtocol):
             self._transport.sendto(data)
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        # A cast, because asyncio's own class is no DatagramTransport before Python 3.12.
+        # The cast is necessary because asyncio's own class is not a DatagramTransport before Python 3.12.
         self._transport = cast(asyncio.DatagramTransport, transport)
 
     def datagram_received(self, data: bytes, addr: tuple[str | object, int]) -> None:

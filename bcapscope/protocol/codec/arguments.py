@@ -1,4 +1,4 @@
-"""Decoding of a frame's arguments, sound or damaged."""
+"""Decoding of the arguments of a frame, which may be damaged."""
 
 from __future__ import annotations
 
@@ -20,33 +20,33 @@ from bcapscope.protocol.codec.variant import (
 )
 
 SMALLEST_ARGUMENT = 10
-"""Bytes of an argument without data: u32 length, u16 type, u32 count."""
+"""Size in bytes of an argument without data: u32 length, u16 type, u32 element count."""
 
 MAX_NUMBERS = 65_536
-"""Maximum number of elements in number arrays to read from one frame. A UI1 array does not count, since its
-bytes are one value. Frames of real sessions hold fewer than a thousand. Wireshark likewise stops at 1,000,000
-items per packet (gui.max_tree_items)."""
+"""Maximum number of elements in number arrays to read from one frame. UI1 arrays are not counted, since the
+bytes of a UI1 array are one value. Frames of real sessions hold fewer than a thousand. Wireshark likewise
+stops at 1,000,000 items per packet (gui.max_tree_items)."""
 
 MAX_VALUES = 2_048
-"""Maximum number of other values to read from one frame: arguments, elements of VARIANT arrays, and strings.
-Each takes about 2 µs and 200 bytes, so the worst crafted frame delays a proxy by about 5 ms. With 8,192, a
-flood of such frames delayed Robot_Halt through a proxy with rules by 3 s. The longest lists of known sessions
-hold a few hundred names."""
+"""Maximum number of arguments, elements of VARIANT arrays and strings to read from one frame. Reading one
+takes about 2 µs and 200 bytes, so the worst crafted frame delays a proxy by about 5 ms. With a limit of
+8,192, a flood of such frames delayed Robot_Halt through a proxy with rules by 3 s. The longest lists of known
+sessions hold a few hundred names."""
 
 MAX_PROBLEMS = 100
-"""Maximum number of problems to list for one frame; a frame can hold one in every seven bytes."""
+"""Maximum number of problems to list for one frame. A crafted frame can hold one problem per seven bytes."""
 
 _TYPE_COUNT = struct.Struct("<HI")
 _U32 = struct.Struct("<I")
 
 
 class Problem(NamedTuple):
-    """A deviation of the bytes from b-CAP.
+    """A deviation of a frame's bytes from b-CAP.
 
     Attributes:
         offset: Offset in the frame's bytes.
         code: Short stable identifier for programs.
-        reason: One clause; in JSON and filters its English text.
+        reason: What is wrong, one clause. JSON and filters use the English text.
     """
 
     offset: int
@@ -55,12 +55,12 @@ class Problem(NamedTuple):
 
 
 class Argument(NamedTuple):
-    """An argument of a frame and its position.
+    """An argument of a frame, with its position in the frame.
 
     Attributes:
-        variant: The typed value, as far as its bytes go.
-        start: Offset of its length field.
-        stop: Offset after its last byte.
+        variant: The typed value of the argument; incomplete if the frame is cut off.
+        start: Offset of the argument's length field.
+        stop: Offset after the argument's last byte.
     """
 
     variant: Variant
@@ -69,9 +69,9 @@ class Argument(NamedTuple):
 
 
 class NumberSpan(NamedTuple):
-    """Position of plain numbers: `repeat` times the struct format character `code`, from offset `start`.
+    """Position of adjacent numbers in a frame: `repeat` numbers of struct format `code`, from offset `start`.
 
-    The data of a UI1 array is one "number" of code ``s``.
+    The data of a UI1 array is one span of code ``s``, whose `repeat` is the number of bytes.
     """
 
     start: int
@@ -82,17 +82,18 @@ class NumberSpan(NamedTuple):
 class ArgumentReader:
     """Reads arguments from `pos` to `end`; never raises and never reads past `end`.
 
-    The values determine where the next argument begins; the length field before each one is only checked.
-    DENSO's present libraries (orin_bcap C, C#, Java and Python) ignore it. If a value cannot be read to its
-    end, the length field bounds it after all, as in the older C client. From then on it also bounds all
-    following arguments. So no byte belongs to two values, and no byte is read more than twice.
+    The next argument begins where the value of the previous one ends. The reader only compares the length
+    field with the value, since DENSO's present libraries (orin_bcap C, C#, Java and Python) ignore the field.
+    If a value cannot be read to its end, the reader reads the value again within its length field, as the
+    older C client does. From then on, the length fields also bound all following arguments. So no byte
+    belongs to two values, and no byte is read more than twice.
 
     Attributes:
         arguments: Arguments read so far; the last one may be partial.
-        problems: Deviations found, in the order of the bytes.
-        number_spans: Positions of plain numbers.
+        problems: Deviations from b-CAP found so far, in the order of their offsets.
+        number_spans: Positions of the numbers in the arguments read so far.
         pos: Offset of the first unread byte.
-        is_complete: Whether every argument was found, though perhaps not its whole value.
+        is_complete: Whether the reader found the start of every argument; values may still be cut off.
     """
 
     def __init__(self, raw: bytes, pos: int, end: int) -> None:
@@ -111,7 +112,7 @@ class ArgumentReader:
         self._limit_reached = False
 
     def read(self, argc: int) -> None:
-        """Read `argc` arguments, or as many as the bytes hold."""
+        """Read `argc` arguments, or fewer if the bytes end before."""
         for index in range(argc):
             if self.end - self.pos < SMALLEST_ARGUMENT:
                 self._add_problem(self.pos, "argc", Message("problem.argc", claimed=argc, present=index))
@@ -131,7 +132,7 @@ class ArgumentReader:
         self._position_lost = True
 
     def _read_argument(self) -> bool:
-        """Read an argument; return whether the start of the next one is known."""
+        """Read an argument; return whether the start of the next argument is known."""
         start = self.pos
         (claimed,) = _U32.unpack_from(self.raw, start)
         stop = start + 4 + claimed
@@ -140,7 +141,7 @@ class ArgumentReader:
         variant = self._read_value(start, stop if bounded and self._trusts_lengths else self.end)
         if self._position_lost and bounded and stop < self.end and not self._trusts_lengths:
             self._trusts_lengths = True
-            variant = EMPTY  # frees the first result before the second reading
+            variant = EMPTY  # free the memory of the first reading before the second one
             del self.problems[known:]
             self._numbers_left, self._values_left = left
             self._limit_reached = False
@@ -164,7 +165,7 @@ class ArgumentReader:
         return self._read_variant(0)
 
     def _count_value(self) -> bool:
-        """Count one more value; return False if the frame has too many."""
+        """Count one more value of the frame; return False if the frame has more than `MAX_VALUES`."""
         if not self._values_left:
             self._stop_at_limit(Message("problem.elements.values", n=MAX_VALUES))
             return False

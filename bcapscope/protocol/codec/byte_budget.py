@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 DEFAULT_BYTE_BUDGET = 32 * 1024 * 1024
-"""Bytes of unfinished frames and out-of-order segments that one program holds, unless it sets another limit:
-two frames of the largest size."""
+"""Default limit, in bytes, of the unfinished frames and out-of-order segments that one process holds: enough
+for two frames of the largest size."""
 
 
 class ByteBudget:
     """Counts the bytes that several buffers hold.
 
     Attributes:
-        limit: Bytes that they may hold together.
-        held: Bytes that they hold now.
+        limit: Maximum number of bytes that the buffers may hold together.
+        held: Number of bytes that the buffers hold now.
     """
 
     def __init__(self, limit: int = DEFAULT_BYTE_BUDGET) -> None:

@@ -20,9 +20,8 @@ def crc16(data: bytes) -> int:
     """Return the CRC-16 of a serial-line frame.
 
     Polynomial 0x1021, start value 0xFFFF, most significant bit first, no reflection, no final inversion;
-    ``b"123456789"`` gives 0x29B1 (orin_bcap C/src/bcap_common.c; Java agrees). In a frame it covers the bytes
-    from the length field to the last one before the CRC. The CRC is stored low byte first, directly before
-    EOT.
+    ``b"123456789"`` gives 0x29B1 (orin_bcap C/src/bcap_common.c; Java agrees). In a frame, the CRC covers the
+    bytes from the length field to the last argument. The CRC is stored low byte first, directly before EOT.
     """
     crc = 0xFFFF
     for byte in data:

@@ -65,16 +65,16 @@ _HEADER = struct.Struct("<BIHHIH").pack
 _SIGNED_HEADER = struct.Struct("<BIHHiH").pack
 
 _PLAIN = Framing.PLAIN
-_LONGEST_PACKED_ROW = 64  # numbers; longer rows have too many different lengths to cache a packer for each
+_LONGEST_PACKED_ROW = 64  # in numbers; longer rows vary too much in length for a cache of packers
 
 
 class Malformed:
-    """Bytes that are no frame, or a hole in a stream.
+    """Bytes that are not a frame, or a hole in a stream.
 
     Attributes:
-        raw: The bytes; empty for a hole.
-        problems: Reasons why they are no frame.
-        missing: Number of lost bytes of the stream; 0 unless this is a hole.
+        raw: The bytes outside any frame; empty for a hole.
+        problems: Reasons why the bytes are not a frame.
+        missing: Number of stream bytes that a hole replaces; 0 for bytes that are present.
     """
 
     __slots__ = ("missing", "problems", "raw")
@@ -97,21 +97,22 @@ class Malformed:
 
 
 class Frame:
-    """A frame that has at least its header; the rest may be damaged.
+    """A frame with a whole header; everything after the header may be damaged.
 
-    A frame does not show whether it is a request or a reply. The sender decides whether `code` is a function
-    id or an HRESULT.
+    No field of a frame shows whether the frame is a request or a reply. In a frame from the client, `code` is
+    a function id; in a frame from the controller, `code` is an HRESULT.
 
     A frame holds only its bytes, never the decoded values, so a store of frames needs no more memory than
-    their bytes. Many frames share one `FrameTemplates`, which keeps what was learnt from the latest ones.
+    their bytes. Many frames share one `FrameTemplates` object, which decodes them and caches the templates of
+    frames.
 
     Attributes:
-        raw: The bytes as received.
-        serial: Serial chosen by the client; the reply copies it.
-        reserved: Reserved field; marks retries on UDP.
+        raw: The bytes of the frame as received.
+        serial: Serial that the client chose; the controller copies it into the reply.
+        reserved: Reserved field; over UDP, clients mark retries with it.
         code: Function id or HRESULT, unsigned.
         external_problem: A problem that the frame's own bytes do not show, such as a packet truncated by the
-        capture; None for nearly all frames.
+            capture; None for nearly all frames.
     """
 
     __slots__ = ("_templates", "code", "external_problem", "raw", "reserved", "serial")
@@ -121,8 +122,9 @@ class Frame:
     ) -> None:
         """Read the header of `raw`, which holds at least `HEADER_SIZE` bytes.
 
-        Similar frames that share `templates` need only one full decoding. Without it, the frame gets its own
-        when its arguments are first read, and then holds them decoded.
+        Similar frames that share `templates` need only one full decoding. Without `templates`, the frame
+        creates its own `FrameTemplates` when its arguments are first read, and then also keeps the decoded
+        arguments.
         """
         self._templates = templates
         self.raw = raw
@@ -157,10 +159,11 @@ class Frame:
 
     @property
     def template_match(self) -> tuple[FrameTemplate, FrameNumbers] | None:
-        """The template of this frame and the frame's own numbers.
+        """The template of this frame and the frame's own numbers; None for a frame without a template.
 
-        This is the cheap way through millions of frames; `arguments` returns the same values one by one. None
-        for a frame with problems, and for the few frames that are decoded without a template.
+        Frames with problems and frames longer than `LARGEST_TEMPLATE_FRAME` have no template. To process
+        millions of frames, use this property: `arguments` returns the same values but creates an object for
+        each.
         """
         if self.external_problem is not None:
             return None
@@ -169,7 +172,7 @@ class Frame:
 
     @property
     def arguments(self) -> tuple[Argument, ...]:
-        """The arguments, as far as their bytes go; spans are offsets in `body`."""
+        """The arguments that the frame holds; their positions are offsets in `body`."""
         inner = (self._templates or self._own_templates()).decode(self.raw)
         return inner[0].fill_arguments(inner[1]) if isinstance(inner, tuple) else inner.arguments
 
@@ -183,29 +186,29 @@ class Frame:
 
     @property
     def problems(self) -> tuple[Problem, ...]:
-        """Deviations from b-CAP; empty for a sound frame."""
+        """Deviations of the frame from b-CAP; empty for a sound frame."""
         inner = (self._templates or self._own_templates()).decode(self.raw)
         own = () if isinstance(inner, tuple) else inner.problems
         return own if self.external_problem is None else (*own, self.external_problem)
 
     @property
     def framing(self) -> Framing:
-        """How the frame ends, as far as its bytes show."""
+        """What lies between the last argument and EOT, derived from the bytes."""
         inner = (self._templates or self._own_templates()).decode(self.raw)
         return Framing.PLAIN if isinstance(inner, tuple) else inner.framing
 
     @property
     def body(self) -> bytes:
-        """`raw`; for a compressed frame, the same bytes with the unpacked content in place."""
+        """The bytes of the frame; in a compressed frame, unpacked content replaces the compressed bytes."""
         inner = (self._templates or self._own_templates()).decode(self.raw)
         return self.raw if isinstance(inner, tuple) else inner.body
 
 
 def parse_datagram(raw: bytes, templates: FrameTemplates | None = None) -> tuple[Frame | Malformed, ...]:
-    """Split a datagram into its frames, or into bytes that are no frame.
+    """Split a datagram into its frames, or into bytes that are not a frame.
 
-    Bytes that begin with SOH and hold a header become a frame, whatever its problems. A frame that ends with
-    EOT before the datagram ends is followed by further items.
+    Bytes that begin with SOH and hold a header become a frame, even a damaged one. If a frame ends with EOT
+    before the datagram ends, the remaining bytes become further items.
     """
     if len(raw) >= HEADER_SIZE and raw[0] == SOH and int.from_bytes(raw[1:5], "little") == len(raw):
         return (Frame(raw, None, templates),)
@@ -222,7 +225,7 @@ def parse_datagram(raw: bytes, templates: FrameTemplates | None = None) -> tuple
 
 
 def parse_single_frame(raw: bytes, templates: FrameTemplates | None = None) -> Frame | Malformed:
-    """Return all of `raw` as one frame if it begins as one; the frame's problems describe the rest."""
+    """Return `raw` as one frame if `raw` begins with SOH and holds a header, otherwise as `Malformed`."""
     if len(raw) >= HEADER_SIZE and raw[0] == SOH:
         return Frame(raw, None, templates)
     if raw[:1] != b"\x01":
@@ -239,13 +242,13 @@ def encode_frame(
     arguments: Sequence[Variant] = (),
     framing: Framing = Framing.PLAIN,
 ) -> bytes:
-    """Return the bytes of a frame; `code` is signed or unsigned.
+    """Return the bytes of a frame; `code` may be signed or unsigned.
 
-    `reserved` is 1 in the two framings of version 1.
+    `reserved` must be 1 in the two framings of version 1.
 
     Raises:
         TooLargeError: The frame is longer than `LARGEST_FRAME`, or unpacks to more than `LARGEST_UNPACKED`.
-        LocalProtocolError: A number or a value does not fit.
+        LocalProtocolError: A header number or an argument value does not fit its field.
     """
     if len(arguments) == 1 and framing is _PLAIN:
         raw = _encode_number_row(serial, reserved, code, arguments[0])
@@ -271,7 +274,7 @@ def encode_frame(
 
 
 def _encode_number_row(serial: int, reserved: int, code: int, row: Variant) -> bytes | None:
-    """Fast path for a frame with only a short row of numbers, as slvMove's reply; None for others."""
+    """Encode a frame whose only argument is a short row of numbers, such as slvMove's reply; else None."""
     vt, values, count = row
     if (
         vt not in NUMBER_ARRAYS
@@ -288,7 +291,7 @@ def _encode_number_row(serial: int, reserved: int, code: int, row: Variant) -> b
 
 @lru_cache(maxsize=256)
 def _packer(vt: int, count: int) -> tuple[Callable[..., bytes], int, int]:
-    """Return a function that packs a frame with `count` numbers, and the sizes of frame and argument."""
+    """Return a function that packs a frame with `count` numbers, the frame's size and the argument's size."""
     whole = struct.Struct(f"<BIHHIHIHI{count}{NUMBER_FORMATS[vt & ~ARRAY]}B")
     return whole.pack, whole.size, whole.size - SMALLEST_FRAME - 4
 

@@ -1,4 +1,4 @@
-"""Full decoding of everything after a frame's header: framing, arguments, problems."""
+"""Full decoding of what follows a frame's header: framing, arguments and problems."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ none."""
 
 LARGEST_UNPACKED = 256 * 1024
 """Largest size, in bytes, that a compressed body may unpack to. Frames of real sessions are below 10 KiB. A
-body of 16 MiB would fit into 16 KiB of zlib, and any sender of datagrams can repeat that thousands of times a
-second."""
+body of 16 MiB would fit into 16 KiB of zlib, and any sender of datagrams can send thousands of such frames
+per second."""
 
 _HEADER = struct.Struct("<xIHHIH")
 _ZLIB_BODY = 13
@@ -33,17 +33,17 @@ _OFFSET = attrgetter("offset")
 
 
 class Framing(Enum):
-    """What lies between the last argument and EOT."""
+    """What lies between the last argument of a frame and EOT."""
 
     PLAIN = "plain"
     """Nothing."""
     SERIAL_LINE = "serial line"
     """A CRC of two bytes (orin_bcap C/src/bcap_common.c)."""
     VERSION_1 = "version 1"
-    """A mode byte 0; `reserved` is 1 (keioku/bcap-python)."""
+    """One mode byte with the value 0; the reserved field is 1 (keioku/bcap-python)."""
     VERSION_1_ZLIB = "version 1, zlib"
-    """A mode byte 1. From offset 9 on, the frame holds the u32 unpacked size and a zlib stream of function
-    id, argument count and arguments (keioku/bcap-python)."""
+    """One mode byte with the value 1. From offset 9 on, the frame holds the u32 unpacked size and a zlib
+    stream of function id, argument count and arguments (keioku/bcap-python)."""
 
 
 class FrameContent:
@@ -51,13 +51,13 @@ class FrameContent:
 
     Attributes:
         raw: The bytes of the frame.
-        framing: How the frame ends, as far as its bytes show.
-        body: The frame's bytes. For a compressed frame, the unpacked content replaces the compressed bytes,
-            between the same first nine bytes and EOT.
+        framing: What lies between the last argument and EOT, derived from the bytes.
+        body: The bytes of the frame. In a compressed frame, the unpacked content replaces the compressed
+            bytes; the first nine bytes and EOT stay the same.
         code: Function id or HRESULT.
-        arguments: Arguments as far as they could be read; spans are offsets in `body`.
-        problems: Deviations from b-CAP, in the order of the bytes; offsets in `body`.
-        number_spans: Positions of plain numbers in `body`.
+        arguments: Arguments that could be read; their positions are offsets in `body`.
+        problems: Deviations from b-CAP, in the order of their offsets in `body`.
+        number_spans: Positions in `body` of the numbers in all arguments.
     """
 
     __slots__ = ("arguments", "body", "code", "framing", "number_spans", "problems", "raw")
@@ -116,8 +116,8 @@ class FrameContent:
 def has_compressed_header(data: bytes | bytearray, pos: int = 0) -> bool:
     """Return whether the header at `pos` has the marks of a compressed version 1 frame.
 
-    The marks are `reserved` 1 and a zlib header where the compressed body begins. A plain frame with both has
-    376 arguments or more.
+    The marks are a reserved field of 1 and a zlib header where the compressed body begins. A plain frame with
+    both marks has at least 376 arguments.
     """
     return data[pos + 7 : pos + 9] == b"\x01\x00" and has_zlib_header(data, pos)
 
@@ -125,7 +125,7 @@ def has_compressed_header(data: bytes | bytearray, pos: int = 0) -> bool:
 def has_zlib_header(data: bytes | bytearray, pos: int = 0) -> bool:
     """Return whether a zlib header is where the compressed body of a frame at `pos` would begin.
 
-    The TCP client of keioku/bcap-python unpacks such a frame whatever its `reserved` is.
+    The TCP client of keioku/bcap-python unpacks a frame with a zlib header whatever its reserved field is.
     """
     return (
         data[pos + _ZLIB_BODY] & 0x8F == 8
@@ -134,19 +134,19 @@ def has_zlib_header(data: bytes | bytearray, pos: int = 0) -> bool:
 
 
 def is_compressed(raw: bytes) -> bool:
-    """Return whether `raw`, at least a header, has the framing of a compressed version 1 frame."""
+    """Return whether the bytes of a frame are a compressed version 1 frame; `raw` holds at least a header."""
     return len(raw) > HEADER_SIZE + 2 and has_compressed_header(raw) and raw[-2:] == b"\x01\x04"
 
 
 def compressed_code(raw: bytes) -> int:
-    """Return the function id or HRESULT of a frame that `is_compressed`, without decoding its arguments."""
+    """Return the function id or HRESULT of a compressed frame, without decoding its arguments."""
     unpacked = _decompress(raw)
     body = raw if unpacked is None else unpacked[0]
     return int.from_bytes(body[9:_ZLIB_BODY], "little")
 
 
 def _decompress(raw: bytes) -> tuple[bytes, list[Problem]] | None:
-    """Unpack a compressed body and return it with its problems; None if it is not compressed after all."""
+    """Unpack a compressed body and return it with its problems; None if zlib cannot unpack the bytes."""
     claimed = int.from_bytes(raw[9:_ZLIB_BODY], "little")
     machine = zlib.decompressobj()
     try:

@@ -1,8 +1,8 @@
-"""Templates: what frames of one form share, so that a million of them need only one full decoding.
+"""Templates: the parts that similar frames share, so that a million set points need only one full decoding.
 
 Robot traffic is repetitive. Two set points of a slave-mode session differ only in serial, reserved and the
-numbers inside their arguments. If a frame has several arguments, the first is a handle. Handles take few
-values, so the handle is part of the template.
+numbers inside their arguments. If a frame has several arguments, its first argument is a handle. A session
+uses few handles, so the handle is part of the template.
 """
 
 from __future__ import annotations
@@ -21,24 +21,25 @@ DecodedFrame: TypeAlias = "tuple[FrameTemplate, FrameNumbers] | FrameContent"
 
 _Filler: TypeAlias = Callable[[Variant, FrameNumbers], Variant]
 _SingleFill: TypeAlias = "tuple[tuple[Variant, ...], _Filler, Variant, tuple[Variant, ...]]"
-"""For the only argument with numbers: the values before it, its filler, its prototype, and the values after
-it."""
+"""How to fill a template in which a single argument holds numbers: the values before that argument, its
+filler, its prototype, and the values after it."""
 
 LARGEST_TEMPLATE_FRAME = 1024
-"""Largest frame that gets a template, in bytes. Longer frames are decoded one by one: they are rare, and
-keeping their bytes would cost more."""
+"""Largest frame that gets a template, in bytes. Each longer frame is decoded in full: long frames are rare,
+and their templates would take much memory."""
 
 MAX_TEMPLATES = 1024
-"""Maximum number of templates. When it is reached, all are dropped and learnt again."""
+"""Maximum number of templates that a `FrameTemplates` keeps. At this number, `FrameTemplates` drops all
+templates and learns new ones."""
 
 MAX_SHAPES_PER_LENGTH = 8
-"""Maximum number of shapes tried for one frame length."""
+"""Maximum number of frame shapes that `FrameTemplates` tries for one frame length."""
 
 
 class _FrameShape:
     """Positions of the numbers that vary in frames of one length; all other bytes are the key of a template.
 
-    Serial and reserved always vary.
+    The serial and the reserved field always vary.
     """
 
     __slots__ = ("find_template", "fixed_parts", "mask", "numbers", "size", "spans", "templates")
@@ -65,18 +66,18 @@ class _FrameShape:
 
 
 class FrameTemplate:
-    """What frames of one form share; learnt from one frame that was decoded in full and found sound.
+    """The parts that similar frames share, learnt from one sound frame that was decoded in full.
 
-    A frame that differs from it only in serial, reserved and numbers is sound as well: length, EOT and every
-    argument conform to b-CAP.
+    Another frame that differs only in serial, reserved and numbers is sound as well: its length, EOT and
+    arguments conform to b-CAP.
 
     Attributes:
-        prototype: Arguments of the frame that it was learnt from; their numbers are placeholders.
-        size: Size of the frames in bytes.
-        spans: Positions of the numbers that may differ.
-        mask: 0 for each byte that may differ, otherwise 255.
-        fixed_parts: Returns the bytes of a frame of this size that may not differ.
-        expected_parts: These bytes.
+        prototype: Arguments of the frame from which the template was learnt; their numbers are placeholders.
+        size: Size in bytes of every frame that matches the template.
+        spans: Positions of the numbers that may differ between frames.
+        mask: One byte per byte of a frame: 0 where frames may differ, otherwise 255.
+        fixed_parts: Function that extracts the bytes that must not differ from a frame of this size.
+        expected_parts: Result of `fixed_parts` for every frame that matches the template.
     """
 
     __slots__ = (
@@ -117,21 +118,21 @@ class FrameTemplate:
 
     @classmethod
     def learn(cls, content: FrameContent) -> FrameTemplate | None:
-        """Return the template of a frame; None if it has problems or is not of `Framing.PLAIN`."""
+        """Return the template of a frame; None if the frame has problems or is not `Framing.PLAIN`."""
         if content.problems or content.framing is not Framing.PLAIN:
             return None
         shape = _FrameShape(len(content.raw), _varying_spans(content))
         return cls(shape, content.raw, content.arguments)
 
     def fill_arguments(self, numbers: FrameNumbers) -> tuple[Argument, ...]:
-        """Return the arguments with a frame's own `numbers`, which are in the order of its bytes."""
+        """Return the arguments of a frame with these `numbers`, in the order of the frame's bytes."""
         if not numbers:
             return self.prototype
         pairs = zip(self.fill_variants(numbers), self.prototype, strict=True)
         return tuple(Argument(variant, start, stop) for variant, (_, start, stop) in pairs)
 
     def fill_variants(self, numbers: FrameNumbers) -> tuple[Variant, ...]:
-        """Return the values of `fill_arguments` without their positions."""
+        """Return the values of the arguments of a frame that has these `numbers`, without their positions."""
         if not numbers:
             return self._variants
         if self._single_fill is not None:
@@ -144,9 +145,10 @@ class FrameTemplate:
 
 
 class FrameTemplates:
-    """Decodes frames, and remembers what was learnt from them in bounded memory.
+    """Decodes frames, and learns templates from them in bounded memory.
 
-    Whoever receives many frames passes one object to all of them. The results do not depend on it.
+    A program that receives many frames passes one `FrameTemplates` object to all of them, which makes
+    decoding faster. The decoded values are the same without it.
     """
 
     __slots__ = ("_recent", "_shapes", "_template_count")
@@ -157,10 +159,10 @@ class FrameTemplates:
         self._recent: tuple[FrameContent, ...] = ()
 
     def decode(self, raw: bytes) -> DecodedFrame:
-        """Return the template of a frame and its numbers in the order of its bytes, or its content.
+        """Return a frame's template and numbers, or the decoded content of a frame without template.
 
-        The content is that of a frame with problems, of a frame longer than `LARGEST_TEMPLATE_FRAME`, and of
-        one that is not of `Framing.PLAIN`.
+        A frame has no template if it has problems, is longer than `LARGEST_TEMPLATE_FRAME`, or is not
+        `Framing.PLAIN`.
         """
         for shape in self._shapes.get(len(raw), ()):
             template = shape.find_template(shape.fixed_parts(raw))
@@ -169,10 +171,10 @@ class FrameTemplates:
         return self._decode_in_full(raw)
 
     def _decode_in_full(self, raw: bytes) -> DecodedFrame:
-        """Decode a frame that matches no template, and learn one from it if possible.
+        """Decode a frame that matches no template, and learn a template from the frame if possible.
 
-        The two latest contents without a template are kept: those of a request and of its reply. They are
-        asked for several times in a row, with the same object `raw`.
+        The two latest contents without a template are cached, for a request and its reply. Callers decode the
+        same `raw` object several times in a row.
         """
         for content in self._recent:
             if content.raw is raw:
@@ -201,20 +203,20 @@ class FrameTemplates:
 
 
 def _varying_spans(content: FrameContent) -> tuple[NumberSpan, ...]:
-    """Return the positions of the numbers that vary among frames of one form: all but those of a handle."""
+    """Return the positions of the numbers that vary among similar frames: all numbers except a handle."""
     arguments = content.arguments
     first = arguments[0].stop if len(arguments) > 1 else 0
     return tuple(span for span in content.number_spans if span.repeat and span.start >= first)
 
 
 def number_counts(arguments: Sequence[Argument]) -> tuple[int, ...]:
-    """Return how many numbers each argument of a frame holds; a handle before other arguments counts as 0."""
+    """Return how many numbers each argument of a frame holds; 0 for a handle before other arguments."""
     counts = [number_count(argument.variant) for argument in arguments]
     return (0, *counts[1:]) if len(counts) > 1 else tuple(counts)
 
 
 def number_count(variant: Variant) -> int:
-    """Return how many numbers of its frame a value holds; the bytes of a UI1 array count as one."""
+    """Return how many numbers a value holds; all bytes of a UI1 array together are one number."""
     base = variant.vt & ~ARRAY
     value = variant.value
     if base == VT.VARIANT and isinstance(value, tuple):
@@ -234,7 +236,7 @@ def numbers_of_arguments(arguments: Sequence[Argument]) -> FrameNumbers:
 
 
 def iter_numbers(variant: Variant) -> Iterator[int | float | bytes]:
-    """Yield the numbers of a value, in the order of its bytes."""
+    """Yield the numbers of a value in the order of their bytes in the frame."""
     value = variant.value
     if number_count(variant) == 0:
         return
@@ -259,7 +261,7 @@ def _fill_scalar(variant: Variant, numbers: FrameNumbers) -> Variant:
 
 def _fill_row(variant: Variant, numbers: FrameNumbers) -> Variant:
     vt, _, elements = variant
-    return tuple.__new__(Variant, (vt, numbers, elements))  # hot path of set points: avoids Variant.__new__
+    return tuple.__new__(Variant, (vt, numbers, elements))  # faster than Variant(...), for set points
 
 
 def _fill_nest(variant: Variant, numbers: FrameNumbers) -> Variant:

@@ -1,4 +1,4 @@
-"""Split a byte stream into frames, however it is segmented, and resynchronise after garbage."""
+"""Split a byte stream into frames, whatever its segments, and find the next frame after garbage."""
 
 from __future__ import annotations
 
@@ -21,35 +21,36 @@ from bcapscope.protocol.codec.frame_content import has_compressed_header
 from bcapscope.protocol.codec.frame_template import FrameTemplates
 
 LARGEST_UNCONFIRMED = 64 * 1024
-"""Largest frame, in bytes, to wait for if its arguments do not confirm the length field. Frames of real
-sessions are below 10 KiB. A corrupted length thus costs a bounded wait instead of the rest of the stream."""
+"""Largest frame, in bytes, that the splitter waits for if the arguments do not confirm the length field.
+Frames of real sessions are below 10 KiB. With this limit, a corrupted length field delays at most 64 KiB of
+the stream instead of all of it."""
 
 LARGEST_GARBAGE = 64 * 1024
-"""Largest piece of bytes outside any frame. Longer garbage is returned in several pieces, so that it does not
-accumulate."""
+"""Largest piece of garbage, in bytes outside any frame. The splitter returns longer garbage in several
+pieces, so that it does not fill the memory."""
 
 GUARANTEED_BUFFER = 16 * 1024
-"""Bytes of an unfinished frame that are kept even if the budget is exceeded. Frames of real sessions are
-below 10 KiB, so a flood of long frames does not damage them."""
+"""Number of bytes of an unfinished frame that a splitter keeps even if the shared budget is exceeded. Frames
+of real sessions are below 10 KiB, so a flood of long frames on other connections does not cut real frames."""
 
 STREAM_ENDED = Message("problem.cut.stream-ended")
-"""Reason why the last frame of a stream is incomplete."""
+"""Reason reported for an incomplete frame at the end of a stream."""
 
 MAX_RESYNC_ARGUMENTS = 64
-"""Largest argument count of a frame at which the splitter resynchronises. No function has more than four
-arguments, and no reply more than one. The bound prevents repeated walks over crafted garbage."""
+"""Maximum number of arguments of a frame at which the splitter continues after garbage. No function has more
+than four arguments, and no reply more than one. The limit prevents repeated walks over crafted garbage."""
 
 _TAILS = (1, 2, 3)
-"""Bytes from the last argument to the end: EOT alone, with a mode byte (version 1), or with a CRC."""
+"""Possible numbers of bytes after the last argument: EOT alone, mode byte and EOT, or CRC and EOT."""
 
 
 class StreamPiece(NamedTuple):
-    """A part of a stream.
+    """A frame of a byte stream, or bytes between frames, with its position in the stream.
 
     Attributes:
-        start: Stream offset of its first byte. A hole counts with the number of its missing bytes.
-        stop: Stream offset after its last byte.
-        item: The frame, or bytes that are no frame.
+        start: Offset of the piece's first byte in the stream; offsets include the missing bytes of holes.
+        stop: Offset in the stream after the piece's last byte.
+        item: The frame, or bytes that are not a frame.
     """
 
     start: int
@@ -59,7 +60,7 @@ class StreamPiece(NamedTuple):
 
 class _Trust(Enum):
     CONFIRMED = auto()
-    """The arguments end where the length field says, or are compressed."""
+    """The arguments end where the length field says, or the frame is compressed."""
     UNCONFIRMED = auto()
     """The length field is possible, but the arguments do not confirm it."""
     NONE = auto()
@@ -69,12 +70,12 @@ class _Trust(Enum):
 
 
 class StreamSplitter:
-    """Splits a stream into pieces; the result depends on the bytes alone, never on their segmentation.
+    """Splits a stream into frames and garbage; the result never depends on how the stream is segmented.
 
-    Every byte fed is returned in exactly one piece, in order. The splitter holds at most `limit` bytes, or
-    `LARGEST_GARBAGE` and `LARGEST_UNCONFIRMED` if these are larger. Splitters that share a budget together
-    hold no more than the budget, plus `GUARANTEED_BUFFER` each. A longer frame that exceeds the budget is
-    returned unfinished.
+    The splitter returns every byte of the stream in exactly one piece, in order. The splitter holds at most
+    `limit` bytes, or `LARGEST_GARBAGE` and `LARGEST_UNCONFIRMED` if these are larger. Splitters that share a
+    budget together hold no more than the budget, plus `GUARANTEED_BUFFER` each. If a frame longer than
+    `GUARANTEED_BUFFER` exceeds the budget, the splitter returns its bytes unfinished.
     """
 
     def __init__(
@@ -84,10 +85,10 @@ class StreamSplitter:
         budget: ByteBudget | None = None,
         templates: FrameTemplates | None = None,
     ) -> None:
-        """Start a stream; `synchronized` is False if its start was missed.
+        """Start a stream; `synchronized` is False if the start of the stream was not received.
 
-        `limit` is the longest frame to wait for, bytes. `budget` counts the bytes that this and other
-        splitters hold; `close` returns them. `templates` are passed to the frames.
+        `limit` is the size in bytes of the longest frame to wait for. `budget` limits the bytes that this
+        splitter and others hold together. Every frame gets `templates` to decode its arguments.
         """
         self._buffer = bytearray()
         self._budget = budget or ByteBudget()
@@ -104,7 +105,7 @@ class StreamSplitter:
         return len(self._buffer)
 
     def feed(self, data: bytes) -> list[StreamPiece]:
-        """Add the next bytes of the stream and return the pieces that they complete."""
+        """Add the next bytes of the stream and return the pieces that are now complete."""
         start, frame = self._stream_offset, self.feed_whole_frame(data)
         if frame is not None:
             return [StreamPiece(start, self._stream_offset, frame)]
@@ -117,9 +118,9 @@ class StreamSplitter:
         return pieces
 
     def feed_whole_frame(self, data: bytes) -> Frame | None:
-        """Fast path of `feed` for the most frequent case: `data` is exactly one frame.
+        """Fast path of `feed` for `data` that is exactly one frame, the most frequent case.
 
-        In every other case, return None and consume nothing; pass the bytes to `feed` then.
+        For any other `data`, return None and consume nothing; the caller then passes `data` to `feed`.
         """
         if self._buffer or not self._synchronized or not _is_one_frame(data) or len(data) > self._limit:
             return None
@@ -127,7 +128,7 @@ class StreamSplitter:
         return Frame(data, None, self._templates)
 
     def add_gap(self, missing: int) -> list[StreamPiece]:
-        """Return the unfinished bytes and a piece for `missing` bytes of the stream that were lost."""
+        """Return the unfinished bytes, then a hole for `missing` lost bytes of the stream."""
         pieces = self._flush(Message("problem.cut.unseen"))
         start, self._stream_offset = self._stream_offset, self._stream_offset + missing
         hole = Malformed(b"", (Problem(0, "gap", Message("problem.gap", missing=missing)),), missing)
@@ -135,7 +136,7 @@ class StreamSplitter:
         return [*pieces, StreamPiece(start, self._stream_offset, hole)]
 
     def close(self) -> list[StreamPiece]:
-        """End the stream and return the remaining bytes as they are."""
+        """End the stream and return its unfinished bytes."""
         return self._flush(STREAM_ENDED)
 
     def _flush(self, why: Message) -> list[StreamPiece]:
@@ -192,10 +193,9 @@ class StreamSplitter:
         return self._resynchronize(final)
 
     def _frame_ends_at(self, length: int, trust: _Trust, final: bool) -> bool | None:
-        """Return whether the frame at the start of the buffer has `length` bytes; None for "need more".
+        """Return whether the buffer begins with a frame of `length` bytes; None if more bytes are needed.
 
-        A byte other than EOT may be a damaged EOT if the next frame, or nothing, follows. If it is the SOH of
-        the next frame, the sender left one byte out.
+        A last byte other than EOT counts as a damaged EOT if SOH or the end of the stream follows.
         """
         buffer = self._buffer
         if len(buffer) < length:
@@ -209,7 +209,7 @@ class StreamSplitter:
         return buffer[length] == SOH
 
     def _resynchronize(self, final: bool) -> int:
-        """Find the next byte at which a frame certainly begins; return the size of what precedes it."""
+        """Find the next whole frame in the buffer; return the number of bytes before that frame."""
         pos = self._scan_position
         self._synchronized = False
         while (pos := self._buffer.find(SOH, pos, LARGEST_GARBAGE)) >= 0:
@@ -225,7 +225,7 @@ class StreamSplitter:
         return self._scan_position if final or self._scan_position == LARGEST_GARBAGE else 0
 
     def _begins_frame(self, pos: int) -> bool | None:
-        """Return whether a whole frame begins at `pos`; None for "need more"."""
+        """Return whether a whole frame begins at `pos`; None if more bytes are needed."""
         trust, length = self._assess_header(pos, synchronized=False)
         if trust is _Trust.CONFIRMED and len(self._buffer) >= pos + length:
             return self._buffer[pos + length - 1] == EOT
@@ -234,7 +234,7 @@ class StreamSplitter:
         return None if trust in (_Trust.CONFIRMED, _Trust.INCOMPLETE) else False
 
     def _assess_header(self, pos: int, synchronized: bool = True) -> tuple[_Trust, int]:
-        """Return the trust in the frame that may begin at `pos`, and its length; 0 if that is unknown."""
+        """Return how certain it is that a frame begins at `pos`, and the frame's length; 0 if unknown."""
         buffer = self._buffer
         if len(buffer) - pos < HEADER_SIZE:
             return _Trust.INCOMPLETE, 0
@@ -257,8 +257,8 @@ class StreamSplitter:
     def _walk_arguments(self, pos: int, stop: int, argc: int) -> int | None:
         """Follow the length fields of the arguments and return the offset after the last one.
 
-        Continues where the previous call stopped, so that a long frame in small segments is walked once.
-        Returns None for "need more", and 0 if the arguments cannot be right.
+        The walk continues where the previous call stopped, so that a long frame in small segments is walked
+        once. Returns None if more bytes are needed, and 0 if a length field cannot be right.
         """
         begun, argument, done = self._argument_progress
         if begun != pos or done == 0:
@@ -279,7 +279,7 @@ class StreamSplitter:
 
 
 def _is_one_frame(data: bytes) -> bool:
-    """Return whether `data` is exactly one frame that the full walk would accept as well."""
+    """Return whether `data` is exactly one frame by its SOH, EOT and length field."""
     return (
         len(data) >= SMALLEST_FRAME
         and data[0] == SOH

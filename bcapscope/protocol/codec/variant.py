@@ -58,7 +58,7 @@ NUMBER_FORMATS: dict[int, str] = {
     VT.I8: "q",
     VT.UI8: "Q",
 }
-"""struct format character of each type of fixed width."""
+"""Python struct format character of each type of fixed width."""
 
 NUMBER_WIDTHS: dict[int, int] = {vt: struct.calcsize("<" + code) for vt, code in NUMBER_FORMATS.items()}
 """Bytes per element of each type of fixed width."""
@@ -69,12 +69,12 @@ NUMBER_ARRAYS = frozenset(ARRAY | vt for vt in _NUMBERS - {VT.UI1})
 """Array types whose values are tuples of numbers."""
 
 MAX_NESTING = 32
-"""Depth to which nested VARIANT arrays are read. Controllers nest two deep (an argument list that holds a
-pose). The bound keeps a hostile frame from exhausting the interpreter's stack."""
+"""Maximum depth of nested VARIANT arrays. Controllers nest two deep, such as a list of arguments that holds a
+pose. The limit keeps a hostile frame from exhausting the interpreter's stack."""
 
 CY_SCALE = 10_000
-"""Units of a CY value per 1.0: in COM it counts ten-thousandths. None of DENSO's libraries applies that, so
-values stay raw here and views show the scaled value beside them."""
+"""Number of CY units per 1.0: in COM, a CY value is a count of ten-thousandths. DENSO's libraries do not
+scale CY values. Therefore `Variant` holds the raw value, and views show the scaled value beside it."""
 
 Value: TypeAlias = "bool | int | float | str | bytes | tuple[Value, ...] | tuple[Variant, ...] | None"
 
@@ -86,15 +86,12 @@ class Variant(NamedTuple):
     """A typed value.
 
     Attributes:
-        vt: Type number, or-ed with `ARRAY` for arrays; unknown numbers are kept.
+        vt: Type number, or-ed with `ARRAY` for arrays; may be a number that b-CAP does not define.
         value: None for EMPTY and NULL. int, float, bool or str for scalars (CY and ERROR as raw integers,
-            DATE as
-        days since 1899-12-30). A tuple for arrays, `bytes` for an array of UI1, a tuple of Variant for an
-            array
-        of VARIANT. The raw `bytes` of an unknown type.
-        elements: Element count as in the frame. Scalars have 1; EMPTY and NULL may also have 0. Larger than
-            the
-        number of values if a frame holds fewer elements than it announces.
+            DATE as days since 1899-12-30). A tuple for arrays, `bytes` for an array of UI1, a tuple of
+            Variant for an array of VARIANT. The raw `bytes` of an unknown type.
+        elements: Element count in the frame: 1 for scalars, 0 or 1 for EMPTY and NULL. The count exceeds the
+            number of values if a frame holds fewer elements than it announces.
     """
 
     vt: int
@@ -103,7 +100,7 @@ class Variant(NamedTuple):
 
     @classmethod
     def array(cls, element: int, values: bytes | tuple[Value, ...] | tuple[Variant, ...]) -> Variant:
-        """Return an array of `element` type."""
+        """Return an array Variant whose elements have the type `element`."""
         return cls(ARRAY | element, values, len(values))
 
 
@@ -120,8 +117,8 @@ def integer_value(variant: Variant) -> int | None:
     """Return the whole number that a value holds, such as slvChangeMode's parameter or slvGetMode's result.
 
     Accepts integers of any width (VT_I2 in DENSO Wave 2009, VT_I4 in the samples) and whole floating-point
-    numbers. Also accepts decimal text of up to 9 digits, which the ANSI-C client sends. None for everything
-    else.
+    numbers. Also accepts decimal text of up to 9 digits, which the ANSI-C client sends. Returns None for any
+    other value.
     """
     value = variant.value
     if isinstance(value, bool):
@@ -137,12 +134,11 @@ def integer_value(variant: Variant) -> int | None:
 
 
 def encode_variant(variant: Variant) -> bytes:
-    """Encode type, count and data, as inside a VARIANT array.
+    """Encode a VARIANT as type, element count and data, without the byte length of an argument.
 
     Raises:
         LocalProtocolError: The value does not fit its type, the element count of an array differs from the
-            number
-        of its values, VARIANT arrays nest deeper than `MAX_NESTING`, or b-CAP has no such type.
+            number of its values, VARIANT arrays nest deeper than `MAX_NESTING`, or b-CAP has no such type.
     """
     return _encode(variant, 0)
 
@@ -176,7 +172,7 @@ def _encode(variant: Variant, depth: int) -> bytes:
 
 @lru_cache(maxsize=256)
 def _packer(vt: int, count: int) -> Callable[..., bytes]:
-    """Return a function that packs type, count and `count` numbers in one step; set points need the speed."""
+    """Return a function that packs type, element count and `count` numbers in one step, for speed."""
     return struct.Struct(f"<HI{count}{NUMBER_FORMATS[vt]}").pack
 
 

@@ -12,18 +12,18 @@ from bcapscope.protocol.codec.variant import ARRAY, EMPTY, VT, Value, Variant, v
 
 _TYPED = re.compile(r"([a-z]+[0-9]?)(\[\])?:(.*)", re.IGNORECASE | re.DOTALL)
 _LARGEST_R4 = 3.4028235e38
-_LONGEST_SHOWN = 60  # characters of a value that an error repeats
+_LONGEST_SHOWN = 60  # in characters: the part of a value that an error message quotes
 _TRUE, _FALSE = ("true", "1", "-1"), ("false", "0")
 
 
 def parse_variant(text: str) -> Variant:
     """Parse a value with its type before a colon, or guess the type of bare text.
 
-    The types are those of b-CAP in any case: `i2 i4 r4 r8 cy date bstr error bool ui1 ui2 ui4 i8 ui8 empty
-    null`. ``[]`` marks an array, whose elements are separated by commas. ``variant[]:`` takes elements
-    separated by semicolons, each with its own type. A hexadecimal integer may give the bits of a negative
-    number, as in ``i4:0x84201482``. Bare text becomes an integer, a number, a list of them, or a string.
-    Empty text is EMPTY.
+    These types are accepted, in lower or upper case: `i2 i4 r4 r8 cy date bstr error bool ui1 ui2 ui4 i8 ui8
+    empty null`. ``[]`` marks an array, whose elements are separated by commas. ``variant[]:`` takes elements
+    separated by semicolons, each with its own type. A hexadecimal integer may be the bit pattern of a
+    negative number, as in ``i4:0x84201482``. Bare text becomes an integer, a number, a list of them, or a
+    string. Empty text is EMPTY.
 
     Raises:
         InputError: The value does not fit the type.
@@ -66,7 +66,7 @@ def parse_variant_as(text: str, types: Sequence[str]) -> Variant:
 def _parse_untyped(text: str) -> Variant:
     if not text:
         return EMPTY
-    if not any(map(str.isdigit, text)):  # bare nan and inf are strings; only a type makes them numbers
+    if not any(map(str.isdigit, text)):  # nan and inf without a type are strings
         return Variant(VT.BSTR, text)
     for vt in (VT.I4, VT.I8, VT.R8):
         for read in (_parse_scalar, _parse_array) if "," in text else (_parse_scalar,):
@@ -116,10 +116,10 @@ def _parse_integer(vt: VT, text: str) -> int:
     try:
         value = int(text, 0)
     except ValueError:
-        value = int(text)  # leading zeros, which Python's notation forbids
+        value = int(text)  # `int(text, 0)` rejects leading zeros
     low, high = _RANGES[vt]
     if low < 0 and high < value <= high - low and text.strip().lower().startswith("0x"):
-        value -= high - low + 1  # the bits of a negative number, as in result codes
+        value -= high - low + 1  # bit pattern of a negative number, such as a result code
     if not low <= value <= high:
         raise ValueError
     return value
@@ -134,7 +134,7 @@ def _parse_bool(_: VT, text: str) -> bool:
 
 def _parse_float(vt: VT, text: str) -> float:
     value = float(text)
-    if math.isinf(value) and "inf" not in text.lower():  # larger than any float of eight bytes
+    if math.isinf(value) and "inf" not in text.lower():  # the number is too large for a float
         raise ValueError
     if vt is VT.R4 and math.isfinite(value) and abs(value) > _LARGEST_R4:
         raise ValueError

@@ -1,1 +1,1 @@
-"""Frames dissected for people: fields with bytes and meanings, plausibility, repair of damaged frames."""
+"""Explain frames to people: fields with their meanings, plausibility checks, and repair of damaged frames."""

@@ -1,6 +1,6 @@
 """Position and meaning of each field of a frame, for trees, hex views and byte highlighting.
 
-`bcapscope.protocol.codec.arguments` decodes the values; this module relates them to their bytes.
+`bcapscope.protocol.codec.arguments` decodes the values; this module finds the bytes of each value.
 """
 
 from __future__ import annotations
@@ -28,31 +28,30 @@ HRESULT = "HRESULT"
 """Name of the field that holds the result code of a call."""
 
 UNREAD = "unread"
-"""Name of the bytes of an argument that its value does not cover."""
+"""Name of the field for the bytes of an argument that do not belong to the argument's value."""
 
 _TYPE_AND_COUNT = 6
-_COMPRESSED_AT = 13  # compressed bytes of a version 1 frame begin here
+_COMPRESSED_AT = 13  # offset of the compressed bytes in a version 1 frame
 _READING_ENDED = frozenset(
     {"data", "type", "nesting", "elements"}
-)  # problems that end the reading of an argument
+)  # codes of the problems after which the rest of an argument cannot be read
 
 
 @dataclass(frozen=True, slots=True)
 class FrameField:
-    """A range of bytes with a meaning.
+    """A range of a frame's bytes, with its name and meaning.
 
     Attributes:
         name: Name of the header field, argument or element.
-        start: Offset of its first byte.
-        stop: Offset after its last byte; equal to `start` if something is missing.
-        value: Its value; None if it has none or could not be read.
-        vt: VARIANT type of `value`; None for the frame's own numbers.
-        text: Meaning of the value, such as `Robot_Execute` or `VT_I4`; else empty.
-        unit: `mm`, `deg`, or empty.
-        problems: Problems of this field or inside it, in the order of the bytes.
-        children: Fields that it consists of, which cover it without a gap. They are created on access, so
-            that an
-        array of a million elements costs nothing before.
+        start: Offset of the field's first byte.
+        stop: Offset after the field's last byte; equal to `start` if the frame lacks the field.
+        value: Value of the field; None if the field has no value or the value could not be read.
+        vt: VARIANT type of `value`; None for numbers of the header.
+        text: Meaning of the value, such as `Robot_Execute` or `VT_I4`; empty if unknown.
+        unit: Unit of the value: `mm`, `deg`, or empty.
+        problems: Problems of this field and its children, in the order of their offsets.
+        children: Fields that together cover this field without a gap. They are created on access, so an array
+            of a million elements costs nothing until someone views its elements.
     """
 
     name: str
@@ -71,11 +70,11 @@ def frame_fields(
 ) -> tuple[FrameField, ...]:
     """Return the fields of a frame, from SOH to EOT; the offsets are those of `Frame.body`.
 
-    Any frame is accepted, however damaged: the leaves cover every byte once. A missing EOT is a field without
-    bytes; a damaged EOT holds the byte in its place. `envelope_fields` describes a compressed frame as it is
-    on the wire, and reports the problems there.
+    Fields without children cover every byte exactly once, even in a damaged frame. A missing EOT is a field
+    without bytes; a damaged EOT is a field with the damaged byte. For a compressed frame, `envelope_fields`
+    returns the fields on the wire and their problems.
 
-    `function_id` and `command` are those of the request that a reply answers; None if it was not captured.
+    For a reply, `function_id` and `command` are those of its request; None if the request was not captured.
     """
     if is_request:
         function_id, command = frame.code, _command_of(frame)
@@ -90,8 +89,8 @@ def frame_fields(
 def envelope_fields(frame: Frame) -> tuple[FrameField, ...]:
     """Return the fields of `Frame.raw` for a compressed frame; () for all others.
 
-    Version 1 as in keioku/bcap-python: the usual header up to `reserved`, then the unpacked size, a zlib
-    stream, a mode byte and EOT.
+    The layout is that of keioku/bcap-python: the usual header up to `reserved`, then the unpacked size, a
+    zlib stream, a mode byte and EOT.
     """
     if frame.framing is not Framing.VERSION_1_ZLIB:
         return ()
@@ -181,17 +180,17 @@ class _FieldBuilder:
         text: str = "",
         problems: tuple[Problem, ...] = (),
     ) -> FrameField:
-        """Return a field without children; `problems` are added to those of its bytes."""
+        """Return a field without children; its problems are `problems` and those found in its bytes."""
         return FrameField(
             name, start, stop, value, None, text, "", (*self.problems_within(start, stop), *problems)
         )
 
     def problems_within(self, start: int, stop: int) -> tuple[Problem, ...]:
-        """Return the problems of a byte range, without that of a value that is cut off at its end."""
+        """Return the problems in a byte range, except for a value that is cut off at the end of the range."""
         return self.problems_between(2 * start, 2 * stop - 1)
 
     def problems_between(self, first: int, behind: int) -> tuple[Problem, ...]:
-        """Return the problems whose doubled offsets (see `_doubled_place`) lie in a range."""
+        """Return the problems whose doubled offsets (see `_doubled_place`) are in a range."""
         placed = self._placed
         if not placed:
             return ()
@@ -312,7 +311,7 @@ class _ArgumentFields:
         )
 
     def _value_end(self, variant: Variant, start: int) -> int:
-        """Return the offset after the last byte of a VARIANT's value that was read."""
+        """Return the offset after the bytes of a VARIANT's value that could be read."""
         return self._data_end(variant, start + _TYPE_AND_COUNT)
 
     def _data_end(self, variant: Variant, start: int) -> int:
@@ -332,19 +331,19 @@ class _ArgumentFields:
         return start
 
     def _string_end(self, start: int) -> int:
-        """Return the offset after a string, which its argument may cut short."""
+        """Return the offset after a string, at most the end of the string's argument."""
         size = int.from_bytes(self._builder.body[start : start + 4], "little")
         return min(start + 4 + size, self._argument.stop)
 
 
 def _doubled_place(problem: Problem, stops: Container[int]) -> int:
-    """Return twice a problem's offset, minus one for a value that is cut off at the end of its argument."""
+    """Return twice a problem's offset; one less for a value that is cut off at the end of its argument."""
     breaks_off = problem.code in ("data", "nesting", "elements") and problem.offset in stops
     return 2 * problem.offset - breaks_off
 
 
 class _NumberFields(Sequence[FrameField]):
-    """The elements of an array of fixed width; each field is created on access."""
+    """Fields of the elements of a number array; each field is created on access."""
 
     def __init__(
         self,
@@ -385,7 +384,7 @@ class _NumberFields(Sequence[FrameField]):
 
 
 class _LazyFields(Sequence[FrameField]):
-    """Fields that are created on iteration; they are stored only after access by index or length."""
+    """Fields that are created again for each iteration; access by index or length stores them."""
 
     def __init__(self, make: Callable[[], Iterator[FrameField]]) -> None:
         self._make = make

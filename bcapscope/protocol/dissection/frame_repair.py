@@ -1,8 +1,9 @@
 """Probable causes of a damaged frame: lost or surplus zero bytes, a missing end, a misread name.
 
-Frames that were copied through a document, a mail or a screenshot have such damage. Most bytes of a frame are
-zeros, so zeros get lost or doubled, as in nearly every dump of DENSO Wave 2009, How to use the Slave mode.
-The result is a guess and is worded as one. The original bytes are never changed.
+Frames that people copy from a document, a mail or a screenshot have such damage. Most bytes of a frame are
+zeros, so zeros get lost or doubled. Nearly every dump in DENSO Wave 2009, How to use the Slave mode, has such
+damage. Every repair is a guess, and bcapscope presents it as a guess. A repair never changes the original
+bytes.
 """
 
 from __future__ import annotations
@@ -21,22 +22,23 @@ from bcapscope.protocol.dissection.plausibility import (
 from bcapscope.protocol.dissection.similar_commands import find_similar_command
 
 LONGEST_REPAIRED = 1024
-"""Largest frame, in bytes, whose lost zeros are found; on UDP none has more than 503 (orin_bcap dn_udp.h)."""
+"""Largest frame, in bytes, whose lost zeros a repair looks for. UDP frames have at most 503 bytes (orin_bcap
+dn_udp.h)."""
 
 MAX_EDITS = 2
-"""Largest number of zeros that a repair inserts or removes."""
+"""Maximum number of zeros that a repair inserts or removes."""
 
 _SMALLEST_LIKELY, _LARGEST_LIKELY = 1e-6, 1e9
-"""Range of magnitudes of positions, speeds and times."""
+"""Range of plausible magnitudes of positions, speeds and times."""
 
 
 class ByteEdit(NamedTuple):
-    """One place where the bytes were changed.
+    """A change that a repair makes at one place of a damaged frame.
 
     Attributes:
-        offset: Offset in the original bytes.
-        found: Bytes found there; empty if bytes were lost.
-        expected: Bytes that should be there; empty if the found bytes are surplus.
+        offset: Offset of the change in the original bytes.
+        found: Original bytes at the offset; empty if bytes were lost.
+        expected: Bytes that replace `found`; empty if the original bytes are surplus.
     """
 
     offset: int
@@ -48,10 +50,10 @@ class FrameRepair(NamedTuple):
     """What a frame, or a separate argument, probably was before the damage.
 
     Attributes:
-        raw: Its bytes after the edits, without those missing at the end.
-        edits: Edits in the order of their offsets; none if only the end is missing.
-        missing_at_end: Number of bytes missing at the end.
-        is_argument: Whether this is one argument instead of a frame.
+        raw: Bytes of the frame or argument after the edits, without the bytes missing at the end.
+        edits: Changes in the order of their offsets; empty if only the end is missing.
+        missing_at_end: Number of bytes missing at the end of the frame or argument.
+        is_argument: Whether the bytes are an argument instead of a frame.
     """
 
     raw: bytes
@@ -63,9 +65,9 @@ class FrameRepair(NamedTuple):
 def find_repair(raw: bytes, is_request: bool | None = None) -> FrameRepair | None:
     """Find the smallest damage that explains why `raw`, a frame or one argument of a frame, is not sound.
 
-    None for a sound frame whose command was not misread, or if no small damage explains the problems. The
-    repaired bytes are sound as far as they go, with an existing function or result. `is_request` is None if
-    the sender is not known.
+    Returns None for a sound frame whose command was not misread, and if no small damage explains the
+    problems. The repaired bytes begin or form a sound frame with an existing function or result code.
+    `is_request` is None if the sender is not known.
     """
     if raw[:1] != bytes((SOH,)) or len(raw) < HEADER_SIZE:
         return _without_soh(raw, is_request) or _argument(raw)
@@ -98,7 +100,7 @@ def _without_soh(raw: bytes, is_request: bool | None) -> FrameRepair | None:
 
 
 def _wrong_ends(raw: bytes, length: int | None, is_request: bool | None) -> FrameRepair | None:
-    """Repair a frame of which only the length field or EOT is wrong, or that has surplus bytes after it."""
+    """Repair a frame with a wrong length field, a wrong EOT, or surplus bytes after EOT."""
     size = len(raw)
     if plausible_prefix_length(raw, size, is_request) == size:
         right = size.to_bytes(4, "little")
@@ -112,7 +114,7 @@ def _wrong_ends(raw: bytes, length: int | None, is_request: bool | None) -> Fram
 
 
 def _changed_zeros(raw: bytes, length: int | None, is_request: bool | None) -> FrameRepair | None:
-    """Insert or remove the zeros that the length field asks for; else accept that the end is missing."""
+    """Insert or remove zeros until the frame fits its length field; else assume that the end is missing."""
     lacking = 1 if length is None else length - len(raw)
     versions = _with_changed_zeros(raw, lacking, is_request)
     if len(versions) == abs(lacking) + 1 and _sound_prefix(versions[-1], is_request) == len(versions[-1]):
@@ -124,7 +126,7 @@ def _changed_zeros(raw: bytes, length: int | None, is_request: bool | None) -> F
 
 
 def _with_changed_zeros(raw: bytes, lacking: int, is_request: bool | None) -> list[bytes]:
-    """Return `raw`, then with one and two zeros changed, each where most of the frame becomes plausible."""
+    """Return `raw`, then `raw` with one and two zeros changed where that makes the longest prefix sound."""
     versions = [raw]
     for _ in range(min(abs(lacking), MAX_EDITS) if len(raw) <= LONGEST_REPAIRED else 0):
         edited = _one_zero_more(versions[-1]) if lacking > 0 else _one_zero_less(versions[-1])
@@ -143,9 +145,9 @@ def _sound_prefix(data: bytes, is_request: bool | None) -> int:
 
 
 def _one_zero_more(data: bytes) -> Iterator[tuple[bytes, int]]:
-    """Yield `data` with a zero inserted after each run of zeros or between other bytes; and the run's length.
+    """Yield `data` with one more zero after each run of zeros or other byte, and the length of the run.
 
-    A byte gets lost most easily in a long run.
+    People lose a byte most easily in a long run of zeros.
     """
     run = 0
     for at in range(1, len(data) + 1):
@@ -161,7 +163,7 @@ def _one_zero_less(data: bytes) -> Iterator[tuple[bytes, int]]:
 
 
 def _zero_edits(raw: bytes, repaired: bytes) -> tuple[ByteEdit, ...]:
-    """Return the edits that turn `raw` into `repaired`; each inserts or removes zero bytes."""
+    """Return the edits that turn `raw` into `repaired`; each edit inserts or removes zero bytes."""
     edits: list[ByteEdit] = []
     at = to = 0
     while at < len(raw) or to < len(repaired):
@@ -184,10 +186,10 @@ def _strange_arguments(data: bytes) -> int:
 
 
 def _strange(value: Value | Variant) -> int:
-    """Return how unusual a value is; small numbers and ASCII letters are usual.
+    """Return a score of how unusual a value is; small numbers and ASCII text score 0.
 
-    A zero inserted at the wrong end of a number multiplies it by 256. A zero inserted into a string turns its
-    letters into those of another alphabet.
+    A zero inserted at the wrong end of a number multiplies the number by 256. A zero inserted into a string
+    changes its letters into those of another alphabet.
     """
     if isinstance(value, Variant):
         return _strange(value.value)
@@ -203,7 +205,7 @@ def _strange(value: Value | Variant) -> int:
 
 
 def _argument(raw: bytes) -> FrameRepair | None:
-    """Repair a separate argument, such as one from a table of fields."""
+    """Repair an argument that stands alone, such as an argument copied from a table of fields."""
     if plausible_argument_end(raw) == len(raw):
         return FrameRepair(raw, (), is_argument=True)
     if not raw or len(raw) > LONGEST_REPAIRED:

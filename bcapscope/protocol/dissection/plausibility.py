@@ -1,8 +1,8 @@
 """Strict validation of frames, to distinguish a plausible guess from nonsense.
 
-The decoder accepts any bytes and lets the values determine where arguments begin (see
-`bcapscope.protocol.codec.arguments`). Here every length must agree with every other, as in everything that
-DENSO's libraries send. The function or result must exist, and its arguments must fit it.
+The decoder accepts any bytes and ignores wrong length fields (see `bcapscope.protocol.codec.arguments`).
+These functions require that all lengths agree, as in all frames from DENSO's libraries. The function or
+result code must exist, and the arguments must have the types of the function.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ from bcapscope.protocol.tables.function_table import FUNCTIONS, Param
 from bcapscope.protocol.tables.hresult import describe_hresult
 
 LARGEST_LIKELY = 64 * 1024
-"""Largest plausible length field, in bytes; larger ones count as damage. Frames of real sessions are below 10
-KiB."""
+"""Largest plausible value of the length field, in bytes. A larger value is treated as damage, since frames of
+real sessions are below 10 KiB."""
 
 _LENGTH_AT = 1
 _CODE_AT = 9
@@ -29,13 +29,14 @@ SENT_TYPES: dict[str, tuple[int, ...]] = {
     "VT_R4": (VT.R4, VT.R8),
     "VT_BSTR": (VT.BSTR,),
 }
-"""VARIANT types that clients send for each declared argument type; VARIANT accepts any type."""
+"""VARIANT types that clients send for each argument type of the function table. An argument declared as
+VARIANT may have any type."""
 
 _RESULT = (Param("pVal", "VARIANT"),)
 
 
 class _Implausible(Exception):
-    """A value is implausible; carries the offset of its field."""
+    """A field has an implausible value."""
 
     def __init__(self, offset: int) -> None:
         self.offset = offset
@@ -55,8 +56,9 @@ def plausible_length_field(data: bytes) -> int | None:
 def plausible_prefix_length(data: bytes, length: int, is_request: bool | None) -> int:
     """Return how many bytes of `data` could begin a sound frame of `length` bytes.
 
-    `length` for a whole sound frame, `len(data)` for one that is cut off, otherwise the offset of the first
-    implausible field. The frame's own length field is not checked. `is_request` is None if unknown.
+    The result is `length` for a whole sound frame, `len(data)` for a sound frame that is cut off, otherwise
+    the offset of the first implausible field. The function ignores the frame's length field. `is_request` is
+    None if the sender is not known.
     """
     found = 0
     if is_request is not False:
@@ -67,7 +69,7 @@ def plausible_prefix_length(data: bytes, length: int, is_request: bool | None) -
 
 
 def plausible_argument_end(data: bytes, start: int = 0) -> int | None:
-    """Return the offset after the argument that begins at `start`; None if no plausible one begins there."""
+    """Return the offset after the argument that begins at `start`; None if the argument is not plausible."""
     try:
         return _check_argument(data, start, len(data), "VARIANT")
     except (_Implausible, _BytesEnded):
@@ -178,7 +180,7 @@ def _check_string(data: bytes, start: int, bound: int) -> int:
 
 
 def _check_data(at: int, stop: int, bound: int) -> int:
-    """Return `stop` if it is within `bound`; otherwise raise for the field at offset `at`."""
+    """Return `stop` if it is at most `bound`; otherwise the field at offset `at` is implausible."""
     if stop > bound:
         raise _Implausible(at)
     return stop

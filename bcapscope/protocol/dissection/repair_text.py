@@ -1,4 +1,4 @@
-"""Description of a frame's damage in a sentence: where bytes were lost, and what the repaired frame says."""
+"""Describe a frame's damage in a sentence: where bytes were lost, and what the repaired frame calls."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from bcapscope.protocol.tables.hresult import hresult_name
 from bcapscope.protocol.text_format import counted
 
 LONGEST_WORD = 60
-"""Longest part of a string, in characters, that a sentence shows."""
+"""Maximum number of characters of a frame's string that the description quotes."""
 
 _PARTS = {"bytes": "string length", "data": "value", UNREAD: "value", "left over": "next argument"}
 
@@ -26,9 +26,10 @@ _PARTS = {"bytes": "string length", "data": "value", UNREAD: "value", "left over
 def damage_problem(raw: bytes, is_request: bool | None = None) -> Problem | None:
     """Describe the probable damage of a frame or a separate argument, or a misspelt command in a sound frame.
 
-    The offset is that of the first damage. The code is `guess`, `cut` if only the end is missing, `argument`
-    for a sound argument, `name` for an unknown command. None for a sound frame, or if no small damage
-    explains it. Strings of the frame appear only with ordinary characters; others are escaped.
+    The problem has the offset of the first damage. Its code is `cut` if only the end is missing, `argument`
+    for a sound argument, `name` for an unknown command, otherwise `guess`. Returns None for a sound frame,
+    and if no small damage explains the problems. The description escapes unprintable and non-ASCII characters
+    in strings of the frame.
     """
     found = find_repair(raw, is_request)
     if found is None:
@@ -135,7 +136,7 @@ class _Sentence:
 
 
 def _innermost(found: Sequence[FrameField], at: int) -> list[FrameField]:
-    """Return the fields around a byte, from the outermost to a part of an argument."""
+    """Return the nested fields that contain a byte, outermost first, at most three."""
     around: list[FrameField] = []
     while len(around) < 3:
         inner = next((field for field in found if field.start <= at < field.stop), None)
@@ -184,7 +185,7 @@ def _shown(variant: Variant) -> str:
 
 
 def _word(text: str) -> str:
-    """Return a string of the frame without control characters that a terminal would act upon."""
+    """Return a frame's string, shortened, with unprintable and non-ASCII characters escaped."""
     short = text[:LONGEST_WORD]
     plain = short.isascii() and short.isprintable() and short and not short.isspace()
     return (short if plain else ascii(short)) + ("…" if len(text) > LONGEST_WORD else "")

@@ -1,4 +1,4 @@
-"""Command names that are nearly right: misread from a screenshot, or misspelt."""
+"""Find the intended command of a name that was misread from a screenshot or misspelt."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from bcapscope.protocol.codec.frame_content import FrameContent
 from bcapscope.protocol.tables.command_catalogue import commands_of, find_command
 
 _SMALLEST_SIMILARITY = 0.8
-"""Similarity ratio of difflib; two letters swapped in slvChangeMode give 0.92."""
+"""Smallest similarity ratio, as difflib computes it. Two swapped letters in slvChangeMode give 0.92."""
 
 _CHARACTERS_PER_MISREAD = 3
-"""At most one misread character per this many characters."""
+"""Minimum number of characters of a name per misread character."""
 
 _CHARACTERS_AT = 14
-"""Offset of the characters in a BSTR argument: after its length, type, count and byte length."""
+"""Offset of the characters in a BSTR argument, after the argument's length, type, count and string length."""
 
 
 class MisreadByte(NamedTuple):
@@ -29,14 +29,13 @@ class MisreadByte(NamedTuple):
 
 
 class SimilarCommand(NamedTuple):
-    """A command name that is not in the catalogue, and the most similar catalogue name.
+    """A command name that is not in the command catalogue, and the most similar name that is.
 
     Attributes:
-        name: Name in the frame.
-        catalogue_name: Name as the catalogue spells it.
-        misread_bytes: Bytes to change to get `catalogue_name`. Empty if all characters of `name` are ordinary
-            ones.
-        Such a name was not misread: it is misspelt, or the catalogue lacks it.
+        name: Command name in the frame.
+        catalogue_name: Most similar command name in the catalogue.
+        misread_bytes: Bytes to change to get `catalogue_name`. Empty if all characters of `name` occur in
+            command names: then the name is misspelt, or the catalogue lacks it.
     """
 
     name: str
@@ -45,9 +44,9 @@ class SimilarCommand(NamedTuple):
 
 
 def find_similar_command(request: bytes) -> SimilarCommand | None:
-    """Return the similar command of a request.
+    """Return the known command that resembles the unknown command of a request.
 
-    None if the request has no command, a known one, or one that resembles no other.
+    Returns None if the request has no command, if its command is known, or if no known command is similar.
     """
     content = FrameContent(request)
     known = commands_of(content.code)
@@ -68,9 +67,9 @@ def find_similar_command(request: bytes) -> SimilarCommand | None:
 
 
 def _is_misread(name: str, other: str) -> bool:
-    """Return whether `name` is `other` except for a few characters that occur in no name.
+    """Return whether `name` differs from `other` only in a few characters that occur in no command name.
 
-    Each of these characters has one UTF-16 unit.
+    Each differing character must have one UTF-16 unit.
     """
     if len(name) != len(other) or max(name) > "\uffff":
         return False

@@ -13,13 +13,13 @@ from bcapscope.protocol.slave_mode.slvmove_values import Feedback, SetPoint, par
 
 
 class ValueLabel(NamedTuple):
-    """Name and meaning of a value.
+    """Name and meaning of a value in an argument or a result.
 
     Attributes:
-        name: Name, such as `J1` or `hand I/O`.
-        unit: `mm`, `deg`, or empty.
-        text: Further explanation, one clause; else empty.
-        elements: Labels of its elements in order, as far as known.
+        name: Name of the value, such as `J1` or `hand I/O`.
+        unit: Unit of the value: `mm`, `deg`, or empty.
+        text: Explanation of the value, one clause; may be empty.
+        elements: Labels of the value's elements in order, as far as known.
     """
 
     name: str = ""
@@ -32,10 +32,11 @@ NO_LABEL = ValueLabel()
 
 
 def slvmove_label(variant: Variant, is_request: bool) -> ValueLabel:
-    """Label the parts of slvMove's parameter or result, as far as the value alone shows.
+    """Label the parts of slvMove's parameter or result, as far as the value alone shows them.
 
-    The name of the whole is empty. Earlier calls determine formats and mode, so nearly everything is guessed
-    from the count and types of the elements. The label's `text` says so.
+    The label of the whole value has an empty name. Formats and slave mode are set by earlier calls, which are
+    unknown here. Therefore the labels are guesses from the number and types of the elements. The label's
+    `text` says so.
     """
     found = parse_set_point(variant) if is_request else parse_feedback(variant)
     named = list(_set_point_labels(found) if isinstance(found, SetPoint) else _feedback_labels(found))

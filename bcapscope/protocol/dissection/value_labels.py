@@ -40,7 +40,7 @@ _AXES = {str(type_): axes for type_, axes in AXES.items()}
 
 
 def argument_label(function_id: int | None, command: str | None, name: str, variant: Variant) -> ValueLabel:
-    """Return the meaning of the argument `name`, such as `lComp`, of a request with this bstrCommand."""
+    """Return the meaning of the value of argument `name`, such as `lComp`, in a request with this command."""
     value = variant.value
     if type(value) is int:
         named = _ARGUMENT_MEANINGS.get((function_id or 0, name)) or {}
@@ -57,7 +57,7 @@ def argument_label(function_id: int | None, command: str | None, name: str, vari
 
 
 def result_label(function_id: int | None, command: str | None, name: str, variant: Variant) -> ValueLabel:
-    """Return the meaning of the result `name`, such as `hRobot`, of a request with this bstrCommand."""
+    """Return the meaning of the value of result `name`, such as `hRobot`, in a reply to this command."""
     if type(variant.value) is not int:
         return NO_LABEL
     stands = result_meanings(function_id or 0, command or "", variant.value)
@@ -86,7 +86,7 @@ def _string_meaning(function_id: int | None, name: str, value: str) -> str | Mes
 
 
 def _all_of(id: str, meanings: Sequence[Message]) -> str | Message:
-    """Return several meanings as one message, joined two by two by `id`; "" if there is none."""
+    """Join several meanings into one message with the message `id`; "" if there are no meanings."""
     if not meanings:
         return ""
     *others, found = meanings

@@ -1,9 +1,9 @@
-"""The client's side of a call: serials, reserved fields, attempts, and the choice of the accepted reply.
+"""The client's part of a call: number and repeat the attempts, and choose the accepted reply.
 
-No socket and no clock: each method gets the current time as an argument, in ns of any monotonic clock.
-Afterwards the caller reads what to send (`data_to_send`), when to call `handle_timeout` (`deadline`), and
-what happened (`drain_events`). The rules are those of DENSO Wave 2009, How to use the Slave mode (Retry
-sequence in UDP connection), and of orin_bcap C/src/bCAPClient/bcap_client.c.
+This module uses no socket and no clock. The caller passes the current time to each method, in ns of any
+monotonic clock. After each method, the caller reads what to send (`data_to_send`), when to call
+`handle_timeout` (`deadline`), and what happened (`drain_events`). The rules are those of DENSO Wave 2009, How
+to use the Slave mode (Retry sequence in UDP connection), and of orin_bcap C/src/bCAPClient/bcap_client.c.
 """
 
 from __future__ import annotations
@@ -30,18 +30,19 @@ from bcapscope.protocol.tables.function_table import function_name
 from bcapscope.protocol.tables.hresult import S_EXECUTING, hresult_name, is_failure
 
 _REMEMBERED_ATTEMPTS = 32
-"""Attempts of earlier calls that are remembered, to distinguish late replies from stray ones."""
+"""Number of attempts of earlier calls that a `Requester` remembers, to distinguish late from stray
+replies."""
 
 _LAST_SERIAL = 0xFFFF
 _UDP_CONVENTIONS = (ReservedConvention.SEED, ReservedConvention.OWN, ReservedConvention.CHAIN)
 
 
 class RetryPolicy(NamedTuple):
-    """How long to wait for a reply, and how often to retry.
+    """How long a client waits for the reply to an attempt, and how often it retries.
 
     Attributes:
         timeout: Timeout of each attempt, ns.
-        retries: Number of retries after the first attempt; ignored on TCP, where there are none.
+        retries: Number of retries after the first attempt; ignored on TCP, where clients do not retry.
     """
 
     timeout: int
@@ -49,7 +50,7 @@ class RetryPolicy(NamedTuple):
 
 
 def _is_complete(frame: Frame) -> bool:
-    """Return whether no part of the frame is missing. Other problems of a frame are left to the caller."""
+    """Return whether no part of the frame is missing; the frame may have other problems."""
     return frame.length == len(frame.raw) and frame.raw[-1] == EOT
 
 
@@ -60,12 +61,12 @@ class _CallReplied:
 
     @property
     def elapsed(self) -> int:
-        """Time from the first attempt to the reply, ns."""
+        """Time from the sending of the first attempt to the arrival of the accepted reply, ns."""
         return self.attempts[-1].events[-1].time - self.attempts[0].sent
 
 
 class CallAnswered(_CallReplied):
-    """The call succeeded: `reply` carries S_OK or another code that is no failure."""
+    """The call succeeded: `reply` carries S_OK or another success code."""
 
     __slots__ = ()
 
@@ -78,14 +79,14 @@ class CallRefused(_CallReplied):
 
 @dataclass(frozen=True, slots=True)
 class CallTimedOut:
-    """The call failed: no attempt was answered in time."""
+    """The call failed: no accepted reply arrived before the last attempt timed out."""
 
     attempts: tuple[Attempt, ...]
 
 
 @dataclass(frozen=True, slots=True)
 class CallExecuting:
-    """The controller sent a notice (S_EXECUTING) that it is still working; the timeout started again."""
+    """The controller sent a notice (S_EXECUTING) during the call; the notice restarts the timeout."""
 
     notice: Frame
 
@@ -95,9 +96,9 @@ class LateReply:
     """A discarded reply, to an earlier attempt or to a call that has ended.
 
     Attributes:
-        reply: The frame as received.
-        time: Time of arrival, ns.
-        sent: Time at which the answered attempt was sent, ns.
+        reply: The late reply as received.
+        time: Time at which the late reply arrived, ns.
+        sent: Time at which the client sent the attempt that the reply answers, ns.
     """
 
     reply: Frame
@@ -107,7 +108,7 @@ class LateReply:
 
 @dataclass(frozen=True, slots=True)
 class UnmatchedItem:
-    """A discarded item: a reply to no remembered attempt, an incomplete frame, or bytes that are no frame."""
+    """A discarded item: a stray reply, an incomplete frame, or bytes that are not a frame."""
 
     item: Frame | Malformed
     time: int
@@ -118,7 +119,7 @@ RequesterEvent: TypeAlias = RequesterOutcome | CallExecuting | LateReply | Unmat
 
 
 class _OpenAttempt:
-    """One attempt of the current or an earlier call, with the events for it so far."""
+    """One attempt of the current or an earlier call, with the attempt's events so far."""
 
     __slots__ = ("events", "reserved", "sent", "serial")
 
@@ -133,16 +134,17 @@ class _OpenAttempt:
 
 
 class Requester:
-    """Makes calls, one at a time: controllers execute a client's calls strictly one after another.
+    """Makes calls one at a time, since controllers execute a client's calls strictly one after another.
 
     Every call ends in exactly one of `CallAnswered`, `CallRefused` and `CallTimedOut`, unless the caller
-    gives it up with `abandon`.
+    gives the call up with `abandon`.
     """
 
     def __init__(self, convention: ReservedConvention, first_serial: int = 1) -> None:
-        """Start a conversation. The convention also selects UDP (with retries and a size limit) or TCP.
+        """Start a conversation with the controller.
 
-        The C server takes a first serial of 0 from a new client for a retry.
+        The convention of the reserved field also selects UDP, with retries and a size limit, or TCP. Do not
+        start with serial 0: the C server mistakes a new client's first request with serial 0 for a retry.
 
         Raises:
             ValueError: `convention` is `UNKNOWN`, or `first_serial` is not in 1..65535.
@@ -166,7 +168,7 @@ class Requester:
 
     @property
     def deadline(self) -> int | None:
-        """Time at which to call `handle_timeout`, ns; None while no reply is expected."""
+        """Time at which the caller must call `handle_timeout`, ns; None while no reply is expected."""
         return self._deadline
 
     def start_call(
@@ -197,7 +199,7 @@ class Requester:
         self._send_attempt(now)
 
     def receive_item(self, item: Frame | Malformed, now: int) -> None:
-        """Process a frame, or bytes that are no frame, from the controller."""
+        """Process a frame from the controller, or bytes that are not a frame."""
         asked = (
             self._attempt_with_serial(item.serial) if isinstance(item, Frame) and _is_complete(item) else None
         )
@@ -217,7 +219,10 @@ class Requester:
             )
 
     def record_send_error(self, reason: Message, now: int) -> None:
-        """Record the system's error for the newest attempt, such as a closed port; retries continue."""
+        """Record an error of the operating system for the newest attempt, such as a closed port.
+
+        Retries continue.
+        """
         if self.call_in_progress:
             self._open_attempts[-1].events.append(AttemptEvent(now, reason))
 
@@ -232,17 +237,17 @@ class Requester:
             self._events.append(CallTimedOut(self._attempt_snapshots()))
 
     def abandon(self) -> tuple[Attempt, ...]:
-        """Give up the call in progress and return its attempts; a reply that still arrives is late."""
+        """Give up the call in progress and return its attempts. A reply that arrives afterwards is late."""
         self._deadline = None
         return self._attempt_snapshots()
 
     def data_to_send(self) -> list[bytes]:
-        """Return the frames to send now; each frame is returned once."""
+        """Return the frames to send now, each frame only once."""
         outgoing, self._outgoing = self._outgoing, []
         return outgoing
 
     def drain_events(self) -> list[RequesterEvent]:
-        """Return the events since the last call of this method, in order."""
+        """Return the events since the previous `drain_events`, in order."""
         events, self._events = self._events, []
         return events
 

@@ -1,6 +1,6 @@
-"""Conventions for the reserved field, at both ends of a conversation.
+"""Conventions for the reserved field, for clients and controllers.
 
-Papers and libraries disagree about the field (DENSO Wave 2009, How to use the Slave mode; orin_bcap
+Papers and libraries use the field differently (DENSO Wave 2009, How to use the Slave mode; orin_bcap
 C/src/bCAPClient/bcap_client.c and the C# and Java clients; the older C client in start-jsk/denso b-Cap.c).
 """
 
@@ -10,11 +10,11 @@ from enum import StrEnum
 
 
 class ReservedConvention(StrEnum):
-    """What a client writes into the reserved field of its requests."""
+    """Value that a client writes into the reserved field of its requests."""
 
     UNKNOWN = "unknown"
-    """Not determined yet. A first attempt with 0 fits both `SEED` and `CHAIN`. The second attempt carries the
-    same number in both, so only a third attempt distinguishes them."""
+    """Convention not determined yet. The first two attempts are equal in `SEED` and `CHAIN`; only a third
+    attempt shows which convention the client follows."""
     SEED = "seed"
     """0 in the first attempt, then the serial of the first attempt in every retry (DENSO Wave 2009)."""
     OWN = "own"
@@ -23,9 +23,9 @@ class ReservedConvention(StrEnum):
     CHAIN = "chain"
     """0 in the first attempt, then the serial of the previous attempt (the older C client)."""
     TCP0 = "tcp0"
-    """0 in every request, over TCP, where clients do not retry."""
+    """Over TCP, where clients do not retry: 0 in every request."""
     TCP1 = "tcp1"
-    """1 in every request, over TCP: a version mark (keioku/bcap-python)."""
+    """Over TCP: 1 in every request, as a mark of the protocol version (keioku/bcap-python)."""
 
 
 def client_conventions(datagrams: bool) -> tuple[ReservedConvention, ...]:
@@ -36,11 +36,11 @@ def client_conventions(datagrams: bool) -> tuple[ReservedConvention, ...]:
 
 
 class ReplyReserved(StrEnum):
-    """What a controller writes into the reserved field of its replies."""
+    """Value that a controller writes into the reserved field of its replies."""
 
     UNKNOWN = "unknown"
-    """Not determined yet: all requests answered so far had 0."""
+    """Not determined yet: the reserved field of all requests answered so far was 0."""
     ZERO = "zero"
     """Always 0 (orin_bcap C/src/bCAPServer/bcap_server.c)."""
     ECHOED = "echoed"
-    """The value of the request (DENSO Wave 2009)."""
+    """The value of the request's reserved field (DENSO Wave 2009)."""

@@ -1,4 +1,4 @@
-"""The controller's side of retries: recognise a retry, so that no call is executed twice.
+"""The controller's part of a call: recognise retries, so that no call is executed twice.
 
 A client that gets no reply in time sends its request again with a new serial. The reserved field of the retry
 names an earlier attempt (DENSO Wave 2009, How to use the Slave mode, Retry sequence in UDP connection). The
@@ -22,28 +22,31 @@ from bcapscope.protocol.retry.reserved_convention import ReplyReserved, Reserved
 from bcapscope.protocol.tables.hresult import S_EXECUTING, S_OK
 
 REMEMBERED_ANSWERS = 32
-"""Replies stored for each client. One is enough if the network keeps packets in order, since a client makes
-one call at a time. The others cover packets that arrive late. A UDP reply has at most 503 bytes."""
+"""Number of replies that a responder stores for its client. One reply is enough if the network keeps packets
+in order, since a client makes one call at a time. The other replies are for retries that arrive late. A UDP
+reply has at most 503 bytes."""
 
 _SERVICE_START = 1
 _SERIAL_COUNT = 0xFFFF
 """Serials count from 1 to 65535, then start again at 1."""
 
 _MAX_ATTEMPTS = 16
-"""Twice the attempts that any known client sends for one call, except the client that retries without end."""
+"""Limit of the attempts of one call, by which serials are compared. It is twice the number of attempts that
+known clients send, except for the client that retries without end."""
 
 
 _CHAIN_CONVENTIONS = (ReservedConvention.UNKNOWN, ReservedConvention.CHAIN)
 
 
 class Defect(Flag):
-    """Faults of DENSO's C server (orin_bcap C/src/bCAPServer/bcap_server.c), for imitation."""
+    """Defects of DENSO's C server (orin_bcap C/src/bCAPServer/bcap_server.c) that a responder can imitate."""
 
     NONE = 0
     FORGETS_FIRST = 1
-    """The server stores only the last reply, under the serial of the attempt that arrived, and ignores the
-    contents. If the first attempt is lost, the second retry names a serial that the server never saw, and it
-    executes the call again. A client that restarts with the serial answered last gets the old reply."""
+    """The server stores only its last reply, by the serial of the attempt that arrived, and ignores the
+    contents of requests. If the first attempt is lost, the second retry names a serial that the server never
+    received, so the server executes the call again. If a client restarts with the serial of its last call,
+    the server sends the old reply."""
     SERIAL_ZERO = 2
     """The server answers S_OK to a new client whose first frame has serial 0, and executes nothing."""
 
@@ -54,22 +57,22 @@ class RequestKind(Enum):
     NEW = "new"
     """A new call: execute it, then call `Responder.answer_call`."""
     REPEAT = "repeat"
-    """A retry of a call that was executed: send the stored reply again."""
+    """A retry of a completed call: send the stored reply again."""
     RUNNING = "running"
-    """A retry of the call that is being executed: the reply will carry the serial of this retry. Also a retry
-    of an abandoned call, which never gets a reply."""
+    """A retry of the running call, whose reply will carry the serial of this retry. Also a retry of an
+    abandoned call, which never gets a reply."""
     BUSY = "busy"
-    """A different call while one is being executed. The caller may refuse it with
+    """A new call while another call is running. The caller may refuse the new call with
     `Responder.reply_unremembered`."""
 
 
 @dataclass(frozen=True, slots=True)
 class RequestDecision:
-    """What to do about a request.
+    """What the controller must do with a request.
 
     Attributes:
-        kind: Class of the request.
-        reply: Frame to send now; None unless `kind` is `REPEAT`.
+        kind: How the responder classified the request.
+        reply: Stored reply to send now; None unless `kind` is `REPEAT`.
     """
 
     kind: RequestKind
@@ -80,7 +83,7 @@ _NEW = RequestDecision(RequestKind.NEW)
 
 
 class _Call:
-    """One call and all attempts that are known to belong to it."""
+    """One call with the serials of all its known attempts."""
 
     __slots__ = ("answer", "content", "first", "newest", "reserved", "serials")
 
@@ -100,15 +103,15 @@ class _Call:
 
 
 def _is_ahead(serial: int, other: int) -> bool:
-    """Return whether `serial` is the same as `other` or was counted after it."""
+    """Return whether `serial` equals `other` or follows it, modulo the wrap from 65535 to 1."""
     return (serial - other) % _SERIAL_COUNT < _SERIAL_COUNT // 2
 
 
 def _is_chain_unbroken(serial: int, call: _Call, calls: Iterable[_Call]) -> bool:
-    """Return whether no known call lies between `call` and a later serial.
+    """Return whether no known call has a serial between those of `call` and `serial`.
 
-    `calls` lists the newest call first. Only calls executed after `call` are examined. If an earlier call has
-    a later serial, an earlier program made it.
+    `calls` lists the newest call first. The function examines only calls executed after `call`: an older call
+    with a higher serial comes from an earlier program on the same port.
     """
     later = takewhile(lambda other: other is not call, calls)
     return not any(
@@ -117,31 +120,33 @@ def _is_chain_unbroken(serial: int, call: _Call, calls: Iterable[_Call]) -> bool
 
 
 class Responder:
-    """Decides for one client (UDP: one address and port; TCP: one connection) what each request is.
+    """Decides for one client whether each request is a new call or a retry.
 
     The responder executes nothing. `receive_request` classifies a request, and `answer_call` ends the call
-    that `receive_request` classified as new. Requests of one client are executed strictly one after another.
+    that `receive_request` classified as new. On UDP, a client is one address and port; on TCP, one
+    connection. A controller executes the requests of one client strictly one after another.
 
-    A first attempt has reserved 0 or its own serial. Any other value names an attempt of the same call, the
-    first or the previous one. A request belongs to a remembered call if it names one of its attempts and has
-    the same contents (function and arguments). The responder then adds the serial and the named serial to
-    that call. A known serial with other contents means that the client restarted.
+    In a first attempt, the reserved field is 0 or the frame's own serial. Any other value names the first or
+    the previous attempt of the same call. A request belongs to a remembered call if it names an attempt of
+    that call and has the same function and arguments. The responder then adds the request's serial and the
+    named serial to the call. A known serial with other contents shows that the client restarted.
 
-    The bytes leave two cases undecided:
+    In two cases, the request does not show whether it is a retry:
 
-    * A client of the old C library (`ReservedConvention.CHAIN`) names the previous attempt. If that attempt
-      was lost, the retry looks like a retry of a new, equal call.
-    * A program that restarts on the port of another one counts from the same serial again. Its call may equal
-      one of its predecessor, at the same serial or shortly before it. It then looks like a delayed attempt of
-      that call.
+    * A client of the old C library (`ReservedConvention.CHAIN`) names the previous attempt. If the previous
+      attempt was lost, its serial is unknown. The request may then be a retry of the known call, or a retry
+      of a new, equal call.
+    * A program that uses the port of an earlier program may start with the same serial. A call of the new
+      program may equal a call of the earlier program that had the same serial or a slightly higher one. The
+      new call then looks like a delayed attempt of the earlier program's call.
 
-    The responder treats both as retries, so no call ever runs twice. If neither the serial nor the named
-    serial belongs to the equal call, it does so only while the convention is `CHAIN` or unknown. The price is
-    that such a new call is not executed: its client gets the earlier reply. That may be an old value, or the
-    success of a motion that ran once and not twice.
+    In both cases, the responder assumes a retry, so that no call runs twice. If neither the serial nor the
+    named serial belongs to the known call, the responder assumes a retry only while the convention is `CHAIN`
+    or unknown. A new call that is mistaken for a retry is not executed, and its client gets the earlier
+    reply. Such a reply may hold an old value, or report a motion as done that ran only once.
 
-    The responder forgets the calls of the predecessor when the new program reuses one of their serials for a
-    different call. At the latest it has forgotten them after `remembered` further calls.
+    The responder forgets the calls of an earlier program when the new program reuses one of their serials for
+    a different call, and at the latest after `remembered` further calls.
     """
 
     def __init__(
@@ -154,15 +159,15 @@ class Responder:
         largest_answer: int = LARGEST_FRAME,
         defects: Defect = Defect.NONE,
     ) -> None:
-        """Start with a client about which nothing is known.
+        """Start with a client that has sent no request yet.
 
         Args:
-            expects_retries: True on UDP. On TCP every request is a new call.
-            reply_reserved: `UNKNOWN` acts as `ZERO`.
-            convention: Convention of the client if known beforehand; otherwise it is detected.
-            remembered: Number of replies to store.
-            largest_answer: Largest reply, bytes.
-            defects: Faults of DENSO's C server to imitate.
+            expects_retries: True for UDP; False for TCP, where every request is a new call.
+            reply_reserved: Convention for the reserved field of replies; `UNKNOWN` acts as `ZERO`.
+            convention: Convention of the client; `UNKNOWN` if the responder must detect the convention.
+            remembered: Maximum number of replies to store.
+            largest_answer: Size in bytes of the largest reply that may be sent.
+            defects: Defects of DENSO's C server to imitate.
         """
         self.convention = self._given_convention = convention
         self._retries = expects_retries
@@ -173,7 +178,7 @@ class Responder:
         self._calls: deque[_Call] = deque(maxlen=1 if self._forgets_first else remembered)
         self._known_keys: set[int | bytes] = (
             set()
-        )  # serials and contents of all known calls, and of some others
+        )  # serials and contents of all known calls and of some forgotten calls
         self._known_keys_limit = 8 * remembered
         self._running: _Call | None = None
         self._has_received = False
@@ -183,7 +188,7 @@ class Responder:
         return self._running is not None
 
     def receive_request(self, frame: Frame) -> RequestDecision:
-        """Classify a request. After `NEW` the call is running until `answer_call` or `abandon_call`."""
+        """Classify a request. A call classified as `NEW` runs until `answer_call` or `abandon_call`."""
         heard, self._has_received = self._has_received, True
         content = frame.raw[9:]
         call = self._find_call(frame, content) if self._retries else None
@@ -206,7 +211,7 @@ class Responder:
         return RequestDecision(RequestKind.REPEAT, again)
 
     def answer_call(self, code: int, arguments: Sequence[Variant] = ()) -> bytes:
-        """End the running call, store its reply and return it, with the serial of the newest attempt.
+        """End the running call, store its reply, and return the reply with the serial of the newest attempt.
 
         Raises:
             TooLargeError: The reply is longer than `largest_answer`; the call is still running.
@@ -224,7 +229,7 @@ class Responder:
         return raw
 
     def abandon_call(self) -> None:
-        """End the running call without a reply; its retries get no reply either."""
+        """End the running call without a reply. Retries of the call get no reply either."""
         call = self._running
         assert call is not None, "no call is being executed"
         self._running = None
@@ -232,24 +237,27 @@ class Responder:
             self._calls.appendleft(call)
 
     def executing_notice(self) -> bytes:
-        """Return a notice for the running call (S_EXECUTING, no arguments): the client keeps waiting."""
+        """Return a notice (S_EXECUTING) for the running call, so that the client keeps waiting."""
         call = self._running
         assert call is not None, "no call is being executed"
         return encode_frame(call.newest, call.reserved if self._echoes_reserved else 0, S_EXECUTING)
 
     def reply_unremembered(self, frame: Frame, code: int, arguments: Sequence[Variant] = ()) -> bytes:
-        """Return a reply to `frame` that is not stored, such as a refusal while another call runs."""
+        """Return a reply that the responder does not store, such as a refusal while another call runs."""
         return encode_frame(frame.serial, frame.reserved if self._echoes_reserved else 0, code, arguments)
 
     def reset(self) -> None:
-        """Forget the client: the next request counts as a new client's. The running call gets no reply."""
+        """Forget the client, so that the next request is treated as the first of a new client.
+
+        The running call gets no reply.
+        """
         self._calls.clear()
         self._known_keys.clear()
         self._running = None
         self._has_received = False
 
     def _remember_keys(self, call: _Call) -> None:
-        """Remember serials and contents of a call; if the set is too large, drop those of forgotten calls."""
+        """Remember a call's serials and contents; if the set is too large, drop those of forgotten calls."""
         traces = self._known_keys
         if len(traces) > self._known_keys_limit:
             traces.clear()
@@ -266,10 +274,10 @@ class Responder:
         if frame.code == _SERVICE_START:
             self.convention = (
                 self._given_convention
-            )  # a program starts; another program may have used this port before
+            )  # The client program starts here; another program may have used this port before.
         if frame.reserved and self.convention is ReservedConvention.UNKNOWN:
             self._detect_convention(frame)
-        # Every request of every client takes this path: one set look-up instead of a scan of all calls.
+        # Two look-ups in a set decide for most requests; a scan of all calls would be slow.
         if frame.serial not in self._known_keys and content not in self._known_keys:
             return None
         return self._find_among_known(frame, content)
@@ -279,11 +287,11 @@ class Responder:
         return [self._running, *self._calls] if self._running else self._calls
 
     def _find_among_known(self, frame: Frame, content: bytes) -> _Call | None:
-        """Return the call of a request whose serial or contents are known; None for a new call."""
+        """Return the call to which a request with known serial or contents belongs; None for a new call."""
         calls = self._known_calls()
         serial, named = frame.serial, frame.reserved or frame.serial
         alike = [call for call in calls if serial in call.serials or call.content == content]
-        # The old client's serial may wrap through 0 during its retries; the next attempt then names 0.
+        # The serial of the old C client may wrap to 0 during its retries; the next attempt then names 0.
         after_zero = serial == 1 and frame.reserved == 0
         equal, is_known = [], False
         for call in alike:
@@ -295,24 +303,24 @@ class Responder:
             elif serial in serials:
                 is_known = True
         is_retry = frame.reserved not in (0, serial)
-        # A retry may carry a serial that an earlier program on the same port used.
+        # A retry may carry a serial that an earlier program on the same port also used.
         chained = self._find_in_chain(frame, calls, equal) if equal and (is_retry or not is_known) else None
         if chained is None and is_known:
             self._forget_earlier_program(serial)
         return chained
 
     def _forget_earlier_program(self, serial: int) -> None:
-        """Forget the calls of an earlier program, one of which had the serial that a different call has now.
+        """Forget the calls of an earlier program, one of which had the `serial` of a new, different call.
 
-        Calls that were executed after that one and have smaller serials belong to the present program. They
-        stay, because their attempts may still arrive again.
+        Calls that were executed later and have smaller serials belong to the present program. The responder
+        keeps these calls, because their retries may still arrive.
         """
         later = list(takewhile(lambda call: serial not in call.serials, self._calls))
         self._calls.clear()
         self._calls.extend(call for call in later if not _is_ahead(call.newest, serial))
 
     def _find_in_chain(self, frame: Frame, calls: Iterable[_Call], equal: list[_Call]) -> _Call | None:
-        """Return the call of a `CHAIN` retry whose preceding attempts were lost or come later; else None."""
+        """Return the call of a `CHAIN` retry whose earlier attempts were lost or overtaken; else None."""
         if self.convention not in _CHAIN_CONVENTIONS:
             return None
         serial, is_retry = frame.serial, frame.reserved not in (0, frame.serial)

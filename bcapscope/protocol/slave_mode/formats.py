@@ -31,21 +31,23 @@ _POSES: dict[int, tuple[PoseType, ...]] = {
 _DIGIT_BY_POSES = {poses: digit for digit, poses in _POSES.items()}
 _SEND_BITS = {"hand_io": HAND_IO_BIT, "mini_io": MINI_IO_BIT, "user_io": USER_IO_BIT}
 _RECEIVE_BITS = {"timestamp": TIMESTAMP_BIT, "current": CURRENT_BIT, **_SEND_BITS}
-"""Bits by the fields of a format."""
+"""Bit of each field of a format, by the field's name."""
 
 _UNDOCUMENTED_BIT = 0x400
-"""Bit of the send format 0x620 that public clients use; no public source documents its meaning."""
+"""Bit that public clients set in the send format 0x620; no public source documents its meaning."""
 
 
 @dataclass(frozen=True, slots=True)
 class SendFormat:
-    """What a set point carries besides the pose.
+    """What the parameter of slvMove holds besides the pose.
 
     Attributes:
-        hand_io: A word whose bit 0 is IO48; the controller writes IO64..IO71.
-        mini_io: A word whose bit 0 is IO0; the controller writes IO24..IO31, on some controllers from IO16.
-        user_io: A range of I/O bits that each slvMove selects.
-        other: Bits without a known meaning, kept unchanged.
+        hand_io: Whether the parameter holds the hand I/O word. Bit 0 of the word is IO48; the controller
+            writes IO64..IO71.
+        mini_io: Whether the parameter holds the mini I/O word. Bit 0 of the word is IO0; the controller
+            writes IO24..IO31, on some controllers IO16..IO31.
+        user_io: Whether the parameter holds a range of I/O bits to write, which each slvMove selects.
+        other: Bits of the format that have no known meaning.
     """
 
     hand_io: bool = False
@@ -69,26 +71,26 @@ class SendFormat:
 
 
 POSE_ONLY_FORMAT = SendFormat()
-"""The send format for a pose alone."""
+"""The send format of a set point that holds only a pose."""
 
 
 @dataclass(frozen=True, slots=True)
 class ReceiveFormat:
-    """What the reply to slvMove carries.
+    """What the result of slvMove holds.
 
     Attributes:
-        poses: Pose types in order; two poses arrive as one row of numbers.
-        timestamp: Time since the controller's start.
-        hand_io: A word whose bit 0 is IO48.
-        current: Motor current of each axis.
-        mini_io: A word whose bit 0 is IO0.
-        user_io: The range of I/O bits that slvMove requests.
-        other: Bits without a known meaning, and a pose digit above 5, kept unchanged.
-        microseconds: The timestamp is in µs, not in ms. This setting accompanies the format and is not part
-            of it.
+        poses: Types of the poses in order; two poses arrive in one number array.
+        timestamp: Whether the result holds the time since the controller's start.
+        hand_io: Whether the result holds the hand I/O word, whose bit 0 is IO48.
+        current: Whether the result holds the motor current of each axis.
+        mini_io: Whether the result holds the mini I/O word, whose bit 0 is IO0.
+        user_io: Whether the result holds the range of I/O bits that slvMove requested.
+        other: Bits of the format that have no known meaning, or a pose digit above 5.
+        microseconds: Whether the timestamp is in µs instead of ms. slvRecvFormat sets this unit by a second
+            number beside the format.
 
     Raises:
-        ValueError: No receive format returns these poses.
+        ValueError: No receive format returns the pose types in `poses`.
     """
 
     poses: tuple[PoseType, ...] = ()
@@ -116,13 +118,13 @@ class ReceiveFormat:
 
     @property
     def bare_pose_type(self) -> PoseType | None:
-        """Pose type if the format requests one pose alone, which arrives as a bare array; else None."""
+        """Pose type of a result that is only the array of one pose; None if the result holds more or less."""
         words = self.timestamp or self.hand_io or self.current or self.mini_io or self.user_io
         return self.poses[0] if len(self.poses) == 1 and not words else None
 
     @property
     def is_known(self) -> bool:
-        """Whether the driver knows this format: no other bits, and mini plus user I/O only in 0x340."""
+        """Whether the ROS driver knows this format: no unknown bits, and mini with user I/O only in 0x340."""
         both = self.mini_io and self.user_io
         return not self.other and (
             not both or int(self) & ~POSE_BITS == MINI_IO_BIT | USER_IO_BIT | CURRENT_BIT
@@ -130,7 +132,7 @@ class ReceiveFormat:
 
 
 def _split_flags(value: int, bits: dict[str, int]) -> tuple[dict[str, bool], int]:
-    """Return which of the named bits are set, and all other bits."""
+    """Return which of `bits` are set in `value`, and all other bits of `value`."""
     flags = {name: bool(value & bit) for name, bit in bits.items()}
     return flags, value & ~sum(bits.values())
 
@@ -140,11 +142,11 @@ def _join_flags(form: SendFormat | ReceiveFormat, bits: dict[str, int]) -> int:
 
 
 class FormatParameter(NamedTuple):
-    """The numbers in the parameter of slvSendFormat or slvRecvFormat.
+    """The decoded parameter of slvSendFormat or slvRecvFormat.
 
     Attributes:
-        value: The format.
-        microseconds: Whether the timestamp is in µs, from the second number.
+        value: Number of the format.
+        microseconds: Whether the second number of the parameter selects µs for the timestamp.
     """
 
     value: int
@@ -152,7 +154,7 @@ class FormatParameter(NamedTuple):
 
 
 def parse_format_parameter(parameter: Variant) -> FormatParameter | None:
-    """Decode a parameter: an integer, or an array of format and time unit; None for anything else."""
+    """Decode a parameter that is a format or an array of format and time unit; None for anything else."""
     value = parameter.value
     items = value if isinstance(value, tuple) else (value,)
     plain = [item.value if isinstance(item, Variant) else item for item in items[:2]]

@@ -1,8 +1,8 @@
 """Slave modes: the meaning of slvChangeMode's number, which depends on the controller's generation.
 
-0x001 is Sync on RC7 and mode 0 on RC8, which behave differently. Sources: DENSO Wave 2009, How to use the
-Slave mode (RC7); documentation of ShoheiKobata/orin_bcap_python_samples (table of slave modes) and
-DENSORobot/denso_robot_ros2 denso_robot_core (RC8 and later).
+The number 0x001 selects Sync on RC7 and mode 0 on RC8, which behave differently. Sources: DENSO Wave 2009,
+How to use the Slave mode (RC7); documentation of ShoheiKobata/orin_bcap_python_samples (table of slave modes)
+and DENSORobot/denso_robot_ros2 denso_robot_core (RC8 and later).
 """
 
 from __future__ import annotations
@@ -13,7 +13,8 @@ from enum import StrEnum
 from bcapscope.messages import Message
 
 PERIOD_MS = 8
-"""Cycle time of the controller, ms: it consumes one set point per cycle. The only place that says so."""
+"""Cycle time of the controller, ms. In slave mode, the controller consumes one set point per cycle. All other
+modules derive their times from this constant."""
 
 PERIOD_NS = PERIOD_MS * 1_000_000
 
@@ -21,7 +22,7 @@ POSE_MASK, KIND_MASK = 0x000F, 0x0F00
 
 
 class Generation(StrEnum):
-    """Controllers for which a mode number has the same meaning."""
+    """Controllers on which slave-mode numbers have the same meaning."""
 
     RC7 = "RC7"
     RC8 = "RC8"
@@ -29,7 +30,7 @@ class Generation(StrEnum):
 
 
 class PoseType(StrEnum):
-    """Kind of coordinates in a set point."""
+    """Kind of coordinates that a set point holds."""
 
     P = "P"
     """Position with rotations."""
@@ -40,7 +41,7 @@ class PoseType(StrEnum):
 
 
 class ModeKind(StrEnum):
-    """How the controller buffers and answers slvMove."""
+    """How the controller buffers set points and when it replies to slvMove."""
 
     OFF = "off"
     SYNC = "Sync"
@@ -52,22 +53,22 @@ class ModeKind(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class SlaveMode:
-    """A slave mode of one generation.
+    """A slave mode of one generation of controllers.
 
     Attributes:
-        value: Number of the mode, 0x000..0x203.
-        generation: Generation of controllers to which this meaning applies.
-        pose_type: Pose type of its set points; None for off.
-        kind: How slvMove behaves.
+        value: Number of the mode in slvChangeMode, 0x000..0x203.
+        generation: Generation of controllers on which the number has this meaning.
+        pose_type: Pose type of the set points in this mode; None for off.
+        kind: How the controller buffers set points and when it replies to slvMove.
         buffer_slots: Number of set points that the controller buffers.
-        overwrites_waiting: A new set point replaces the waiting one.
-        paces_client: The reply to slvMove waits for room in the buffer and thereby paces the client.
-        underflow_is_error: A missing set point during motion ends slave mode; None if a setting on the
-            pendant
-        decides.
-        overflow_is_error: The controller refuses an excess set point with 83201483, after the warning
+        overwrites_waiting: Whether a new set point replaces the set point that waits in the buffer.
+        paces_client: Whether the controller replies to slvMove only when the buffer has room, which paces the
+            client.
+        underflow_is_error: Whether a missing set point during motion ends slave mode; None if a setting on
+            the pendant decides.
+        overflow_is_error: Whether the controller refuses an excess set point with 83201483, after the warning
             S_BUF_FULL.
-        text: Description for people.
+        text: Description of the mode in English.
     """
 
     value: int
@@ -134,7 +135,8 @@ _BEHAVIOURS: dict[ModeKind, tuple[int, bool, bool, bool | None, bool, str]] = {
         "slvMove is answered when its buffer of 3 has room; running empty while moving is an error",
     ),
 }
-"""The fields of `SlaveMode` from `buffer_slots` on, and what the controller does, as text."""
+"""For each kind of mode: the fields of `SlaveMode` from `buffer_slots` to `overflow_is_error`, and a
+description."""
 
 _KINDS: dict[Generation, dict[int, ModeKind]] = {
     Generation.RC7: {0x000: ModeKind.SYNC, 0x100: ModeKind.ASYNC},
@@ -144,7 +146,7 @@ _POSE_TYPES = {1: PoseType.P, 2: PoseType.J, 3: PoseType.T}
 
 
 def describe_mode(mode: SlaveMode) -> Message:
-    """Return the pose type of a mode and how the controller treats slvMove in it."""
+    """Describe a mode: its pose type, and how the controller treats slvMove in this mode."""
     behaviour = Message.from_table(f"slave-mode.{mode.kind.name.lower()}", _BEHAVIOURS[mode.kind][-1])
     if mode.pose_type is None:
         return behaviour
@@ -175,10 +177,10 @@ MODES: tuple[SlaveMode, ...] = tuple(_MODES.values())
 
 
 def slave_mode_by_number(value: int, generation: Generation = Generation.RC8) -> SlaveMode | None:
-    """Return the mode with this number on controllers of this generation; None if there is none."""
+    """Return the mode with this number on controllers of this generation; None if the number is unknown."""
     return _MODES.get((generation, value))
 
 
 def pose_type_of_mode(value: int) -> PoseType | None:
-    """Return the pose type in a mode's low digit, the same in all generations; None for 0 and bad modes."""
+    """Return the pose type in the low digit of a mode number; None for 0 and invalid mode numbers."""
     return _POSE_TYPES.get(value & POSE_MASK) if value & ~(POSE_MASK | KIND_MASK) == 0 else None

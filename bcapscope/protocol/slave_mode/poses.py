@@ -15,15 +15,18 @@ from bcapscope.protocol.codec.variant import ARRAY, VT, Variant
 from bcapscope.protocol.slave_mode.modes import PoseType
 
 USED_AXES_FLAG = 0x400000
-"""The ROS driver appends this number to a pose, or-ed with a bit for each axis in use; its purpose is not
-known."""
+"""Number that the ROS driver appends to a pose, or-ed with a bit for each axis in use. The purpose of this
+mark is not known."""
 
 FLOAT_ARRAYS = frozenset((int(ARRAY | VT.R8), int(ARRAY | VT.R4)))
-"""VARIANT types of a bare pose."""
+"""VARIANT types of a pose that is an array of numbers."""
 
 
 class Axis(NamedTuple):
-    """Name and unit of one number of a pose; the unit is `mm`, `deg`, or empty (Fig, direction cosines)."""
+    """Name and unit of one number of a pose.
+
+    The unit is `mm`, `deg`, or empty, as for Fig and direction cosines.
+    """
 
     name: str
     unit: str
@@ -43,17 +46,17 @@ AXES: Mapping[PoseType, tuple[Axis, ...]] = MappingProxyType(
 """Axes of each pose type, in order. A linear axis of a J pose is in mm, depending on the robot type."""
 
 SHORTEST_POSE: Mapping[PoseType, int] = MappingProxyType({PoseType.P: 6, PoseType.J: 6, PoseType.T: 10})
-"""Smallest number of values of each pose type: Fig may be missing, and RC7 accepts six joints."""
+"""Minimum number of values in a pose of each type: Fig may be missing, and RC7 accepts six joints."""
 
 
 class Pose(NamedTuple):
     """A pose.
 
     Attributes:
-        type: P, J or T; None if the numbers fit none of them.
+        type: P, J or T; None if the number of values fits no pose type.
         values: One number per axis of `axes`, in order.
-        extra: Numbers after the last axis; the ROS driver appends one.
-        guessed: Whether the type was derived from the count of numbers.
+        extra: Numbers after those of the axes; the ROS driver appends one such number.
+        guessed: Whether the pose type is a guess from the number of values.
     """
 
     type: PoseType | None
@@ -63,12 +66,12 @@ class Pose(NamedTuple):
 
     @property
     def axes(self) -> tuple[Axis, ...]:
-        """Axes of `values`; () if the type is not known."""
+        """Axes to which the `values` belong, in order; () if the pose type is not known."""
         return AXES[self.type][: len(self.values)] if self.type else ()
 
     @property
     def used_axes(self) -> int | None:
-        """Bits of the axes that the ROS driver marks as used, bit 0 for J1; None without its mark."""
+        """Bits of the axes that the ROS driver marks as used, bit 0 for J1; None for a pose without mark."""
         return (
             int(self.extra[0]) & 0xFF if len(self.extra) == 1 and is_used_axes_mark(self.extra[0]) else None
         )
@@ -80,9 +83,10 @@ def is_used_axes_mark(number: float) -> bool:
 
 
 def pose_numbers(variant: Variant) -> tuple[float, ...] | None:
-    """Return the numbers of a numeric array, or of a VARIANT array of plain numbers, as mixed lists become.
+    """Return the numbers of a number array, or of a VARIANT array that holds only numbers.
 
-    None for everything else, including bytes and booleans.
+    Clients send such VARIANT arrays for lists of integers and floats. Returns None for any other value,
+    including bytes and booleans.
     """
     value = variant.value
     if not isinstance(value, tuple):
@@ -96,7 +100,7 @@ def pose_numbers(variant: Variant) -> tuple[float, ...] | None:
 
 
 def guess_pose_type(values: tuple[float, ...]) -> PoseType | None:
-    """Guess the pose type from the count of numbers and from a ROS driver's mark at the end."""
+    """Guess the pose type from the number of values and from the ROS driver's mark at the end."""
     count = len(values)
     if count and is_used_axes_mark(values[-1]):
         return {8: PoseType.P, 9: PoseType.J, 11: PoseType.T}.get(count)
@@ -104,7 +108,10 @@ def guess_pose_type(values: tuple[float, ...]) -> PoseType | None:
 
 
 def build_pose(values: tuple[float, ...], pose_type: PoseType | None) -> tuple[Pose, tuple[Message, ...]]:
-    """Return a pose of the numbers, and its problems. Without `pose_type`, the count of numbers decides."""
+    """Return a pose with these values, and its problems.
+
+    Without `pose_type`, guess the pose type from the number of values.
+    """
     type_ = pose_type or guess_pose_type(values)
     guessed = pose_type is None
     if type_ is None:

@@ -1,9 +1,9 @@
 """Decoding of slvMove's parameter and result: set points, and the feedback of the robot.
 
-The order of the parts is that of DENSORobot/denso_robot_ros2 denso_robot_core/src/denso_robot.cpp. A bare
-pose is that of DENSO Wave 2009, How to use the Slave mode. Formats sent earlier determine which parts are
-present. If a capture begins after them, the decoder chooses the most likely arrangement and marks it as
-guessed.
+Sources: DENSO Wave 2009, How to use the Slave mode, for a value that is only a pose;
+DENSORobot/denso_robot_ros2 denso_robot_core/src/denso_robot.cpp for the order of parts. The client selects
+the parts with slvSendFormat and slvRecvFormat. If a capture begins after these calls, the decoder chooses the
+most likely arrangement of parts and marks the result as guessed.
 """
 
 from __future__ import annotations
@@ -19,30 +19,30 @@ from bcapscope.protocol.slave_mode.formats import POSE_ONLY_FORMAT, ReceiveForma
 from bcapscope.protocol.slave_mode.modes import PoseType
 from bcapscope.protocol.slave_mode.poses import AXES, FLOAT_ARRAYS, Pose, build_pose, pose_numbers
 
-# Kinds of parts, which distinguish the arrangements.
+# Kinds of parts in slvMove's parameter and result. The kinds of all parts suggest the arrangement.
 _ROW, _WORD, _DATA, _OTHER, _END = "numbers", "integer", "bytes", "other", "end"
 
 _Arrangement: TypeAlias = "tuple[tuple[str, str], ...]"  # name and kind of each part
 
-# Rows of two poses, which the receive formats 4 and 5 request, by their length.
+# Types of the two poses that receive formats 4 and 5 request, by the number of values.
 _POSE_PAIRS = {15: (PoseType.P, PoseType.J), 18: (PoseType.T, PoseType.J)}
 
 _SIZES = {pose_type: len(axes) for pose_type, axes in AXES.items()}
 
 _POSE_ONLY = (
     POSE_ONLY_FORMAT,
-)  # `in` finds the identical object at once, whereas == compares field by field
+)  # a tuple, since `in` first compares identities, which is faster than == of dataclasses
 
-_MAX_PARTS = 8  # no arrangement has this many
+_MAX_PARTS = 8  # more parts than any arrangement has
 
 
 class UserIO(NamedTuple):
-    """A range of I/O bits.
+    """A range of I/O bits that slvMove reads or writes.
 
     Attributes:
-        offset: Number of the first bit; at least 128, a multiple of 8.
-        size: Number of bits.
-        data: Bytes to write; None if the range is only to be read.
+        offset: Number of the first I/O bit; at least 128 and a multiple of 8.
+        size: Number of I/O bits in the range.
+        data: Bytes to write to the range; None for a range to read.
     """
 
     offset: int
@@ -54,13 +54,13 @@ class SetPoint(NamedTuple):
     """The decoded parameter of slvMove.
 
     Attributes:
-        pose: Target pose; None if the parameter holds none.
-        mini_io: Word to write; bit 0 is IO0.
-        user_write: Bits to write.
-        user_read: Bits to return in the reply.
-        hand_io: Word to write; bit 0 is IO48.
-        guessed: Whether pose type or arrangement were derived from the parts alone.
-        problems: Deviations.
+        pose: Target pose; None if the parameter holds no pose.
+        mini_io: Word that the controller writes to the mini I/O; bit 0 is IO0.
+        user_write: I/O bits that the controller writes.
+        user_read: I/O bits that the controller returns in the reply.
+        hand_io: Word that the controller writes to the hand I/O; bit 0 is IO48.
+        guessed: Whether the pose type or the arrangement of parts is a guess.
+        problems: Deviations from the expected form of the parameter.
     """
 
     pose: Pose | None = None
@@ -78,13 +78,13 @@ class Feedback(NamedTuple):
     Attributes:
         timestamp: Time since the controller's start, ms or µs; wraps as a signed 32-bit number.
         microseconds: Whether `timestamp` is in µs.
-        poses: The current pose, or two of them in the requested order.
-        mini_io: Word; bit 0 is IO0.
-        user_io: The requested bits.
-        hand_io: Word; bit 0 is IO48.
+        poses: The current pose, or two current poses of the requested types.
+        mini_io: Word read from the mini I/O; bit 0 is IO0.
+        user_io: I/O bits that slvMove requested.
+        hand_io: Word read from the hand I/O; bit 0 is IO48.
         current: Motor current of each axis.
-        guessed: Whether pose type or arrangement were derived from the parts alone.
-        problems: Deviations.
+        guessed: Whether the pose type or the arrangement of parts is a guess.
+        problems: Deviations from the expected form of the result.
     """
 
     timestamp: int | None = None
@@ -104,10 +104,10 @@ def parse_set_point(
     send: SendFormat | None = None,
     receive: ReceiveFormat | None = None,
 ) -> SetPoint:
-    """Decode slvMove's parameter. An unexpected form gives the parts that fit, and a list of problems.
+    """Decode slvMove's parameter. For an unexpected form, return the parts that fit, and a list of problems.
 
-    Pose type and formats are those of slvChangeMode, slvSendFormat and slvRecvFormat; None for each that was
-    not captured.
+    `pose_type`, `send` and `receive` are the settings of slvChangeMode, slvSendFormat and slvRecvFormat, each
+    None if its call was not captured.
     """
     bare = _bare_pose(parameter, pose_type)
     if bare and (send is None or send in _POSE_ONLY) and not (receive and receive.user_io):
@@ -132,10 +132,10 @@ def parse_set_point(
 def parse_feedback(
     result: Variant, pose_type: PoseType | None = None, receive: ReceiveFormat | None = None
 ) -> Feedback:
-    """Decode slvMove's result. An unexpected form gives the parts that fit, and a list of problems.
+    """Decode slvMove's result. For an unexpected form, return the parts that fit, and a list of problems.
 
-    EMPTY gives an empty result without a problem. `pose_type`, that of the slave mode, serves for a bare pose
-    of unknown format.
+    A result of EMPTY is valid and gives an empty `Feedback`. If the receive format is unknown, an array of
+    numbers is decoded as a pose of the slave mode's `pose_type`.
     """
     microseconds = receive is not None and receive.microseconds
     if result.value is None:
@@ -161,7 +161,7 @@ def parse_feedback(
 
 
 def _bare_pose(variant: Variant, pose_type: PoseType | None) -> Pose | None:
-    """Fast path for the common case: return the pose of a float array of exactly the right length."""
+    """Return the pose in a float array of exactly the right length, the most frequent form; else None."""
     if pose_type is None or variant.vt not in FLOAT_ARRAYS:
         return None
     row = variant.value
@@ -171,7 +171,10 @@ def _bare_pose(variant: Variant, pose_type: PoseType | None) -> Pose | None:
 
 
 def _parts_of(variant: Variant) -> tuple[Variant, ...]:
-    """Return the elements of a VARIANT array; a row of numbers, or any other value, is one part."""
+    """Return the elements of a VARIANT array.
+
+    Any other value, and a VARIANT array that is a pose, is one part.
+    """
     value = variant.value
     if not isinstance(value, tuple) or not value or not isinstance(value[0], Variant):
         return (variant,)
@@ -198,7 +201,7 @@ def _kinds_of_parts(parts: tuple[Variant, ...]) -> tuple[str, ...]:
 def _matching_arrangements(
     layouts: Iterable[_Arrangement], kinds: tuple[str, ...]
 ) -> tuple[_Arrangement, ...]:
-    """Return the arrangements that match these kinds of parts; the first one if none matches."""
+    """Return the arrangements of parts that match `kinds`; the first arrangement if none matches."""
     listed = tuple(layouts)
     agreeing = tuple(layout for layout in listed if tuple(kind for _, kind in layout) == kinds)
     return agreeing or listed[:1]
@@ -208,7 +211,7 @@ def _matching_arrangements(
 def _set_point_arrangements(
     send: SendFormat | None, receive: ReceiveFormat | None, kinds: tuple[str, ...]
 ) -> tuple[_Arrangement, ...]:
-    """Return the possible arrangements of a set point, the most likely first; never empty."""
+    """Return the possible arrangements of parts in a set point, the most likely first; never empty."""
     sends = [send] if send else [SendFormat.parse(value) for value in (0, 0x20, 0x100, 0x120, 0x200, 0x220)]
     user_reads = (False, True) if receive is None else (receive.user_io,)
     return _matching_arrangements(
@@ -230,7 +233,7 @@ def _set_point_parts(form: SendFormat, user_read: bool) -> Iterator[tuple[str, s
 
 @lru_cache(maxsize=256)
 def _feedback_arrangements(receive: ReceiveFormat | None, kinds: tuple[str, ...]) -> tuple[_Arrangement, ...]:
-    """Return the possible arrangements of a result, the most likely first; never empty."""
+    """Return the possible arrangements of parts in a result, the most likely first; never empty."""
     if receive is not None:
         return _matching_arrangements([tuple(_feedback_parts(receive))], kinds)
     bits = product((0x002,), (0, 0x010), (0, 0x020, 0x100, 0x120, 0x200, 0x220), (0, 0x040))
@@ -255,7 +258,7 @@ def _feedback_parts(form: ReceiveFormat) -> Iterator[tuple[str, str]]:
 
 
 def _name_parts(layout: _Arrangement, parts: tuple[Variant, ...]) -> tuple[dict[str, Variant], list[Message]]:
-    """Assign names to parts in order, and report missing names and surplus parts."""
+    """Assign the names of an arrangement to parts in order, and report missing and surplus parts."""
     named: dict[str, Variant] = {}
     problems: list[Message] = []
     for name, kind in layout:
@@ -278,7 +281,7 @@ def _name_parts(layout: _Arrangement, parts: tuple[Variant, ...]) -> tuple[dict[
 
 
 def _is_plausible(layout: _Arrangement, parts: tuple[Variant, ...]) -> bool:
-    """Check a guess against the rules of user I/O, and a lone word against the bits of hand I/O."""
+    """Return whether the user I/O of a guessed arrangement is valid and a lone word can be hand I/O."""
     named, problems = _name_parts(layout, parts)
     if not all(_is_valid_user_io(run) for run in (_user_io(named, "write"), _user_io(named, "read")) if run):
         return False
@@ -288,7 +291,10 @@ def _is_plausible(layout: _Arrangement, parts: tuple[Variant, ...]) -> bool:
 
 
 def _is_valid_user_io(run: UserIO) -> bool:
-    """Check the rules of user I/O; a number above 16 bits is more likely a word than an offset."""
+    """Return whether a range obeys the rules of user I/O.
+
+    A number above 16 bits is unlikely to be an offset.
+    """
     return (
         128 <= run.offset <= 0xFFFF and run.offset % 8 == 0 and 0 < run.size <= 0xFFFF and run.size % 8 == 0
     )
@@ -320,7 +326,7 @@ def _pose_of_part(
 def _poses_of_part(
     part: Variant | None, pose_type: PoseType | None, receive: ReceiveFormat | None
 ) -> tuple[tuple[Pose, ...], tuple[Message, ...]]:
-    """Decode a result's row of numbers, which holds one or two poses."""
+    """Decode the number array of a result, which holds one or two poses."""
     if part is None:
         return (), ()
     row = _number_part(part)
@@ -333,7 +339,8 @@ def _poses_of_part(
             first._replace(guessed=receive is None),
             second._replace(guessed=receive is None),
         ), problems + more
-    # Without a format, use the mode's type if the count matches: the default format is documented nowhere.
+    # If the format is unknown, use the pose type of the slave mode if the number of values matches. No source
+    # documents the default format.
     agrees = pose_type is not None and len(row) == len(AXES[pose_type])
     known = types[0] if types else (pose_type if agrees else None)
     pose, problems = build_pose(row, known)

@@ -1,1 +1,1 @@
-"""What b-CAP defines and DENSO documents: functions, commands, result codes, variables, enumerations."""
+"""Tables of what b-CAP defines and DENSO documents: functions, commands, result codes, variables."""

@@ -9,9 +9,9 @@ _RESULT_TYPES = {ResultKind.HANDLE: "VT_I4", ResultKind.I4: "VT_I4", ResultKind.
 
 
 def request_param(function_id: int | None, index: int) -> Param:
-    """Return name and type of argument `index` (from 0) of a request.
+    """Return the name and type of a request's argument, by its index from 0.
 
-    An argument that the function does not have is named by its number from 1, such as `arg4`.
+    A surplus argument is named by its number from 1, such as `arg4`.
     """
     function = FUNCTIONS.get(function_id) if function_id is not None else None
     if function is not None and index < len(function.params):
@@ -20,7 +20,7 @@ def request_param(function_id: int | None, index: int) -> Param:
 
 
 def result_param(function_id: int | None, index: int) -> Param:
-    """Return name and type of argument `index` (from 0) of the reply to a request of `function_id`."""
+    """Return the name and type of an argument in the reply to a function, by its index from 0."""
     function = FUNCTIONS.get(function_id) if function_id is not None else None
     if index:
         return Param(f"arg{index + 1}", _ANY)

@@ -1,7 +1,7 @@
 """The strongest effect of a call: read, use the session, change a state, energise the robot, or move it.
 
-The assignment follows the meaning of each function in orin_bcap C/include/bcap_funcid.h and of each command
-in `command_table`. Everything that could start a motion counts as moving, and so does everything unknown.
+The effects follow from the meaning of each function in orin_bcap C/include/bcap_funcid.h and of each command
+in `command_table`. Calls that could start a motion, and unknown calls, have the effect `MOVES`.
 """
 
 from __future__ import annotations
@@ -13,20 +13,19 @@ from bcapscope.protocol.tables.function_table import FUNCTIONS
 
 
 class CallEffect(IntEnum):
-    """The strongest effect of a call, in rising order: `max` of two effects is the more cautious one."""
+    """Strongest effect that a call can have on the robot, from weakest to strongest."""
 
     READS = 0
-    """Only reads."""
+    """Only reads data from the controller."""
     SESSION = 1
     """Opens or closes the client's own session or handles; nothing changes on the robot."""
     CHANGES = 2
     """Changes a state, a value or a setting of the controller."""
     ENERGISES = 3
-    """Powers the motors, permits motion, or makes running programs faster, as ExtSpeed does.
-
-    Robot_Speed has a weaker effect: it only sets the speed of the client's own motions."""
+    """Powers the motors, permits motion, or makes running programs faster, as ExtSpeed does. The weaker
+    effect `CHANGES` is that of Robot_Speed, which only sets the speed of the client's own motions."""
     MOVES = 4
-    """Sets the robot, a hand or a program in motion, or may do so."""
+    """Moves the robot or a hand, or starts a program, or may do so."""
 
 
 # Programs, hands and stored commands can cause any motion. Writing a variable can start a task (@START) or
@@ -63,7 +62,7 @@ def _effect_of_function(function_id: int) -> CallEffect:
 FUNCTION_EFFECTS = MappingProxyType(
     {function_id: _effect_of_function(function_id) for function_id in FUNCTIONS}
 )
-"""Effect of each function for any arguments; `guard` evaluates the arguments too."""
+"""Strongest effect of each function with any arguments. `guard` derives the effect from the arguments."""
 
 
 def function_effect(function_id: int) -> CallEffect:

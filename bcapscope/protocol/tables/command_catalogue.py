@@ -1,7 +1,7 @@
-"""The catalogue of commands: what bstrCommand of an ..._Execute call may hold.
+"""The catalogue of commands: the names that bstrCommand of an ..._Execute call may hold.
 
-Controllers compare command names without regard to case, and so does the look-up here. The slides of DENSO
-Wave 2009, How to use the Slave mode, themselves send both `SLVMOVE` and `slvMove`.
+Controllers ignore the case of command names, and so does this catalogue. The slides of DENSO Wave 2009, How
+to use the Slave mode, themselves send both `SLVMOVE` and `slvMove`.
 """
 
 from __future__ import annotations
@@ -20,19 +20,19 @@ _POSE = "BSTR R8[] R4[] V[]"
 
 @dataclass(frozen=True, slots=True)
 class CommandSpec:
-    """One command.
+    """A command of an ..._Execute function.
 
     Attributes:
-        function_id: The ..._Execute function that accepts it: 17, 28, 64 or 87.
-        name: Name as spelled in the vendor's samples.
+        function_id: Id of the ..._Execute function that takes the command: 17, 28, 64 or 87.
+        name: Name of the command as spelled in the vendor's samples.
         parameter_types: Accepted types of vntParam, such as `VT_I4|VT_ARRAY`.
-        elements: Meaning of the parameter or of its elements, in order; else empty.
+        elements: Meaning of the parameter or of its elements in order; empty if unknown.
         result_types: Types of the result; `none` for a reply without argument; () if unknown.
-        returns: Meaning of the result; else empty.
+        returns: Meaning of the result; empty if unknown.
         text: What the command does, one clause.
         effect: Strongest effect that the command can have.
-        in_slave_mode: Whether the controller accepts it in slave mode; None if no source says.
-        controllers: Controllers, providers or objects that have it, if known; else empty.
+        in_slave_mode: Whether the controller accepts the command in slave mode; None if no source says.
+        controllers: Controllers, providers or objects that have the command; empty if unknown.
         source: Source in which the command was found.
     """
 
@@ -50,23 +50,23 @@ class CommandSpec:
 
 
 def find_command(function_id: int, name: str) -> CommandSpec | None:
-    """Return a command by its ..._Execute function and its name in any case; None if unknown."""
+    """Return a command by its ..._Execute function and its name, ignoring case; None if unknown."""
     return _BY_KEY.get((function_id, name.casefold()))
 
 
 def commands_of(function_id: int) -> tuple[CommandSpec, ...]:
-    """Return the known commands of a function; () for a function that takes none."""
+    """Return the known commands of a function; () for a function that takes no command."""
     return _BY_FUNCTION.get(function_id, ())
 
 
 def call_name(function_id: int, arguments: Sequence[Variant]) -> str:
-    """Return the name of a call for people: `Robot_Execute slvMove`."""
+    """Return the name of a call for people: function and command, such as `Robot_Execute slvMove`."""
     name = command_name(function_id, arguments)
     return function_name(function_id) + (f" {name}" if name else "")
 
 
 def command_name(function_id: int, arguments: Sequence[Variant]) -> str:
-    """Return the command of a call as the client spelled it; "" if it carries none."""
+    """Return the command of a call as the client spelled the name; "" for a call without command."""
     function = FUNCTIONS.get(function_id)
     for param, argument in zip(function.params if function else (), arguments, strict=False):
         if param.name == "bstrCommand" and isinstance(argument.value, str):

@@ -18,11 +18,11 @@ COBOTTA_ROS = "DENSORobot/denso_cobotta_ros"
 BRIDGES = "public ROS bridges of COBOTTA"
 
 COBOTTA, COBOTTA_PRO = "COBOTTA", "COBOTTA PRO"
-"""Controllers that a row may name."""
+"""Controllers that a row of the command tables may name."""
 
 
 class CommandRow(NamedTuple):
-    """One command, or several commands that share one description.
+    """A row of the command tables: one command, or several commands with a common description.
 
     Attributes:
         effect: Strongest effect that the command can have.
@@ -30,10 +30,10 @@ class CommandRow(NamedTuple):
             `TakeArmState: I4 -> I4`.
         text: What the command does, one clause.
         source: Source in which the command was found.
-        elements: Meaning of the elements of the parameter, in order; else empty.
-        returns: Meaning of the result; else empty.
+        elements: Meaning of the elements of the parameter in order; empty if unknown.
+        returns: Meaning of the result; empty if unknown.
         in_slave_mode: Whether the controller accepts the command in slave mode; None if no source says.
-        controllers: Controllers that have the command, if known; else empty.
+        controllers: Controllers that have the command; empty if unknown.
     """
 
     effect: CallEffect

@@ -1,9 +1,9 @@
 """Commands of Robot_Execute, Controller_Execute, Task_Execute and Extension_Execute in public sources.
 
-Data only; `command_catalogue` reads it. No paper lists them all, so each row names its source. Types have
+Data only; `command_catalogue` reads it. No paper lists all commands, so each row names its source. Types have
 short names: `I4`, `I4[]` for an array, `V[]` for an array of VARIANT, `-` for EMPTY, `none` for no argument
-at all, `pose` for any notation of a position. A result with `~` has a type that the source does not print; it
-is inferred from the meaning.
+at all, `pose` for any notation of a position. A `~` after a result type marks a type that the source does not
+print and bcapscope infers from the meaning.
 """
 
 from __future__ import annotations
@@ -29,7 +29,8 @@ from bcapscope.protocol.tables.device_command_table import (
     GRIPPER_COMMANDS,
 )
 
-# The comments of `DRIVER` list what must not be called in slave mode, including GetCurErrorCount.
+# The comments in the source `DRIVER` list the commands that a client must not call in slave mode, such as
+# GetCurErrorCount.
 
 CONTROLLER_EXECUTE, EXTENSION_EXECUTE, ROBOT_EXECUTE, TASK_EXECUTE = 17, 28, 64, 87
 

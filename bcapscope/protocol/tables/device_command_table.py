@@ -1,4 +1,4 @@
-"""Commands of hands and of extension objects; data only, as in `command_table`."""
+"""Commands of hands and of extension objects, in the form of `command_table`."""
 
 from __future__ import annotations
 

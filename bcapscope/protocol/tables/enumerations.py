@@ -12,10 +12,12 @@ INTERPOLATIONS: Mapping[int, str] = {1: "P (PTP)", 2: "L (linear)", 3: "C (circu
 """lComp of Robot_Move."""
 
 POSE_TYPES: Mapping[int, str] = {-1: "none", 0: "P", 1: "T", 2: "J", 3: "V"}
-"""Second element of a pose that is a VARIANT array; the controller also accepts the letters as text."""
+"""Pose type, the second element of a pose that is a VARIANT array. Controllers also accept the letter as
+text."""
 
 PASS_MOTIONS: Mapping[int, str] = {0: "@0", -1: "@P", -2: "@E"}
-"""Third element of a pose that is a VARIANT array. Any other number n means @n; the text is accepted as well.
+"""Pass motion, the third element of a pose that is a VARIANT array. Any other number n means @n. Controllers
+also accept the text.
 """
 
 TASK_START_MODES: Mapping[int, str] = {1: "one cycle", 2: "continuous", 3: "step"}
@@ -31,7 +33,7 @@ AUTO_MODES: Mapping[int, str] = {1: "internal automatic", 2: "external automatic
 """Parameter of PutAutoMode and result of GetAutoMode (RC7)."""
 
 SPEED_AXES: Mapping[int, str] = {-1: "tool tip"}
-"""lAxis of Robot_Speed and Robot_Accelerate; all other numbers are axis numbers."""
+"""Meaning of lAxis in Robot_Speed and Robot_Accelerate; all other numbers are axis numbers."""
 
 SYS_STATE_BITS: Mapping[int, str] = {
     0: "program running",
@@ -55,7 +57,7 @@ SYS_STATE_BITS: Mapping[int, str] = {
     21: "moving (encoder)",
     24: "command done",
 }
-"""Bits of the result of SysState; the others are reserved."""
+"""Bits of the result of the command SysState; all other bits are reserved."""
 
 OBJECT_OPTIONS: Mapping[str, str] = {
     "@IfNotMember": "use the object that exists when the name is taken",
@@ -67,7 +69,7 @@ OBJECT_OPTIONS: Mapping[str, str] = {
     "Server": "address of a camera",
 }
 """Keys in bstrOption of Service_Start, Controller_Connect and the ..._Get... functions. WDT and InvokeTimeout
-are at least 80."""
+must be at least 80 ms."""
 
 MOVE_OPTIONS: Mapping[str, str] = {
     "SPEED": "speed in percent",
@@ -91,12 +93,15 @@ PROVIDERS: Mapping[str, str] = {
 
 
 def sys_state_texts(value: int) -> tuple[str, ...]:
-    """Return the names of the bits set in a result of SysState, lowest first; reserved bits as `bit 9`."""
+    """Return the meanings of the bits set in a result of SysState, lowest bit first.
+
+    A reserved bit is named by its number, such as `bit 9`.
+    """
     return tuple(SYS_STATE_BITS.get(bit, f"bit {bit}") for bit in range(32) if value >> bit & 1)
 
 
 def result_meanings(function_id: int, command: str, value: int) -> tuple[str, ...]:
-    """Return the meanings of a number that a command returned; () for a plain number."""
+    """Return the meanings of a number that a command returned; () for a number without special meaning."""
     key = function_id, command.casefold()
     if key == (_CONTROLLER_EXECUTE, "sysstate"):
         return sys_state_texts(value)

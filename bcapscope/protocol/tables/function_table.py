@@ -2,8 +2,8 @@
 
 Ids and the order of arguments are the same in all of DENSO's client libraries (orin_bcap
 C/include/bcap_funcid.h and the C#, Java and Python clients). Argument names and types are those of the C
-client's prototypes (orin_bcap C/src/bCAPClient/bcap_client.c). Which functions create and release handles is
-listed in orin_bcap C/include/bCAPServer/bcap_mapid.h.
+client's prototypes (orin_bcap C/src/bCAPClient/bcap_client.c). The functions that create and release handles
+are those of orin_bcap C/include/bCAPServer/bcap_mapid.h.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 
 class ObjectClass(StrEnum):
-    """Class of the object that a handle stands for, and to which a function belongs."""
+    """Class of the object that a handle refers to. Every function belongs to one class."""
 
     SERVICE = "Service"
     CONTROLLER = "Controller"
@@ -30,15 +30,15 @@ class ObjectClass(StrEnum):
 
 
 class ResultKind(StrEnum):
-    """The result in the only argument of a successful reply."""
+    """Kind of result that a successful reply carries in its only argument."""
 
     NONE = "none"
     HANDLE = "handle"
-    """VT_I4, valid until the object is released."""
+    """A handle (VT_I4), valid until the client releases the object."""
     I4 = "I4"
     BSTR = "BSTR"
     VARIANT = "VARIANT"
-    """Any type, depending on the command or the variable."""
+    """A VARIANT whose type depends on the command or the variable."""
     NAMES = "names"
     """A VARIANT with an array of names."""
     DATE = "DATE"
@@ -46,10 +46,10 @@ class ResultKind(StrEnum):
 
 
 class Param(NamedTuple):
-    """One argument of a request.
+    """Name and type of an argument of a request.
 
     Attributes:
-        name: The vendor's name, such as `hRobot` or `bstrCommand`.
+        name: The vendor's name of the argument, such as `hRobot` or `bstrCommand`.
         type: `VT_I4`, `VT_R4` or `VT_BSTR`; `VARIANT` if any type is allowed.
     """
 
@@ -63,14 +63,16 @@ class Function:
 
     Attributes:
         id: Function id, 1..137, at offset 9 of a request.
-        name: The vendor's name, class and verb, such as `Robot_Execute`.
+        name: The vendor's name of the function, class and verb, such as `Robot_Execute`.
         owner: Class of the object that the first argument's handle must stand for.
-        params: Arguments of the request in order, the handle first; optional strings are always sent.
+        params: Arguments of the request in order, the handle first. Clients always send optional strings, if
+            need be empty.
         result: Kind of result in a successful reply.
         result_name: The vendor's name of the result, such as `hRobot` or `pVal`; None if there is no result.
-        creates: Class of the object that a successful call opens; the Service session has no handle.
-        releases: Class of the object that a successful call releases.
-        note: Where implementations disagree, one clause; else empty.
+        creates: Class of the object that a successful call opens; None if it opens no object. The object that
+            Service_Start opens has no handle.
+        releases: Class of the object that a successful call releases; None if it releases no object.
+        note: How implementations of the function disagree, one clause; empty if they agree.
     """
 
     id: int
@@ -85,7 +87,7 @@ class Function:
 
     @property
     def takes_handle(self) -> bool:
-        """Whether the first argument is a handle; no other argument ever is."""
+        """Whether the first argument is a handle; all other arguments are never handles."""
         return bool(self.params) and self.params[0].name.startswith("h")
 
 
@@ -238,7 +240,8 @@ _NOTES = {
     124: "the C server's table says that a value comes back, no client takes one",
 }
 
-# The prefix of the vendor's argument names gives the type. newVal has none: VT_I4 in id 115, else any type.
+# The prefix of the vendor's argument names gives the type. The name newVal has no prefix: its type is VT_I4
+# in function 115, otherwise any type.
 _TYPE_BY_PREFIX = (("bstr", "VT_BSTR"), ("vnt", "VARIANT"), ("h", "VT_I4"), ("l", "VT_I4"), ("f", "VT_R4"))
 
 
@@ -249,7 +252,7 @@ def _param(function_id: int, name: str) -> Param:
 
 
 def _created_class(name: str, result: ResultKind) -> ObjectClass | None:
-    """Return the class that a function's verb names: `Robot_GetVariable` creates a variable."""
+    """Return the class of the object that a function creates: `Robot_GetVariable` creates a variable."""
     if name in ("Service_Start", "Controller_Connect"):
         return ObjectClass(name.partition("_")[0])
     return ObjectClass(name.partition("_Get")[2]) if result is _HANDLE else None
@@ -274,20 +277,20 @@ def _function(id_: int, name: str, params: str, result: ResultKind) -> Function:
 
 
 FUNCTIONS: Mapping[int, Function] = MappingProxyType({row[0]: _function(*row) for row in _FUNCTION_ROWS})
-"""Every function by id, in the order of the ids."""
+"""All functions of b-CAP by function id, in the order of the ids."""
 
 ID: Mapping[str, int] = MappingProxyType({function.name: function.id for function in FUNCTIONS.values()})
-"""Every id by function name."""
+"""Function ids by function name."""
 
 _BY_NAME = {function.name.casefold(): function for function in FUNCTIONS.values()}
 _NAME_BY_ID = {function.id: function.name for function in FUNCTIONS.values()}
 
 
 def function_name(function_id: int) -> str:
-    """Return the name of a function id: `Robot_Execute`, or `Unknown(200)` outside 1..137."""
+    """Return the name of a function, such as `Robot_Execute`; `Unknown(200)` for an id outside 1..137."""
     return _NAME_BY_ID.get(function_id) or f"Unknown({function_id})"
 
 
 def function_by_name(name: str) -> Function | None:
-    """Return a function by its name, ignoring case; None if there is none."""
+    """Return the function with this name, ignoring case; None if unknown."""
     return _BY_NAME.get(name.casefold())

@@ -1,12 +1,12 @@
-"""HRESULT: the meaning of a reply's code, and what the digits of an unknown code reveal.
+"""HRESULT: the meaning of a reply's result code, and what the digits of an unknown code show.
 
 A result is 32 bits at offset 9 of a reply. Clients print it signed or unsigned; the functions here accept
 both.
 
-Codes of RC8 and later controllers have the form 8 L S nnnnn. L is the level in all 7687 codes of the list in
-nkawa/Denso_CobottaPro900_MQTT_Control (src/vendor/denso_cobotta/error_list.xlsx), S the part of the
-controller. No paper documents how RC7 packs its four-digit codes into 32 bits. 0000600B and 8000600B are both
-decoded as RC7's 600B and marked as a guess.
+Codes of RC8 and later controllers have the form 8 L S nnnnn, where L is the error level and S the part of the
+controller. All 7687 codes of the list in nkawa/Denso_CobottaPro900_MQTT_Control
+(src/vendor/denso_cobotta/error_list.xlsx) have this form. No paper documents how RC7 packs its four-digit
+codes into 32 bits. 0000600B and 8000600B are both decoded as RC7's 600B and marked as a guess.
 """
 
 from __future__ import annotations
@@ -43,8 +43,8 @@ E_NOT_CONNECTED = 0x80000902
 E_MAX_OBJECT = 0x80000905
 E_TOO_MUCH_DATA = 0x80000909
 E_BUSY = 0x809100AA
-"""The C server's reply while an earlier call of the connection runs. DENSO prints no name; this one is
-bcapscope's."""
+"""Reply of the C server while an earlier call of the connection runs. DENSO prints no name for this code, so
+the name is bcapscope's own."""
 E_NOT_IN_SLAVE_MODE = 0x83500121
 E_REFUSED_IN_SLAVE_MODE = 0x83501032
 E_SLAVE_UNDERFLOW = 0x84201482
@@ -52,29 +52,31 @@ E_SLAVE_OVERFLOW = 0x83201483
 E_ARM_NOT_TAKEN = 0x83501024
 
 LEVELS = range(6)
-"""Error levels; the catalogue names them. The names of 2 and 3 are inferred from the texts of the list, which
-does not print them."""
+"""Error levels; the message catalogue names them. DENSO's error list does not print the names of levels 2 and
+3, which bcapscope infers from the texts of their errors."""
 
 _ENDS_SLAVE_MODE = 3
 
 SUBSYSTEMS = frozenset((2, 4, 5, 6, 8))
-"""Third hex digits that name a part of the controller: motion, servo, system, user programs, pendant."""
+"""Values of the third hex digit that name a part of the controller: motion, servo, system, user programs,
+pendant."""
 
 
-@dataclass(frozen=True)  # without slots, since `text` is kept: JSON of a million replies asks for it
+@dataclass(frozen=True)  # no slots, since `text` is cached for JSON of a million replies
 class HresultInfo:
-    """What is known about a result.
+    """Everything known about a result code.
 
     Attributes:
-        code: The code, unsigned, 32 bits.
-        name: The vendor's symbol, or None.
+        code: The result code, unsigned, 32 bits.
+        name: The vendor's symbol; None if the vendor names none.
         meaning: What the code means, one clause.
-        advice: What to do, one clause, or None.
-        level: Error level 0..5; None if the code has none.
-        subsystem: Part of the controller, or None.
-        axis: Axis 1..8 if the code names one, else None.
-        rc7: The four-digit code of RC7 with the same meaning, or None.
-        is_listed: Whether the code is in the tables; False if its digits or its range gave the meaning.
+        advice: What to do about the code, one clause; None without advice.
+        level: Error level 0..5; None if the code has no level.
+        subsystem: Part of the controller that reports the code; None if unknown.
+        axis: Axis 1..8; None if the code names no axis.
+        rc7: The four-digit code of RC7 with the same meaning; None if unknown.
+        is_listed: Whether the code is in the tables; False if the meaning was derived from the code's digits
+            or range.
         is_guess: Whether `meaning` rests on an assumption that no paper confirms.
     """
 
@@ -95,19 +97,19 @@ class HresultInfo:
 
 
 def is_failure(code: int) -> bool:
-    """Return whether a result, signed or unsigned, reports a failure.
+    """Return whether a result code, signed or unsigned, reports a failure.
 
-    A failure has the top bit set, or is a bare four-digit number such as 0000600B. On RC7 any result but S_OK
-    is an error (DENSO Wave 2009, How to use the Slave mode), and no success code has that form.
+    The code of a failure has the top bit set, or is a four-digit number such as 0000600B. On RC7 any code but
+    S_OK is an error (DENSO Wave 2009, How to use the Slave mode), and no success code is a four-digit number.
     """
     return bool(code & 0x80000000) or 0x1000 <= code & 0xFFFFFFFF <= 0xFFFF
 
 
 def ends_slave_mode(code: int) -> bool:
-    """Return whether a result, signed or unsigned, is a controller error that switches slave mode off.
+    """Return whether a result code, signed or unsigned, is an error that switches slave mode off.
 
-    Any error of level 3 and above does. On RC7, with its four-digit codes, any error does (DENSO Wave 2009,
-    How to use the Slave mode). A buffer overflow does not.
+    Errors of level 3 and above switch slave mode off. On RC7, whose codes have four digits, every error does
+    (DENSO Wave 2009, How to use the Slave mode). A buffer overflow does not switch slave mode off.
     """
     code &= 0xFFFFFFFF
     if not is_failure(code) or code == E_SLAVE_OVERFLOW:
@@ -117,21 +119,21 @@ def ends_slave_mode(code: int) -> bool:
 
 
 def is_success(code: int) -> bool:
-    """Return whether a result, signed or unsigned, is not a failure; S_EXECUTING and S_BUF_FULL are none."""
+    """Return whether a result code, signed or unsigned, is a success, such as S_OK or S_EXECUTING."""
     return not is_failure(code)
 
 
 @lru_cache(maxsize=4096)
 def hresult_name(code: int) -> str:
-    """Return the name of a result: `S_OK`, or `0x83500121` if it has no symbol."""
+    """Return the name of a result code: `S_OK`, or `0x83500121` for a code without symbol."""
     return describe_hresult(code).name or f"0x{code & 0xFFFFFFFF:08X}"
 
 
 @lru_cache(maxsize=4096)
 def describe_hresult(code: int, *, rc7: bool = False) -> HresultInfo:
-    """Return the meaning of a result, signed or unsigned; only the low 32 bits count.
+    """Return the meaning of a result code, signed or unsigned; bits above the low 32 are ignored.
 
-    Of a controller that is known to be an RC7, the low 16 bits of an unknown code may be a four-digit code.
+    With `rc7`, the controller is an RC7, and the low 16 bits of an unknown code may be a four-digit code.
     """
     code &= 0xFFFFFFFF
     known = _KNOWN.get(code)
@@ -159,7 +161,7 @@ def level_name(level: int) -> Message:
 
 
 def _level_and_subsystem(code: int) -> tuple[int | None, Message | None]:
-    """Return level and subsystem; None if the digits do not show them."""
+    """Return the error level and the subsystem of a code, each None if the digits do not show it."""
     if not _has_level_digits(code):
         return None, None
     part = code >> 20 & 0xF
@@ -167,7 +169,7 @@ def _level_and_subsystem(code: int) -> tuple[int | None, Message | None]:
 
 
 def _axis_digit(code: int) -> int | None:
-    """Return the axis in the last digit if the code looks like the axis families of motion and servo."""
+    """Return the axis in the last digit of a motion or servo code; None if the code names no axis."""
     axis = code & 0xF
     return axis if code >> 20 & 0xF in (2, 4) and code >> 12 & 0xF == 4 and 1 <= axis <= 8 else None
 
@@ -175,7 +177,7 @@ def _axis_digit(code: int) -> int | None:
 def _info_from_digits(code: int) -> HresultInfo:
     level, subsystem = _level_and_subsystem(code)
     axis = _axis_digit(code)
-    assert level is not None  # the caller has looked at the digits
+    assert level is not None  # the caller has checked `_has_level_digits`
     known = Message("hresult.by-digits", level=level, name=level_name(level))
     if subsystem is not None:
         known = Message("hresult.by-digits.part", meaning=known, part=subsystem)
@@ -235,7 +237,7 @@ def _build_table() -> dict[int, HresultInfo]:
 
 
 def _build_rc7_table() -> dict[int, HresultInfo]:
-    """Map four-digit codes to their meaning; the first RC8 code with that equivalent represents all."""
+    """Map RC7's four-digit codes to their meanings; if several RC8 codes match, the first one counts."""
     table: dict[int, HresultInfo] = {}
     for entry in RC7_CODES:
         axis = entry.code & 0xF if entry.code & 0xFFF0 == 0x6410 else None

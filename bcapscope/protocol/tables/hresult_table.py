@@ -12,14 +12,14 @@ from typing import NamedTuple
 
 
 class HresultEntry(NamedTuple):
-    """One result code.
+    """Meaning of a result code.
 
     Attributes:
-        code: The code, unsigned.
-        name: The vendor's symbol; None if none is known.
-        text: Meaning, one clause.
-        advice: What to do about it; None if there is nothing to advise.
-        rc7: The four-digit code of RC7 with this meaning, or None.
+        code: The result code, unsigned.
+        name: The vendor's symbol; None if unknown.
+        text: What the code means, one clause.
+        advice: What to do about the code; None without advice.
+        rc7: The four-digit code of RC7 with the same meaning; None if unknown.
     """
 
     code: int
@@ -30,7 +30,7 @@ class HresultEntry(NamedTuple):
 
 
 class AxisFamily(NamedTuple):
-    """Eight codes that differ only in the last digit, the axis 1..8; `base` is the code with axis 0."""
+    """Eight result codes that differ only in the last digit, the axis 1..8; `base` has axis 0."""
 
     base: int
     text: str
@@ -38,7 +38,7 @@ class AxisFamily(NamedTuple):
 
 
 class CodeRange(NamedTuple):
-    """Codes whose meaning is known only as a group; `text` may hold {number}, the low 16 bits."""
+    """A range of result codes with a common meaning; `{number}` in `text` stands for the low 16 bits."""
 
     first: int
     last: int
@@ -387,7 +387,7 @@ RC7_CODES: tuple[HresultEntry, ...] = (
     HresultEntry(0x21FC, None, "auto-enable signal", None, "21FC"),
     *_RC7_ENCODER,
 )
-"""Four-digit codes of RC7 whose meaning is known from RC7's own papers, by their low 16 bits."""
+"""Four-digit codes of RC7 that RC7's own papers explain."""
 
 RC7_LEVELS: dict[int, int] = {0x600B: 1, **{entry.code: 5 for entry in _RC7_ENCODER}}
-"""Levels of the codes in `RC7_CODES`, as far as the papers print them."""
+"""Error levels of the codes in `RC7_CODES` whose level the papers print, by the code."""

@@ -1,14 +1,14 @@
 """The variable by which bcapscope's simulator identifies itself.
 
-No address proves that there is no robot behind it: a loopback address may belong to a proxy. A real
-controller refuses a variable that it does not know (ShoheiKobata/orin_bcap_python_samples lists those of
-RC8).
+An address does not prove that a controller is simulated: behind a loopback address may be a proxy to a real
+robot. A real controller refuses to open an unknown variable (ShoheiKobata/orin_bcap_python_samples lists the
+variables of RC8).
 """
 
 from __future__ import annotations
 
 SIMULATOR_VARIABLE = "@BCAPSCOPE_SIMULATOR"
-"""Variable of the controller object that only bcapscope's simulator has."""
+"""Name of a variable of the controller object that only bcapscope's simulator has."""
 
 SIMULATOR_TEXT = "bcapscope simulator: no robot moves"
-"""Value of the variable, a VT_BSTR."""
+"""Value of the variable `SIMULATOR_VARIABLE`, a VT_BSTR."""

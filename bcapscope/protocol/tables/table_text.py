@@ -1,4 +1,4 @@
-"""Texts of the protocol's tables as messages: what commands do and take, and what numbers and keys mean."""
+"""The English texts of the protocol's tables as translatable messages."""
 
 from __future__ import annotations
 
@@ -12,5 +12,5 @@ _SEPARATORS = re.compile(r"[^a-z0-9]+")
 
 @lru_cache(1024)
 def table_message(english: str) -> Message:
-    """Return the message of a table's English text. Its id is made of the text."""
+    """Return the message for a table's English text; the message id is derived from the text."""
     return Message.from_table(f"table.{_SEPARATORS.sub('-', english.lower()).strip('-')}", english)

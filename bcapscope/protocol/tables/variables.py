@@ -18,14 +18,14 @@ from bcapscope.protocol.tables.function_table import ObjectClass
 
 @dataclass(frozen=True, slots=True)
 class VariableKind:
-    """One variable, or a numbered family of them.
+    """A variable, or a family of numbered variables such as `I0`, `I1` and so on.
 
     Attributes:
-        owner: Class of the object that it belongs to.
-        name: The vendor's name, without the number for a family.
+        owner: Class of the object that has the variable.
+        name: The vendor's name of the variable; for a family, without the number.
         is_numbered: Whether a number or `*` follows the name.
-        types: Types of its value, such as `VT_R4|VT_ARRAY`; () if no source says.
-        text: Meaning of its value, one clause.
+        types: Possible types of the value, such as `VT_R4|VT_ARRAY`; () if no source says.
+        text: Meaning of the value, one clause.
     """
 
     owner: ObjectClass
@@ -59,7 +59,7 @@ _NUMBERED: tuple[tuple[str, tuple[str, ...], str], ...] = (
 )
 
 # Owner, name, types, text. No source prints the types of @FIRMWARE to @AUTO_ENABLE, @TYPE, @CURRENT_TOOL and
-# @CURRENT_WORK; they are inferred from the meaning.
+# @CURRENT_WORK. Their types are inferred from the meaning.
 _NAMED: tuple[tuple[ObjectClass, str, tuple[str, ...], str], ...] = (
     (_CONTROLLER, "@MODE", ("VT_I4",), "1 manual, 2 teach check, 3 automatic"),
     (_CONTROLLER, "@ERROR_CODE", ("VT_I4",), "code of the active error"),
@@ -110,7 +110,7 @@ _NUMBERED_NAME = re.compile(r"([a-z]+)(?:[0-9]+|\*)")
 
 
 def find_variable(owner: ObjectClass, name: str) -> VariableKind | None:
-    """Return a variable by its object's class and its name in any case; None if unknown."""
+    """Return a variable by its object's class and its name, ignoring case; None if unknown."""
     folded = name.casefold()
     match = _NUMBERED_NAME.fullmatch(folded)
     if match:
@@ -119,10 +119,11 @@ def find_variable(owner: ObjectClass, name: str) -> VariableKind | None:
 
 
 def write_effect(name: str, value: Variant) -> CallEffect:
-    """Return the strongest effect that writing a variable can have. The name is in any case, "" if unknown.
+    """Return the strongest effect that writing a variable can have.
 
-    A running program may wait for any value. So everything counts as moving, except writes that switch the
-    motor on or off (@SERVO_ON) or stop a task (@STOP).
+    `name` may have any case; "" if unknown. A running program may wait for any variable. Therefore every
+    write has the effect `MOVES`, except those to @SERVO_ON, which switches the motor, and @STOP, which stops
+    a task.
     """
     folded = name.casefold()
     if folded == SERVO_ON.casefold():
