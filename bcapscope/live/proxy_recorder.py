@@ -51,9 +51,7 @@ class _ProxySide:
 
 
 _RecordStep: TypeAlias = tuple[int, _ProxySide, RingRecord, int]
-"""Time of a packet in ns since 1970, its side, the ring record that contains the packet, and the record's
-number.
-"""
+"""Time of a packet in ns since 1970, the packet's side, its ring record, and the record's number."""
 
 _step_time: Callable[[_RecordStep], int] = itemgetter(0)
 
@@ -145,8 +143,7 @@ class ProxyRecorder:
         return written
 
     def next_packet_numbers(self, count: int) -> list[int]:
-        """Return for each of the next `count` records the number of its last packet on the clients' side, or
-        0.
+        """Return for each of the next records the number of its last packet on the clients' side, or 0.
 
         The numbers are valid only for a recording in one file.
         """

@@ -183,8 +183,7 @@ class ProxySupervisor:
             self.relay.watch(_STDIN, self._on_parent_input)
 
     def run(self, on_ready: Callable[[], None]) -> None:
-        """Accept clients, call `on_ready`, forward traffic until a signal or request ends the proxy; then
-        shut down.
+        """Accept clients, call `on_ready`, forward traffic until something ends the proxy; then shut down.
 
         Raises:
             KeyboardInterrupt: A signal has asked the proxy to end before it started.
@@ -228,9 +227,7 @@ class ProxySupervisor:
         _print_aside("\n".join(texts)).join(_TOTALS_WITHIN)
 
     def close(self) -> None:
-        """Wait for the watcher's summary, unless another signal asks for an immediate end; release all
-        resources.
-        """
+        """Wait for the watcher's summary, unless another signal ends the wait; release all resources."""
         if self._wakefulness is not None:
             self._wakefulness.allow_sleep()
         for port in self._ports:  # `run` was not reached, so the relay does not own the listeners
@@ -395,9 +392,7 @@ def _print_aside(text: str) -> threading.Thread:
 
 
 def _shared_memory(size: int) -> SharedMemory:
-    """Create zeroed shared memory with all pages allocated, since a page missing later would kill the
-    process.
-    """
+    """Create zeroed shared memory with all pages allocated: a page missing later would kill the process."""
     try:
         if sys.platform != "win32":
             resource_tracker.ensure_running()  # ensures that the memory is freed

@@ -257,9 +257,7 @@ class ProxyWatcher:
         )
 
     def _may_rest(self) -> bool:
-        """Return whether undecoded records may wait: traffic arrives, and ring, age and urgency permit
-        waiting.
-        """
+        """Return whether undecoded records may wait: traffic arrives, and ring, age and urgency permit it."""
         reader, before = self._reader, self._written_before
         self._written_before = reader.bytes_written
         if (
@@ -313,9 +311,7 @@ class ProxyWatcher:
         self._terminal.write_message(f"{head}: {printable(sentence)}")
 
     def _close_conversation(self, conversation: Conversation, why: Message) -> None:
-        """Complete the calls of a client that is gone, report the state that the client left, and forget the
-        client.
-        """
+        """Complete the calls of a client that is gone, report the state that it left, and forget it."""
         self._pipeline.close_conversation(conversation)
         self._write_lines()
         left = self._session_closer.pop_left_open(conversation)

@@ -13,8 +13,7 @@ from bcapscope.render.escape import printable
 
 
 class Recorder:
-    """A recording that never stops its program: if the disk fails, the recorder warns once and drops later
-    packets.
+    """A recording that never stops its program: after a disk failure, it warns once and drops packets.
 
     Attributes:
         packets: Recording to write packets to. Writing raises nothing; `flush` makes packets visible in the

@@ -45,9 +45,7 @@ class DelayStatistics:
                 self._worst_ns = max(self._worst_ns, *delays)
 
     def pop_warning(self) -> Message | None:
-        """Return a warning the first time that the relay delayed data too long for set points; otherwise
-        None.
-        """
+        """Return a warning the first time that the relay delayed data too long for set points; else None."""
         if self._has_warned or not self._slow_count:
             return None
         self._has_warned = True

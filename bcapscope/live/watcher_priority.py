@@ -30,9 +30,7 @@ LATE_AFTER = 0.2
 """Time in seconds within which the watcher should read what the relay has written."""
 
 OVERDUE_AFTER = 0.4
-"""Delay of the watcher in seconds that requires `WatcherUrgency.ALL`, so that all traffic is recorded within
-a second.
-"""
+"""Watcher's delay in seconds from which its urgency is `ALL`, to record traffic within a second."""
 
 MAX_RING_SHARE = 0.5
 """Maximum share of the ring that may wait for the watcher before its urgency is raised."""

@@ -1,5 +1,4 @@
-"""The built-in simulator: a separate process on a free loopback port, so that the Tester works without a
-controller.
+"""The built-in simulator: a process on a free loopback port, for the Tester without a controller.
 
 If the parent process is killed, the pipe between the processes closes, and the simulator ends.
 """
@@ -24,9 +23,7 @@ from bcapscope.simulator.simulator_server import SimulatorServer
 from bcapscope.tui.reader_language import label
 
 DEFAULT_PROFILE = "rc7"
-"""Default profile: the kind of controller on screenshots of b-CAP Tester (DENSO Wave 2009, How to use the
-Slave mode).
-"""
+"""Default profile, as on screenshots of b-CAP Tester (DENSO Wave 2009, How to use the Slave mode)."""
 
 START_JOINTS: Joints = (
     12.422607421875,

@@ -111,9 +111,7 @@ def _has_words(record: HistoryRecord, words: list[str]) -> bool:
 
 
 def copy_text(record: HistoryRecord, copy_format: str, target: ControllerTarget) -> str | None:
-    """Return a call as text in the format ``hex``, ``python`` or ``line``; None if the format cannot express
-    it.
-    """
+    """Return a call in the format ``hex``, ``python`` or ``line``; None if the format cannot express it."""
     if copy_format == "hex":
         return "\n".join(hex_text(seen.item.raw) for seen in record.packets) or None
     write = python_program if copy_format == "python" else shell_command

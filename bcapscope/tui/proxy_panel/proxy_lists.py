@@ -13,8 +13,7 @@ from bcapscope.tui.reader_language import label
 from bcapscope.tui.widgets.lines import Lines
 
 _SILENT_AFTER = 1.0
-"""Time in seconds without a reply to the last request, after which the list shows the controller as silent.
-"""
+"""Time in seconds after an unanswered request until the list shows the controller as silent."""
 
 _MAX_MESSAGES = 5000
 

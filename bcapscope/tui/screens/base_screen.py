@@ -37,9 +37,7 @@ class BaseScreen(Screen[None], PlainContainer):
     ]
 
     def compose(self) -> ComposeResult:
-        """Put the content between the two bars; set the style classes for the present size before the first
-        layout.
-        """
+        """Put the content between the bars; set the style classes for the size before the first layout."""
         classes = [name for width, name in self.HORIZONTAL_BREAKPOINTS or () if width <= self.app.size.width]
         self.set_class(True, *classes[-1:], update=False)
         yield TopBar()

@@ -1,6 +1,4 @@
-"""The traffic screen, for a file, an interface or another screen: frames, calls, findings, slave mode,
-statistics.
-"""
+"""The traffic screen, for a file or an interface: frames, calls, findings, slave mode, statistics."""
 
 from __future__ import annotations
 

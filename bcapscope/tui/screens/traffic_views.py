@@ -263,9 +263,7 @@ class TrafficViews(ViewsScreen):
         return self.frames.frame_number if self.view == "frames" else None
 
     def settled_at(self, number: int) -> PairingResult | None:
-        """Return the call or stray reply that a frame belongs to; None while the call may still receive
-        frames.
-        """
+        """Return the call or stray reply that a frame belongs to; None while that call is not complete."""
         calls = self.feed.calls
         row = None if calls is None else calls.index_of_frame(number)
         return None if calls is None or row is None else calls.read_call(row).settled

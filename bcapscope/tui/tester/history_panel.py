@@ -51,9 +51,7 @@ class HistoryLines(Lines):
 
     @dataclass
     class ActionWanted(Message):
-        """The user wants the action ``again``, ``edit``, ``hex``, ``python``, ``line`` or ``save`` for a
-        call.
-        """
+        """The user wants ``again``, ``edit``, ``hex``, ``python``, ``line`` or ``save`` to act on a call."""
 
         record: HistoryRecord
         what: str

@@ -55,9 +55,7 @@ class CallList(RecordList):
         self.reset_lines()
 
     def _locate_line(self, index: int) -> tuple[int, int]:
-        """Return the position of the call at a line, and the number of its frame there from 1, or 0 for the
-        call's line.
-        """
+        """Return the position of the call at a line, and the number of its frame there (0 for none)."""
         above = 0
         for position, extra in self._unfolded:
             line = position + above

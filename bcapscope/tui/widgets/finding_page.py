@@ -41,9 +41,7 @@ class FindingPage(Lines):
             self._update_lines()
 
     def current_finding(self) -> int | None:
-        """Return the number, from 1, of the finding at the cursor; above all findings 1, without findings
-        None.
-        """
+        """Return the number, from 1, of the finding at or below the cursor; None without findings."""
         if not self._lines or not self._analysis.findings:
             return None
         return self._lines[self.cursor][1] or 1

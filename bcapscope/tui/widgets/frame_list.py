@@ -13,9 +13,7 @@ from bcapscope.tui.reader_language import label, reader_words
 from bcapscope.tui.widgets.record_list import EndpointWriter, RecordList, right_aligned
 
 MARKED, RELATED, EVIDENCE = "●", "┃", "◆"
-"""Marks before a frame: the user marked it, it is part of the call under the cursor, it proves the selected
-finding.
-"""
+"""Marks before a frame: marked by the user, part of the call under the cursor, proof of a finding."""
 
 
 class FrameList(RecordList):

@@ -303,9 +303,7 @@ class Lines(ScrollView, can_focus=True):
 
 
 def _scroll_thumb(there: int, in_sight: int, top: float) -> tuple[int, int] | None:
-    """Return position and length of a scroll bar's thumb in eighths of a line; None if everything is in
-    sight.
-    """
+    """Return position and length of a scroll bar's thumb in eighths of a line; None if all is in sight."""
     if in_sight >= there:
         return None
     length = max(1.0, in_sight * in_sight / there)

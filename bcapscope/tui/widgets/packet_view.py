@@ -1,6 +1,4 @@
-"""Shows a frame as a tree and as bytes, side by side; moving in one half highlights bytes or field in the
-other.
-"""
+"""Shows a frame as a tree and as bytes, side by side; the cursor of one is highlighted in the other."""
 
 from __future__ import annotations
 

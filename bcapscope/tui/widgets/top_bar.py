@@ -13,9 +13,7 @@ from bcapscope.tui.widgets.click_bar import ClickBar
 
 
 class TopBar(ClickBar):
-    """Shows the names of the screens with their keys, and `BcapApp.status` at the right; a click opens a
-    screen.
-    """
+    """Shows the screens with their keys, and `BcapApp.status` at the right; a click opens a screen."""
 
     COMPONENT_CLASSES: ClassVar[set[str]] = {"topbar--title", "topbar--here", "topbar--there"}
 
