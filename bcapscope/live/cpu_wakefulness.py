@@ -25,7 +25,7 @@ from bcapscope.messages.os_errors import os_reason
 from bcapscope.proxy.ring_buffer import RelayCounter
 
 BUSY_DATAGRAMS = 100
-"""Number of datagrams within `BUSY_WITHIN` seconds from which traffic is much: 50 calls.
+"""Number of datagrams within `BUSY_WITHIN` seconds that counts as much traffic: 50 calls.
 
 Set points every 8 ms make 250 datagrams per second.
 """

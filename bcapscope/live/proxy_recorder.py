@@ -112,7 +112,7 @@ class ProxyRecorder:
         Most records are such.
 
         Waiting packets are written first, provided that all of `records` are later than those packets. Return
-        the number of records written; the last record always waits, because an earlier packet may follow.
+        the number of records written, without the last record, since an earlier packet may follow.
         """
         first = [
             came if 0 < came <= left else left or came for _, _, _, came, left, _, _ in reversed(records)

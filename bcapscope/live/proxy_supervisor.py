@@ -368,9 +368,9 @@ class ProxySupervisor:
 
 
 def _has_other_end(descriptor: int) -> bool:
-    """Return whether closing at another end can end this file descriptor.
+    """Return whether a file descriptor is a pipe, a socket or a terminal, which has another end.
 
-    Files and /dev/null have no other end.
+    A file and /dev/null have no other end.
     """
     mode = os.fstat(descriptor).st_mode
     return stat.S_ISFIFO(mode) or stat.S_ISSOCK(mode) or os.isatty(descriptor)
@@ -399,7 +399,7 @@ def _shared_memory(size: int) -> SharedMemory:
         memory = SharedMemory(create=True, size=size)
         try:
             if hasattr(os, "posix_fallocate"):
-                os.posix_fallocate(memory._fd, 0, size)  # type: ignore[attr-defined]  # no other way to it
+                os.posix_fallocate(memory._fd, 0, size)  # type: ignore[attr-defined]  # has no public name
         except OSError:
             memory.close()
             memory.unlink()

@@ -67,13 +67,13 @@ Up to this ratio, the watcher rests most of the time, although more traffic arri
 """
 
 _SHOWN_WITHIN_NS = 2_000_000_000
-"""Age in ns from which waiting traffic is displayed even if the watcher gets no more rest."""
+"""Age in ns of undecoded traffic from which the watcher no longer rests between polls."""
 
 _PUBLISHED_WITHIN_NS = 200_000_000
-"""Age in ns from which waiting traffic is published to the screen without further rest."""
+"""Age in ns of undecoded traffic from which the watcher no longer rests, if a screen shows the traffic."""
 
 _REST_FACTOR, _LONGEST_REST = 1.5, 0.075
-"""Rest between two polls: as a multiple of the duration of the last poll, and at most in seconds."""
+"""Rest after a poll as a multiple of the poll's duration, and the maximum rest in seconds."""
 
 _STATUS_EVERY_NS = 500_000_000
 _DECODING_DELAY_NS = round(3 * POLL_INTERVAL * 1e9)

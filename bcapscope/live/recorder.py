@@ -42,7 +42,7 @@ class Recorder:
 
     @property
     def bytes_pending(self) -> int:
-        """Memory in bytes that packets occupy which are not yet flushed."""
+        """Memory in bytes of packets that are not yet flushed."""
         return self._files.bytes_pending
 
     @property

@@ -32,7 +32,7 @@ class DelayStatistics:
         self._has_warned = False
 
     def add_records(self, records: Iterable[RingRecord]) -> None:
-        """Add the delays of records, except of records that a rule changed: rules may delay on purpose."""
+        """Add the delays of data, except of data that a rule acted on: rules may delay data on purpose."""
         found: dict[bool, list[int]] = {True: [], False: []}
         for kind, up, _, came, left, _, note in records:
             if kind is RingRecordKind.DATA and came and left and not note:

@@ -135,7 +135,7 @@ def idle_priority_switch(process: int) -> Callable[[bool], None]:
         with suppress(OSError):  # suppressed because the process, or one of its threads, may have ended
             for thread in Path(f"/proc/{process}/task").iterdir():
                 os.sched_setscheduler(int(thread.name), policy, os.sched_param(0))
-                with suppress(PermissionError):  # leaving idle priority needs no further rights than this
+                with suppress(PermissionError):  # leaving idle priority needs fewer rights than this
                     os.setpriority(os.PRIO_PROCESS, int(thread.name), ours)
 
     return give

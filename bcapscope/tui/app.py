@@ -40,7 +40,7 @@ CLOSE_TIMEOUT = 10.0
 """Maximum time in seconds for all closers together; after that, the screen closes anyway."""
 
 HALT_KEY_WINDOW = 0.5
-"""Time in seconds after HALT in the driver, in which `action_halt` expects the same key press."""
+"""Time in seconds in which `action_halt` takes a HALT key for the one that the driver has handled."""
 
 TERMINAL_CHECK_INTERVAL = 1.0
 """Seconds between two checks that the terminal still exists."""
@@ -95,7 +95,7 @@ class BcapApp(KeyOrderApp):
             settings_path: Settings file; None selects the platform's default.
             language: Language of the labels; None uses the settings, then the environment.
         """
-        # Otherwise Textual first shows a blank default screen, and reads all styles for that screen, too.
+        # Without this, Textual first shows a blank default screen, and reads all styles for it, too.
         self.DEFAULT_MODE = screen_entries[0].mode  # type: ignore[misc]  # a class attribute in Textual
         self._halts: list[Callable[[], bool]] = []  # must exist before the driver, which calls the callbacks
         self._last_halt = -math.inf, False

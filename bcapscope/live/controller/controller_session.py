@@ -310,7 +310,7 @@ class ControllerSession:
     async def run_calls(self, steps: Coroutine[Any, Any, R], initiator: Initiator) -> R:
         """Run a coroutine that makes calls, and return its result.
 
-        A cancelled call gets a record. If the link fails, the session closes the connection and reports the
+        The history shows a cancelled call as abandoned. If the link fails, the session closes the connection and reports the
         loss to the screen.
         """
         INITIATOR.set(initiator)

@@ -155,7 +155,7 @@ class HaltConnection:
                 await self._handle_loss(error_reason(error))
 
     async def _handle_loss(self, reason: Reason) -> None:
-        """Wait before the connection is reopened: `_REOPEN_DELAY` while HALT is pending, else a heartbeat.
+        """Wait before reopening the connection: `_REOPEN_DELAY` if HALT is pending, else a heartbeat interval.
 
         A pending HALT fails after `RETRY_WITHIN` seconds. A HALT that is sent minutes later could interrupt
         another motion.
@@ -203,7 +203,7 @@ class HaltConnection:
             return
         try:
             call.result()
-        except ControllerError as error:  # a refusal also proves the connection, except stale codes
+        except ControllerError as error:  # other refusals than these codes prove the connection
             if error.hresult in _STALE_CONNECTION_CODES:
                 raise
         took = round((self._loop.time() - began) * 1e9)
