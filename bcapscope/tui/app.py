@@ -222,8 +222,8 @@ class BcapApp(KeyOrderApp):
         """Register a callback for HALT.
 
         Args:
-            halt: Callback that stops motion and returns at once whether there was something to stop. It must
-                not raise. Any thread may call it.
+            halt: Callback that stops motion and returns at once whether there was something to stop. The
+                callback must not raise. Any thread may call the callback.
         """
         self._halts.append(halt)
 

@@ -20,8 +20,8 @@ def make_server_safe_driver(driver: type[Driver], on_end: Callable[[], object]) 
     unseen.
 
     Args:
-        on_end: Function that ends the program in order. The driver calls it in the event loop when the viewer
-            or the server has gone.
+        on_end: Function that ends the program in order. The driver calls the function in the event loop when
+            the viewer or the server has gone.
     """
     if not issubclass(driver, WebDriver):
         return driver

@@ -72,11 +72,12 @@ class _HangupSafeFile:
 def make_resumable_driver(driver: type[Driver]) -> type[Driver]:
     """Return a driver that takes over the terminal again when a stopped program continues.
 
-    The program stops if another process stops it; a terminal that hangs up sends SIGCONT after SIGHUP.
-    Textual alone would then start second threads for reading and writing, and later end only one of each two.
+    Another process can stop and continue the program; a terminal that hangs up sends SIGCONT after SIGHUP.
+    Textual alone would then start second threads for reading and writing, and later end only one of each
+    pair.
     """
 
-    class ResumableDriver(driver):  # type: ignore[valid-type, misc]  # known at run time
+    class ResumableDriver(driver):  # type: ignore[valid-type, misc]  # base known at run time
         _must_signal_resume: bool
 
         def _sigcont_application(self, *arguments: Any) -> None:

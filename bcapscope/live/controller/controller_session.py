@@ -74,8 +74,8 @@ class ControllerSession:
     """The connection to a controller, and every call that the Tester makes on it.
 
     Attributes:
-        status: State that the screen shows. Any thread may read it, because each change replaces the whole
-            object.
+        status: State that the screen shows. Any thread may read the status, because each change replaces the
+            whole object.
         polling_paused: True while automatic reads are suspended, because they might end another client's
             slave mode.
     """
@@ -90,7 +90,8 @@ class ControllerSession:
 
         Args:
             report: Function that receives every update, in a thread of this session.
-            tap: Function that receives every packet, in a thread of this session. It must not block or raise.
+            tap: Function that receives every packet, in a thread of this session. The function must not block
+                or raise.
         """
         self.report = report
         self._tap = tap
@@ -310,8 +311,8 @@ class ControllerSession:
     async def run_calls(self, steps: Coroutine[Any, Any, R], initiator: Initiator) -> R:
         """Run a coroutine that makes calls, and return its result.
 
-        The history shows a cancelled call as abandoned. If the link fails, the session closes the connection and reports the
-        loss to the screen.
+        The history shows a cancelled call. If the link fails, the session closes the connection and reports
+        the loss to the screen.
         """
         INITIATOR.set(initiator)
         try:

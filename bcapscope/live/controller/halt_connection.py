@@ -155,7 +155,7 @@ class HaltConnection:
                 await self._handle_loss(error_reason(error))
 
     async def _handle_loss(self, reason: Reason) -> None:
-        """Wait before reopening the connection: `_REOPEN_DELAY` if HALT is pending, else a heartbeat interval.
+        """Wait before reopening the connection: `_REOPEN_DELAY` if HALT is pending, else one heartbeat.
 
         A pending HALT fails after `RETRY_WITHIN` seconds. A HALT that is sent minutes later could interrupt
         another motion.

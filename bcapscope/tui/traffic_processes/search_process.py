@@ -40,7 +40,7 @@ _BATCH = 128
 
 
 class TrafficSearch:
-    """Runs one search at a time: the one that was requested last."""
+    """Runs one search at a time: the search that was requested last."""
 
     def __init__(self, folder: Path, answers: BinaryIO) -> None:
         """Open the journal in `folder`; write matches to `answers`."""

@@ -89,7 +89,7 @@ def _is_used(folder: Path) -> bool:
     if not number.isdigit():
         return True
     if sys.platform == "win32":
-        return True  # os.kill would end the process on Windows; left folders are small and in a cache
+        return True  # os.kill would end the process on Windows; leftover folders are small and in a cache
     try:
         os.kill(int(number), 0)
     except ProcessLookupError:

@@ -79,9 +79,9 @@ class ScreenProcess(AppService):
         """Prepare the process.
 
         Args:
-            write_bytes: Function that sends drawing data to the page. It must not raise, because the process
-                blocks if its output is not read.
-            write_str: Function that sends messages to the page. It must not raise.
+            write_bytes: Function that sends drawing data to the page. The function must not raise: the
+                process blocks if its output is not read.
+            write_str: Function that sends messages to the page. The function must not raise.
         """
 
         async def close_viewer() -> None:

@@ -41,8 +41,8 @@ class CheckedInput(Vertical):
 
         Args:
             name: Id of the input field. The id of this widget is the name followed by ``-line``.
-            parse: Function that parses text that is not empty. It raises a `ValueError` for invalid text, and
-                the widget shows the error's text.
+            parse: Function that parses text that is not empty. For invalid text, `parse` raises a
+                `ValueError`, whose text the widget shows.
         """
         super().__init__(id=f"{name}-line")
         self._field, self._parse, self._hint, self._caption = name, parse, hint, caption
