@@ -136,7 +136,7 @@ class TerminalWriter:
             is_full = isinstance(error, OSError) and error.errno == errno.ENOSPC
             why = "has no room" if is_full else "is closed"
             self.write_message(
-                f"standard output {why}: its output is no longer shown; everything else continues"
+                f"standard output {why}: further lines are not shown; everything else continues"
             )
 
     # messages and the status line

@@ -41,7 +41,7 @@ def test_a_closed_pipe_is_told_once_and_the_rest_goes_on() -> None:
     wait = 'time.sleep(0.2); it.write_lines(["two"]); it.write_message("still here")'
     _, err = ran(f'it.write_lines(["one"]); {wait}', stdout=writing)
     os.close(writing)
-    sentence = "standard output is closed: its output is no longer shown; everything else continues"
+    sentence = "standard output is closed: further lines are not shown; everything else continues"
     assert err == f"{sentence}\nstill here\n"
 
 
@@ -50,7 +50,7 @@ def test_a_closed_pipe_is_told_once_and_the_rest_goes_on() -> None:
 def test_a_full_disk_is_told_as_that() -> None:
     with open("/dev/full", "wb") as full:
         _, err = ran('it.write_lines(["one"])', stdout=full.fileno())
-    assert err == "standard output has no room: its output is no longer shown; everything else continues\n"
+    assert err == "standard output has no room: further lines are not shown; everything else continues\n"
 
 
 @pytest.mark.lifecycle
