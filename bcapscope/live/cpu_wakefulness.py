@@ -1,4 +1,4 @@
-"""Keeps the processors out of deep sleep while set points arrive; only with `proxy --low-latency`.
+"""Keeps processors out of deep sleep while set points arrive, for `proxy --low-latency`.
 
 A processor needs a few microseconds to wake from light sleep, and a hundred or more from deep sleep. A
 virtual machine's processor needs tens of microseconds to wake from any sleep, because the host wakes it. A

@@ -70,8 +70,8 @@ def _raise_interrupt(number: int, frame: FrameType | None) -> None:
 def end_signal_socket() -> Iterator[socket.socket]:
     """Deliver Ctrl-C, SIGTERM and SIGHUP through a non-blocking socket, as a byte with the signal's number.
 
-    Otherwise a signal would end the program between any two steps, such as between writing lines and dropping
-    them.
+    Without the socket, a signal could end the program between any two steps, such as between writing lines
+    and dropping them.
 
     Raises:
         FileWriteError: The process has no file descriptors left.

@@ -35,7 +35,7 @@ def choose_palette(color: str) -> Palette:
 def discard_stdout() -> None:
     """Discard buffered output that stdout did not accept.
 
-    Otherwise Python would try to write the output again at exit.
+    If the output were not discarded, Python would try to write it again at exit.
     """
     _redirect_to_null(sys.stdout)
 

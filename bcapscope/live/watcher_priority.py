@@ -1,9 +1,9 @@
 """Controls when the watcher gives way to programs whose bytes the relay forwards, and when it must not.
 
-On two processors, beside a client and a server, the 99.9th percentile of round trips was 2.6 ms with a
-watcher of low priority (nice 10), and 0.5 ms with a watcher of idle priority. A process that wakes up
-replaces a running process of idle priority at once. A process that wakes up replaces a process of another
-priority only at the end of that process's slice of about 3 ms.
+On two processors, beside a client and a server, the 99.9th percentile of round trips was 2.6 ms with the
+watcher at nice 10, and 0.5 ms at idle priority. A process that wakes up replaces a running process of idle
+priority at once. A process that wakes up replaces a process of another priority only at the end of that
+process's slice of about 3 ms.
 
 Neither is certain. Linux updates the run time of a process, and decides which process runs, only at a tick
 every 1 to 10 ms (sched(7), EEVDF). So the watcher also yields the processor after each 0.1 or 0.2 ms of work,

@@ -21,8 +21,8 @@ _IDEOGRAPHIC_SPACE = "\u3000"
 class ControlCharFilter(LineFilter):
     """Replaces each character that is not visibly printable, after running all other line filters.
 
-    This filter runs the other filters itself. Textual splits and joins each line once per filter, so a single
-    filter is faster.
+    `ControlCharFilter` runs the other filters itself. Textual splits and joins each line once per filter, so
+    a single filter is faster.
     """
 
     def __init__(self, earlier_filters: Sequence[LineFilter] = ()) -> None:

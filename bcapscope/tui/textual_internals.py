@@ -50,8 +50,8 @@ def survive_lost_terminal(driver: Driver) -> None:
 class _HangupSafeFile:
     """An output file that discards data after the terminal has gone.
 
-    Otherwise the thread that writes would fail, and the program could not end, because its shutdown waits for
-    that thread.
+    If writing raised an error, Textual's writing thread would fail, and the program's shutdown would wait for
+    that thread for ever.
     """
 
     def __init__(self, file: IO[str]) -> None:

@@ -239,7 +239,7 @@ class ControllerSession:
         Raises:
             NotArmedError: The user has not armed, and the bytes may move the robot or are not an intact
                 frame.
-            NotConnectedError, ConnectionError: As for `call`.
+            NotConnectedError, ConnectionError: For the same reasons as in `call`.
         """
         session = self.opener.session
         caller = session.caller
@@ -302,7 +302,7 @@ class ControllerSession:
         Return the record of the latest call.
 
         Raises:
-            NotArmedError, LocalProtocolError, ConnectionError: As for `call`.
+            NotArmedError, LocalProtocolError, ConnectionError: For the same reasons as in `call`.
         """
         with suppress(ControllerError, CallTimeout):
             await self.run_calls(steps, initiator)

@@ -25,7 +25,7 @@ class RecoveryStep(StrEnum):
     CLEAR = "clear"
     ROBSLAVE = "robslave"
     MOTOR = "motor"
-    """This step switches the motor on again, because errors of level 4 and above switch it off."""
+    """The step `MOTOR` switches the motor on, because errors of level 4 and above switch it off."""
     FIRST_POSITION = "first"
     MODE = "mode"
 
@@ -70,7 +70,7 @@ async def read_current_errors(session: ControllerSession) -> tuple[tuple[int, st
     Before reading, leave slave mode: any other call may end it (public issues of DENSORobot/denso_robot_ros).
 
     Raises:
-        BcapError, OSError: As for `ControllerSession.call`.
+        BcapError, OSError: For the same reasons as in `ControllerSession.call`.
     """
     if session.status.slave_mode and session.status.robot is not None:
         await run_recovery_step(session, RecoveryStep.MODE, "", 0)
@@ -86,7 +86,7 @@ async def run_recovery_step(
         first_position: Target position of `RecoveryStep.FIRST_POSITION`, in the notation of Robot_Move.
 
     Raises:
-        BcapError, OSError: As for `ControllerSession.call`.
+        BcapError, OSError: For the same reasons as in `ControllerSession.call`.
     """
     if recovery_step is RecoveryStep.CLEAR:
         return await session.record_calls(clear_errors(_controller(session)))

@@ -1,9 +1,9 @@
 """The HALT connection has its own thread, event loop and session, and is open before HALT is needed.
 
-A b-CAP call blocks its connection until the call ends. Meanwhile DENSO's C server refuses other calls on that
-connection as busy (orin_bcap C/src/bCAPServer/bcap_server.c). HALT therefore uses a separate connection on
-which the robot is already open. HALT does not depend on the event loops of the screen or of other calls: a
-key press only sets an event in this thread's loop.
+A b-CAP call blocks its connection until the call ends. While a call blocks a connection, DENSO's C server
+refuses other calls on that connection as busy (orin_bcap C/src/bCAPServer/bcap_server.c). HALT therefore uses
+a separate connection on which the robot is already open. HALT does not depend on the event loops of the
+screen or of other calls: a key press only sets an event in this thread's loop.
 """
 
 from __future__ import annotations
@@ -83,8 +83,8 @@ class HaltConnection:
         """Start opening the connection, and return at once.
 
         Args:
-            target: The controller. A name for Controller_Connect gets the suffix "-halt", since it must be
-                unique.
+            target: The controller. Its name for Controller_Connect gets the suffix "-halt", since names must
+                be unique.
             report: Function that receives every change of state, in this connection's thread.
             observer: Function that receives every packet, in this connection's thread.
         """

@@ -169,7 +169,7 @@ class SlaveScreen(BaseScreen):
         self._prepared = ready
         lines = list(ready.summary_lines(INK, self.query_one("#before").size.width - 2))
         self._show_report(lines)
-        self._show_state(lines[-1])  # the verdict; the report may be too long
+        self._show_state(lines[-1])  # the verdict, which a long report may hide
         self.query_one("#start", Button).disabled = (
             not ready.preflight.is_playable or self._player_slot.is_playing
         )

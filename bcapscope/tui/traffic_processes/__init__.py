@@ -2,5 +2,5 @@
 
 Only `traffic_feed` runs in the screen's process. No module here imports Textual, so the processes start fast.
 
-Their work never delays a key, because the screen has its own process.
+The work of the processes never delays a key, because the screen has its own process.
 """

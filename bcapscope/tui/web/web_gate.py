@@ -1,9 +1,9 @@
 """Access check of the served screen: one check for every HTTP request, without I/O.
 
-The address that bcapscope prints contains a token. That address opens a page which sets a cookie and forwards
-to a secret path. All other pages are below the secret path and need the cookie. Browsers send a cookie to
-every port of a host, where a server of another user could collect it. The cookie is limited to the secret
-path, so browsers do not send it to such servers.
+The address that bcapscope prints contains a token. The printed address opens a page that sets a cookie and
+forwards to a secret path. All other pages are below the secret path and need the cookie. Browsers send a
+cookie to every port of a host, where a server of another user could collect it. The cookie is limited to the
+secret path, so browsers do not send it to such servers.
 """
 
 from __future__ import annotations
