@@ -395,7 +395,7 @@ def _shared_memory(size: int) -> SharedMemory:
     """Create zeroed shared memory with all pages allocated: a page missing later would kill the process."""
     try:
         if sys.platform != "win32":
-            resource_tracker.ensure_running()  # this process frees the memory later
+            resource_tracker.ensure_running()  # the tracker frees the memory if the proxy is killed
         memory = SharedMemory(create=True, size=size)
         try:
             if hasattr(os, "posix_fallocate"):
