@@ -1,1 +1,1 @@
-"""What runs beside the user: processes and their supervision, recorders, signals, priorities."""
+"""Runs beside the user interface: processes and their supervision, recorders, signals, priorities."""

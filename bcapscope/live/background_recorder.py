@@ -1,7 +1,8 @@
-"""Records traffic of this process, such as a server's, with a thread that writes to the disk.
+"""Records the traffic of a server or client in the same process; a separate thread writes to the disk.
 
-The caller's thread encodes packets, after it has answered the client. Encoding in a second thread would take
-the interpreter from the first and cost milliseconds. The recorder's thread only waits for the disk.
+The caller's thread encodes packets after the caller has answered the client. A second thread that encodes
+would hold Python's interpreter lock and delay replies by milliseconds. The recorder's own thread only writes
+encoded packets to the disk.
 """
 
 from __future__ import annotations
@@ -20,32 +21,38 @@ from bcapscope.protocol.text_format import counted
 from bcapscope.traffic.observation import Observation, Transport
 
 MAX_WAITING = 16 << 20
-"""Bytes that may wait for the disk, overhead included. Beyond that, packets are left out and counted."""
+"""Maximum number of bytes that may wait for the disk, with `_STEP_OVERHEAD` per packet.
+
+While more bytes wait, the recorder omits and counts new packets.
+"""
 
 _STEP_OVERHEAD = 512
-"""Bytes of memory that a packet needs, besides its data, before it is encoded."""
+"""Bytes of memory that a packet occupies before it is encoded, in addition to its data."""
 
 _WRITE_INTERVAL = 0.02
 """Seconds between writes to the disk."""
 
 _MAKE_FOR_NS = 1_000_000
-"""ns for encoding packets before the server checks for new requests."""
+"""Maximum time in ns for encoding packets before the server checks for new requests."""
 
 _ENDS_WITHIN = 5.0
-"""Seconds for writing the rest at the end."""
+"""Maximum time in seconds for encoding, and again for writing, the waiting packets in `close`."""
 
 _WriteStep: TypeAlias = Callable[[SocketRecording], None]
 _Direction: TypeAlias = tuple[Address, Address]
 
 
 class BackgroundRecorder:
-    """Records without delaying the caller, and reports packets that it could not write in time.
+    """Records packets without delaying the caller, and counts packets that could not be written in time.
 
     All methods except `on_observation` run in one thread.
     """
 
     def __init__(self, recorder: Recorder, *, most_waiting: int = MAX_WAITING) -> None:
-        """Start the writing thread. The recorder is not a ring; `most_waiting` is in bytes."""
+        """Start the writing thread.
+
+        The recorder must not be a ring of files; `most_waiting` replaces `MAX_WAITING` (bytes).
+        """
         self._recorder = recorder
         self._most_waiting = most_waiting
         self._steps: deque[tuple[int, _WriteStep]] = deque()
@@ -90,7 +97,7 @@ class BackgroundRecorder:
             self._gap_bytes[direction] = self._gap_bytes.get(direction, 0) + len(data)
 
     def on_stream_end(self, source: Address, target: Address, time: int, *, reset: bool = False) -> None:
-        """Record that one end has closed a TCP connection, if any of its bytes are recorded."""
+        """Record that one end has closed a TCP connection that has data in the recording."""
         if not self._recorded_directions.isdisjoint(((source, target), (target, source))) and self._has_room(
             0
         ):
@@ -103,7 +110,7 @@ class BackgroundRecorder:
             )
 
     def on_connection_end(self, client: Address, server: Address) -> None:
-        """Drop the state of a TCP connection."""
+        """Forget a TCP connection that has ended."""
         directions = {(client, server), (server, client)} & self._recorded_directions
         if not directions or not self._recorder.is_complete:
             return
@@ -120,11 +127,14 @@ class BackgroundRecorder:
             self._queue_step(0, drop)
 
     def on_idle(self) -> bool:
-        """Encode waiting packets once all requests are answered. Return whether packets remain."""
+        """Encode waiting packets; the server calls this once all requests are answered.
+
+        Return whether packets remain.
+        """
         return self._make_packets(_MAKE_FOR_NS)
 
     def _make_packets(self, most: int) -> bool:
-        """Encode packets for at most `most` ns. Return whether packets remain."""
+        """Encode packets for at most `most` ns; return whether packets remain."""
         steps = self._steps
         if not steps:
             return False
@@ -138,7 +148,10 @@ class BackgroundRecorder:
         return bool(steps)
 
     def close(self) -> bool:
-        """Write the rest for at most `_ENDS_WITHIN` seconds. Return whether the capture is complete."""
+        """Encode and write the waiting packets, each for at most `_ENDS_WITHIN` seconds, and close the file.
+
+        Return whether the capture is complete.
+        """
         self._make_packets(round(_ENDS_WITHIN * 1e9))
         self._is_closing.set()
         self._has_work.set()
@@ -157,7 +170,8 @@ class BackgroundRecorder:
         if not self._recorder.is_complete:
             return False
         waiting = self._queued_size + self._recorder.bytes_pending
-        # After a loss, half of the room must be free again: one long gap is better than many short ones.
+        # After a loss, recording resumes once half of the room is free: one long gap is better than many
+        # short ones.
         if waiting + size + _STEP_OVERHEAD <= (
             self._most_waiting // 2 if self._skipped else self._most_waiting
         ):
@@ -168,7 +182,10 @@ class BackgroundRecorder:
         return False
 
     def _end_gap(self) -> str:
-        """Resume after missing packets. Return the comment for the next packet, "" if none is missing."""
+        """Resume after missing packets.
+
+        Return the comment for the next packet: how many packets are missing before it, or "" for none.
+        """
         if not self._skipped:
             return ""
         missing, self._skipped = self._skipped, 0

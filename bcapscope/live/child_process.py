@@ -1,6 +1,7 @@
-"""A bcapscope command that the screen starts: the simulator, or a proxy.
+"""A bcapscope command that the screen starts in a child process: the simulator or a proxy.
 
-A signal asks it to end. If the screen is killed, the command notices the end of its standard input.
+The screen ends the command with a signal. If the screen is killed, the command's standard input closes, and
+the command ends.
 """
 
 from __future__ import annotations
@@ -21,16 +22,22 @@ from bcapscope.messages import Message
 from bcapscope.messages.message import foreign_text
 
 START_TIMEOUT = 60.0
-"""Seconds until the command must listen. A busy machine takes long to load a program."""
+"""Maximum time in seconds from the start of the command until it listens.
+
+A busy machine may need many seconds to load the program.
+"""
 
 END_TIMEOUT = 8.0
-"""Seconds for ending in order after each signal."""
+"""Maximum time in seconds that the command may take to end after each signal."""
 
 _MAX_LINES = 500
 
 
 class ChildStartError(BcapError):
-    """The command did not start; the text is the last line that it printed, `code` its exit code."""
+    """The command did not start.
+
+    The error text is the last line that the command printed; `code` is its exit code.
+    """
 
     def __init__(self, message: Message, code: int) -> None:
         super().__init__(message)
@@ -38,12 +45,13 @@ class ChildStartError(BcapError):
 
 
 class ChildProcess:
-    """A running command, with the addresses that it reported. `control_address` is "" without control
-    socket.
+    """A running bcapscope command, with the addresses that the command reported.
+
+    `control_address` is "" if the command has no control socket.
     """
 
     def __init__(self, *words: str) -> None:
-        """Start ``bcapscope WORDS --attended`` and wait until it listens.
+        """Start ``bcapscope WORDS --attended`` and wait until the command listens.
 
         Raises:
             ChildStartError: The command does not start.
@@ -103,7 +111,7 @@ class ChildProcess:
             on_end(self._end_reason())
 
     def _end_reason(self) -> str:
-        """Return the last line of a command that ended without a request; "" if it was killed."""
+        """Return the command's last line if it ended unexpectedly; "" if a signal killed it."""
         return "" if self._process.returncode < 0 else self.last_line
 
     @property
@@ -112,18 +120,21 @@ class ChildProcess:
 
     @property
     def last_line(self) -> str:
-        """The last line that is not empty; "" if there is none."""
+        """The last line with text that the command printed on standard error; "" if there is none."""
         with self._lock:
             return next((text for text in reversed(self._output) if text), "")
 
     def hand_over_stdout(self) -> BinaryIO:
-        """Return the standard output after the line with the addresses. The caller reads and closes it."""
+        """Return the command's standard output, of which only the line with the addresses has been read.
+
+        The caller must read and close the returned stream.
+        """
         assert self._stdout is not None
         stdout, self._stdout = self._stdout, None
         return stdout
 
     def subscribe_output(self, on_output: Callable[[str], None]) -> None:
-        """Call `on_output` with the lines printed so far; from another thread, with each later line."""
+        """Call `on_output` with each line printed so far, and from another thread with each later line."""
         with self._lock:
             self._on_output = on_output
             lines = list(self._output)
@@ -131,9 +142,9 @@ class ChildProcess:
             on_output(text)
 
     def subscribe_end(self, on_end: Callable[[str], None]) -> None:
-        """Call `on_end` if the command ends without a request, with its last line; "" if it was killed.
+        """Call `on_end` with the command's last line if it ends unexpectedly; "" if a signal killed it.
 
-        The call comes from another thread, or at once if the command has ended.
+        `on_end` is called from another thread, or at once if the command has ended already.
         """
         with self._lock:
             self._on_end, ended = on_end, self._has_ended
@@ -141,7 +152,7 @@ class ChildProcess:
             on_end(self._end_reason())
 
     def terminate(self) -> list[str]:
-        """End the command in order. Return the lines that it printed meanwhile."""
+        """End the command in order. Return the lines that the command printed while it ended."""
         self._is_wanted = False
         before = self._line_count
         self._on_output = None

@@ -1,12 +1,13 @@
-"""Keep the processors out of deep sleep during set points; only on request (`proxy --low-latency`).
+"""Keeps processors out of deep sleep while set points arrive, for `proxy --low-latency`.
 
-Waking a processor takes a few microseconds from light sleep, and a hundred or more from deep sleep. On a
-virtual machine it takes tens from any sleep, since the host wakes it. A round trip through the proxy pays
-this four times if client and controller run on the same machine, else twice.
+A processor needs a few microseconds to wake from light sleep, and a hundred or more from deep sleep. A
+virtual machine's processor needs tens of microseconds to wake from any sleep, because the host wakes it. A
+round trip through the proxy contains four wake-ups if client and controller run on the same machine, else
+two.
 
-Linux accepts a limit for the wake-up time (power/pm_qos_interface). The limit holds for the whole machine and
-costs electricity, or processor time of the host. So the proxy sets it only while there is much traffic, and
-not on a machine whose host takes processors away.
+Linux accepts a limit for the time of a wake-up (power/pm_qos_interface). The limit applies to the whole
+machine and costs electricity, or processor time of the host. So the proxy sets the limit only while there is
+much traffic, and not if the host takes processor time away.
 """
 
 from __future__ import annotations
@@ -24,25 +25,28 @@ from bcapscope.messages.os_errors import os_reason
 from bcapscope.proxy.ring_buffer import RelayCounter
 
 BUSY_DATAGRAMS = 100
-"""Datagrams in `BUSY_WITHIN` that count as much: 50 calls. Set points every 8 ms make 250 per second."""
+"""Number of datagrams within `BUSY_WITHIN` seconds that counts as much traffic: 50 calls.
+
+Set points every 8 ms make 250 datagrams per second.
+"""
 
 BUSY_WITHIN = 1.0
-"""Seconds over which datagrams are counted."""
+"""Time in seconds over which datagrams are counted."""
 
 AWAKE_FOR = 2.0
-"""Seconds without much traffic after which processors may sleep again."""
+"""Time in seconds without much traffic after which the processors may sleep deeply again."""
 
 MAX_STOLEN_SHARE = 0.05
-"""Highest share of one processor's time that the host may take from all processors together."""
+"""Maximum share of one processor's time that the host may take from all processors together."""
 
 PAUSED_FOR = 60.0
-"""Seconds without a limit after the host took more than that, or Linux refused the limit."""
+"""Time in seconds without the limit after the host took too much time, or Linux refused the limit."""
 
 _MEASURED_EVERY = 1.0
-"""Seconds between measurements of the time that the host took."""
+"""Seconds between measurements of the processor time that the host took."""
 
 _STREAM_BYTES_EACH = 64
-"""Bytes of streams that count as one datagram: a set point has about 100 bytes, its reply 58 or 90."""
+"""Bytes of TCP streams that count as one datagram: a set point has about 100 bytes, its reply 58 or 90."""
 
 _REQUEST = struct.Struct("@i")
 _DEVICE = Path("/dev/cpu_dma_latency")
@@ -50,13 +54,13 @@ _CPU_FOLDER = Path("/sys/devices/system/cpu")
 _STATISTICS = Path("/proc/stat")
 
 _USUAL_LATENCY_US = 2
-"""µs to wake from the lightest sleep, where Linux does not report them."""
+"""Assumed time in µs to wake from the lightest sleep, where Linux does not report this time."""
 
 _FIRST_LINE_BYTES = 256
-"""Bytes to read; longer than the first line."""
+"""Number of bytes to read from /proc/stat, more than its first line has."""
 
 _STEAL_COLUMN = 8
-"""Column of the time that the host took, in the first line (proc_stat(5))."""
+"""Column of the first line of /proc/stat that holds the time taken by the host (proc_stat(5))."""
 
 
 class CpuWakefulness:
@@ -71,8 +75,9 @@ class CpuWakefulness:
         self._measured_at = 0.0
 
     def update(self, datagrams: int, now: float) -> None:
-        """Update the decision from the datagrams so far. Call this about twenty times per second of a steady
-        clock.
+        """Decide whether the processors may sleep deeply, from the number of datagrams so far.
+
+        Call this about twenty times per second; `now` is in seconds of a monotonic clock.
         """
         is_much = datagrams - self._count_before >= BUSY_DATAGRAMS
         if is_much:
@@ -100,7 +105,7 @@ class CpuWakefulness:
             self._not_before = now + PAUSED_FOR
 
     def _is_much_stolen(self, now: float) -> bool:
-        """Return whether the host took more than `MAX_STOLEN_SHARE` of the time since the last check."""
+        """Return whether the host took more than `MAX_STOLEN_SHARE` of a processor since the last check."""
         since, before = now - self._measured_at, self._stolen_before
         self._measured_at, self._stolen_before = now, self._sleep.stolen_seconds()
         return (
@@ -111,16 +116,18 @@ class CpuWakefulness:
 
 
 def datagrams_passed(counts: Sequence[int]) -> int:
-    """Return the datagrams received, plus the datagrams that the bytes sent on streams would make."""
+    """Return the number of datagrams received; each `_STREAM_BYTES_EACH` bytes of TCP count as one."""
     datagrams = counts[RelayCounter.CAME_UP] + counts[RelayCounter.CAME_DOWN]
     return datagrams + (counts[RelayCounter.BYTES_UP] + counts[RelayCounter.BYTES_DOWN]) // _STREAM_BYTES_EACH
 
 
 class CpuLatencyLimit:
-    """Asks Linux for the lightest sleep only. This needs root unless a udev rule grants access.
+    """Asks Linux to use only the lightest sleep of the processors.
 
-    A KVM guest with the haltpoll driver then waits without sleep: its host handles each sleep, however light.
-    Linux drops the request when the file is closed, however the process ends.
+    The request needs root rights, unless a udev rule grants access.
+
+    A KVM guest with the haltpoll driver then waits without sleeping, because its host handles each sleep,
+    however light. Linux drops the request when the process closes the file or ends in any way.
     """
 
     def __init__(self) -> None:
@@ -134,7 +141,7 @@ class CpuLatencyLimit:
         if sys.platform != "linux":
             return False
         try:
-            self._device = os.open(_DEVICE, os.O_WRONLY)  # creates no file where there is no such device
+            self._device = os.open(_DEVICE, os.O_WRONLY)  # does not create the device file if it is missing
             os.write(self._device, _REQUEST.pack(self._limit_us))
             if self._has_haltpoll:
                 self._statistics = os.open(_STATISTICS, os.O_RDONLY)
@@ -152,7 +159,7 @@ class CpuLatencyLimit:
                     os.close(descriptor)
 
     def stolen_seconds(self) -> float | None:
-        """Return the processor time in s that the host took so far; None if processors sleep."""
+        """Return the processor time in seconds that the host took so far; None without haltpoll."""
         if sys.platform == "linux" and self._statistics is not None:
             with suppress(OSError, IndexError, ValueError):
                 line = os.pread(self._statistics, _FIRST_LINE_BYTES, 0)
@@ -161,7 +168,7 @@ class CpuLatencyLimit:
 
 
 def low_latency_problem() -> Message | None:
-    """Return why this process cannot keep processors out of deep sleep; None if it can."""
+    """Return why this process cannot keep processors out of deep sleep; None if nothing prevents it."""
     if sys.platform != "linux":
         return Message("low-latency.not-linux")
     try:
@@ -178,7 +185,7 @@ def _uses_haltpoll() -> bool:
 
 
 def _lightest_latency_us() -> int:
-    """Return the µs that the first processor takes to wake from the lightest sleep in use."""
+    """Return the time in µs that the first processor takes to wake from its lightest enabled sleep."""
     states = (_CPU_FOLDER / "cpu0" / "cpuidle").glob("state*")
     with suppress(OSError, ValueError):
         used = [each for each in states if int((each / "disable").read_text()) == 0]

@@ -1,4 +1,4 @@
-"""Ctrl-C while an endless input is read: it ends the wait for more input, and nothing else."""
+"""Ctrl-C while an endless input is read: ends only the wait for more input."""
 
 from __future__ import annotations
 
@@ -11,10 +11,11 @@ T = TypeVar("T")
 
 
 class DeferredInterrupts:
-    """Delays Ctrl-C while input is processed, so that everything that was read is still printed.
+    """Delays Ctrl-C while input is processed, so that bcapscope still prints everything that it has read.
 
-    The first Ctrl-C takes effect only while the program waits for input. A second one ends the program as
-    usual, if it comes before the first took effect. Use it in the main thread, which receives signals.
+    The first Ctrl-C takes effect only while the program waits for input. A second Ctrl-C ends the program as
+    usual, if it comes before the first took effect. Create the object in the main thread, because only that
+    thread handles signals.
     """
 
     def __init__(self) -> None:
@@ -22,13 +23,13 @@ class DeferredInterrupts:
         self._previous_handler = signal.signal(signal.SIGINT, self._on_sigint)
 
     def read_or_stop(self, read: Callable[[], T]) -> T | None:
-        """Return the result of `read`, or None if Ctrl-C came meanwhile or before."""
+        """Return the result of `read`, or None if the user pressed Ctrl-C before or during `read`."""
         if self._is_interrupted:
             return None
         try:
             self._is_waiting = True
             found = read()
-            self._is_waiting = False  # keep the result even if Ctrl-C comes right after
+            self._is_waiting = False  # from here on, Ctrl-C no longer discards the result
         except KeyboardInterrupt:
             return None
         finally:

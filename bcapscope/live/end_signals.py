@@ -20,17 +20,19 @@ _END_SIGNALS = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasat
 
 
 def interrupt_on_end_signals() -> None:
-    """Treat signals that end programs like Ctrl-C, so that resources are released."""
+    """Treat SIGTERM and SIGHUP like Ctrl-C, so that the program releases its resources."""
     for number in _END_SIGNALS:
         if signal.getsignal(number) is not signal.SIG_IGN:  # SIG_IGN was set by nohup
             signal.signal(number, _raise_interrupt)
 
 
 def run_interruptible(work: Coroutine[Any, Any, T]) -> T:
-    """Run a coroutine. Signals that end programs cancel it between two steps, so that resources are released.
+    """Run a coroutine.
+
+    SIGTERM and SIGHUP cancel the coroutine at an `await`, so that it releases its resources.
 
     Raises:
-        KeyboardInterrupt: A signal ended it.
+        KeyboardInterrupt: A signal cancelled the coroutine.
     """
     return asyncio.run(_interruptible(work))
 
@@ -47,7 +49,7 @@ async def _interruptible(work: Coroutine[Any, Any, T]) -> T:
     before = {number: signal.getsignal(number) for number in _END_SIGNALS}
     for number, handler in before.items():
         if handler is not signal.SIG_IGN:  # SIG_IGN was set by nohup
-            with suppress(NotImplementedError):  # on Windows, where the signal ends it as before
+            with suppress(NotImplementedError):  # on Windows, event loops handle no signals
                 loop.add_signal_handler(number, end)
     try:
         return await work
@@ -66,13 +68,13 @@ def _raise_interrupt(number: int, frame: FrameType | None) -> None:
 
 @contextmanager
 def end_signal_socket() -> Iterator[socket.socket]:
-    """Deliver Ctrl-C and signals that end programs through a non-blocking socket: a byte each, its number.
+    """Deliver Ctrl-C, SIGTERM and SIGHUP through a non-blocking socket, as a byte with the signal's number.
 
-    Otherwise they would end the program between any two steps, such as between writing lines and dropping
-    them.
+    Without the socket, a signal could end the program between any two steps, such as between writing lines
+    and dropping them.
 
     Raises:
-        FileWriteError: No file descriptors are left.
+        FileWriteError: The process has no file descriptors left.
     """
     try:
         here, there = socket.socketpair()
@@ -96,12 +98,13 @@ def end_signal_socket() -> Iterator[socket.socket]:
 
 @contextmanager
 def end_signals_blocked() -> Iterator[None]:
-    """Block Ctrl-C in processes that start in this block, until they have loaded what they need.
+    """Block Ctrl-C in child processes that start in this block, until they have loaded.
 
-    A terminal sends Ctrl-C to all processes that it runs. A process that is still loading would end with a
-    traceback. Signals that end programs never reach these processes. This process gets them after the block.
+    A terminal sends Ctrl-C to all processes that run in it. A child process that is still loading would end
+    with a traceback. The children never receive SIGTERM or SIGHUP. This process receives blocked signals
+    after the block.
     """
-    if not hasattr(signal, "pthread_sigmask"):  # on Windows such a process inherits no signal mask
+    if not hasattr(signal, "pthread_sigmask"):  # on Windows, child processes inherit no signal mask
         yield
         return
     before = signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT, *_END_SIGNALS))
@@ -112,4 +115,4 @@ def end_signals_blocked() -> Iterator[None]:
 
 
 def _do_nothing(number: int, frame: FrameType | None) -> None:
-    """Do nothing: Python has written the number to the socket already."""
+    """Do nothing, because Python has already written the signal's number to the socket."""

@@ -1,4 +1,7 @@
-"""Options and entry point of the process that watches a proxy. The relay loads this, so it imports little."""
+"""Options and entry point of the watcher, the process that watches a proxy's traffic.
+
+The relay also loads this module, so the module imports little.
+"""
 
 from __future__ import annotations
 
@@ -26,19 +29,23 @@ if TYPE_CHECKING:
 BEGIN, CLOSE_SESSIONS, READY = b"begin", b"close sessions", b"ready"
 """Messages between relay and watcher.
 
-`BEGIN` starts the watcher, and `READY` is its answer. The answer to `CLOSE_SESSIONS` is a JSON list of
-`ClosingRequests`. Any other message from the relay is advice, printed if the proxy is too slow.
+`BEGIN` starts the watcher, which answers `READY`. The watcher answers `CLOSE_SESSIONS` with a JSON list of
+`ClosingRequests`. Any other message from the relay is a hint, which the watcher prints if the proxy is too
+slow.
 """
 
 INCOMPLETE = 6
-"""Exit code of the watcher for an incomplete recording. It is not 1, which a traceback also gives."""
+"""Exit code of the watcher if the recording is incomplete.
+
+The code is not 1, because a traceback also exits with 1.
+"""
 
 
 class ClosingRequests(msgspec.Struct, frozen=True, array_like=True):
-    """How to close the session of a UDP client in its place: frames, each sent after the reply to the last
-    one.
+    """Frames that close the session of a UDP client on its behalf, each sent after the previous reply.
 
-    `open_state` says what is open besides handles, as of `encode_message`; b"" for nothing.
+    `open_state` is an encoded message (see `encode_message`) that names open state besides handles; b"" for
+    none.
     """
 
     client: int
@@ -47,7 +54,7 @@ class ClosingRequests(msgspec.Struct, frozen=True, array_like=True):
 
 
 class TrafficFormat(StrEnum):
-    """How a frame or call is written."""
+    """Format in which a frame or call is displayed."""
 
     LINE = "line"
     TREE = "tree"
@@ -56,7 +63,7 @@ class TrafficFormat(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class ViewOptions:
-    """What is displayed: frames or calls (None for nothing), those that match `expression`."""
+    """What the proxy displays: the frames or calls (None for nothing) that match `expression`."""
 
     shown: RecordKind | None
     form: TrafficFormat = TrafficFormat.LINE
@@ -65,10 +72,10 @@ class ViewOptions:
     language: Language = Language.ENGLISH
 
     def compiled_filter(self) -> Filter | None:
-        """Compile the expression; None for all.
+        """Compile the filter expression; return None if everything is shown.
 
         Raises:
-            FilterError: The expression is invalid.
+            FilterError: The filter expression is invalid.
         """
         if not self.expression:
             return None
@@ -82,19 +89,20 @@ class WatcherSubscriber(Protocol):
     subscribers: tuple[PipelineSubscriber, ...]
 
     def on_frame(self, observation: Observation, note: str) -> None:
-        """Receive a frame, with a note of what a rule did to it ("" for nothing), in the user's language."""
+        """Receive a frame; `note` says in the user's language what a proxy rule did to it, or ""."""
 
     def report_if_due(self, client_count: int) -> None:
-        """Do what is due even without traffic; `client_count` is the number of clients so far."""
+        """Send reports that are due, even without traffic; `client_count` is the number of clients so far."""
 
     def close(self, end_time: int) -> None:
-        """Receive the end of the traffic, ns since 1970."""
+        """Receive the time when the traffic ended, in ns since 1970."""
 
 
 @dataclass(frozen=True, slots=True)
 class ProxyOptions:
-    """What the watcher does with the traffic. Its process calls `open_subscriber`, which can raise an
-    OSError.
+    """What the watcher of a proxy does with the traffic.
+
+    The watcher process calls `open_subscriber`, which can raise an OSError.
     """
 
     record: Path | None
@@ -105,7 +113,10 @@ class ProxyOptions:
 
 
 def run_watcher(memory: str, relay: Connection, options: ProxyOptions) -> None:
-    """Watch a relay until it ends; the entry point of the process. Exit with `INCOMPLETE` if that applies."""
+    """Watch a relay until it ends; this is the entry point of the watcher process.
+
+    The process exits with `INCOMPLETE` if the recording is incomplete.
+    """
     from bcapscope.live.proxy_watcher import watch_relay
 
     try:

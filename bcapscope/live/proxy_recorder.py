@@ -1,4 +1,4 @@
-"""The recording of a proxy: both sides of all traffic, each on its own interface."""
+"""Records both sides of a proxy's traffic, each side on its own interface of the capture."""
 
 from __future__ import annotations
 
@@ -24,8 +24,9 @@ class _ProxySide:
     """One side of a client's traffic: between client and proxy, or between proxy and controller.
 
     Attributes:
-        begun: True once the connection is in the recording.
-        endpoints: Source and target: toward the client at index 0, toward the controller at index 1.
+        begun: Whether the recording contains the start of the TCP connection.
+        endpoints: Source and target of a packet: toward the client at index 0, toward the controller at index
+            1.
     """
 
     __slots__ = ("begun", "endpoints", "interface", "is_client_side", "is_stream")
@@ -50,16 +51,19 @@ class _ProxySide:
 
 
 _RecordStep: TypeAlias = tuple[int, _ProxySide, RingRecord, int]
-"""Time of a packet in ns since 1970, its side, and the record that it comes from, with its number."""
+"""Time of a packet in ns since 1970, the packet's side, its ring record, and the record's number."""
 
 _step_time: Callable[[_RecordStep], int] = itemgetter(0)
 
 _MAX_PAIR_ENCODERS = 1024
-"""Encoders that are kept, one for each client, direction and size. Beyond that, all are discarded."""
+"""Maximum number of cached packet encoders, one for each client, direction and size.
+
+A full cache is emptied.
+"""
 
 
 class ProxyRecorder:
-    """Makes packets of the relay's records, in the order of time, and adds them to a recording."""
+    """Turns the relay's records into packets, orders the packets by time, and adds them to a recording."""
 
     def __init__(self, recorder: Recorder, *, keeps_packet_numbers: bool = False) -> None:
         """Start without clients. A caller that keeps packet numbers must call `next_packet_numbers`."""
@@ -71,10 +75,13 @@ class ProxyRecorder:
         self._steps: list[_RecordStep] = []
         self._pair_encoders: dict[
             tuple[int, bool, int], PacketPairEncoder
-        ] = {}  # by client, direction (up) and bytes
+        ] = {}  # the key is client, direction (True: to the controller) and size in bytes
 
     def add_records(self, records: Sequence[RingRecord]) -> None:
-        """Write records in the order of time. Packets that another may still precede wait for `flush`."""
+        """Write records in the order of time.
+
+        A packet waits until a later call or `flush` if an earlier packet may still follow.
+        """
         if not self._recorder.is_complete:
             return
         written = self._write_plain_run(records)
@@ -100,15 +107,17 @@ class ProxyRecorder:
         self._write_steps(bisect_right(steps, came, key=_step_time))
 
     def _write_plain_run(self, records: Sequence[RingRecord]) -> int:
-        """Write leading records that are datagrams forwarded unchanged, one after another. Most records are.
+        """Write the leading records whose datagrams were forwarded unchanged, one after another.
 
-        Packets that wait are written first, provided that all of `records` is later. Returns the number of
-        records written, never all: an earlier packet may follow the last record.
+        Most records are such.
+
+        Waiting packets are written first, provided that all of `records` are later than those packets. Return
+        the number of records written, without the last record, since an earlier packet may follow.
         """
         first = [
             came if 0 < came <= left else left or came for _, _, _, came, left, _, _ in reversed(records)
         ]
-        soonest = [*accumulate(first, min)][::-1]  # earliest time of each record and all later ones
+        soonest = [*accumulate(first, min)][::-1]  # earliest time of each record and of all later records
         if len(records) < 2 or (self._steps and soonest[0] < self._steps[-1][0]):
             return 0
         self._write_steps(len(self._steps))
@@ -134,16 +143,19 @@ class ProxyRecorder:
         return written
 
     def next_packet_numbers(self, count: int) -> list[int]:
-        """Return the number of the last packet on the clients' side of each of the next records; 0 for none.
+        """Return for each of the next records the number of its last packet on the clients' side, or 0.
 
-        The numbers are valid for a recording in one file.
+        The numbers are valid only for a recording in one file.
         """
         first, numbers = self._numbers_given, self._packet_numbers or {}
         self._numbers_given += count
         return [numbers.pop(number, 0) for number in range(first, first + count)]
 
     def _write_blocks(self, blocks: list[bytes]) -> int:
-        """Write the blocks and empty the list. Return how many blocks there were."""
+        """Write encoded packet pairs to the recording and empty the list.
+
+        Return the number of pairs written.
+        """
         count = len(blocks)
         if count:
             self._packets.write_blocks(b"".join(blocks), count)
@@ -151,7 +163,10 @@ class ProxyRecorder:
         return count
 
     def _make_pair_encoder(self, number: int, up: bool, size: int) -> PacketPairEncoder | None:
-        """Return an encoder for datagrams of this size. None for a stream or an unknown client."""
+        """Return an encoder for a client's datagrams of `size` bytes.
+
+        The result is None for a TCP stream or an unknown client.
+        """
         if not self._sends_datagrams(number):
             return None
         if len(self._pair_encoders) >= _MAX_PAIR_ENCODERS:
@@ -211,7 +226,7 @@ class ProxyRecorder:
 
     def _begin_packet(self) -> None:
         if self._recorder.begin_packet():
-            self._pair_encoders.clear()  # they refer to interfaces of the previous file
+            self._pair_encoders.clear()  # the encoders refer to interfaces of the previous file
 
     def _begin_stream(self, side: _ProxySide, time: int) -> None:
         side.begun = True
@@ -232,7 +247,7 @@ class ProxyRecorder:
         )
 
     def _skip_bytes(self, side: _ProxySide, record: RingRecord, time: int) -> None:
-        """Leave a gap in the sequence numbers."""
+        """Leave a gap in the TCP sequence numbers, for bytes that are not recorded."""
         came, left = hole_sizes(record)
         if not side.begun:
             self._begin_stream(side, time)
@@ -240,7 +255,7 @@ class ProxyRecorder:
         self._packets.skip_bytes(*side.endpoints[record.up], size)
 
     def _end_stream(self, side: _ProxySide, record: RingRecord, time: int) -> None:
-        """Write the end of one direction, if the connection is in the recording."""
+        """Write that one direction of a TCP connection ended, if the recording contains the connection."""
         if side.begun:
             self._begin_packet()
             self._packets.write_stream_end(

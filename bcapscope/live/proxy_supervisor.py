@@ -1,4 +1,4 @@
-"""A running proxy: the relay in this process, and the watcher in a process of its own."""
+"""Runs a proxy: the relay in this process, and the watcher in a separate process."""
 
 from __future__ import annotations
 
@@ -49,31 +49,37 @@ from bcapscope.traffic.observation import Endpoint
 from bcapscope.transport.descriptors import raise_descriptor_limit
 
 RING_SIZE = 32 << 20
-"""Bytes: about 20 seconds of four robots with one set point per millisecond, if nothing is read."""
+"""Size of the ring in bytes: about 20 seconds of traffic of four robots with one set point per ms each."""
 
 _MAX_DESCRIPTORS = 1024
-"""Limit of open file descriptors: two for a TCP client; one for a UDP client or one without a first frame."""
+"""Wanted limit of open file descriptors: a TCP client needs two, a UDP client one."""
 
 _POLL_INTERVAL = 0.05
 _BEGINS_WITHIN = 30.0
 _ANSWERS_WITHIN = 3.0
 _ENDS_WITHIN = 60.0
-"""Seconds that the watcher may take to end."""
+"""Maximum time in seconds from the end of the relay until the watcher must have ended."""
 
 _SESSIONS_CLOSE_WITHIN = 3.0
-"""Seconds for closing all sessions in the clients' place. A controller that is gone answers nothing."""
+"""Maximum time in seconds for closing the UDP sessions of all clients on their behalf.
+
+The time is limited because a controller that is gone answers nothing.
+"""
 
 _TOTALS_WITHIN = 0.5
-"""Seconds for printing the totals at the end."""
+"""Maximum time in seconds for printing the totals at the end."""
 
 _STDIN = 0
 
 _SILENT_FOR_NS = 30_000_000_000
-"""ns of silence after which a client counts as gone, once the terminal is closed."""
+"""Time in ns of silence after which a client counts as gone, once the terminal has closed."""
 
 
 class ProxySupervisor:
-    """The relay and the process that watches it. Callers can attach more to `relay` before it runs."""
+    """Runs the relay, and starts and ends the process that watches it.
+
+    Callers can attach a control socket or scripts to `relay` before it runs.
+    """
 
     def __init__(
         self,
@@ -115,10 +121,10 @@ class ProxySupervisor:
         self._closing_requests: list[ClosingRequests] = []
 
     def listen(self, listener: ListenerSpec, forget_after: int) -> Endpoint:
-        """Listen, and return the address. UDP clients are forgotten after `forget_after` ns of silence.
+        """Listen, and return the address. The relay forgets a UDP client after `forget_after` ns of silence.
 
         Raises:
-            ProxyListenError: The address cannot be listened on.
+            ProxyListenError: The proxy cannot listen on this address.
             UnreachableError: The controller's name cannot be resolved.
         """
         address, ports = open_listeners(self.relay, listener, forget_after)
@@ -128,8 +134,8 @@ class ProxySupervisor:
     def start_watcher(self, wait_for_scripts: Callable[[float], bool] | None = None) -> None:
         """Start the watcher process and wait until it is ready.
 
-        `wait_for_scripts` waits up to the given seconds, and returns whether the scripts have started.
-        Recording starts after that; the watcher process is loaded meanwhile.
+        `wait_for_scripts` waits up to the given number of seconds, and returns whether the scripts have
+        started. Recording starts after the scripts have started; the watcher process loads meanwhile.
 
         Raises:
             FileWriteError: The recording cannot be written, or the process cannot be started.
@@ -164,12 +170,12 @@ class ProxySupervisor:
             )
         self._is_watched = self._has_watcher_begun = True
         self._unlink_memory()
-        if sys.platform != "win32":  # there a pipe cannot be waited for together with sockets
+        if sys.platform != "win32":  # on Windows, a pipe cannot be waited for together with sockets
             self.relay.watch(self._watcher_pipe.fileno(), lambda _: self._receive_from_watcher())
 
     def end_with_parent(self) -> None:
-        """Treat the end of standard input, the end of the parent program, as a closed terminal."""
-        if sys.platform == "win32":  # there a pipe cannot be waited for together with sockets
+        """Treat the end of standard input as a closed terminal: the parent program has ended."""
+        if sys.platform == "win32":  # on Windows, a pipe cannot be waited for together with sockets
             return
         if sys.stdin is None or not _has_other_end(_STDIN):
             self._is_terminal_closed = True
@@ -177,19 +183,21 @@ class ProxySupervisor:
             self.relay.watch(_STDIN, self._on_parent_input)
 
     def run(self, on_ready: Callable[[], None]) -> None:
-        """Accept clients, call `on_ready`, forward bytes until asked to end, then shut down in order.
+        """Accept clients, call `on_ready`, forward traffic until something ends the proxy; then shut down.
 
         Raises:
             KeyboardInterrupt: A signal has asked the proxy to end before it started.
         """
         self._raise_if_ended()
         self.relay.watch(self._end_signals.fileno(), self._on_signal)
-        # Without the priority, one round trip in ten waited 4 ms beside busy programs. With it, Linux wakes
-        # the relay on the processor where it ran last, not on its waker's. That one should not sleep.
+        # Without real-time priority, one round trip in ten waited 4 ms beside busy programs. With it, Linux
+        # wakes the relay on the processor where the relay ran last, not on its waker's processor. The relay's
+        # processor should not sleep.
         with realtime_priority() as grade:
             if not grade.realtime:
                 self._send_to_watcher(encode_message(grade.text))
-            # Not earlier: it runs a trial in a thread. The thread's stack stays, and would be locked as well.
+            # The switch is made only now, because making it starts a thread for a test. The stack of an
+            # earlier thread would remain, and be locked in memory as well.
             if self._is_watched:
                 assert self._watcher is not None
                 assert self._watcher.pid is not None
@@ -210,8 +218,8 @@ class ProxySupervisor:
                 self._print_totals()
 
     def _print_totals(self) -> None:
-        """Print what this process knows, because the watcher is gone."""
-        from bcapscope.live.relay_figures import losses, totals  # the watcher's, and NumPy with it
+        """Print the totals that this process knows, because the watcher has ended."""
+        from bcapscope.live.relay_figures import losses, totals  # imports NumPy
 
         report = () if self.relay.policy is None else self.relay.policy.report()
         lines = *report, joined_clauses(totals(self._ring.counts)), *losses(self._ring.counts)
@@ -219,10 +227,10 @@ class ProxySupervisor:
         _print_aside("\n".join(texts)).join(_TOTALS_WITHIN)
 
     def close(self) -> None:
-        """Wait for the watcher's summary, unless asked again to end, and release all resources."""
+        """Wait for the watcher's summary, unless another signal ends the wait; release all resources."""
         if self._wakefulness is not None:
             self._wakefulness.allow_sleep()
-        for port in self._ports:  # `run` was not reached, so the relay does not own them
+        for port in self._ports:  # `run` was not reached, so the relay does not own the listeners
             port.close()
             port.release()
         self._ports.clear()
@@ -231,7 +239,7 @@ class ProxySupervisor:
         if self._watcher_priority is not None:
             self._watcher_priority.raise_for_good()
         if self._watcher is not None:
-            if not self._is_watched:  # it has not started, or has ended
+            if not self._is_watched:  # the watcher has not started, or has ended
                 self._watcher.kill()
             until = time.monotonic() + _ENDS_WITHIN
             while self._watcher.is_alive() and time.monotonic() < until and not self.must_end_now():
@@ -247,7 +255,7 @@ class ProxySupervisor:
 
     def _check_recording(self, code: int | None) -> None:
         self.is_recording_incomplete = self._options.record is not None and code != 0
-        if self.is_recording_incomplete and code != INCOMPLETE:  # the watcher could not report it itself
+        if self.is_recording_incomplete and code != INCOMPLETE:  # the watcher ended too early to report this
             name = printable(str(self._options.record))
             print_stderr(self._words("recording.incomplete", name=name))
 
@@ -257,9 +265,7 @@ class ProxySupervisor:
         self._unlink_memory()
 
     def _unlink_memory(self) -> None:
-        """Remove the name of the shared memory, so that the system frees it when its last user ends, in any
-        way.
-        """
+        """Remove the name of the shared memory: the system then frees it when its last user ends."""
         if self._is_memory_linked:
             self._is_memory_linked = False
             self._memory.unlink()
@@ -278,7 +284,7 @@ class ProxySupervisor:
         return self._must_end_now
 
     def _on_signal(self, _: int) -> None:
-        """Start the shutdown. After SIGHUP, continue without the terminal until no client is left."""
+        """Start the shutdown. After SIGHUP, run without the terminal until no client is left."""
         for number in self._end_signals.recv(16):
             if number == getattr(signal, "SIGHUP", None):
                 self._is_terminal_closed = True
@@ -286,7 +292,7 @@ class ProxySupervisor:
                 self._begin_ending()
 
     def _begin_ending(self) -> None:
-        """Shut down in order, or at once if this is the second request."""
+        """Shut down in order, or at once if a signal asks for the second time."""
         if self._watcher_priority is not None:
             self._watcher_priority.raise_for_good()
         if self._ending_since or not self._send_to_watcher(CLOSE_SESSIONS):
@@ -313,10 +319,10 @@ class ProxySupervisor:
                 self._begin_ending()
 
     def _receive_from_watcher(self) -> None:
-        """Read the watcher's message, if there is one: the requests that close the open sessions, or its end.
+        """Read a message from the watcher, if one has arrived: the requests that close sessions, or its end.
 
-        The periodic work may already have read it. Waiting for another one would block for ever, because the
-        watcher waits for the relay.
+        The periodic work may have read the message already. Blocking until the next message would last for
+        ever, because the watcher waits for the relay.
         """
         try:
             if not self._watcher_pipe.poll():
@@ -340,7 +346,7 @@ class ProxySupervisor:
         return self._is_watched
 
     def _close_udp_sessions(self) -> None:
-        """Close the sessions of UDP clients in their place, first those whose robot may move."""
+        """Close the sessions of UDP clients on their behalf; sessions whose robot may move come first."""
         until = time.monotonic() + _SESSIONS_CLOSE_WITHIN
         for closing in sorted(self._closing_requests, key=lambda each: not each.open_state):
             session = self.relay.sessions.get(closing.client)
@@ -362,15 +368,18 @@ class ProxySupervisor:
 
 
 def _has_other_end(descriptor: int) -> bool:
-    """Return whether a file descriptor has another end. A file and /dev/null have none."""
+    """Return whether a file descriptor is a pipe, a socket or a terminal, which has another end.
+
+    A file and /dev/null have no other end.
+    """
     mode = os.fstat(descriptor).st_mode
     return stat.S_ISFIFO(mode) or stat.S_ISSOCK(mode) or os.isatty(descriptor)
 
 
 def _print_aside(text: str) -> threading.Thread:
-    """Print in a thread of its own, since a stopped terminal blocks writers. Return the thread.
+    """Print to standard error in a new thread, because a stopped terminal blocks writers. Return the thread.
 
-    It bypasses Python's buffer: the end of the program would wait for the buffer's lock.
+    The thread bypasses Python's buffer, because the end of the program would wait for the buffer's lock.
     """
 
     def write() -> None:
@@ -386,11 +395,11 @@ def _shared_memory(size: int) -> SharedMemory:
     """Create zeroed shared memory with all pages allocated: a page missing later would kill the process."""
     try:
         if sys.platform != "win32":
-            resource_tracker.ensure_running()  # if it cannot start later, the memory would stay behind
+            resource_tracker.ensure_running()  # the tracker frees the memory if the proxy is killed
         memory = SharedMemory(create=True, size=size)
         try:
             if hasattr(os, "posix_fallocate"):
-                os.posix_fallocate(memory._fd, 0, size)  # type: ignore[attr-defined]  # no other way to it
+                os.posix_fallocate(memory._fd, 0, size)  # type: ignore[attr-defined]  # has no public name
         except OSError:
             memory.close()
             memory.unlink()

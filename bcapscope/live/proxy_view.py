@@ -1,4 +1,4 @@
-"""What a proxy displays: frames or calls as they arrive, formatted as by `decode` and `calls`."""
+"""The lines that a proxy displays: frames or calls as they arrive, formatted as by `decode` and `calls`."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from bcapscope.traffic.pipeline import PipelineSubscriber
 
 
 class ProxyView(PipelineSubscriber):
-    """Renders the frames or calls that the options choose to `lines`, and counts the completed calls."""
+    """Appends the lines of the selected frames or calls to `lines`, and counts the completed calls."""
 
     needs_targets = True
 
@@ -48,7 +48,7 @@ class ProxyView(PipelineSubscriber):
         self._has_begun = False
 
     def add_frame(self, observation: Observation, note: Message | None) -> None:
-        """Render a frame. `note` says what a rule did to it; None for nothing."""
+        """Render a frame. `note` says what a proxy rule did to the frame, or is None."""
         if not self._has_begun:
             self._has_begun = True
             self._frame_lines.set_time_origin(observation.time)

@@ -1,7 +1,7 @@
 """The process that watches a proxy: it records, decodes, displays and diagnoses, and never delays the relay.
 
-It reads what the relay wrote into the ring every few hundredths of a second. When the relay ends or is
-killed, it reads the rest, closes the recording and prints a summary.
+The watcher reads every few hundredths of a second what the relay has written into the ring. When the relay
+ends or is killed, the watcher reads the rest, closes the recording and prints a summary.
 """
 
 from __future__ import annotations
@@ -54,42 +54,54 @@ POLL_INTERVAL = 0.025
 """Seconds between polls of the ring."""
 
 _DECODE_FOR = 0.024
-"""Longest time for decoding between two polls, in seconds. Nothing is recorded meanwhile."""
+"""Maximum time in seconds for decoding between two polls of the ring.
+
+The watcher records nothing meanwhile.
+"""
 
 _MAY_WAIT_SHARE = 0.25
-"""Highest fill ratio of the ring at which decoding may fall behind.
+"""Maximum fill ratio of the ring at which undecoded records may wait.
 
-Up to it, the watcher rests most of the time, although more traffic arrives than it can decode in
-`_DECODE_FOR`. A processor that the watcher occupies lengthens each round trip.
+Up to this ratio, the watcher rests most of the time, although more traffic arrives than it decodes in
+`_DECODE_FOR`. The watcher rests because a busy processor lengthens each round trip through the proxy.
 """
 
 _SHOWN_WITHIN_NS = 2_000_000_000
-"""Age in ns at which traffic is displayed at any cost, if a processor is available."""
+"""Age in ns of undecoded traffic from which the watcher no longer rests between polls."""
 
 _PUBLISHED_WITHIN_NS = 200_000_000
-"""The same for traffic on the screen, which the user watches."""
+"""Age in ns of undecoded traffic from which the watcher no longer rests, if a screen shows the traffic."""
 
 _REST_FACTOR, _LONGEST_REST = 1.5, 0.075
-"""Rest between two polls: a multiple of the duration of the poll, and its maximum in seconds."""
+"""Rest after a poll as a multiple of the poll's duration, and the maximum rest in seconds."""
 
 _STATUS_EVERY_NS = 500_000_000
 _DECODING_DELAY_NS = round(3 * POLL_INTERVAL * 1e9)
-"""Longest time in ns from the arrival of a datagram to its decoding here."""
+"""Assumed maximum time in ns from the arrival of a datagram until the watcher decodes it."""
 
 _NICENESS = 10
 _RECORDS_AT_ONCE = 128
-"""Records that are decoded and displayed together."""
+"""Number of records that the watcher decodes and displays together."""
 _RECORDS_PER_YIELD = 32
-"""Records that are recorded before the watcher yields the processor."""
+"""Number of records that the watcher records before it yields the processor."""
 _FRAMES_PER_YIELD = 4
-"""Frames decoded before the watcher yields the processor. A yield costs a quarter of decoding a frame."""
+"""Number of frames that the watcher decodes before it yields the processor.
+
+A yield takes a quarter of the time of decoding a frame.
+"""
 
 _CATCHES_UP_WITHIN = 10.0
-"""Seconds for decoding the rest at the end. The rest is recorded in full."""
+"""Maximum time in seconds for decoding the remaining records after the relay has ended.
+
+The remaining records are recorded in full.
+"""
 
 
 def watch_relay(memory: str, relay: Connection, options: ProxyOptions) -> bool:
-    """Watch a relay until its end of the pipe closes. Return False if a wanted recording is incomplete."""
+    """Watch a relay until the relay closes its end of the pipe.
+
+    Return False if a requested recording is incomplete.
+    """
     _give_relay_priority()
     screen, words = TerminalWriter(), MessageFormatter(options.view.language)
 
@@ -131,7 +143,7 @@ def watch_relay(memory: str, relay: Connection, options: ProxyOptions) -> bool:
 
 
 def _give_relay_priority() -> None:
-    """Give the relay precedence: lower this process's priority and ignore the terminal's signals."""
+    """Give the relay precedence: lower this process's priority, and ignore Ctrl-C, SIGHUP and SIGTERM."""
     for name in ("SIGINT", "SIGHUP", "SIGTERM"):
         if hasattr(signal, name):
             signal.signal(getattr(signal, name), signal.SIG_IGN)
@@ -140,8 +152,9 @@ def _give_relay_priority() -> None:
 
 
 class RecorderTask:
-    """Records the relay's traffic before the watcher decodes it. Records stay in the ring until they are
-    decoded.
+    """Records the relay's traffic before the watcher decodes it.
+
+    Records stay in the ring until the watcher decodes them.
     """
 
     def __init__(self, reader: RingReader, recorder: ProxyRecorder) -> None:
@@ -151,7 +164,10 @@ class RecorderTask:
         self._yield_cpu = yield_function(reader)
 
     def record_available(self) -> None:
-        """Record everything written so far. The first call may only find out how much there is."""
+        """Record everything written so far.
+
+        The first call may only determine how many bytes have been written.
+        """
         until = self.reader.bytes_written
         while self.reader.position < until:
             self._recorder.add_records(self.reader.read_records(_RECORDS_PER_YIELD))
@@ -160,10 +176,10 @@ class RecorderTask:
 
 
 class ProxyWatcher:
-    """Reads what the relay wrote, and decodes, displays and diagnoses it as the options say.
+    """Reads what the relay wrote to the ring; decodes, displays and diagnoses it according to the options.
 
-    Undecoded records wait in the ring, whose size is fixed. The watcher holds only what the relay, the
-    tracker and the diagnosis bound.
+    Undecoded records wait in the ring, whose size is fixed. The memory of the watcher is bounded, because the
+    relay, the tracker and the diagnosis limit their data.
     """
 
     def __init__(
@@ -224,8 +240,9 @@ class ProxyWatcher:
         self._finish()
 
     def poll(self) -> float:
-        """Record everything, then decode for at most `_DECODE_FOR`. Return the seconds to rest before the
-        next poll.
+        """Record all new records, then decode for at most `_DECODE_FOR` seconds.
+
+        Return the seconds to rest before the next poll.
         """
         began = time.monotonic()
         if self._recorder_task is not None:
@@ -240,7 +257,7 @@ class ProxyWatcher:
         )
 
     def _may_rest(self) -> bool:
-        """Return whether undecoded records may wait: traffic arrives, and room, time and urgency allow it."""
+        """Return whether undecoded records may wait: traffic arrives, and ring, age and urgency permit it."""
         reader, before = self._reader, self._written_before
         self._written_before = reader.bytes_written
         if (
@@ -252,7 +269,7 @@ class ProxyWatcher:
         return reader.fill_ratio < _MAY_WAIT_SHARE
 
     def _decode(self) -> bool:
-        """Decode for at most `_DECODE_FOR`. Return True if the time did not suffice."""
+        """Decode for at most `_DECODE_FOR`. Return True if undecoded records remain."""
         until = time.monotonic() + _DECODE_FOR
         recorded = None if self._recorder_task is None else self._recorder_task.reader.position
         while records := self._reader.read_records(_RECORDS_AT_ONCE, recorded):
@@ -298,7 +315,7 @@ class ProxyWatcher:
         self._pipeline.close_conversation(conversation)
         self._write_lines()
         left = self._session_closer.pop_left_open(conversation)
-        # Once the closing requests are sent, the relay reports the UDP sessions itself.
+        # After the closing requests were sent, the relay reports the closed UDP sessions itself.
         is_reported = self._has_sent_closing and conversation.transport is Transport.UDP
         if left is not None and not is_reported:
             client = str(conversation.client)
@@ -334,7 +351,7 @@ class ProxyWatcher:
             self._publish_status(now)
 
     def _publish_status(self, now: int) -> None:
-        """Publish the delays in the ring for the relay, and show the status on the terminal."""
+        """Store the delays in the ring, where the relay reads them, and show the status on the terminal."""
         for place, figure in enumerate(self._delays.figures()):
             self._reader.figures[place] = figure
         self._next_status_at = now + _STATUS_EVERY_NS
@@ -364,7 +381,7 @@ class ProxyWatcher:
 
     def _closing_requests(self) -> bytes:
         """Return the requests that close the open sessions, as a JSON list of `ClosingRequests`."""
-        # Treat answered calls as complete, although a late retry could still arrive.
+        # Answered calls are completed now, although a late retry could still arrive.
         self._pipeline.expire(time.time_ns() + RETRY_WITHIN_NS)
         self._write_lines()
         self._has_sent_closing = True
@@ -382,7 +399,7 @@ class ProxyWatcher:
         )
 
     def _skip_undecoded(self) -> None:
-        """Skip records that there is no time to decode, except messages from the relay."""
+        """Skip records for which there is no time to decode, but print messages from the relay."""
         if self._reader.bytes_waiting:
             self._write_message(Message("watcher.skipped"))
         while self._reader.bytes_waiting:

@@ -1,4 +1,4 @@
-"""The recorder of everything that runs beside the user: proxy, simulator, Tester and live capture."""
+"""The recorder for programs that run a long time: proxy, simulator, Tester and live capture."""
 
 from __future__ import annotations
 
@@ -13,17 +13,18 @@ from bcapscope.render.escape import printable
 
 
 class Recorder:
-    """A recording that never stops its program: if the disk fails, it warns once and drops later packets.
+    """A recording that never stops its program: after a disk failure, it warns once and drops packets.
 
     Attributes:
-        packets: Writes packets; `flush` makes them visible in the file. It raises nothing.
-        is_complete: False once a file could not be written.
+        packets: Recording to write packets to. Writing raises nothing; `flush` makes packets visible in the
+            file.
+        is_complete: Whether every file could be written so far.
     """
 
     def __init__(
         self, path: Path, warn: Callable[[Message], None], ring: RotationLimits | None = None
     ) -> None:
-        """Create the file. The files of a ring add a number and a time to its name. `warn` must not block.
+        """Create the file. The names of a ring's files have a number and a time added. `warn` must not block.
 
         Raises:
             FileWriteError: The file exists already, or cannot be written.
@@ -41,17 +42,18 @@ class Recorder:
 
     @property
     def bytes_pending(self) -> int:
-        """Bytes of memory that packets take that are not flushed yet."""
+        """Memory in bytes of packets that are not yet flushed."""
         return self._files.bytes_pending
 
     @property
     def packets_pending(self) -> int:
-        """Number of packets that are not flushed yet, if each was written on its own."""
+        """Number of packets that are not yet flushed, if each packet was written separately."""
         return self._files.packets_pending
 
     def begin_packet(self) -> bool:
-        """Call this before each packet of a ring. Return whether the next file began, because the last one is
-        full.
+        """Call this method before each packet of a ring of files.
+
+        Return whether a new file began, because the previous file is full.
         """
         try:
             return self.is_complete and self._files.rotate_if_full()

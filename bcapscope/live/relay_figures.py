@@ -23,7 +23,7 @@ _DIRECTIONS = ((True, "up"), (False, "down"))
 
 
 class DelayStatistics:
-    """Delays in the relay of data that was forwarded unchanged."""
+    """Statistics of the delay that the relay adds to data which it forwards unchanged."""
 
     def __init__(self) -> None:
         self._histograms = {True: Histogram(), False: Histogram()}
@@ -32,7 +32,7 @@ class DelayStatistics:
         self._has_warned = False
 
     def add_records(self, records: Iterable[RingRecord]) -> None:
-        """Add the delays of records, except of data that a rule touched: rules may delay on purpose."""
+        """Add the delays of data, except of data that a rule acted on: rules may delay data on purpose."""
         found: dict[bool, list[int]] = {True: [], False: []}
         for kind, up, _, came, left, _, note in records:
             if kind is RingRecordKind.DATA and came and left and not note:
@@ -45,14 +45,14 @@ class DelayStatistics:
                 self._worst_ns = max(self._worst_ns, *delays)
 
     def pop_warning(self) -> Message | None:
-        """Return a warning the first time that the proxy is too slow for set points; otherwise None."""
+        """Return a warning the first time that the relay delayed data too long for set points; else None."""
         if self._has_warned or not self._slow_count:
             return None
         self._has_warned = True
         return Message("relay.slow", time=self._worst, limit=_DEADLINE)
 
     def status(self) -> Message | None:
-        """Return the median and the 99.9th percentile of both directions; None without data."""
+        """Return the median and the 99.9th percentile of the delay in each direction; None without data."""
         parts = []
         for up, name in _DIRECTIONS:
             spread = self._histograms[up].distribution()
@@ -62,7 +62,7 @@ class DelayStatistics:
         return Message("relay.status", parts=Enumeration(tuple(parts))) if parts else None
 
     def figures(self) -> list[int]:
-        """Return the figures for the relay, in ns; see `ring_buffer.DELAY_FIGURES`."""
+        """Return the delay figures in ns, in the order of `ring_buffer.DELAY_FIGURES`."""
         found: list[int] = []
         for up, _ in _DIRECTIONS:
             spread = self._histograms[up].distribution()
@@ -90,7 +90,7 @@ def _microseconds(spread: DistributionSummary) -> dict[str, str]:
 
 
 def rates(counts: Sequence[int], before: Sequence[int], seconds: float) -> Message:
-    """Return the datagrams sent per second since `before`."""
+    """Return the rate of datagrams sent, per second, since the counts in `before`."""
     up, down = (
         (counts[way] - before[way]) / seconds if before else 0.0
         for way in (RelayCounter.LEFT_UP, RelayCounter.LEFT_DOWN)
@@ -99,14 +99,14 @@ def rates(counts: Sequence[int], before: Sequence[int], seconds: float) -> Messa
 
 
 def losses(counts: Sequence[int]) -> Iterator[Message]:
-    """Yield a line for each kind of traffic that was lost, denied, changed by rules or not watched."""
+    """Yield a message for each kind of traffic that was lost, denied, changed by rules or not watched."""
     for counter in _LOSSES:
         if counts[counter]:
             yield Message(f"relay.{counter.name.lower()}", count=counts[counter])
 
 
 def totals(counts: Sequence[int]) -> Iterator[Message]:
-    """Yield the totals, clause by clause."""
+    """Yield the totals of clients, datagrams and bytes, each as a clause."""
     yield Message("relay.clients", clients=Count(counts[RelayCounter.CLIENTS], "client"))
     names = "came_up", "left_up", "came_down", "left_down"
     yield Message("relay.datagrams", **{name: counts[RelayCounter[name.upper()]] for name in names})

@@ -1,7 +1,7 @@
-"""What commands that serve clients share: reachability, log, capture and shutdown.
+"""Shared parts of commands that serve clients: reachability, log, capture and shutdown.
 
-Output never delays a reply: separate threads write lines, messages and the capture. Output that there is no
-time to write is counted.
+Output never delays a reply: separate threads write the log, the messages and the capture. Output that cannot
+be written in time is dropped and counted.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from bcapscope.simulator.simulator_server import SimulatorServer, serve
 
 
 def reachability(host: str) -> Message:
-    """Return who can reach a listener on this address, as a clause."""
+    """Return which computers can reach a listener on this address, as a clause."""
     address = ipaddress.ip_address(host.partition("%")[0])
     if address.is_loopback:
         return Message("listen.reach.machine")
@@ -39,10 +39,10 @@ def _do_nothing(descriptor: int) -> None:
 
 
 class ServerRunner:
-    """Runs the server of a command with its log and capture, from start to end."""
+    """Runs the server of a command, with its log and capture, until the command ends."""
 
     def __init__(self, *, quiet: bool, record: Path | None, words: MessageFormatter = ENGLISH_WORDS) -> None:
-        """Set up the output. `quiet` omits the line per call; `record` is the file of the capture."""
+        """Set up the output. `quiet` omits the log line of each call; `record` is the file of the capture."""
         self._terminal = TerminalWriter()
         self.print_message = self._terminal.write_message
         self.log = ServerCallLog(not quiet, self._terminal, words)
@@ -52,7 +52,7 @@ class ServerRunner:
 
     @contextmanager
     def listen(self, answerer: ControllerModel, host: str, port: int) -> Iterator[SimulatorServer]:
-        """Listen. Ctrl-C, or a signal that ends programs, leaves the context in order.
+        """Listen. Ctrl-C, SIGTERM and SIGHUP end the `with` block in order.
 
         Raises:
             SimulatorListenError: The server cannot listen on this address.
@@ -71,12 +71,14 @@ class ServerRunner:
         on_readable: Callable[[int], None] = _do_nothing,
         watched: list[int] | None = None,
     ) -> None:
-        """Serve until interrupted, with real-time priority where the system grants it.
+        """Serve until a signal interrupts, with real-time priority where the system grants it.
 
-        The controller must keep its cycle of 8 ms. Measured without the priority, beside six busy processes
-        on two processors: the simulator found set points too late and ended three of five plays.
+        The priority is needed because the simulated controller must keep its cycle of 8 ms. Without the
+        priority, beside six busy processes on two processors, the simulator received set points too late and
+        ended three of five plays.
 
-        `on_readable` is called with each descriptor of `watched` that is readable, and may change that list.
+        `serve` calls `on_readable` with each readable descriptor of `watched`; `on_readable` may change that
+        list.
         """
         watched = [] if watched is None else watched
         with end_signal_socket() as end, realtime_priority(collect_garbage=True):
@@ -90,7 +92,10 @@ class ServerRunner:
             serve(server, self._on_idle, take_or_end, watched)
 
     def close(self, summary: str) -> bool:
-        """Write the rest and the summary. Return whether the capture is complete."""
+        """Write the remaining log lines and the summary, and close the capture.
+
+        Return whether the capture is complete.
+        """
         self.log.flush()
         complete = self._recorder is None or self._recorder.close()
         self.print_message(summary)
@@ -106,9 +111,9 @@ class ServerRunner:
 
 
 class ServerCallLog:
-    """Lines for stdout, formatted after the client has its reply and written within `_FLUSH_AFTER_NS`.
+    """Log lines for stdout, formatted after the client has its reply, and written within `_FLUSH_AFTER_NS`.
 
-    Reasons for refusals go to stderr, even if lines per call are switched off.
+    Reasons for refused calls go to stderr, even if the line per call is switched off.
     """
 
     _FLUSH_AFTER_NS = 20_000_000
@@ -134,7 +139,10 @@ class ServerCallLog:
             self._pending.append(f"# {self._words.text(note)}")
 
     def flush_if_due(self) -> None:
-        """Format the pending entries. Write them if the last write is longer ago than `_FLUSH_AFTER_NS`."""
+        """Format the pending entries.
+
+        Write the entries if the last write was longer ago than `_FLUSH_AFTER_NS`.
+        """
         self._format_pending()
         if self._lines and time.monotonic_ns() - self._flushed_at > self._FLUSH_AFTER_NS:
             self.flush()

@@ -1,4 +1,4 @@
-"""Standard output and standard error: messages for the user, colours, and streams that are closed."""
+"""Standard output and standard error: messages for the user, choice of colours, and closed streams."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _ANSI_SEQUENCE = re.compile(r"\x1b\[[;?0-9]*[a-zA-Z]")
 
 
 def print_stderr(text: str) -> None:
-    """Write a line to stderr, coloured only on a terminal. Write nothing if the terminal was closed."""
+    """Write a line to stderr, with colours only on a terminal. If the terminal is closed, write nothing."""
     stream = sys.stderr
     if stream is None:
         return
@@ -26,14 +26,17 @@ def print_stderr(text: str) -> None:
 
 
 def choose_palette(color: str) -> Palette:
-    """Choose colours: `always`, `never`, or `auto` for a terminal without NO_COLOR (no-color.org)."""
+    """Return the colours for `always`, `never` or `auto`, which heeds NO_COLOR (no-color.org)."""
     if color == "auto":
         return ANSI if sys.stdout.isatty() and not os.environ.get("NO_COLOR") else PLAIN
     return ANSI if color == "always" else PLAIN
 
 
 def discard_stdout() -> None:
-    """Discard output that stdout did not accept. Python would otherwise write it again at exit."""
+    """Discard buffered output that stdout did not accept.
+
+    If the output were not discarded, Python would try to write it again at exit.
+    """
     _redirect_to_null(sys.stdout)
 
 

@@ -9,11 +9,11 @@ from contextlib import suppress
 from typing import Any
 
 _ESCAPE = "\x1b"
-_SEQUENCE = re.compile(r"\x1b(\[[0-9;]*[A-Za-z~]|O[A-Za-z])")  # arrows, function keys and the like
+_SEQUENCE = re.compile(r"\x1b(\[[0-9;]*[A-Za-z~]|O[A-Za-z])")  # matches arrow keys, function keys and similar
 
 
 class TerminalKeys:
-    """Reads keys at once and without echo while it is on. Ctrl-C works as usual."""
+    """While on, reads each key at once and without echo. Ctrl-C works as usual."""
 
     def __init__(self) -> None:
         self.is_on = False
@@ -39,10 +39,10 @@ class TerminalKeys:
                 termios.tcsetattr(0, termios.TCSADRAIN, self._saved_attributes)
 
     def read_keys(self) -> str:
-        """Return the typed characters in lower case. Call it when file descriptor 0 is readable.
+        """Return the typed characters in lower case. Call this method when file descriptor 0 is readable.
 
-        Two presses of Escape are returned together as two Escapes, however slowly they were typed. The
-        sequences that arrow keys and similar keys send are removed.
+        A second press of Escape returns two Escapes, however much time is between the presses. Escape
+        sequences of arrow keys and similar keys are removed.
         """
         data = os.read(0, 64)
         if not data:
@@ -55,7 +55,7 @@ class TerminalKeys:
 
 
 def _has_terminal() -> bool:
-    """Return whether a terminal can be read: not in a background job, and not on Windows."""
+    """Return whether keys can be read from a terminal: not in a background job, and not on Windows."""
     if sys.platform == "win32" or sys.stdin is None or sys.stdin.closed:
         return False
     try:

@@ -1,4 +1,4 @@
-"""Write to a terminal from separate threads, so that a stopped terminal blocks nothing else."""
+"""Writes to a terminal from separate threads, so that a stopped terminal blocks nothing else."""
 
 from __future__ import annotations
 
@@ -15,27 +15,31 @@ from typing import TextIO
 from bcapscope.live.standard_streams import discard_stdout
 
 MAX_WAITING = 20_000
-"""Lines that may wait for stdout. Beyond that, newer lines are dropped and counted."""
+"""Maximum number of lines, and of messages, that may wait to be written.
+
+While the maximum waits, newer lines are dropped and counted.
+"""
 
 _LINES_WITHIN = 2.0
-"""Seconds for writing the remaining lines at the end."""
+"""Maximum time in seconds for writing the remaining lines when the writer closes."""
 
 _MESSAGES_WITHIN = 0.5
-"""Seconds for writing the remaining messages after the lines."""
+"""Maximum time in seconds for writing the remaining messages, after the lines, when the writer closes."""
 
 _WRITE_SIZE = 4096
-"""Bytes of one write. A pipe accepts that many completely or not at all (PIPE_BUF of Linux)."""
+"""Bytes of one write. A pipe accepts this number of bytes completely or not at all (PIPE_BUF of Linux)."""
 
 ERASE_LINE = "\r\x1b[K"
 """Erases the status line."""
 
 
 class TerminalWriter:
-    """Writes data to stdout, messages to stderr, and a status line at the bottom of a terminal.
+    """Writes lines to stdout, messages to stderr, and a status line at the bottom of a terminal.
 
-    Lines and messages each have a thread: a message reports lines that cannot be shown. If stdout is closed,
-    or is a file on a full disk, a message reports it and everything else continues. Both are unbuffered. A
-    thread that waits for a terminal would hold the buffer's lock and delay the end of the program.
+    Lines and messages have separate threads, so that a message can report lines that cannot be shown. If
+    stdout is closed or its disk is full, a message reports the problem, and the program continues. The writer
+    bypasses Python's buffers. A thread that waits for a terminal would hold a buffer's lock and delay the end
+    of the program.
     """
 
     def __init__(self) -> None:
@@ -49,7 +53,7 @@ class TerminalWriter:
         self._stderr_is_terminal = sys.stderr.isatty()
         self._changed = threading.Condition()
         self._stderr_lock = threading.Lock()
-        # If stdout goes elsewhere, writing the status line must not wait for lines.
+        # If stdout is not the terminal, writing the status line must not wait for lines.
         self._shares_terminal = self._stderr_is_terminal and sys.stdout.isatty()
         self._stdout_lock: AbstractContextManager[object] = (
             self._stderr_lock if self._shares_terminal else nullcontext()
@@ -61,7 +65,7 @@ class TerminalWriter:
 
     @property
     def shows_status(self) -> bool:
-        """Whether stderr is a terminal, which shows the status line."""
+        """Whether stderr is a terminal, on which the writer shows the status line."""
         return self._stderr_is_terminal
 
     def write_lines(self, lines: Sequence[bytes | str]) -> None:
@@ -87,14 +91,14 @@ class TerminalWriter:
             self._changed.notify_all()
 
     def close(self) -> None:
-        """Write the remaining lines, then the remaining messages, as far as the time limits allow."""
+        """Write the remaining lines, then the remaining messages, within the time limits."""
         with self._changed:
             self._no_more_lines = True
             self._changed.notify_all()
         self._line_thread.join(_LINES_WITHIN)
         left = len(self._lines) + self._unwritten + self._dropped
         if self._line_thread.is_alive() and left:
-            self.write_message(f"{left:,} lines are not shown: standard output takes nothing")
+            self.write_message(f"{left:,} lines are not shown: standard output accepts no data")
         with self._changed:
             self._is_closing = True
             self._status = ""
@@ -131,7 +135,9 @@ class TerminalWriter:
             discard_stdout()
             is_full = isinstance(error, OSError) and error.errno == errno.ENOSPC
             why = "has no room" if is_full else "is closed"
-            self.write_message(f"standard output {why}: nothing is shown there any more, all else goes on")
+            self.write_message(
+                f"standard output {why}: further lines are not shown; everything else continues"
+            )
 
     # messages and the status line
 
@@ -160,18 +166,18 @@ class TerminalWriter:
 
     def _put_error(self, text: str) -> None:
         if text:
-            with suppress(OSError, ValueError):  # a closed terminal shows no messages
+            with suppress(OSError, ValueError):  # suppressed because a closed terminal can show no messages
                 for _ in _write_unbuffered(sys.stderr, text.encode("utf-8", "backslashreplace")):
                     pass
 
 
 def _write_unbuffered(stream: TextIO, data: bytes) -> Iterator[bytes]:
-    """Write without the buffer. Yield each part once it is written."""
+    """Write without the buffer. Yield each part after writing it."""
     raw = getattr(stream.buffer, "raw", stream.buffer)
     at = 0
     while at < len(data):
         count = raw.write(data[at : at + _WRITE_SIZE])
-        if not count:  # the stream that the caller passed on does not block
+        if not count:  # only a non-blocking stream writes nothing; wait until it accepts data
             select.select((), (raw,), ())
             continue
         yield data[at : at + count]

@@ -1,15 +1,17 @@
-"""How the watcher gives way to the programs whose bytes the relay forwards, and when it must not.
+"""Controls when the watcher gives way to programs whose bytes the relay forwards, and when it must not.
 
-Measured on two processors, beside a client and a server: the 99.9th percentile of round trips was 2.6 ms with
-a low priority of the watcher (nice 10), and 0.5 ms with idle priority. A process that wakes up soon replaces
-one of idle priority. It replaces any other only at the end of its slice of about 3 ms.
+On two processors, beside a client and a server, the 99.9th percentile of round trips was 2.6 ms with the
+watcher at nice 10, and 0.5 ms at idle priority. A process that wakes up replaces a running process of idle
+priority at once. A process that wakes up replaces a process of another priority only at the end of that
+process's slice of about 3 ms.
 
-Neither is certain. Linux accounts for past run time and decides again only at a tick, every 1 to 10 ms
-(sched(7), EEVDF). So the watcher also yields between two pieces of work of 0.1 or 0.2 ms each, which makes
-Linux decide.
+Neither is certain. Linux updates the run time of a process, and decides which process runs, only at a tick
+every 1 to 10 ms (sched(7), EEVDF). So the watcher also yields the processor after each 0.1 or 0.2 ms of work,
+which makes Linux decide.
 
-Beside programs that are always busy, idle priority gets almost no processor time, and a yield gives a whole
-slice away. So the relay, which always gets the processor, checks how far the watcher has read.
+Beside programs that are always busy, a process of idle priority gets almost no processor time, and each yield
+gives up a whole slice. So the relay, which always gets the processor, checks how far the watcher has read,
+and raises its priority.
 """
 
 from __future__ import annotations
@@ -25,37 +27,36 @@ from pathlib import Path
 from bcapscope.proxy.ring_buffer import RingReader, RingWriter
 
 LATE_AFTER = 0.2
-"""Seconds within which the watcher should record written records, or display them if nothing is recorded."""
+"""Time in seconds within which the watcher should read what the relay has written."""
 
 OVERDUE_AFTER = 0.4
-"""Seconds of delay that call for `WatcherUrgency.ALL`, so that everything is recorded within a second,
-whatever else the machine does.
-"""
+"""Watcher's delay in seconds from which its urgency is `ALL`, to record traffic within a second."""
 
 MAX_RING_SHARE = 0.5
-"""Highest share of the ring that may wait for the watcher."""
+"""Maximum share of the ring that may wait for the watcher before its urgency is raised."""
 
 IDLE_AGAIN_AFTER = 30.0
-"""Seconds without delay after which the watcher returns to idle priority."""
+"""Time in seconds without delay after which the watcher returns to idle priority."""
 
 
 class WatcherUrgency(IntEnum):
     """How urgently the watcher needs the processor."""
 
     NONE = 0
-    """It has idle priority, and yields."""
+    """The watcher has idle priority, and yields the processor between pieces of work."""
     SOME = 1
-    """It has the relay's priority, and yields."""
+    """The watcher has the relay's priority, and yields the processor between pieces of work."""
     ALL = 2
-    """It has the relay's priority."""
+    """The watcher has the relay's priority, and does not yield."""
 
 
 class WatcherPriority:
     """Gives the watcher idle priority while it keeps up."""
 
     def __init__(self, ring: RingWriter, set_idle: Callable[[bool], None]) -> None:
-        """Start with idle priority. `set_idle` is called when idle priority is to change, with True for
-        idle.
+        """Start with idle priority.
+
+        `set_idle` switches the watcher to idle priority (True) or back (False).
         """
         self._ring = ring
         self._set_idle = set_idle
@@ -64,8 +65,9 @@ class WatcherPriority:
         self._set_urgency(WatcherUrgency.NONE)
 
     def update(self, now: float) -> None:
-        """Check how far the watcher has read, and adapt its priority. `now` is in seconds of a steady
-        clock.
+        """Check how far the watcher has read, and adapt the watcher's priority.
+
+        `now` is in seconds of a monotonic clock.
         """
         haste = self._needed_urgency(now)
         if haste:
@@ -75,7 +77,7 @@ class WatcherPriority:
             self._set_urgency(WatcherUrgency.NONE)
 
     def raise_for_good(self) -> None:
-        """Keep the watcher at full urgency from now on, because the user waits for its end."""
+        """Keep the watcher at full urgency from now on, because the user waits for the watcher to end."""
         self._last_late_at = math.inf
         self._set_urgency(WatcherUrgency.ALL)
 
@@ -97,7 +99,7 @@ class WatcherPriority:
 
 
 def yield_function(ring: RingReader) -> Callable[[], None]:
-    """Return a function that yields the processor; the watcher calls it between two pieces of work."""
+    """Return a function that yields the processor unless the urgency is `WatcherUrgency.ALL`."""
     if not hasattr(os, "sched_yield"):
         return lambda: None
 
@@ -119,9 +121,9 @@ def lower_priority(niceness: int) -> None:
 
 
 def idle_priority_switch(process: int) -> Callable[[bool], None]:
-    """Return a function that switches a process to idle priority (True) or back to this process's priority.
+    """Return a function that switches another process to idle priority (True) or to this process's priority.
 
-    It does nothing on systems where the process could not leave idle priority again.
+    The function does nothing on systems where a process cannot leave idle priority.
     """
     possible = _can_leave_idle_priority()
     ours = os.getpriority(os.PRIO_PROCESS, 0) if possible else 0
@@ -130,17 +132,17 @@ def idle_priority_switch(process: int) -> Callable[[bool], None]:
         if not possible:
             return
         policy = os.SCHED_IDLE if idle else os.SCHED_OTHER
-        with suppress(OSError):  # the process, or one of its threads, may have ended
+        with suppress(OSError):  # suppressed because the process, or one of its threads, may have ended
             for thread in Path(f"/proc/{process}/task").iterdir():
                 os.sched_setscheduler(int(thread.name), policy, os.sched_param(0))
-                with suppress(PermissionError):  # leaving idle priority needs fewer rights
+                with suppress(PermissionError):  # leaving idle priority needs fewer rights than this
                     os.setpriority(os.PRIO_PROCESS, int(thread.name), ours)
 
     return give
 
 
 def _can_leave_idle_priority() -> bool:
-    """Test in a separate thread whether a process may leave idle priority; not every user may (sched(7))."""
+    """Return whether this user may move a process out of idle priority (sched(7)), by a test in a thread."""
     if not hasattr(os, "SCHED_IDLE"):
         return False
     tried: list[bool] = []

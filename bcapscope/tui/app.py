@@ -37,26 +37,26 @@ if TYPE_CHECKING:
     from bcapscope.tui.screens.base_screen import BaseScreen
 
 CLOSE_TIMEOUT = 10.0
-"""Seconds that the closers may take in total; then the screen closes anyway."""
+"""Maximum time in seconds for all closers together; after that, the screen closes anyway."""
 
 HALT_KEY_WINDOW = 0.5
-"""Seconds in which `action_halt` expects the key that the driver has already handled."""
+"""Time in seconds in which `action_halt` takes a HALT key for the one that the driver has handled."""
 
 TERMINAL_CHECK_INTERVAL = 1.0
 """Seconds between two checks that the terminal still exists."""
 
 _GC_THRESHOLDS = (2_000, 20, 1000)
-"""Thresholds of the garbage collector. No key is answered while it runs.
+"""Thresholds of the garbage collector. The screen answers no key while the garbage collector runs.
 
-New objects are collected often: Textual creates many strips, and a collection takes 1 ms (30 ms if ten times
-as many have gathered). A full collection takes 50 ms, so it is rare.
+New objects are collected often, because Textual creates many strips: a collection takes 1 ms, or 30 ms with
+ten times as many strips. A full collection takes 50 ms, so the thresholds make it rare.
 """
 
 Closer = Callable[[], Awaitable[None]]
 
 
 class ScreenEntry(NamedTuple):
-    """A screen that the user can open; `name` is the id of its label."""
+    """A screen that the user can open; `name` is the catalogue id of the screen's label."""
 
     mode: str
     key: str
@@ -68,13 +68,13 @@ class BcapApp(KeyOrderApp):
     """The application.
 
     Attributes:
-        status: Texts at the right of the top bar, each with the name of its ink or "".
+        status: Texts at the right of the top bar, each with the name of its style or "".
     """
 
-    CSS_PATH = ["bcapscope.tcss", "tester.tcss"]  # noqa: RUF012 - as Textual has it
+    CSS_PATH = ["bcapscope.tcss", "tester.tcss"]  # noqa: RUF012 - Textual declares a list
     TITLE = "bcapscope"
     ENABLE_COMMAND_PALETTE = False
-    """Off: `BaseScreen` opens a palette that lists the actions of bcapscope instead of Textual's."""
+    """Textual's own palette is off, because `BaseScreen` opens a palette with the actions of bcapscope."""
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("ctrl+q", "quit", "shell.quit", priority=True),
         Binding(HALT_KEYS[0], "halt", "shell.halt", priority=True),
@@ -89,15 +89,15 @@ class BcapApp(KeyOrderApp):
         settings_path: Path | None = None,
         language: Language | None = None,
     ) -> None:
-        """Register the screens; the first one is shown first.
+        """Register the screens; the application starts with the first screen.
 
         Args:
             settings_path: Settings file; None selects the platform's default.
             language: Language of the labels; None uses the settings, then the environment.
         """
-        # Textual first shows a blank default screen, and would read all styles for that one, too.
+        # Without this, Textual first shows a blank default screen, and reads all styles for it, too.
         self.DEFAULT_MODE = screen_entries[0].mode  # type: ignore[misc]  # a class attribute in Textual
-        self._halts: list[Callable[[], bool]] = []  # must exist before the driver, which uses it
+        self._halts: list[Callable[[], bool]] = []  # must exist before the driver, which calls the callbacks
         self._last_halt = -math.inf, False
         self._control_char_filter = ControlCharFilter()
         super().__init__()
@@ -125,7 +125,7 @@ class BcapApp(KeyOrderApp):
         if self.is_running:
             self.theme = name
             return
-        # Assigning the theme would read all styles again, and nothing has been drawn yet.
+        # Assigning `theme` would read all styles again, although nothing has been drawn yet.
         self.set_reactive(App.theme, name)
         is_dark = self.current_theme.dark
         self.set_class(is_dark, "-dark-mode", update=False)
@@ -145,15 +145,16 @@ class BcapApp(KeyOrderApp):
         self.text_styles = inks
 
     def on_load(self) -> None:
-        """Start tasks lazily on every Python version.
+        """Make asyncio start tasks lazily on every Python version.
 
-        From Python 3.12 on, Textual's `App.run_async` runs each task eagerly. The first screen is then
-        mounted before it is on the stack, and its first `Input` ends the program with a ScreenStackError.
+        From Python 3.12 on, Textual's `App.run_async` runs each task eagerly. With eager tasks, the first
+        screen is mounted before it is on the stack, and its first `Input` ends the program with a
+        ScreenStackError.
         """
         asyncio.get_running_loop().set_task_factory(None)
 
     def on_mount(self) -> None:
-        """Install signal handlers, and report a problem with the settings."""
+        """Install signal handlers, and show a warning if the settings could not be read."""
         self._install_signal_handlers()
         self.app_resume_signal.subscribe(self, lambda _: self.refresh(layout=True))
         gc.set_threshold(*_GC_THRESHOLDS)
@@ -166,12 +167,12 @@ class BcapApp(KeyOrderApp):
             self.show_message(text, "warning")
 
     def on_unmount(self) -> None:
-        """Restore the garbage collector, and unfreeze the objects of the screens."""
+        """Restore the garbage collector's thresholds, and unfreeze the objects of the screens."""
         gc.unfreeze()
         gc.set_threshold(*self._gc_thresholds)
 
     def _install_signal_handlers(self) -> None:
-        """Close in order on SIGHUP and SIGTERM, and when the terminal disappears."""
+        """Close the application in order on SIGHUP and SIGTERM, and when the terminal disappears."""
         if sys.platform == "win32":
             return
         loop = asyncio.get_running_loop()
@@ -181,10 +182,10 @@ class BcapApp(KeyOrderApp):
             self.set_interval(TERMINAL_CHECK_INTERVAL, self._quit_without_terminal)
 
     def _quit_without_terminal(self) -> None:
-        """Close in order when the terminal is gone.
+        """Close the application in order if the terminal is gone.
 
         SIGHUP reaches only the processes that the terminal controls. Without this check, Textual would read
-        the end of its input in a busy loop.
+        the end of the terminal's input in a busy loop.
         """
         if not os.isatty(sys.stdin.fileno()):
             self._request_quit()
@@ -193,18 +194,18 @@ class BcapApp(KeyOrderApp):
         self.run_worker(self.action_quit(), exclusive=False)
 
     def add_closer(self, closer: Closer) -> None:
-        """Register a coroutine function that always runs before the screen closes; the last runs first."""
+        """Register a coroutine function to run before the screen closes; the last registered runs first."""
         self._closers.push_async_callback(closer)
 
     def get_line_filters(self) -> Sequence[LineFilter]:
-        """Return the filters that every line passes before it reaches the terminal."""
+        """Return the filters that change every line before it reaches the terminal."""
         before = tuple(super().get_line_filters())
         if before != self._control_char_filter.earlier_filters:
             self._control_char_filter = ControlCharFilter(before)
         return (self._control_char_filter,)
 
     def get_key_display(self, binding: Binding) -> str:
-        """Return a key as the documentation writes it: F5, not f5."""
+        """Return the name of a key as the documentation writes it: F5, not f5."""
         key = super().get_key_display(binding)
         return key.upper() if key[1:].isdecimal() else key
 
@@ -214,28 +215,37 @@ class BcapApp(KeyOrderApp):
         return make_halt_driver(driver, self._halt_by_key)
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
-        """Offer HALT only where a callback can halt something."""
+        """Offer HALT only if a callback is registered for it."""
         return bool(self._halts) if action == "halt" else True
 
     def add_halt_callback(self, halt: Callable[[], bool]) -> None:
         """Register a callback for HALT.
 
         Args:
-            halt: Returns at once whether there was something to stop. Any thread may call it; it must not
-                raise.
+            halt: Callback that stops motion and returns at once whether there was something to stop. The
+                callback must not raise. Any thread may call the callback.
         """
         self._halts.append(halt)
 
     def halt(self) -> bool:
-        """Stop everything; return whether there was something to stop. Any thread may call this."""
+        """Call all HALT callbacks; return whether one of them had something to stop.
+
+        Any thread may call this method.
+        """
         return any([each() for each in tuple(self._halts)])
 
     def _halt_by_key(self) -> None:
-        """Halt as soon as the terminal driver reads the key. The same key reaches `action_halt` later."""
+        """Halt as soon as the terminal driver reads a HALT key.
+
+        The application passes the same key press to `action_halt` later.
+        """
         self._last_halt = time.monotonic(), self.halt()
 
     def action_halt(self) -> None:
-        """Stop everything that moves, and confirm it. Skip the stop if the driver has just done it."""
+        """Stop everything that moves, and show a message.
+
+        Do not stop a second time if the driver has just handled the same key press.
+        """
         at, was_there = self._last_halt
         if time.monotonic() - at > HALT_KEY_WINDOW:
             was_there = self.halt()
@@ -251,19 +261,19 @@ class BcapApp(KeyOrderApp):
             self.exit()
 
     async def _run_closers(self) -> None:
-        """Run all closers within `CLOSE_TIMEOUT`; an error in one does not skip the others."""
+        """Run all closers within `CLOSE_TIMEOUT` seconds; an error in one closer does not skip the others."""
         with suppress(TimeoutError):
             async with asyncio.timeout(CLOSE_TIMEOUT):
                 await self._closers.aclose()
 
     def run_until_closed(self) -> None:
-        """Run the screen until it is closed; after a bug, print the traceback and raise `SystemExit`."""
+        """Run the application until it is closed; after a bug, print the traceback and raise `SystemExit`."""
         self.run()
         if self.return_code:
             raise SystemExit(self.return_code)
 
     async def run_async(self, **options: Any) -> None:
-        """Run; release everything even if a bug ends the screen."""
+        """Run the application; run the closers even if a bug ends it."""
         try:
             await super().run_async(**options)
         finally:
@@ -277,16 +287,16 @@ class BcapApp(KeyOrderApp):
             self.show_message(text, "warning")
 
     def copy_to_clipboard(self, text: str) -> None:
-        """Copy to the clipboard. A lone surrogate is escaped first, since no clipboard accepts it."""
+        """Copy to the clipboard. Lone surrogates are escaped first, because no clipboard accepts them."""
         super().copy_to_clipboard(text.encode(errors="backslashreplace").decode())
 
     def show_message(self, text: str, severity: str = "information") -> None:
-        """Show a message for a while; markup in `text` has no effect."""
+        """Show a temporary message; markup in `text` has no effect."""
         kind = severity if severity in ("warning", "error") else "information"
-        self.notify(text, severity=kind, markup=False)  # type: ignore[arg-type]  # it is one of the three
+        self.notify(text, severity=kind, markup=False)  # type: ignore[arg-type]  # `kind` is one of the three
 
     def action_help_quit(self) -> None:
-        """Answer Ctrl-C with the key that quits, since Ctrl-C is an ordinary key here."""
+        """Show which key quits, because Ctrl-C is an ordinary key in the application."""
         self.show_message(label("shell.quit.hint"))
 
     def action_next_theme(self) -> None:
@@ -299,7 +309,7 @@ class BcapApp(KeyOrderApp):
         self.save_settings()
 
     def action_language(self, name: str) -> None:
-        """Remember the language for the next start; texts on the screen keep the present one."""
+        """Save the language for the next start; texts on the screen keep the present language."""
         self.settings.language = name
         self.save_settings()
         self.show_message(label("shell.language.next"))

@@ -1,4 +1,4 @@
-"""Write a file so that it always has either its old content or its new one."""
+"""Writes a file atomically: at any time, the file has either its old content or its new one."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from pathlib import Path
 
 
 def write_atomically(path: Path, content: bytes) -> None:
-    """Replace a file, or create it with the folders above it.
+    """Replace a file atomically, or create the file and its missing parent folders.
 
     Raises:
-        OSError: The file cannot be written; the old one is unchanged.
+        OSError: The file cannot be written; an old file is unchanged.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")

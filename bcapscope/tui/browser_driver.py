@@ -1,4 +1,4 @@
-"""Driver for browsers: the program ends in order when the viewer or the server disconnects."""
+"""Textual driver for browsers: the program ends in order when the viewer or the server disconnects."""
 
 from __future__ import annotations
 
@@ -14,24 +14,26 @@ from bcapscope.tui.textual_internals import survive_lost_server
 
 
 def make_server_safe_driver(driver: type[Driver], on_end: Callable[[], object]) -> type[Driver]:
-    """Return a driver that survives the loss of its server; return any other driver unchanged.
+    """Return a browser driver that survives the loss of its server; return any other driver unchanged.
 
-    Textual's own browser driver raises when it writes to a server that has gone, or keeps running unseen.
+    Without this change, Textual's browser driver raises an error when the server has gone, or keeps running
+    unseen.
 
     Args:
-        on_end: Ends the program in order. Runs in the event loop when the viewer or the server has gone.
+        on_end: Function that ends the program in order. The driver calls the function in the event loop when
+            the viewer or the server has gone.
     """
     if not issubclass(driver, WebDriver):
         return driver
 
-    class ServerSafeDriver(driver):  # type: ignore[valid-type, misc]  # a subclass of WebDriver, for all we know
+    class ServerSafeDriver(driver):  # type: ignore[valid-type, misc]  # mypy cannot know the base class
         def __init__(self, *arguments: Any, **options: Any) -> None:
             super().__init__(*arguments, **options)
             survive_lost_server(self)
             self._end_program = partial(asyncio.get_running_loop().call_soon_threadsafe, on_end)
 
         def on_meta(self, packet_type: str, payload: dict[str, object]) -> None:
-            """Handle a message from the server; `quit` ends the program as Ctrl-Q does."""
+            """Handle a message from the server; the message `quit` ends the program as Ctrl-Q does."""
             if packet_type == "quit":
                 self._end_program()
             else:

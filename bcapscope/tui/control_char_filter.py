@@ -1,7 +1,7 @@
-"""The last filter before the terminal: replaces every control character.
+"""The last line filter before the terminal: replaces every control character.
 
-Texts from the wire are escaped where they are rendered. Textual's own widgets, however, show typed or pasted
-text unchanged.
+bcapscope escapes texts from the wire where it renders them. Textual's own widgets, however, show typed or
+pasted text unchanged.
 """
 
 from __future__ import annotations
@@ -15,14 +15,14 @@ from textual.filter import LineFilter
 
 _REPLACEMENT = "\N{REPLACEMENT CHARACTER}"
 _IDEOGRAPHIC_SPACE = "\u3000"
-"""The ideographic space counts as not printable in Unicode, but Japanese texts use it everywhere."""
+"""Python counts the ideographic space as not printable, but Japanese texts use it everywhere."""
 
 
 class ControlCharFilter(LineFilter):
-    """Replaces each character that is not visibly printable, after all other filters have run.
+    """Replaces each character that is not visibly printable, after running all other line filters.
 
-    It also runs the other filters. Textual splits and joins each line once per filter, so one filter is
-    cheaper.
+    `ControlCharFilter` runs the other filters itself. Textual splits and joins each line once per filter, so
+    a single filter is faster.
     """
 
     def __init__(self, earlier_filters: Sequence[LineFilter] = ()) -> None:
@@ -30,7 +30,7 @@ class ControlCharFilter(LineFilter):
         self.earlier_filters = tuple(earlier_filters)
 
     def apply(self, segments: list[Segment], background: Color) -> list[Segment]:
-        """Return the segments of a line; printable segments stay unchanged."""
+        """Return the segments of a line without control characters; printable segments stay unchanged."""
         for each in self.earlier_filters:
             segments = each.apply(segments, background)
         if all(segment.text.isprintable() for segment in segments):
@@ -44,7 +44,7 @@ class ControlCharFilter(LineFilter):
 
 
 def _replace_control_chars(text: str) -> str:
-    """Replace control characters by as many columns as Textual counted for them."""
+    """Replace each control character by as many columns as Textual counted for the character."""
     return "".join(
         char if char.isprintable() or char == _IDEOGRAPHIC_SPACE else _REPLACEMENT * cell_len(char)
         for char in text

@@ -1,6 +1,7 @@
-"""Extends Textual's terminal driver: HALT keys, and survival of a lost terminal.
+"""Extends Textual's terminal driver by the HALT keys and by survival of a lost terminal.
 
-The thread that reads the keys detects HALT. HALT therefore works even if the event loop is busy or stuck.
+The driver's reading thread detects the HALT keys. HALT therefore works even if the event loop is busy or
+stuck.
 """
 
 from __future__ import annotations
@@ -19,9 +20,9 @@ HALT_KEYS = ("f12", "ctrl+backslash")
 
 
 def make_halt_driver(driver: type[Driver], halt: Callable[[], object]) -> type[Driver]:
-    """Return a driver that calls `halt`, in its reading thread, as soon as it reads a HALT key."""
+    """Return a driver that calls `halt` in its reading thread as soon as it reads a HALT key."""
 
-    class HaltDriver(make_resumable_driver(driver)):  # type: ignore[misc]  # the platform decides which
+    class HaltDriver(make_resumable_driver(driver)):  # type: ignore[misc]  # the base class varies
         def __init__(self, *arguments: Any, **options: Any) -> None:
             super().__init__(*arguments, **options)
             survive_lost_terminal(self)

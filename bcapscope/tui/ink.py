@@ -1,7 +1,8 @@
 """Ink marks in rendered lines: one control character before a piece of text selects a style of the theme.
 
-Renderers put the sequences of a `Palette` before pieces of text. Here each sequence is one character below
-U+0020. Escaped text from the wire cannot contain such characters, so no sender can select a style.
+Renderers put the sequences of a `Palette` before pieces of text. The palette `INK` of this module uses one
+character below U+0020 for each sequence. Escaped text from the wire cannot contain such a character, so no
+sender can select a style.
 """
 
 from __future__ import annotations
@@ -22,8 +23,7 @@ INK = Palette(
 """The palette for all widgets."""
 
 LIT, CURSOR = "\x0f", "\x10"
-"""Marks before highlighted bytes: those of the field under the cursor in the other view, and the cursor's
-byte."""
+"""Marks before highlighted bytes: those of the field under the tree's cursor, and the byte at the cursor."""
 
 _STYLE_MARKS = re.compile("[\x01-\x07\x0e-\x10]")
 STYLE_NAMES: Mapping[str, str] = {
@@ -31,14 +31,14 @@ STYLE_NAMES: Mapping[str, str] = {
     LIT: "lit",
     CURSOR: "cursor",
 }
-"""The style of the text after each mark."""
+"""Name of the style that each mark selects for the text after it."""
 
 Styles = Mapping[str, Style]
-"""A style for each name in `STYLE_NAMES`."""
+"""Style of the theme for each name in `STYLE_NAMES`."""
 
 
 def styled_pieces(text: str) -> Iterator[tuple[str, str]]:
-    """Split a rendered line into pieces: the style name ("" for none) and the text of each."""
+    """Split a rendered line into pieces of one style: yield the style's name ("" for none) and the text."""
     name, at = "", 0
     for mark in _STYLE_MARKS.finditer(text):
         if mark.start() > at:

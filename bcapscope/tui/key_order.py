@@ -1,8 +1,8 @@
-"""Handles keys strictly in order: each key goes to the widget that the previous key focused.
+"""Handles keys strictly in order: each key goes to the widget that has the focus after the previous key.
 
-Textual assigns a key to the focused widget when it reads the key, but handles it later, after it has bubbled
-through the widget's parents. Fast typing, pasting and remote terminals can deliver `/` and letters in one
-packet. All of them would then go to the list, and none to the field that `/` opens.
+Textual chooses the widget for a key when it reads the key. The widget handles the key later, after it has
+bubbled through the widget's parents. Fast typing, pasting and remote terminals can deliver `/` and letters in
+one packet. All these keys would then go to the list, and none to the field that `/` opens.
 """
 
 from __future__ import annotations
@@ -20,17 +20,19 @@ from textual.message_pump import MessagePump
 from textual.widgets import Input
 
 STUCK_AFTER = 1.0
-"""Seconds that keys wait for the previous one, in case its widget no longer exists."""
+"""Maximum time in seconds that keys wait for the previous key, whose widget may no longer exist."""
 
 _MOUNT_POLL_INTERVAL = 0.02
-"""Seconds between two checks whether a new screen is mounted."""
+"""Time in seconds between two checks whether a new screen is mounted."""
 
 
 @dataclass
 class KeyHandled(Message):
-    """Follows a key along the same path. When it reaches the application, the key has been handled.
+    """A marker that follows a key on the key's path through the widgets.
 
-    A second marker covers events that the key itself caused there, such as a button press.
+    When the marker reaches the application, the widgets have handled the key.
+
+    A second marker covers events that the handling of the key caused, such as a button press.
     """
 
     target: MessagePump
@@ -38,7 +40,7 @@ class KeyHandled(Message):
 
 
 class KeyOrderApp(App[None]):
-    """An application that handles keys one after the other."""
+    """A Textual application that handles keys one after the other."""
 
     _pending: KeyHandled | None = None
     _watched_key: KeyHandled | None = None
@@ -49,7 +51,7 @@ class KeyOrderApp(App[None]):
         self._urgent_keys = {each.key for each in Binding.make_bindings(self.BINDINGS) if each.priority}
 
     async def on_event(self, event: Event) -> None:
-        """Queue keys and pastes behind the key before them; pass HALT and all other events on at once."""
+        """Queue keys and pastes until the previous key is handled; pass on HALT and other events at once."""
         if not isinstance(event, Key | Paste) or event.is_forwarded or self._is_urgent(event):
             await super().on_event(event)
         elif self._pending is None:
@@ -62,7 +64,7 @@ class KeyOrderApp(App[None]):
         return isinstance(event, Key) and event.key in self._urgent_keys
 
     async def _deliver_event(self, event: Event) -> None:
-        """Deliver a key, and then queued keys while they are letters for the same input field."""
+        """Deliver a key; deliver queued keys, too, while they are letters for the same input field."""
         while True:
             target = self.focused or self.screen
             await super().on_event(event)
@@ -82,10 +84,10 @@ class KeyOrderApp(App[None]):
     @on(KeyHandled)
     def _marker_returned(self, message: KeyHandled) -> None:
         message.stop()
-        self.call_later(self._deliver_next, message)  # after what the key deferred, such as focus
+        self.call_later(self._deliver_next, message)  # after callbacks of the key, such as focus
 
     async def _deliver_next(self, marker: KeyHandled) -> None:
-        """Deliver the next key once the screen that the previous key opened is mounted."""
+        """Deliver the next key after the screen that the previous key opened is mounted."""
         if marker is not self._pending:
             return
         if not self._queued_events:
@@ -98,7 +100,7 @@ class KeyOrderApp(App[None]):
             await self._deliver_event(self._queued_events.popleft())
 
     def _start_stuck_timer(self) -> None:
-        """Schedule a check for keys that wait for a key that is never handled."""
+        """Schedule a check that delivers keys which wait for a key that is never handled."""
         if self._watched_key is None:
             self._watched_key = self._pending
             self.set_timer(STUCK_AFTER, self._deliver_if_stuck)

@@ -1,6 +1,7 @@
-"""Language of the screen, and its labels in that language.
+"""The language of the screen, and labels in that language.
 
-The catalogue holds the labels; their ids begin with the name of a screen or widget, such as `shell.quit`.
+The message catalogue holds the labels; each id begins with the name of a screen or widget, such as
+`shell.quit`.
 """
 
 from __future__ import annotations
@@ -24,37 +25,37 @@ def set_language(language: Language) -> None:
 
 
 def fix_language(language: Language) -> None:
-    """Choose the language as `set_language`; the settings do not change it."""
+    """Choose the language like `set_language`, and ignore the language in the settings."""
     set_language(language)
     _Reader.is_fixed = True
 
 
 def apply_saved_language(name: str) -> None:
-    """Choose the language of the settings, unless it is fixed; "" keeps that of the environment."""
+    """Choose the language in the settings, unless it is fixed; "" keeps the environment's language."""
     if name in tuple(Language) and not _Reader.is_fixed:
         set_language(Language(name))
 
 
 def current_language() -> Language:
-    """Return the language of this process's screen."""
+    """Return the language in which this process shows texts."""
     return _Reader.words.language
 
 
 def reader_words() -> MessageFormatter:
-    """Return the formatter in the language of the screen."""
+    """Return the message formatter for the language of the screen."""
     return _Reader.words
 
 
 def label(id: str, /, **places: PlaceValue) -> str:
-    """Return a text of the screen. Strings in `places` are escaped already."""
+    """Return a label of the screen by its id. The strings in `places` must be escaped already."""
     return _Reader.words(id, **places)
 
 
 def full_error_text(error: Exception) -> str:
-    """Return what an exception says, in the language of the screen."""
+    """Return the text of an exception in the language of the screen."""
     return _Reader.words.text(message_of(error))
 
 
 def table_text(english: str) -> str:
-    """Return a text of the protocol's tables in the language of the screen."""
+    """Return a text of the protocol's tables, such as a command's purpose, in the language of the screen."""
     return _Reader.words.text(table_message(english))

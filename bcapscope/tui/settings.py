@@ -1,4 +1,4 @@
-"""Settings of the screen: a small YAML file in the platform's configuration folder."""
+"""Settings of the screen: a small YAML file in the platform's folder for configuration."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from bcapscope.messages.os_errors import os_reason
 from bcapscope.tui.atomic_file import write_atomically
 
 MAX_RECENT = 20
-"""Maximum number of recent files and of recent hosts."""
+"""Maximum number of remembered files, and of remembered hosts."""
 
 
 class Settings(msgspec.Struct, omit_defaults=True):
-    """What the user chose, and recent files and hosts.
+    """Settings that the user chose, and recently used files and hosts.
 
     Attributes:
-        language: ``en`` or ``ja``; empty to use LANG.
+        language: Language of the screen, ``en`` or ``ja``; empty to use the environment variable LANG.
         captures: Recently opened captures, latest first.
     """
 
@@ -37,7 +37,7 @@ def default_settings_path() -> Path:
 
 
 def read_settings(path: Path) -> tuple[Settings, Message | None]:
-    """Return the settings, or the defaults if there are none, and why they could not be read (else None)."""
+    """Return the settings and None, or the default settings and the reason why the file could not be read."""
     try:
         return read_document(path.read_text(encoding="utf-8"), Settings), None
     except FileNotFoundError:
@@ -49,14 +49,14 @@ def read_settings(path: Path) -> tuple[Settings, Message | None]:
 
 
 def write_settings(settings: Settings, path: Path) -> None:
-    """Write the settings atomically; raises `OSError` if that fails."""
+    """Write the settings atomically; raises `OSError` if writing fails."""
     write_atomically(path, msgspec.yaml.encode(settings))
 
 
 def with_recent(item: str, recent: list[str]) -> list[str]:
-    """Return the list with `item` first, cut to `MAX_RECENT`.
+    """Return a list that starts with `item`, followed by at most `MAX_RECENT` - 1 earlier items.
 
-    A file name with a lone surrogate is not remembered, since YAML cannot store it.
+    A file name with a lone surrogate is not added, because YAML cannot store it.
     """
     if any("\ud800" <= letter <= "\udfff" for letter in item):
         return recent

@@ -1,6 +1,7 @@
 """Every use of a private name of Textual; review this module when Textual is upgraded.
 
-Textual has no public way to do these things. `tui.web.screen_process` does the same for textual-serve.
+Textual has no public interface for these purposes. `tui.web.screen_process` uses the private names of
+textual-serve.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from textual.widget import Widget
 
 
 class UnscrolledWidget(Widget):
-    """A widget that never scrolls, so that a new size needs no second layout."""
+    """A widget that never scrolls, so that a new size needs no second layout pass."""
 
     def _size_updated(
         self, size: Size, virtual_size: Size, container_size: Size, layout: bool = True
@@ -26,12 +27,12 @@ class UnscrolledWidget(Widget):
 
 
 def survive_lost_server(driver: WebDriver) -> None:
-    """Let a browser driver discard its output once the server has gone, instead of raising."""
+    """Make a browser driver discard its output after the server has gone, instead of raising an error."""
     driver._write = partial(_write_all, driver.fileno)
 
 
 def _write_all(fileno: int, data: bytes) -> int:
-    """Write all of `data`, even across signals; write nothing once the server has gone."""
+    """Write all of `data`, even if a signal interrupts a write; after the server has gone, discard it."""
     size = len(data)
     with suppress(OSError):
         while data:
@@ -40,17 +41,17 @@ def _write_all(fileno: int, data: bytes) -> int:
 
 
 def survive_lost_terminal(driver: Driver) -> None:
-    """Let a terminal driver discard its output once the terminal has gone, instead of raising."""
+    """Make a terminal driver discard its output after the terminal has gone, instead of raising an error."""
     file: IO[str] | None = getattr(driver, "_file", None)
     if file is not None:
-        driver._file = _HangupSafeFile(file)  # type: ignore[attr-defined]  # only terminal drivers have it
+        driver._file = _HangupSafeFile(file)  # type: ignore[attr-defined]  # terminal drivers have it
 
 
 class _HangupSafeFile:
-    """An output file that discards data once the terminal is gone.
+    """An output file that discards data after the terminal has gone.
 
-    Otherwise the writing thread would fail, and the program could not end: its shutdown waits for that
-    thread.
+    If writing raised an error, Textual's writing thread would fail, and the program's shutdown would wait for
+    that thread for ever.
     """
 
     def __init__(self, file: IO[str]) -> None:
@@ -69,13 +70,14 @@ class _HangupSafeFile:
 
 
 def make_resumable_driver(driver: type[Driver]) -> type[Driver]:
-    """Return a driver that takes the terminal over again after a stop, if the terminal still exists.
+    """Return a driver that takes over the terminal again when a stopped program continues.
 
-    A terminal that hangs up sends SIGCONT after SIGHUP, and another process can stop the program. Textual
-    would then use two threads each for reading and writing, and end only one of them.
+    Another process can stop and continue the program; a terminal that hangs up sends SIGCONT after SIGHUP.
+    Textual alone would then start second threads for reading and writing, and later end only one of each
+    pair.
     """
 
-    class ResumableDriver(driver):  # type: ignore[valid-type, misc]  # which driver it is, the platform decides
+    class ResumableDriver(driver):  # type: ignore[valid-type, misc]  # base known at run time
         _must_signal_resume: bool
 
         def _sigcont_application(self, *arguments: Any) -> None:

@@ -1,7 +1,7 @@
-"""Three themes: light, dark, and one for people with any kind of colour vision.
+"""The three themes: light, dark, and one that people with any kind of colour vision can use.
 
-The third uses the colours of Okabe and Ito 2008, "Color Universal Design"; success is blue and failure is
-orange. No theme shows anything by colour alone.
+The third theme uses the colours of Okabe and Ito 2008, "Color Universal Design"; success is blue and failure
+is orange. No theme conveys anything by colour alone.
 """
 
 from __future__ import annotations
@@ -99,7 +99,7 @@ THEMES = (
 )
 
 _MIN_CONTRAST = 4.5
-"""Minimum contrast of text (WCAG 2.2)."""
+"""Minimum contrast ratio of text and background (WCAG 2.2)."""
 
 _BLEND_STEPS = 20
 
@@ -107,7 +107,7 @@ _BOLD = frozenset({"name", "problem", "bad"})
 
 
 def theme_styles(theme: Theme) -> Styles:
-    """Return the styles of rendered lines under a theme."""
+    """Return the styles that a theme gives to rendered lines, by style name."""
     prefix = "ink-"
     found = {
         key.removeprefix(prefix): Style.parse(value)
@@ -118,7 +118,7 @@ def theme_styles(theme: Theme) -> Styles:
 
 
 def readable_style(style: Style, background: Style) -> Style:
-    """Return a style on a background, blended towards the background's text colour until it is readable."""
+    """Return a style whose colour is blended towards the background's text colour until it is readable."""
     both = background + style
     if (
         style.color is None

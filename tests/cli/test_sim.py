@@ -92,7 +92,7 @@ def test_a_stdout_that_nobody_reads_holds_no_client_up() -> None:
         assert process.wait(30) == 0
     assert longest < 10
     assert re.fullmatch(
-        r"1000 calls; 0 datagrams .*\n[\d,]+ lines are not shown: standard output takes nothing\n", told
+        r"1000 calls; 0 datagrams .*\n[\d,]+ lines are not shown: standard output accepts no data\n", told
     ), told
 
 

@@ -41,7 +41,7 @@ def test_a_closed_pipe_is_told_once_and_the_rest_goes_on() -> None:
     wait = 'time.sleep(0.2); it.write_lines(["two"]); it.write_message("still here")'
     _, err = ran(f'it.write_lines(["one"]); {wait}', stdout=writing)
     os.close(writing)
-    sentence = "standard output is closed: nothing is shown there any more, all else goes on"
+    sentence = "standard output is closed: further lines are not shown; everything else continues"
     assert err == f"{sentence}\nstill here\n"
 
 
@@ -50,7 +50,7 @@ def test_a_closed_pipe_is_told_once_and_the_rest_goes_on() -> None:
 def test_a_full_disk_is_told_as_that() -> None:
     with open("/dev/full", "wb") as full:
         _, err = ran('it.write_lines(["one"])', stdout=full.fileno())
-    assert err == "standard output has no room: nothing is shown there any more, all else goes on\n"
+    assert err == "standard output has no room: further lines are not shown; everything else continues\n"
 
 
 @pytest.mark.lifecycle
@@ -67,7 +67,7 @@ def test_a_terminal_that_has_stopped_holds_nobody_up() -> None:
         )
         assert err.startswith("a sentence\n")
         missing = int(err.split()[2].replace(",", ""))
-        assert err.endswith(" lines are not shown: standard output takes nothing\n")
+        assert err.endswith(" lines are not shown: standard output accepts no data\n")
         shown = os.read(reading, 1 << 20).count(b"\n")
         assert shown + missing == pytest.approx(50_000, abs=41)  # it is written 4096 bytes at a time
     finally:

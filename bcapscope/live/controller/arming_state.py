@@ -3,11 +3,17 @@
 from __future__ import annotations
 
 DISARM_AFTER = 180_000_000_000
-"""ns after the last call that needed arming. After that, bcapscope assumes that nobody watches the robot."""
+"""Time in ns from the last call that needed arming until arming expires.
+
+When arming expires, bcapscope assumes that nobody watches the robot any more.
+"""
 
 
 class ArmingState:
-    """Armed by the user; disarmed by the user or by timeout. The built-in simulator clears `is_required`."""
+    """Whether the user has armed; the user or a timeout disarms.
+
+    The built-in simulator clears `is_required`.
+    """
 
     def __init__(self) -> None:
         self.is_required = True
@@ -21,7 +27,7 @@ class ArmingState:
         self._armed_until = None
 
     def extend(self, now: int) -> None:
-        """Restart the timeout after a call that needs arming, since somebody evidently watches the robot."""
+        """Restart the timeout after a call that needs arming: the user evidently watches the robot."""
         if self.is_armed(now):
             self._armed_until = now + DISARM_AFTER
 
@@ -33,5 +39,5 @@ class ArmingState:
         return not self.is_required or self.is_armed(now)
 
     def remaining(self, now: int) -> int:
-        """Return ns until the timeout; 0 if disarmed."""
+        """Return the time in ns until arming expires; 0 if disarmed."""
         return max(0, self._armed_until - now) if self._armed_until is not None else 0

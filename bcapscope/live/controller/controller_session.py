@@ -1,7 +1,8 @@
-"""The Tester's session: one connection at a time, run in its own thread, with updates for the screen.
+"""The Tester's session: one connection at a time, in a separate thread that sends updates to the screen.
 
-Its event loop is separate from the screen's. Drawing therefore delays no call, and the times shown are those
-of the network. Coroutines here run in that loop; `run_in_loop` starts one from the screen's loop.
+The session and the screen have separate event loops. Drawing the screen therefore delays no call, and the
+measured round trips are those of the network. The coroutines of this module run in the session's loop; the
+screen starts them with `run_in_loop`.
 """
 
 from __future__ import annotations
@@ -52,14 +53,17 @@ from bcapscope.traffic.observation import Direction, Observation
 R = TypeVar("R")
 
 CLOSE_TIMEOUT = 8.0
-"""Seconds that `close` waits until everything is released."""
+"""Maximum time in seconds that `close` waits until the session has released all objects."""
 
 _CLEANUP_RETRY_POLICY = RetryPolicy(300_000_000, 2)
-"""Attempts of the calls that release objects. Few, so that closing is fast if the controller is gone."""
+"""Maximum number of attempts for each call that releases an object.
+
+The number is small, so that `close` is fast if the controller is gone.
+"""
 
 
 class NotConnectedError(BcapError):
-    """No connection is open for the call."""
+    """The call needs a connection, and none is open."""
 
 
 class NotArmedError(BcapError):
@@ -67,11 +71,13 @@ class NotArmedError(BcapError):
 
 
 class ControllerSession:
-    """A connection to a controller, and everything the Tester does with it.
+    """The connection to a controller, and every call that the Tester makes on it.
 
     Attributes:
-        status: What the screen shows. It is replaced as a whole, so any thread may read it.
-        polling_paused: Suspends automatic reads, which might end the slave mode of another client.
+        status: State that the screen shows. Any thread may read the status, because each change replaces the
+            whole object.
+        polling_paused: True while automatic reads are suspended, because they might end another client's
+            slave mode.
     """
 
     def __init__(
@@ -83,8 +89,9 @@ class ControllerSession:
         """Start without a connection.
 
         Args:
-            report: Called for every update, in this session's threads.
-            tap: Called for every packet, in the same threads; returns at once and never raises.
+            report: Function that receives every update, in a thread of this session.
+            tap: Function that receives every packet, in a thread of this session. The function must not block
+                or raise.
         """
         self.report = report
         self._tap = tap
@@ -103,7 +110,10 @@ class ControllerSession:
         self._thread.start()
 
     async def run_in_loop(self, step: Coroutine[Any, Any, R]) -> R:
-        """Run a coroutine in this session's loop and wait for it; cancellation reaches the coroutine."""
+        """Run a coroutine in this session's loop; return its result.
+
+        Cancelling the wait cancels the coroutine.
+        """
         return await asyncio.wrap_future(asyncio.run_coroutine_threadsafe(step, self._loop))
 
     def pause_polling(self, paused: bool) -> None:
@@ -113,7 +123,10 @@ class ControllerSession:
             self._halt_connection.pause_heartbeat(paused)
 
     def close(self) -> None:
-        """Release everything within `CLOSE_TIMEOUT` seconds and end the thread. Call it in another thread."""
+        """Release all objects within `CLOSE_TIMEOUT` seconds and end the session's thread.
+
+        Call this from another thread.
+        """
         done = asyncio.run_coroutine_threadsafe(self._shut_down(), self._loop)
         with suppress(TimeoutError, BcapError, OSError):
             done.result(CLOSE_TIMEOUT)
@@ -124,7 +137,7 @@ class ControllerSession:
         self.action_log.close()
 
     async def _shut_down(self) -> None:
-        """Release everything, and wait for releases that are already under way."""
+        """Disconnect, and wait for releases of objects that are already under way."""
         await self.disconnect()
         others = asyncio.all_tasks() - {asyncio.current_task()}
         if others:
@@ -137,7 +150,7 @@ class ControllerSession:
     # The connection.
 
     async def open_link(self, target: ControllerTarget) -> None:
-        """Open the transport to a controller; send nothing yet.
+        """Open the transport to a controller without sending anything.
 
         Raises:
             OSError: The controller cannot be reached.
@@ -152,7 +165,7 @@ class ControllerSession:
         self.update_status(target=target)
 
     def open_halt_connection(self, robot: str) -> None:
-        """Open the HALT connection for a robot; replace one that is open."""
+        """Open the HALT connection for a robot, and close the previous HALT connection if there is one."""
         target = self.status.target
         if target is None:
             return
@@ -164,7 +177,7 @@ class ControllerSession:
             threading.Thread(target=old.close, daemon=True).start()
 
     async def disconnect(self) -> None:
-        """Leave slave mode, release everything, newest first, and close the connection."""
+        """Leave slave mode, release all objects, newest first, and close the connection."""
         halt_connection, self._halt_connection = self._halt_connection, None
         stack, self._stack = self._stack, AsyncExitStack()
         INITIATOR.set(Initiator.SCREEN)
@@ -192,7 +205,7 @@ class ControllerSession:
 
     @property
     def opener(self) -> ObjectOpener:
-        """The opener of objects of the present connection; raises `NotConnectedError` without one."""
+        """The `ObjectOpener` of the open connection; raises `NotConnectedError` if no connection is open."""
         if self._opener is None:
             raise NotConnectedError(Message("tester.not_connected"))
         return self._opener
@@ -200,11 +213,12 @@ class ControllerSession:
     async def call(
         self, function: Function, arguments: Sequence[Variant], initiator: Initiator = Initiator.USER
     ) -> HistoryRecord:
-        """Make a call, whatever its outcome; return its record.
+        """Make a call and return its record, even if the controller refuses or does not answer the call.
 
         Raises:
-            NotConnectedError: There is no connection.
-            NotArmedError: It may energise or move the robot, and the user has not armed. Nothing was sent.
+            NotConnectedError: No connection is open.
+            NotArmedError: The call may energise or move the robot, and the user has not armed. Nothing was
+                sent.
             LocalProtocolError: The call cannot be encoded. Nothing was sent.
             ConnectionError: The link is lost.
         """
@@ -214,17 +228,18 @@ class ControllerSession:
     async def invoke(
         self, name: str, *values: object, initiator: Initiator = Initiator.USER
     ) -> HistoryRecord:
-        """Like `call`, with the name of the function and Python values, as `variant_of` converts them."""
+        """Make a call by the name of its function; `variant_of` converts the Python values to arguments."""
         function = function_by_name(name)
         assert function is not None, name
         return await self.call(function, arguments_of(function, values), initiator)
 
     async def send_raw(self, raw: bytes) -> HistoryRecord:
-        """Send bytes unchanged and wait for the reply; return the record.
+        """Send bytes unchanged, wait for the reply, and return the record of the call.
 
         Raises:
-            NotArmedError: They may energise or move the robot, or are not an intact frame.
-            NotConnectedError, ConnectionError: As for `call`.
+            NotArmedError: The user has not armed, and the bytes may move the robot or are not an intact
+                frame.
+            NotConnectedError, ConnectionError: For the same reasons as in `call`.
         """
         session = self.opener.session
         caller = session.caller
@@ -238,7 +253,7 @@ class ControllerSession:
 
     @property
     def controller(self) -> ObjectHandle:
-        """The controller object; raises `NotConnectedError` if none is open."""
+        """The open controller object; raises `NotConnectedError` if none is open."""
         found = self.opener.session.handles.latest(ObjectClass.CONTROLLER)
         if found is None:
             raise NotConnectedError(Message("tester.not_connected"))
@@ -252,7 +267,7 @@ class ControllerSession:
 
     @property
     def last_record(self) -> HistoryRecord:
-        """The record of the call that ended last; there must have been one."""
+        """The record of the latest call that has ended. Read it only after a call."""
         assert self._recorder.last_record is not None
         return self._recorder.last_record
 
@@ -265,7 +280,10 @@ class ControllerSession:
     async def open_object(
         self, parent: ObjectHandle, kind: ObjectClass, name: str, option: str
     ) -> ObjectHandle | None:
-        """Open an object. Return None if it was refused or not answered; `last_record` has the reason."""
+        """Open an object.
+
+        Return None if the call was refused or not answered; `last_record` then has the reason.
+        """
         record = await self.invoke(f"{parent.kind}_Get{kind}", parent.handle, name, option)
         if record.outcome is not RecordOutcome.ANSWERED or record.reply is None:
             return None
@@ -279,19 +297,22 @@ class ControllerSession:
     async def record_calls(
         self, steps: Coroutine[Any, Any, object], initiator: Initiator = Initiator.USER
     ) -> HistoryRecord:
-        """Run steps that make calls, until one fails or all are done. Return the record of the last call.
+        """Run a coroutine that makes calls, until one call fails or the coroutine ends.
+
+        Return the record of the latest call.
 
         Raises:
-            NotArmedError, LocalProtocolError, ConnectionError: As for `call`.
+            NotArmedError, LocalProtocolError, ConnectionError: For the same reasons as in `call`.
         """
         with suppress(ControllerError, CallTimeout):
             await self.run_calls(steps, initiator)
         return self.last_record
 
     async def run_calls(self, steps: Coroutine[Any, Any, R], initiator: Initiator) -> R:
-        """Run steps that make calls; return their result.
+        """Run a coroutine that makes calls, and return its result.
 
-        A cancelled call gets a record. If the link fails, the connection is closed and reported as lost.
+        The history shows a cancelled call. If the link fails, the session closes the connection and reports
+        the loss to the screen.
         """
         INITIATOR.set(initiator)
         try:
@@ -309,12 +330,12 @@ class ControllerSession:
     # HALT.
 
     def halt(self) -> bool:
-        """Stop the robot; return at once whether there is a connection. Any thread may call this."""
+        """Stop the robot without waiting; return whether a connection is open. Any thread may call this."""
         self.arming.disarm()
         halt_connection = self._halt_connection
         if halt_connection is not None:
             halt_connection.press()
-        with suppress(RuntimeError):  # the loop of this session has ended
+        with suppress(RuntimeError):  # suppressed because the loop of this session may have ended
             self._loop.call_soon_threadsafe(self._start_halt_call)
         return halt_connection is not None or self.client_session is not None
 
@@ -323,7 +344,7 @@ class ControllerSession:
             self._loop.create_task(self._halt_on_session(self.status.robot))
 
     async def _halt_on_session(self, robot: ObjectHandle) -> None:
-        """Send HALT also on the main connection once it is free, then leave slave mode."""
+        """Send HALT also on the main connection once its call under way has ended; leave slave mode."""
         with suppress(BcapError, OSError):
             record = await self.invoke("Robot_Halt", robot.handle, "")
             if self._halt_connection is None:
@@ -354,7 +375,7 @@ class ControllerSession:
         self._tap(observation)
 
     def _log_packet(self, observation: Observation, initiator: Initiator) -> None:
-        """Log a packet, unless it belongs to an automatic read."""
+        """Write a packet to the action log, unless the packet belongs to an automatic read."""
         item, connection = observation.item, LoggedConnection.of_conversation(observation.flow.conversation)
         if observation.flow.direction is Direction.RESPONSE:
             self.action_log.log_reply(connection, item, observation.time)
@@ -376,7 +397,7 @@ class ControllerSession:
         session = self.client_session
         if session is not None and self.status.is_connected:
             if record.outcome is RecordOutcome.ANSWERED and record.reply is not None:
-                # The session itself records later, once its task resumes, and raw calls not at all.
+                # `Session` records a reply only when the caller's task resumes, and never records raw calls.
                 session.record_call(record.function_id, record.arguments, record.reply)
             before = self.status
             self.status = before.after_call(record, session.handles.open_handles())
@@ -388,7 +409,7 @@ class ControllerSession:
 
 
 def _raw_needs_arming(session: Session, item: Frame | Malformed) -> bool:
-    """Return whether raw bytes need arming; bytes that are not an intact frame do."""
+    """Return whether sending raw bytes needs arming; bytes that are not an intact frame always do."""
     return (
         not isinstance(item, Frame) or bool(item.problems) or session.needs_arming(item.code, item.variants)
     )

@@ -1,7 +1,8 @@
 """Recovery after an error: read the errors, clear them, and return to slave mode.
 
-The sequence is DENSO Wave 2009, How to use the Slave mode (Clearing errors): clear, start RobSlave again,
-move to the first position, enter slave mode. Clearing destroys the evidence, so reading comes first.
+The steps are those of DENSO Wave 2009, How to use the Slave mode (Clearing errors): clear, start RobSlave
+again, move to the first position, enter slave mode. bcapscope reads the errors first, because clearing
+deletes them.
 """
 
 from __future__ import annotations
@@ -24,17 +25,17 @@ class RecoveryStep(StrEnum):
     CLEAR = "clear"
     ROBSLAVE = "robslave"
     MOTOR = "motor"
-    """Errors of level 4 and above switch the motor off."""
+    """The step `MOTOR` switches the motor on, because errors of level 4 and above switch it off."""
     FIRST_POSITION = "first"
     MODE = "mode"
 
 
 class LastSlaveSession:
-    """The last slave-mode session, which the user usually wants back after an error.
+    """The latest slave-mode session, which the user usually wants to resume after an error.
 
     Attributes:
-        mode: Number of the slave mode; joints, Sync, before the first session.
-        first_set_point: Its first set point; () before the first session.
+        mode: Number of the slave mode; 2 (joints, Sync) before the first session.
+        first_set_point: First set point of the session; () before the first set point.
     """
 
     def __init__(self) -> None:
@@ -42,7 +43,10 @@ class LastSlaveSession:
         self.first_set_point: tuple[float, ...] = ()
 
     def on_record(self, record: HistoryRecord) -> None:
-        """Update from a call of any initiator. A refused call shows nothing about the robot, so skip it."""
+        """Update mode and first set point from a call of any initiator.
+
+        Refused calls are skipped, because they did not change the robot's state.
+        """
         if record.outcome is not RecordOutcome.ANSWERED or len(record.arguments) < 3:
             return
         command, parameter = command_of(record.function_id, record.arguments), record.arguments[2]
@@ -53,7 +57,7 @@ class LastSlaveSession:
 
     @property
     def move_position(self) -> str:
-        """The set point as a position for Robot_Move, to be reached exactly; "" if there is none."""
+        """The first set point as a position for `Robot_Move` with exact stop (`@E`); "" if there is none."""
         kind = pose_type_of_mode(self.mode)
         if kind is None or not self.first_set_point:
             return ""
@@ -61,12 +65,12 @@ class LastSlaveSession:
 
 
 async def read_current_errors(session: ControllerSession) -> tuple[tuple[int, str], ...]:
-    """Read the controller's current errors, newest first: code and the controller's text.
+    """Read the controller's current errors, newest first, each as its code and the controller's text.
 
-    Leave slave mode first, where no other call is safe (public issues of DENSORobot/denso_robot_ros).
+    Before reading, leave slave mode: any other call may end it (public issues of DENSORobot/denso_robot_ros).
 
     Raises:
-        BcapError, OSError: As for `ControllerSession.call`.
+        BcapError, OSError: For the same reasons as in `ControllerSession.call`.
     """
     if session.status.slave_mode and session.status.robot is not None:
         await run_recovery_step(session, RecoveryStep.MODE, "", 0)
@@ -76,13 +80,13 @@ async def read_current_errors(session: ControllerSession) -> tuple[tuple[int, st
 async def run_recovery_step(
     session: ControllerSession, recovery_step: RecoveryStep, first_position: str, mode: int
 ) -> HistoryRecord:
-    """Run one step; return the record of its call.
+    """Run one recovery step, and return the record of its last call.
 
     Args:
-        first_position: Target position in the notation of Robot_Move.
+        first_position: Target position of `RecoveryStep.FIRST_POSITION`, in the notation of Robot_Move.
 
     Raises:
-        BcapError, OSError: As for `ControllerSession.call`.
+        BcapError, OSError: For the same reasons as in `ControllerSession.call`.
     """
     if recovery_step is RecoveryStep.CLEAR:
         return await session.record_calls(clear_errors(_controller(session)))

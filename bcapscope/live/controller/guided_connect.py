@@ -1,4 +1,4 @@
-"""The guided connect: runs the steps in order, each with its result or the reason of its failure."""
+"""The guided connect: runs the steps of connecting in order, and reports the result of each step."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from bcapscope.render.field_meaning import value_text
 
 
 class ConnectStepError(BcapError):
-    """A step failed for a reason, which has been reported."""
+    """A step of connecting failed; the session has already reported the reason."""
 
     def __init__(self, reason: Reason) -> None:
         super().__init__(Message("controller.step-failed"))
@@ -38,14 +38,14 @@ class ConnectStepError(BcapError):
 async def connect(
     session: ControllerSession, target: ControllerTarget, providers: Sequence[str], robot: str, option: str
 ) -> bool:
-    """Run the steps until one fails.
+    """Run the steps of connecting until one step fails.
 
     Args:
-        providers: Provider names to try, in order.
+        providers: Provider names for Controller_Connect, tried in order.
         robot: Name of the robot to open; empty to open none.
 
     Returns:
-        Whether all steps succeeded. If the controller was not connected, the link is closed.
+        Whether all steps succeeded. If `Controller_Connect` or an earlier step failed, the link is closed.
     """
     INITIATOR.set(Initiator.SCREEN)
     try:
@@ -69,7 +69,7 @@ async def connect(
 
 
 async def add_robot(session: ControllerSession, robot: str, option: str) -> HistoryRecord:
-    """Open and select a robot, read its type, prepare HALT for it; return the record of the opening call."""
+    """Open and select a robot, read its type, and prepare HALT. Return the record of the opening call."""
     record, text = await _open_robot(session, robot, option)
     if text is not None:
         session.report(ConnectStepUpdate(ConnectStep.ROBOT, True, text))
@@ -78,7 +78,10 @@ async def add_robot(session: ControllerSession, robot: str, option: str) -> Hist
 
 
 async def start_robslave(session: ControllerSession) -> HistoryRecord:
-    """Start the task RobSlave for one cycle, opened first if needed; return the record of the last call."""
+    """Start the task RobSlave for one cycle, after opening the task if needed.
+
+    Return the record of the last call.
+    """
     opener, controller = session.opener, session.controller
 
     async def steps() -> None:
@@ -117,7 +120,7 @@ async def _start_service(session: ControllerSession) -> Reason:
 async def _connect_controller(
     session: ControllerSession, target: ControllerTarget, providers: Sequence[str]
 ) -> Reason:
-    """Connect with the first provider that the controller knows."""
+    """Connect with the first of `providers` that the controller knows."""
     provider = await session.opener.connect_controller(providers)
     session.update_status(target=replace(target, provider=provider))
     return (provider or "Controller_Connect",)
@@ -133,7 +136,7 @@ async def _open_first_robot(session: ControllerSession, name: str, option: str) 
 async def _open_robot(
     session: ControllerSession, name: str, option: str
 ) -> tuple[HistoryRecord, Reason | None]:
-    """Open and select a robot; return the record of the opening call, and name and type if it succeeded."""
+    """Open and select a robot. Return the record of the opening call, and name and type (None on failure)."""
     robot = await session.open_object(session.controller, ObjectClass.ROBOT, name, option)
     record = session.last_record
     if robot is None:
@@ -143,7 +146,7 @@ async def _open_robot(
 
 
 async def _identify_controller(session: ControllerSession) -> Reason:
-    """Read what the controller is: the built-in simulator, or a controller with name and version."""
+    """Read whether the controller is the built-in simulator, and the version that it reports."""
     opener, controller = session.opener, session.controller
     simulator = await opener.is_simulator()
     version = await _read_fact(session, Controller(opener.session, controller.handle), "@VERSION")
@@ -154,7 +157,7 @@ async def _identify_controller(session: ControllerSession) -> Reason:
 
 
 async def _read_robot_type(session: ControllerSession, robot: ObjectHandle) -> str:
-    """Read the robot's type; the user should check it before the first motion (DENSO Wave 2009)."""
+    """Read the robot's type, which the user should check before the first motion (DENSO Wave 2009)."""
     remote_robot = Robot(session.opener.session, robot.handle)
     name = await _read_fact(session, remote_robot, "@TYPE_NAME")
     number = await _read_fact(session, remote_robot, "@TYPE")
@@ -163,7 +166,7 @@ async def _read_robot_type(session: ControllerSession, robot: ObjectHandle) -> s
 
 
 async def _read_fact(session: ControllerSession, owner: Controller | Robot, name: str) -> str:
-    """Read a variable once; "" if there is none, or no answer."""
+    """Read a system variable once; return "" if the controller has none of that name or does not answer."""
     try:
         value = await session.run_calls(read_variable_once(owner, name), Initiator.SCREEN)
     except (CallTimeout, RemoteProtocolError):

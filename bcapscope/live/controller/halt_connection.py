@@ -1,9 +1,9 @@
-"""The HALT connection: its own thread, event loop and session, ready before it is needed.
+"""The HALT connection has its own thread, event loop and session, and is open before HALT is needed.
 
-A call blocks its connection until it ends. DENSO's C server answers anything else there with busy (orin_bcap
-C/src/bCAPServer/bcap_server.c). HALT therefore uses a connection of its own, with the robot already open. It
-does not depend on the event loops of the screen or of the other calls: a key press only sets a flag in this
-thread's loop.
+A b-CAP call blocks its connection until the call ends. While a call blocks a connection, DENSO's C server
+refuses other calls on that connection as busy (orin_bcap C/src/bCAPServer/bcap_server.c). HALT therefore uses
+a separate connection on which the robot is already open. HALT does not depend on the event loops of the
+screen or of other calls: a key press only sets an event in this thread's loop.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ HEARTBEAT = 2.0
 """Seconds between two heartbeat calls."""
 
 RETRY_WITHIN = 3.0
-"""Seconds after a press of HALT in which a lost connection is reopened repeatedly."""
+"""Time in seconds after a press of HALT in which the thread repeatedly reopens a lost connection."""
 
 _REOPEN_DELAY = 0.05
 
@@ -37,22 +37,22 @@ _STALE_CONNECTION_CODES = (E_HANDLE, E_NOT_CONNECTED)
 """Result codes of a controller that has forgotten the connection, as over UDP after the pendant's Reset."""
 
 CLOSE_TIMEOUT = 3.0
-"""Seconds that `close` waits for the connection to release its objects."""
+"""Maximum time in seconds that `close` waits until the connection has released its objects."""
 
 
 class HaltState(StrEnum):
-    """What pressing HALT would do, or has done."""
+    """State of the HALT connection: whether HALT can be sent, and the result of the latest HALT."""
 
     CLOSED = "closed"
     """No controller is connected."""
     OPENING = "opening"
     READY = "ready"
     LOST = "lost"
-    """The controller does not answer on this connection, or refused to open it."""
+    """The controller does not answer on the HALT connection, or refused to open it."""
     HALTING = "halting"
     HALTED = "halted"
     FAILED = "failed"
-    """HALT was sent, but was refused or not answered."""
+    """HALT failed: the controller refused it, or did not answer."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,8 +60,8 @@ class HaltUpdate:
     """The state of the HALT connection has changed.
 
     Attributes:
-        reason: Why it failed; () otherwise.
-        round_trip: Round trip of the call that showed it, ns; 0 if none did.
+        reason: Why the connection or HALT failed; () if neither failed.
+        round_trip: Round trip in ns of the call that proved the state; 0 if no call did.
     """
 
     state: HaltState
@@ -70,7 +70,7 @@ class HaltUpdate:
 
 
 class HaltConnection:
-    """One HALT connection to one controller, open from construction to `close`."""
+    """One HALT connection to one controller; the constructor opens it, and `close` closes it."""
 
     def __init__(
         self,
@@ -80,12 +80,13 @@ class HaltConnection:
         robot: str = DEFAULT_ROBOT,
         heartbeat: float = HEARTBEAT,
     ) -> None:
-        """Start to open the connection, and return at once.
+        """Start opening the connection, and return at once.
 
         Args:
-            target: The controller. The same name of Controller_Connect is not used twice.
-            report: Called for every change, in this connection's thread.
-            observer: Called for every packet, in the same thread.
+            target: The controller. Its name for Controller_Connect gets the suffix "-halt", since names must
+                be unique.
+            report: Function that receives every change of state, in this connection's thread.
+            observer: Function that receives every packet, in this connection's thread.
         """
         self._target = replace(target, name=f"{target.name}-halt" if target.name else "")
         self._report = report
@@ -102,7 +103,7 @@ class HaltConnection:
         self._thread.start()
 
     def press(self) -> None:
-        """Halt the robot. Any thread may call this at any time; it returns at once."""
+        """Halt the robot. Any thread may call this method at any time; the method returns at once."""
 
         def press() -> None:
             self._retry_until = self._loop.time() + RETRY_WITHIN
@@ -112,17 +113,20 @@ class HaltConnection:
         self._call_in_loop(press)
 
     def pause_heartbeat(self, paused: bool) -> None:
-        """While `paused`, send only HALT: other calls may end another client's slave mode."""
+        """While `paused` is true, send only HALT, because other calls may end another client's slave mode."""
         self._heartbeat_paused = paused
 
     def report_only_halts(self) -> None:
-        """Report only results of HALT from now on. The replacement connection reports its own state."""
+        """From now on, report only the results of HALT.
+
+        The connection that replaces this one reports its own state.
+        """
         report = self._report
         halt_results = (HaltState.HALTED, HaltState.FAILED)
         self._report = lambda update: report(update) if update.state in halt_results else None
 
     def close(self) -> None:
-        """Close the connection; wait at most `CLOSE_TIMEOUT` seconds."""
+        """Close the connection, and wait at most `CLOSE_TIMEOUT` seconds until it is closed."""
 
         def end() -> None:
             self._closing = True
@@ -132,7 +136,7 @@ class HaltConnection:
         self._thread.join(CLOSE_TIMEOUT)
 
     def _call_in_loop(self, action: Callable[[], None]) -> None:
-        with suppress(RuntimeError):  # the thread has ended, and its loop with it
+        with suppress(RuntimeError):  # suppressed because the thread and its loop may have ended
             self._loop.call_soon_threadsafe(action)
 
     def _run(self) -> None:
@@ -151,10 +155,10 @@ class HaltConnection:
                 await self._handle_loss(error_reason(error))
 
     async def _handle_loss(self, reason: Reason) -> None:
-        """Wait before the connection is reopened: only briefly while a HALT is pending.
+        """Wait before reopening the connection: `_REOPEN_DELAY` if HALT is pending, else one heartbeat.
 
-        A pending HALT fails after `RETRY_WITHIN` seconds. Sent minutes later, it could interrupt another
-        motion.
+        A pending HALT fails after `RETRY_WITHIN` seconds. A HALT that is sent minutes later could interrupt
+        another motion.
         """
         if self._pressed.is_set() and self._loop.time() < self._retry_until:
             await asyncio.sleep(_REOPEN_DELAY)
@@ -166,7 +170,7 @@ class HaltConnection:
         await self._wait_for_press(self._heartbeat)
 
     async def _serve_session(self, session: Session) -> None:
-        """Open the robot, then wait for HALT."""
+        """Open the robot; then halt it whenever HALT is pressed, until the connection is closed."""
         self._report(HaltUpdate(HaltState.OPENING))
         opener = ObjectOpener(session, self._target, {ObjectClass.ROBOT: self._robot})
         handle = await opener.handle_for(ObjectClass.ROBOT)
@@ -187,7 +191,7 @@ class HaltConnection:
                 await self._pressed.wait()
 
     async def _send_heartbeat(self, session: Session, handle: int) -> None:
-        """Check that the connection works; a press of HALT cancels the check."""
+        """Send a heartbeat call, which proves that the connection works; a press of HALT cancels the call."""
         began = self._loop.time()
         call = asyncio.ensure_future(session.invoke("Robot_GetAttribute", handle))
         pressed = asyncio.ensure_future(self._pressed.wait())
@@ -199,14 +203,17 @@ class HaltConnection:
             return
         try:
             call.result()
-        except ControllerError as error:  # also proves the connection, unless the robot's handle is unknown
+        except ControllerError as error:  # other refusals than these codes prove the connection
             if error.hresult in _STALE_CONNECTION_CODES:
                 raise
         took = round((self._loop.time() - began) * 1e9)
         self._report(HaltUpdate(HaltState.READY, round_trip=took))
 
     async def _halt_robot(self, session: Session, handle: int) -> None:
-        """Halt the robot. After a first refusal reopen the connection: the controller may not know it."""
+        """Halt the robot.
+
+        After a first refusal, reopen the connection, because the controller may have forgotten it.
+        """
         self._report(HaltUpdate(HaltState.HALTING))
         began = self._loop.time()
         try:

@@ -1,4 +1,4 @@
-"""A call in the history, with its packets and outcome."""
+"""A call in the Tester's history, with its packets and outcome."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from bcapscope.protocol.tables.hresult import describe_hresult, hresult_name
 from bcapscope.traffic.observation import Direction, Observation
 
 Reason: TypeAlias = tuple[Message | str, ...]
-"""What was found, or why something failed: parts of one clause, which commas separate; () for nothing."""
+"""Result of a step, or the reason of a failure: parts to be joined by commas; () for none."""
 
 
 class RecordOutcome(StrEnum):
@@ -25,13 +25,13 @@ class RecordOutcome(StrEnum):
     REFUSED = "refused"
     UNANSWERED = "unanswered"
     ABANDONED = "given up"
-    """Cancelled by the client before a reply came, or the link was lost."""
+    """The client cancelled the call before a reply arrived, or the link was lost."""
 
 
 class Initiator(StrEnum):
     USER = "user"
     SCREEN = "screen"
-    """bcapscope itself: to identify the controller, to recover, to release objects."""
+    """bcapscope made the call itself: to identify the controller, to recover, or to release objects."""
     WATCH = "watch"
 
 
@@ -40,13 +40,13 @@ class HistoryRecord:
     """One call.
 
     Attributes:
-        number: Number from 1, in the order of their starts.
+        number: Number of the call, from 1 in the order of starting.
         began: Time of the first attempt, ns since 1970-01-01 UTC.
         took: Time from the first attempt to the reply or the end, ns.
-        packets: All packets sent and received for it, in order.
+        packets: Packets sent and received for the call, in order; at most `history_recorder.MAX_PACKETS`.
         notices: Number of S_EXECUTING notices.
-        late_replies: Replies that were not accepted.
-        subject: Object of the call, such as a variable; None if it was not open.
+        late_replies: Number of late replies.
+        subject: Object that the call used, such as a variable; None if that object was not open.
     """
 
     number: int

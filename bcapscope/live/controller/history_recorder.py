@@ -1,6 +1,6 @@
-"""Builds the records of calls from what a session reports to its observer and listener.
+"""Builds the records of calls from the packets and events that a session reports.
 
-Calls of the user and of bcapscope itself share the link, so both are recorded.
+The user and bcapscope itself make calls on the same link, and both kinds are recorded.
 """
 
 from __future__ import annotations
@@ -27,21 +27,24 @@ from bcapscope.protocol.tables.hresult import is_failure
 from bcapscope.traffic.observation import Direction, Observation
 
 INITIATOR: ContextVar[Initiator] = ContextVar("who", default=Initiator.SCREEN)
-"""Initiator of the calls in the running task."""
+"""Initiator of the calls that the running task makes."""
 
 MAX_PACKETS = 256
-"""Packets per record, so that a controller that floods the client cannot fill the memory."""
+"""Maximum number of packets per record, so that a flood from the controller cannot fill the memory."""
 
 
 class HistoryRecorder:
-    """Records one session, in which calls follow one another."""
+    """Records the calls of one session, in which one call ends before the next begins."""
 
     def __init__(
         self,
         on_record: Callable[[HistoryRecord], None],
         subject_of: Callable[[int, Sequence[Variant]], ObjectHandle | None],
     ) -> None:
-        """Pass records to `on_record`; `subject_of` finds a call's object by function id and arguments."""
+        """Pass records to `on_record`; `subject_of` returns the object that a call uses.
+
+        The arguments of `subject_of` are the function id and the arguments of the call.
+        """
         self._on_record = on_record
         self._subject_of = subject_of
         self._next_number = 1
@@ -49,7 +52,7 @@ class HistoryRecorder:
         self._call: _CallInProgress | None = None
 
     def on_packet(self, observation: Observation) -> None:
-        """Add a packet that was sent or received."""
+        """Add a packet that the session sent or received."""
         call = self._call
         if observation.flow.direction is Direction.REQUEST and call is None:
             call = self._call = _CallInProgress(observation.time, INITIATOR.get(), asyncio.current_task())
@@ -57,7 +60,7 @@ class HistoryRecorder:
             call.add_packet(observation)
 
     def on_event(self, event: RequesterEvent, now: int) -> None:
-        """Handle an event of the session at `now` (ns since 1970-01-01 UTC)."""
+        """Handle an event of the session; `now` is ns since 1970-01-01 UTC."""
         call = self._call
         if call is None:
             return
@@ -75,18 +78,24 @@ class HistoryRecorder:
             )
 
     def abandon_own_call(self, now: int) -> None:
-        """Abandon the call under way if the running task made it; a task may also wait for its turn."""
+        """Abandon the call under way if the running task made it.
+
+        The running task may also be waiting for another task's call to end.
+        """
         if self._call is not None and self._call.task is asyncio.current_task():
             self.abandon_call(now)
 
     def abandon_call(self, now: int) -> None:
-        """End the call under way, if any, without a reply; `now` is ns since 1970-01-01 UTC."""
+        """End the call under way, if there is one, as abandoned; `now` is ns since 1970-01-01 UTC."""
         if self._call is not None:
             took = max(0, now - self._call.began)
             self._complete_call(self._call, RecordOutcome.ABANDONED, None, (), took)
 
     def complete_raw_call(self, now: int) -> None:
-        """End a call of raw bytes at `now` (ns since 1970 UTC). The last frame received is its reply."""
+        """End a call of raw bytes; `now` is ns since 1970-01-01 UTC.
+
+        The last frame received counts as the reply to the raw bytes.
+        """
         call = self._call
         if call is None:
             return

@@ -1,6 +1,6 @@
-"""Updates from the session to the screen, sent in the session's threads.
+"""Updates that the Tester's session sends to the screen, in the session's threads.
 
-The screen forwards them to its own thread.
+The screen forwards the updates to its own thread.
 """
 
 from __future__ import annotations
@@ -34,8 +34,8 @@ class ConnectStepUpdate:
     """A step of the guided connect has started or ended.
 
     Attributes:
-        done: Whether it succeeded; None while it runs.
-        result: What it found, or why it failed.
+        done: Whether the step succeeded; None while the step runs.
+        result: What the step found, or why the step failed.
     """
 
     step: ConnectStep
@@ -48,9 +48,9 @@ class ControllerIdentity:
     """What the controller reports about itself.
 
     Attributes:
-        version: Version of its software; empty if not reported.
+        version: Version of the controller's software; empty if not reported.
         type_name: Type of the robot; empty if not reported or no robot is open.
-        type_number: Value of @TYPE; empty likewise.
+        type_number: Value of the robot's variable @TYPE; empty if not reported or no robot is open.
     """
 
     is_simulator: bool = False
@@ -61,14 +61,15 @@ class ControllerIdentity:
 
 @dataclass(frozen=True, slots=True)
 class SessionStatus:
-    """The state that the screen always shows.
+    """The state of the session that the screen always shows.
 
     Attributes:
         open_objects: Open objects in the order of opening.
-        robot: The robot that receives commands.
-        slave_mode: Slave mode of the robot, derived from this client's own calls.
-        holds_arm: TakeArm succeeded and no GiveArm followed. An error may still have released the arm.
-        round_trip: Round trip of the last answered call, ns.
+        robot: Robot that receives robot commands; None if none is selected.
+        slave_mode: Number of the robot's slave mode, derived from this client's own calls; 0 if off.
+        holds_arm: Whether TakeArm succeeded and no GiveArm followed. The controller may have released the arm
+            because of an error.
+        round_trip: Round trip in ns of the last answered call.
     """
 
     target: ControllerTarget | None = None
@@ -84,7 +85,7 @@ class SessionStatus:
         return self.target is not None
 
     def after_call(self, record: HistoryRecord, open_objects: tuple[ObjectHandle, ...]) -> SessionStatus:
-        """Return the status after a call; `open_objects` are those that are open after it."""
+        """Return the status after a call; `open_objects` are the objects that are open after the call."""
         command = command_of(record.function_id, record.arguments)
         answered = record.outcome is RecordOutcome.ANSWERED
         mode = _slave_mode_after(record)
@@ -99,13 +100,13 @@ class SessionStatus:
 
 
 def _slave_mode_after(record: HistoryRecord) -> int | None:
-    """Return the slave mode after a call; None if the call does not show it."""
+    """Return the robot's slave mode after a call; None if the call does not show the mode."""
     if record.outcome is RecordOutcome.ANSWERED:
         return requested_slave_mode(record.function_id, record.arguments)
     if record.outcome is RecordOutcome.REFUSED and record.reply is not None:
         code = record.reply.code
         level = describe_hresult(code).level or 0
-        # Each error of that level ends slave mode (DENSO Wave 2009: any result but S_OK does on RC7).
+        # Each error of level 3 or above ends slave mode (DENSO Wave 2009: any result but S_OK does on RC7).
         return 0 if code == E_NOT_IN_SLAVE_MODE or level >= _LEVEL_THAT_ENDS_SLAVE_MODE else None
     return None
 
@@ -124,7 +125,7 @@ class WatchUpdate:
 
 @dataclass(frozen=True, slots=True)
 class SessionProblem:
-    """A function of the session failed, such as writing the action log at `path`."""
+    """Part of the session failed without affecting calls, such as writing the action log at `path`."""
 
     path: Path
     reason: Reason

@@ -1,1 +1,1 @@
-"""What the Tester does with the session of `live.controller`, without widgets."""
+"""The Tester's use of the session of `live.controller`, without widgets."""

@@ -1,6 +1,6 @@
-"""The built-in simulator: a separate process on a free loopback port, so that the first start always works.
+"""The built-in simulator: a process on a free loopback port, for the Tester without a controller.
 
-The simulator also ends if its parent is killed, since the pipe between them closes then.
+If the parent process is killed, the pipe between the processes closes, and the simulator ends.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from bcapscope.simulator.simulator_server import SimulatorServer
 from bcapscope.tui.reader_language import label
 
 DEFAULT_PROFILE = "rc7"
-"""Profile of the controller that b-CAP Tester's screen shows (DENSO Wave 2009, How to use the Slave mode)."""
+"""Default profile, as on screenshots of b-CAP Tester (DENSO Wave 2009, How to use the Slave mode)."""
 
 START_JOINTS: Joints = (
     12.422607421875,
@@ -35,10 +35,10 @@ START_JOINTS: Joints = (
     0.0,
     0.0,
 )
-"""Joint angles at the start: those on the same pages after the slvMove, as R4 values."""
+"""Joint angles in degrees at the start, as R4 values: those of the same DENSO pages after slvMove."""
 
 END_TIMEOUT = 2.0
-"""Seconds that the simulator has to end before it is killed."""
+"""Maximum time in seconds for the simulator to end; after that, it is killed."""
 
 _STEP = 0.2
 _HOST = "127.0.0.1"
@@ -46,7 +46,7 @@ _HOST = "127.0.0.1"
 
 @dataclass(frozen=True, slots=True)
 class BuiltInSimulator:
-    """The address of the simulator, for UDP and TCP."""
+    """A running built-in simulator, with its address for UDP and TCP."""
 
     host: str
     port: int
@@ -54,13 +54,13 @@ class BuiltInSimulator:
 
     @property
     def has_ended(self) -> bool:
-        """Whether the process has ended or was killed."""
+        """Whether the simulator's process has ended."""
         return self.process.poll() is not None
 
 
 @contextmanager
 def run_builtin_simulator(profile: str = DEFAULT_PROFILE) -> Iterator[BuiltInSimulator]:
-    """Run the simulator for the length of a block.
+    """Run the built-in simulator while the `with` block runs.
 
     Raises:
         OSError: The simulator does not start.
@@ -70,7 +70,7 @@ def run_builtin_simulator(profile: str = DEFAULT_PROFILE) -> Iterator[BuiltInSim
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
-        start_new_session=True,  # Ctrl-C is a key of the screen
+        start_new_session=True,  # the screen uses Ctrl-C as a key
     )
     with process:
         assert process.stdin is not None
@@ -89,7 +89,7 @@ def run_builtin_simulator(profile: str = DEFAULT_PROFILE) -> Iterator[BuiltInSim
 
 
 def serve(profile: str) -> None:
-    """Write the port to stdout, then serve until stdin ends."""
+    """Write the port to stdout, then simulate a controller until stdin closes."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     now = time.monotonic_ns()
     start = InitialState(joints=START_JOINTS, motor=True, epoch=time.time_ns() - now)
@@ -104,7 +104,7 @@ def serve(profile: str) -> None:
     try:
         sys.stdout.write(f"{server.address[1]}\n")
         sys.stdout.flush()
-        with realtime_priority():  # a controller keeps its 8 ms cycle under any load
+        with realtime_priority():  # a controller must keep its cycle of 8 ms under any load
             while not ended.is_set():
                 server.step(_STEP)
     finally:

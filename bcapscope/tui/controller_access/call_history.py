@@ -26,21 +26,24 @@ from bcapscope.tui.controller_access.reason_text import failure_text
 from bcapscope.tui.reader_language import reader_words
 
 _PLAIN_WORDS = re.compile(r"[\w\s.@:-]*")
-"""Text without any character that only an expression of the filter language needs."""
+"""Matches filter text in which no character belongs only to the filter language."""
 
 _MAX_ARGUMENT_TEXT, _MAX_SUBJECT_TEXT = 18, 24
 
 _UNNAMED_SUBJECTS = (ObjectClass.CONTROLLER, ObjectClass.ROBOT)
-"""Usually only one of each is in use at a time. Their names would push the results off the screen."""
+"""Classes of objects whose names are omitted, because usually only one object of each is in use.
+
+The names would push the results off the screen.
+"""
 
 RecordFilter: TypeAlias = Callable[[HistoryRecord], bool]
-"""Returns whether the filter selects a call."""
+"""Function that returns whether the filter selects a call."""
 
 _INITIATOR_MARKS = {Initiator.USER: " ", Initiator.SCREEN: "·", Initiator.WATCH: "~"}
 
 
 def history_line(record: HistoryRecord, palette: Palette) -> str:
-    """Return one line: number, time (UTC), initiator if not the user, call, subject, result, duration."""
+    """Return a call as one line: number, time (UTC), initiator's mark, call, object, result, duration."""
     head = f"{record.number:>5} {utc_text(record.began)[11:23]} {_INITIATOR_MARKS[record.initiator]}"
     name = f"{call_name(record.function_id, record.arguments)}{_subject_text(record)}{_argument_text(record)}"
     if record.reply is not None:
@@ -55,7 +58,7 @@ def history_line(record: HistoryRecord, palette: Palette) -> str:
 
 
 def _subject_text(record: HistoryRecord) -> str:
-    """Return the name of the call's object if there may be several and the arguments do not show which."""
+    """Return the name of the call's object; "" for a controller or robot, as `_UNNAMED_SUBJECTS` explains."""
     subject = record.subject
     if subject is None or subject.kind in _UNNAMED_SUBJECTS:
         return ""
@@ -64,7 +67,7 @@ def _subject_text(record: HistoryRecord) -> str:
 
 
 def _argument_text(record: HistoryRecord) -> str:
-    """Return the arguments without the handle and the command name, shortened if long."""
+    """Return the arguments in parentheses, without handle and command name, shortened if long."""
     function = FUNCTIONS.get(record.function_id)
     named = function is not None and function.takes_handle
     first = named + (record.function_id in COMMAND_FUNCTIONS)
@@ -77,8 +80,8 @@ def history_filter(text: str) -> RecordFilter:
     """Return a filter for calls.
 
     Args:
-        text: Words that a line must contain, or an expression of the filter language. An empty text selects
-            only the user's own calls.
+        text: Words that the line of a call must contain, or an expression of the filter language. An empty
+            text selects only the user's own calls.
 
     Raises:
         FilterError: The expression is invalid.
@@ -93,7 +96,7 @@ def history_filter(text: str) -> RecordFilter:
 
 
 def call_of_record(record: HistoryRecord) -> Call | None:
-    """Return a record as the `Call` of a capture; None if no intact request was sent."""
+    """Convert a record to the `Call` that a capture would contain; None if no intact request was sent."""
     calls = CallCollector()
     pipeline = Pipeline(calls)
     for observation in record.packets:
@@ -108,7 +111,7 @@ def _has_words(record: HistoryRecord, words: list[str]) -> bool:
 
 
 def copy_text(record: HistoryRecord, copy_format: str, target: ControllerTarget) -> str | None:
-    """Return a call as ``hex``, ``python`` or ``line``; None if that format cannot express it."""
+    """Return a call in the format ``hex``, ``python`` or ``line``; None if the format cannot express it."""
     if copy_format == "hex":
         return "\n".join(hex_text(seen.item.raw) for seen in record.packets) or None
     write = python_program if copy_format == "python" else shell_command

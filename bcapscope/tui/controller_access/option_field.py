@@ -1,6 +1,6 @@
 """The Option field of the connection: ``Timeout=300`` and similar, as in b-CAP Tester.
 
-The key of each pair decides who gets it: bcapscope, Service_Start or Controller_Connect.
+The key of each pair decides which of bcapscope, Service_Start and Controller_Connect receives the pair.
 """
 
 from __future__ import annotations
@@ -14,21 +14,23 @@ from bcapscope.tui.reader_language import label
 _SERVICE_KEYS = ("wdt", "invoketimeout")
 
 AUTOMATIC_PROVIDERS = ("CaoProv.DENSO.VRC", "CaoProv.DENSO.VRC9", "")
-"""Providers to try in order if none is named: RC8 and COBOTTA, RC9 and COBOTTA PRO, none. RC7 accepts the
-first, since it ignores the name."""
+"""Providers that are tried in this order if the user names none: RC8 and COBOTTA, RC9 and COBOTTA PRO, "".
+
+An RC7 accepts the first provider, because it ignores the name.
+"""
 
 
 def read_option_field(text: str, host: str, port: int, tcp: bool) -> tuple[ControllerTarget, tuple[str, ...]]:
     """Parse the Option field.
 
     Args:
-        text: Comma-separated pairs of key and value; empty for the defaults.
+        text: Pairs of key and value, separated by commas; empty for the defaults.
 
     Returns:
-        The target, and the providers to try.
+        The target, and the names of the providers to try.
 
     Raises:
-        ValueError: A part is invalid; names the part and what is expected.
+        ValueError: A pair is invalid; the error text names the pair and what is expected.
     """
     target = ControllerTarget(host, port, tcp, name="")
     providers: tuple[str, ...] = AUTOMATIC_PROVIDERS

@@ -1,4 +1,4 @@
-"""Typed parameters: a type from a list and a value as text, checked at once."""
+"""Input of parameters: a type from a list and a value as text, which is checked at once."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ PARAMETER_TYPES: tuple[int, ...] = (
     *(int(vt) for vt in VT if vt is not VT.VARIANT),
     *(ARRAY | vt for vt in VT if vt not in (VT.EMPTY, VT.NULL)),
 )
-"""Every type that b-CAP can carry, scalars first."""
+"""Every type that b-CAP can carry, scalar types first."""
 
 
 def type_label(vt: int) -> str:
-    """Return a type's name as in b-CAP Tester: ``I4``, ``ARRAY | R4``."""
+    """Return the name of a type as in b-CAP Tester: ``I4``, ``ARRAY | R4``."""
     name = vt_name(vt & ~ARRAY).removeprefix("VT_")
     return f"ARRAY | {name}" if vt & ARRAY else name
 
@@ -32,11 +32,11 @@ def type_number(name: str) -> int | None:
 
 
 class CheckedText(NamedTuple):
-    """The result of parsing typed text.
+    """The result of parsing the text of a parameter.
 
     Attributes:
-        value: The value; None if the text does not fit the type.
-        problem: What is expected; empty if the text is valid.
+        value: Parsed value; None if the text does not fit the type.
+        problem: Text that says what is expected; empty if the input is valid.
     """
 
     value: Variant | None
@@ -52,7 +52,7 @@ def check_text(vt: int, text: str) -> CheckedText:
 
 
 def expected_input(vt: int) -> str:
-    """Return a hint on what to type for a type."""
+    """Return a hint on what text to type for a value of a type."""
     if vt in (VT.EMPTY, VT.NULL):
         return label("controller.expected.nothing")
     what = label(f"controller.expected.{VT(vt & ~ARRAY).name}")
@@ -61,14 +61,14 @@ def expected_input(vt: int) -> str:
 
 
 class CommandHint(NamedTuple):
-    """What the command table contains for a command; the most usual type of its parameter comes first."""
+    """Entry of the command table for a command; the most usual type of its parameter comes first."""
 
     types: tuple[int, ...]
     text: str
 
 
 def command_hint(function_id: int, name: str) -> CommandHint | None:
-    """Look up a command; None if it is unknown."""
+    """Look up a command by its name; return None if it is unknown."""
     known = find_command(function_id, name.strip())
     if known is None:
         return None

@@ -1,6 +1,6 @@
-"""The state of a running player, as the screen shows it, and the answers to its questions.
+"""The state of a running player, as the screen shows it, and the answers to the player's questions.
 
-The player is a separate process. This module only records its messages.
+The player is a separate process. This module only stores the messages of the player process.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from bcapscope.player.trajectory import Trajectory
 from bcapscope.protocol.slave_mode.modes import PERIOD_MS, SlaveMode
 
 MAX_SAMPLES = 600
-"""Readings in the plots: half a minute at twenty per second."""
+"""Number of readings in the plots: half a minute at twenty readings per second."""
 
 
 @dataclass(slots=True)
@@ -36,9 +36,9 @@ class PlaybackRun:
     """Everything known about one run.
 
     Attributes:
-        samples: Elapsed seconds, set point and returned pose, for the latest readings.
-        preflight: Pre-flight check against that controller; None until then.
-        readiness: Real-time settings that the system allows; None until they are known.
+        samples: Latest readings, each as elapsed seconds, set point and returned pose.
+        preflight: Pre-flight check against the connected controller; None before the connection.
+        readiness: Text on the real-time settings that the system allows; None until the player reports them.
     """
 
     plan: PlayPlan
@@ -55,7 +55,7 @@ class PlaybackRun:
     ended: PlayEnded | None = None
 
     def on_message(self, message: PlayerMessage) -> str | None:
-        """Record a message; return the answer to a question that needs no user."""
+        """Store a message of the player; return the answer to a question that needs no user."""
         if isinstance(message, PlayProgress):
             if message.of or self.progress is None:
                 self.progress = message
@@ -80,15 +80,16 @@ class PlaybackRun:
 
     @property
     def mode(self) -> SlaveMode | None:
-        """The slave mode of the run; None until the controller is known."""
+        """Slave mode in which the player plays; None until the controller is known."""
         return None if self.peer is None else self.peer.slave_mode
 
     @property
     def buffer_margin(self) -> tuple[int, float, float] | None:
-        """Modelled margin of the controller's buffer, which consumes a set point each 8 ms.
+        """Margin of the controller's buffer by a model: the controller takes one set point each 8 ms.
 
         Returns:
-            Buffer slots, ms that a full buffer lasts, and ms that remained at the longest pause so far. None
+            Number of buffer slots, ms that a full buffer lasts, and ms that remained at the longest pause.
+            None
             if underflow is no error in this mode, or before the first set point.
         """
         mode, progress = self.mode, self.progress

@@ -1,4 +1,4 @@
-"""The running player, if any, for HALT and for closing the screen."""
+"""Holds the running player, if there is one, so that HALT and the end of the screen can reach the player."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from bcapscope.player.player_messages import PlayEnded, PlayerMessage, PlayPlan
 from bcapscope.player.player_process import PlayerProcess
 
 POLL_SECONDS = 0.1
-"""Seconds that one poll for messages takes at most."""
+"""Maximum time in seconds of one poll for the player's messages."""
 
 
 class PlayerSlot:
@@ -30,9 +30,9 @@ class PlayerSlot:
         self._player = await asyncio.to_thread(PlayerProcess, plan)
 
     async def next_messages(self) -> list[PlayerMessage]:
-        """Wait briefly for messages, and return those that arrived.
+        """Wait at most `POLL_SECONDS` seconds for messages of the player, and return those that arrived.
 
-        The last message of a run says how it ended, even if another caller ended it.
+        The last message of a player says how the run ended, even if another caller ended the run.
         """
         async with self._read_lock:
             if self._player is not None:
@@ -45,7 +45,7 @@ class PlayerSlot:
             self._player.answer(choice)
 
     def stop(self) -> None:
-        """Bring the robot to rest on its path, then end in order."""
+        """Tell the player to bring the robot to rest on its path, and then to end in order."""
         if self._player is not None:
             self._player.stop()
 
@@ -57,7 +57,7 @@ class PlayerSlot:
         return player is not None
 
     async def end_player(self) -> None:
-        """Stop the player in order if it is running, and wait until it has ended."""
+        """If a player is running, stop it in order and wait until it has ended."""
         player, self._player = self._player, None
         if player is not None:
             player.stop()

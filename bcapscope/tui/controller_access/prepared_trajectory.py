@@ -1,4 +1,4 @@
-"""A trajectory that was read, resampled and checked before it is played."""
+"""A trajectory that has been read, resampled and checked before it is played."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ from bcapscope.tui.reader_language import reader_words
 
 @dataclass(frozen=True, slots=True)
 class PlaybackSettings:
-    """What the user wants to play.
+    """The user's settings for playing a trajectory.
 
     Attributes:
         index: Number of the trajectory in the file, from 1.
-        interval: Cycle time, ms.
-        speed: Fraction of the file's speed.
+        interval: Cycle time in ms.
+        speed: Speed as a fraction of the speed in the file.
         rounds: Number of repetitions; 0 repeats until stopped.
-        always_resample: Resample even if speed and interval are those of the file.
+        always_resample: Whether to resample even if speed and interval are those of the file.
         limits: Arm limits in the notation of `player.arm_limits.with_limits`.
     """
 
@@ -45,7 +45,7 @@ class PlaybackSettings:
 
 @dataclass(frozen=True, slots=True)
 class PreparedTrajectory:
-    """A trajectory that is ready to play. Its pre-flight check does not know the robot's position."""
+    """A trajectory that is ready to play. The pre-flight check does not yet know the robot's position."""
 
     settings: PlaybackSettings
     all_trajectories: tuple[Trajectory, ...]
@@ -53,7 +53,7 @@ class PreparedTrajectory:
     preflight: PreflightResult
 
     def summary_lines(self, palette: Palette, width: int) -> Iterator[str]:
-        """Yield how the file was read, its content, and problems with playing it."""
+        """Yield lines on how the file was read, its content, and problems with playing it."""
         yield from source_lines(self.trajectory, reader_words(), width)
         if len(self.all_trajectories) > 1:
             yield from (
@@ -64,11 +64,11 @@ class PreparedTrajectory:
         yield from PreflightRenderer(palette, width, reader_words()).lines(self.preflight)
 
     def make_plan(self, target: ControllerTarget, robot: str, armed: bool, record: Path) -> PlayPlan:
-        """Return the plan for the player.
+        """Return the plan to pass to the player process.
 
         Args:
-            armed: Whether the user confirmed that a robot will move.
-            record: New capture for the whole conversation.
+            armed: Whether the user confirmed that the robot may move.
+            record: Name of a new file for recording the whole conversation.
         """
         wish, trajectory = self.settings, self.trajectory
         return PlayPlan(
@@ -86,13 +86,13 @@ class PreparedTrajectory:
 
 
 def prepare_trajectory(settings: PlaybackSettings, type_name: str) -> PreparedTrajectory:
-    """Read, resample and check a trajectory. This can take long.
+    """Read a trajectory file, resample the trajectory and check it. This can take long.
 
     Args:
         type_name: Type of the robot; empty if unknown.
 
     Raises:
-        TrajectoryError: There is nothing to play.
+        TrajectoryError: The file contains nothing that can be played.
         ValueError: The limits are invalid.
     """
     found = read_trajectories(settings.path)

@@ -1,4 +1,4 @@
-"""Why something failed, in the reader's language."""
+"""Reasons of failures, as text in the reader's language."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from bcapscope.tui.reader_language import reader_words
 
 
 def reason_text(reason: Reason) -> str:
-    """Return a reason in one line; the record of a call shows the attempts of a time-out."""
+    """Return the reason of a failure in one line; for a time-out, it includes the number of attempts."""
     texts = (part if isinstance(part, str) else reader_words().text(part) for part in reason)
     return ", ".join(filter(None, texts)).partition("\n")[0]
 

@@ -1,4 +1,4 @@
-"""Saved requests: one small YAML file each, which a team can keep in git.
+"""Saved requests: one small YAML file per request, which a team can keep in git.
 
     function: Robot_Execute
     arguments:
@@ -6,7 +6,7 @@
     - i4:2
     note: slave mode with joints
 
-The handle is left out: the request goes to the object of its class that is selected when it is sent.
+The file omits the handle: a request goes to the object of its class that is selected when it is sent.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from bcapscope.tui.atomic_file import write_atomically
 from bcapscope.tui.reader_language import full_error_text
 
 MAX_FILE_SIZE = 100_000
-"""Maximum size of a file; a b-CAP request written by hand is far smaller."""
+"""Maximum size in bytes of a file; a b-CAP request written by hand is far smaller."""
 
 _UNSAFE = re.compile(r"[^\w .-]+")
 _SUFFIX = ".yaml"
@@ -52,7 +52,7 @@ class SavedRequest(NamedTuple):
 
     Attributes:
         name: File name without its extension.
-        values: Arguments without the handle.
+        values: Arguments of the request without the handle.
     """
 
     name: str
@@ -67,7 +67,7 @@ def default_requests_folder() -> Path:
 
 
 def list_requests(folder: Path) -> list[tuple[str, SavedRequest | str]]:
-    """Return the requests in a folder by name, each as a request or as the reason why it cannot be read."""
+    """Return the saved requests in a folder by name; a file that cannot be read gives the reason instead."""
     try:
         paths = sorted(folder.glob(f"*{_SUFFIX}"))
     except OSError:
@@ -86,7 +86,7 @@ def load_request(path: Path) -> SavedRequest:
     """Read one file.
 
     Raises:
-        SavedRequestError: The file is missing or contains no request; names the invalid field.
+        SavedRequestError: The file is missing or contains no request; the error text names the invalid field.
     """
     try:
         with path.open("rb") as file:
@@ -126,14 +126,14 @@ def _parse_argument(path: Path, param: Param, given: str | int | float | bool) -
 def save_request(
     folder: Path, name: str, function_id: int, arguments: Sequence[Variant], note: str = ""
 ) -> Path:
-    """Write a request atomically; return its file.
+    """Write a saved request atomically, and return its file.
 
     Args:
-        name: Name of the request, from which the file name is made.
-        arguments: All arguments, with the handle first if there is one.
+        name: Name of the request, from which bcapscope makes the file name.
+        arguments: All arguments of the request; if the function takes a handle, the handle is the first.
 
     Raises:
-        SavedRequestError: The request has no notation, the name is empty, or the file cannot be written.
+        SavedRequestError: An argument has no text notation, the name is empty, or the file cannot be written.
     """
     function = FUNCTIONS.get(function_id)
     if function is None or len(function.params) != len(arguments):

@@ -1,4 +1,4 @@
-"""Reads the watched variables in turn while there are any."""
+"""Reads the watched variables in turn, while the user watches any."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ READ_INTERVAL = 0.5
 
 
 class VariableWatcher:
-    """Watches variables through one session, whose thread alone changes `variables`."""
+    """Watches variables through one session; only the session's thread changes `variables`."""
 
     def __init__(self, session: ControllerSession) -> None:
         self._session = session
@@ -54,7 +54,7 @@ class VariableWatcher:
         self._session.report(WatchUpdate())
 
     async def _read_variable(self, variable: WatchedVariable) -> None:
-        """Read one variable; skip it in slave mode, which any call but a set point may end."""
+        """Read one variable, but not in slave mode, which any call except a set point may end."""
         if self._session.polling_paused:
             variable.problem = label("controller.not-read")
             return

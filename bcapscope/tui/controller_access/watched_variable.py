@@ -1,4 +1,4 @@
-"""Watched variables: latest value, rate of change, extremes and recent readings."""
+"""A watched variable: latest value, rate of change, extremes and recent readings."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ _FRACTIONAL_TYPES = frozenset({VT.R4, VT.R8, VT.DATE})
 
 @dataclass(slots=True)
 class WatchSeries:
-    """One number over time: a variable, or one element of an array."""
+    """Readings of one number over time: of a variable, or of one element of an array."""
 
     readings: deque[tuple[int, float]] = field(default_factory=lambda: deque(maxlen=MAX_READINGS))
     minimum: float | None = None
     maximum: float | None = None
 
     def add(self, time: int, value: float) -> None:
-        """Add a reading; times are ns of one clock."""
+        """Add a reading; `time` is ns of one clock for all readings."""
         self.readings.append((time, value))
         self.minimum = value if self.minimum is None else min(self.minimum, value)
         self.maximum = value if self.maximum is None else max(self.maximum, value)
@@ -35,7 +35,7 @@ class WatchSeries:
 
     @property
     def rate(self) -> float | None:
-        """Change per second between the last two readings; None with fewer readings."""
+        """Change of the number per second between the last two readings; None before the second reading."""
         if len(self.readings) < 2:
             return None
         (before, was), (now, value) = self.readings[-2], self.readings[-1]
@@ -50,9 +50,9 @@ class WatchedVariable:
     """A watched variable.
 
     Attributes:
-        label: Name for the user, such as `Gundam.@CURRENT_ANGLE`.
-        problem: Why the last read failed; else empty.
-        series: A `WatchSeries` for each number in it; empty for text.
+        label: Name of the variable for the user, such as `Gundam.@CURRENT_ANGLE`.
+        problem: Reason why the last reading failed; empty if it succeeded.
+        series: A `WatchSeries` for each number in the variable's value; empty for text.
     """
 
     label: str
@@ -63,11 +63,11 @@ class WatchedVariable:
 
     @property
     def decimals(self) -> int:
-        """Decimal places: five, as in b-CAP Tester; none for integers."""
+        """Number of decimal places: five, as in b-CAP Tester, or none for integers."""
         return 5 if self.value is not None and self.value.vt & ~ARRAY in _FRACTIONAL_TYPES else 0
 
     def add_reading(self, value: Variant, time: int) -> None:
-        """Add a reading at `time` (ns)."""
+        """Add a reading that was taken at `time` (ns)."""
         self.value, self.problem = value, ""
         numbers = _numbers(value)
         if len(numbers) != len(self.series):
@@ -80,7 +80,7 @@ class WatchedVariable:
 
 
 def _numbers(variant: Variant) -> list[float]:
-    """Return the number, or those of an array; none if anything in it is not a number."""
+    """Return the numbers in a value, for an array one per element; () if any element is not a number."""
     values = variant.value if isinstance(variant.value, tuple) else (variant.value,)
     numbers = [float(each) for each in values if isinstance(each, bool | int | float)]
     return numbers if len(numbers) == len(values) else []

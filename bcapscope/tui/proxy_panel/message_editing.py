@@ -1,4 +1,4 @@
-"""Editing a held message: argument values, or all bytes."""
+"""Editing a held message: changes one argument's value, or all bytes."""
 
 from __future__ import annotations
 
@@ -16,15 +16,16 @@ _BARE = re.compile(r'[^\s"]+')
 
 
 def edited_message(data: bytes, flow: Flow, text: str) -> bytes:
-    """Return a held message with an edit applied.
+    """Return a held message after an edit.
 
     Args:
-        data: The message.
-        flow: Its sender and receiver.
-        text: All bytes in hex, or the part of a fault after ``rewrite``: ``set arg[2]=0 serial 7``.
+        data: Bytes of the held message.
+        flow: Sender and receiver of the held message.
+        text: New bytes in hex, or changes in the notation of the fault ``rewrite``: ``set arg[2]=0 serial
+            7``.
 
     Raises:
-        ValueError: The edit is invalid or changes nothing; says why.
+        ValueError: The edit is invalid or changes nothing; the error text says why.
     """
     if not text.strip():
         raise ValueError(label("proxy.edit.empty"))
@@ -44,9 +45,10 @@ def _from_hex(text: str) -> bytes:
 
 
 def proposed_edit(data: bytes, offset: int) -> str:
-    """Return the text that sets the argument at an offset to its present value, as a template for an edit.
+    """Return the text of an edit that sets the argument at a byte offset to its present value.
 
-    Without an argument at the offset, use the last one. Return "" if no argument has a text form.
+    If no argument is at the offset, the edit sets the last argument. The result is "" if no argument has a
+    text form.
     """
     for item in parse_datagram(data)[:1]:
         if isinstance(item, Frame) and not item.problems:
@@ -65,6 +67,6 @@ def _argument_edit(frame: Frame, offset: int) -> str:
 
 
 def _typeable_text(text: str) -> str:
-    """Return text as the user would type it; characters that are not visible are escaped."""
+    """Return a string argument as the user would type it, with invisible characters escaped."""
     is_plain = text.isprintable()
     return text if is_plain and _BARE.fullmatch(text) else json.dumps(text, ensure_ascii=not is_plain)

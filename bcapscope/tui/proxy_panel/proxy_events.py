@@ -1,4 +1,4 @@
-"""Messages to the proxy screen from threads that query the proxy or read its output."""
+"""Messages to the proxy screen from threads that query the proxy or read the proxy's output."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from bcapscope.tui.proxy_panel.shared_control_client import ProxyState
 
 
 class ProxyStateRead(Message):
-    """The proxy has reported its state, or why it does not answer."""
+    """The proxy has reported its state; if it did not, `problem` says why."""
 
     def __init__(self, state: ProxyState | None, problem: str = "") -> None:
         super().__init__()
@@ -20,10 +20,10 @@ class ProxyStateRead(Message):
 class OrderDone(Message):
     """The proxy has carried out an order, or refused it with a reason.
 
-    This is a message, not a call: the thread must not wait for a screen that is being closed.
+    A thread posts this message instead of calling the screen, so that it never waits for a closing screen.
 
     Attributes:
-        callback: What the screen's thread must do next.
+        callback: Function that the screen's thread must call next.
     """
 
     def __init__(self, callback: Callable[[], None]) -> None:
@@ -32,7 +32,7 @@ class OrderDone(Message):
 
 
 class ProxyOutput(Message):
-    """The proxy printed a line, or ended; then `text` is its last output."""
+    """The proxy printed the line `text`, or ended with `text` as its last output."""
 
     def __init__(self, text: str, is_end: bool) -> None:
         super().__init__()

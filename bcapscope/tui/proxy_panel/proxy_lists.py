@@ -13,7 +13,7 @@ from bcapscope.tui.reader_language import label
 from bcapscope.tui.widgets.lines import Lines
 
 _SILENT_AFTER = 1.0
-"""Seconds without a reply to the last request after which the list shows the controller as silent."""
+"""Time in seconds after an unanswered request until the list shows the controller as silent."""
 
 _MAX_MESSAGES = 5000
 
@@ -21,7 +21,7 @@ T = TypeVar("T", ClientStatus, FaultStatus, HeldStatus)
 
 
 class ItemList(Lines, Generic[T]):
-    """A list of items that is refreshed from time to time; the cursor stays on the same item."""
+    """A list of items that the screen refreshes regularly; the cursor stays on the same item."""
 
     EMPTY = ""
 
@@ -57,7 +57,7 @@ class ItemList(Lines, Generic[T]):
 
     @property
     def count(self) -> int:
-        """Number of lines; an empty list has one line that says so."""
+        """Number of lines; an empty list has one line that says that the list is empty."""
         return max(len(self.items), 1)
 
     def line(self, index: int) -> str:
@@ -88,7 +88,7 @@ class ClientList(ItemList[ClientStatus]):
 
 
 def _upstream_text(client: ClientStatus) -> str:
-    """Return the controller's state as this client sees it."""
+    """Return whether the controller answers this client, as text for the list."""
     heard, answered = client.heard_s, client.answered_s
     if client.upstream in ("refused", "connecting"):
         return f"{INK.bad}{label(f'proxy.upstream.{client.upstream}')}{INK.reset}"
@@ -101,7 +101,7 @@ def _upstream_text(client: ClientStatus) -> str:
 
 
 class RuleList(ItemList[FaultStatus]):
-    """Shows the faults and whether they are on."""
+    """Shows the proxy's rules and whether each rule is on."""
 
     EMPTY = "proxy.empty.rules"
 
@@ -168,7 +168,7 @@ class ProxyLog(Lines):
 
     @property
     def count(self) -> int:
-        """Number of lines; an empty log has one line that says so."""
+        """Number of lines; an empty log has one line that says that the log is empty."""
         return max(len(self._messages), 1)
 
     def line(self, index: int) -> str:
@@ -186,6 +186,6 @@ def _right_aligned(text: str, width: int) -> str:
 
 
 def _duration_text(seconds: float) -> str:
-    """Return a duration in few characters."""
+    """Return a duration as a short text."""
     whole = round(seconds)
     return f"{whole // 60}:{whole % 60:02}" if whole < 3600 else f"{whole // 3600}h{whole // 60 % 60:02}"

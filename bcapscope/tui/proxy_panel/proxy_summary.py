@@ -14,7 +14,7 @@ from bcapscope.tui.reader_language import label
 
 
 def summary_lines(figures: ProxyStats) -> list[str]:
-    """Return at most five lines, with marks of `INK`."""
+    """Return the summary in at most five lines, with marks of `INK`."""
     delays = figures.delays_ns
     passed, wrong = list(_traffic_counts(figures)), list(_problem_counts(figures))
     counts = [passed, wrong] if len(passed) > 1 else [passed + wrong]  # leaves room on narrow terminals
@@ -33,7 +33,7 @@ def _delay_line(key: str, times: Sequence[int]) -> str:
 
 def _traffic_counts(figures: ProxyStats) -> Iterator[str]:
     is_tcp = figures.bytes_up or figures.bytes_down
-    if figures.came_up or figures.came_down or not is_tcp:  # no room for a transport that is not used
+    if figures.came_up or figures.came_down or not is_tcp:  # a transport without traffic gets no line
         up, down = f"{figures.came_up:,}/{figures.left_up:,}", f"{figures.came_down:,}/{figures.left_down:,}"
         yield label("proxy.datagrams", up=up, down=down)
     if is_tcp:
@@ -63,7 +63,7 @@ def _slow_warning(delays: RelayDelays) -> str:
 
 
 def intercept_line(figures: ProxyStats) -> str:
-    """Return the line that shows which messages are held, escaped and with marks of `INK`."""
+    """Return the line that says which messages the proxy holds, escaped and with marks of `INK`."""
     if figures.intercept is None:
         return f"{INK.dim} {label('proxy.intercept.none')}{INK.reset}"
     return f" {label('proxy.intercept.is')} {INK.name}{printable(figures.intercept)}{INK.reset}"

@@ -1,4 +1,7 @@
-"""A control client for several threads. Its calls block, so the screen's own thread must not make them."""
+"""A client of the proxy's control socket that several threads can share.
+
+The client's calls block, so the screen's own thread must not make them.
+"""
 
 from __future__ import annotations
 
@@ -20,10 +23,10 @@ class ProxyState(msgspec.Struct, frozen=True):
 
 
 class SharedControlClient:
-    """Sends one request at a time, from any thread.
+    """Sends one request at a time to the proxy, from any thread.
 
-    Its methods raise `ControlError` if the proxy does not respond or has another version, `ControlRefused` if
-    it refuses.
+    Methods raise `ControlError` if the proxy does not respond or has another version, and `ControlRefused` if
+    the proxy refuses.
     """
 
     def __init__(self, address: str) -> None:

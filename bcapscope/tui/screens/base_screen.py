@@ -1,4 +1,4 @@
-"""Base of all screens: top bar, key bar, help, command palette and name."""
+"""Base class of all screens: top bar, key bar, help, command palette and name."""
 
 from __future__ import annotations
 
@@ -22,7 +22,10 @@ from bcapscope.tui.widgets.top_bar import TopBar
 
 
 class BaseScreen(Screen[None], PlainContainer):
-    """A screen that the user can open; `content` yields its widgets. Its name and description are ids."""
+    """A screen that the user can open; the method `content` yields the screen's widgets.
+
+    `NAME` and `ABOUT` are the catalogue ids of the screen's name and description.
+    """
 
     NAME: ClassVar[str]
     ABOUT: ClassVar[str]
@@ -34,7 +37,7 @@ class BaseScreen(Screen[None], PlainContainer):
     ]
 
     def compose(self) -> ComposeResult:
-        """Put the content between the two bars, with the styles for this size from the start."""
+        """Put the content between the bars; set the style classes for the size before the first layout."""
         classes = [name for width, name in self.HORIZONTAL_BREAKPOINTS or () if width <= self.app.size.width]
         self.set_class(True, *classes[-1:], update=False)
         yield TopBar()
@@ -42,18 +45,18 @@ class BaseScreen(Screen[None], PlainContainer):
         yield KeyBar()
 
     def on_mount(self) -> None:
-        """Freeze the mounted widgets for the garbage collector, since scanning them would delay keys."""
+        """Freeze the mounted widgets for the garbage collector, because scanning them would delay keys."""
         self.call_after_refresh(gc.freeze)
 
     def on_screen_resume(self, event: ScreenResume) -> None:
-        """Skip the style update: each widget already has its styles, also those of a new theme."""
+        """Skip Textual's style update: each widget already has its styles, also after a change of theme."""
         event.refresh_styles = False
 
     def content(self) -> ComposeResult:
         raise NotImplementedError
 
     def commands(self) -> Iterator[tuple[str, str, str]]:
-        """Yield the palette's commands without a key: name, explanation, action."""
+        """Yield name, explanation and action of the palette's commands that have no key."""
         yield from ()
 
     async def action_palette(self) -> None:

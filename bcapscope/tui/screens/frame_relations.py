@@ -1,4 +1,4 @@
-"""The relations of a frame: description, partner, related frames and filters for them."""
+"""Relations of a frame to others: description, partner, related frames and filters for them."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def call_frames(settled: PairingResult | None) -> frozenset[int]:
 
 
 def frame_description(frame: AnnotatedFrame, settled: PairingResult | None, note: str | None) -> str:
-    """Return one line that describes a frame."""
+    """Return one line that describes a frame and its part in a call."""
     number = frame.observation.number
     parts = []
     if isinstance(settled, Call):
@@ -52,7 +52,10 @@ def frame_description(frame: AnnotatedFrame, settled: PairingResult | None, note
 
 
 def find_partner(settled: PairingResult | None, number: int) -> tuple[int | None, str]:
-    """Return the number of a request's reply or a reply's request, or None and the key of the reason."""
+    """Return the number of the partner: a request's reply, or a reply's request.
+
+    Without a partner, return None and the label key of the reason.
+    """
     if not isinstance(settled, Call):
         return None, "traffic.no_call" if settled is None else "traffic.no_request"
     asked = [seen.number for seen in settled.attempts]
@@ -63,12 +66,12 @@ def find_partner(settled: PairingResult | None, number: int) -> tuple[int | None
 
 
 def related_filter(relation: str, frame: AnnotatedFrame, settled: PairingResult | None) -> str | None:
-    """Return the filter for everything related to a frame; None if nothing is.
+    """Return the filter expression that selects the frames related to a frame; None without such frames.
 
     Args:
-        relation: ``client``, ``handle``, ``chain`` or ``kind``.
-        frame: The frame.
-        settled: Its call.
+        relation: Kind of relation: ``client``, ``handle``, ``chain`` (same call) or ``kind`` (same function).
+        frame: Frame whose relations are wanted.
+        settled: Call or stray reply that contains the frame; None if not known yet.
     """
     client = f"client == {frame.observation.flow.conversation.client}"
     if relation == "client":
@@ -109,10 +112,11 @@ def _handle_of(settled: PairingResult | None) -> int | None:
 
 
 def find_frame(text: str, journal: ObservationStore) -> int | None:
-    """Return the frame with a number, or the first one at a time in seconds after the start, as in ``12.5s``.
+    """Return a frame by its number, or by a time in seconds after the start such as ``12.5s``.
 
     Returns:
-        Its number, or the last frame's if the journal ends earlier; None if the text is neither.
+        Number of that frame, or of the first frame at or after that time; at most the last frame's number.
+        None if the text is neither a number nor a time.
     """
     text = text.strip()
     number = parse_integer(text, 0, 1 << 63)
@@ -134,7 +138,7 @@ def find_frame(text: str, journal: ObservationStore) -> int | None:
 
 
 def notes_by_packet(marks: Mapping[int, str], read_frame: Callable[[int], AnnotatedFrame]) -> dict[int, str]:
-    """Move notes from frames to the packets that completed the frames; join several notes on one packet."""
+    """Return the notes by packet: each note moves from its frame to the packet that completed the frame."""
     notes: dict[int, str] = {}
     for number, note in sorted(marks.items()):
         seen = read_frame(number).observation

@@ -1,4 +1,4 @@
-"""Help: description of a screen, and all of its keys."""
+"""The help dialog: description of a screen, and all keys of the screen."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from bcapscope.tui.app import app_of
 from bcapscope.tui.reader_language import label
 
 HelpKeys = list[tuple[str, str, str]]
-"""A key as the documentation writes it, what it does, and an explanation or ""."""
+"""For each key: its name as in the documentation, what the key does, and an explanation or ""."""
 
 
 class HelpScreen(ModalScreen[None]):
@@ -47,7 +47,7 @@ class HelpScreen(ModalScreen[None]):
         table = Table.grid(padding=(0, 2))
         table.add_column(no_wrap=True)
         table.add_column(no_wrap=True)
-        table.add_column(overflow="fold")  # Japanese text has no spaces to break a line at
+        table.add_column(overflow="fold")  # Japanese text has no spaces to break at
         for key, what, tip in self._keys:
             table.add_row(Text(key, style=inks["number"]), Text(what, style=inks["name"]), Text(tip))
         yield table

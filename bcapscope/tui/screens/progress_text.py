@@ -1,4 +1,4 @@
-"""Progress of reading and searching, short enough for the view bar."""
+"""Texts on the progress of reading and searching, short enough for the view bar."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ _BAR = 12
 def progress_texts(
     progress: ReadProgress, source_problem: str, searched: int | None, title: str
 ) -> tuple[str, ...]:
-    """Return texts on reading and searching, longest first.
+    """Return texts on the progress of reading and searching, longest text first.
 
     Args:
-        source_problem: Why the source may have ended although reading continues; "" otherwise.
-        searched: Percentage of rows searched; None if no row is left to search.
+        source_problem: Why the source of the traffic may have ended although reading continues; "" otherwise.
+        searched: Percentage of rows that the search has examined; None if the search is complete.
     """
     long, short = [], []
     if searched is not None:
@@ -38,7 +38,7 @@ def progress_texts(
 
 
 def count_text(number: int, brief: bool) -> str:
-    """Return a count; if `brief`, rounded down to three digits."""
+    """Return a count as text; if `brief`, round counts from 10,000 down, as in ``12k`` or ``1.2M``."""
     if not brief or number < 10_000:
         return f"{number:,}"
     return f"{number // 1000}k" if number < 1_000_000 else f"{number // 100_000 / 10}M"

@@ -15,7 +15,7 @@ from bcapscope.tui.reader_language import label
 
 
 class Prompt(ModalScreen[str | None]):
-    """Asks for a text. The result is None if the user cancels."""
+    """Asks for a text. The dialog returns the text that the user typed, or None if the user cancels."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("escape", "cancel", "prompt.cancel", key_display="esc"),

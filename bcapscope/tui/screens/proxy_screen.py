@@ -1,4 +1,4 @@
-"""The proxy screen: clients, faults on and off, held and edited messages, forwarding delay."""
+"""The proxy screen: shows clients, rules, held messages and delays; switches rules, edits held messages."""
 
 from __future__ import annotations
 
@@ -41,14 +41,14 @@ from bcapscope.tui.widgets.plain_containers import PlainVertical, Switcher
 from bcapscope.tui.widgets.view_bar import ViewBar
 
 POLL_INTERVAL = 0.5
-"""Seconds between two queries of the proxy's state."""
+"""Time in seconds between two queries of the proxy's state."""
 
 _RULE_ACTIONS = frozenset({"switch", "remove"})
 _HELD_ACTIONS = frozenset({"forward", "drop", "edit", "bytes"})
 
 
 class ProxyScreen(ViewsScreen):
-    """Shows a proxy and controls it."""
+    """Shows the state of a proxy, and sends orders to the proxy."""
 
     NAME = "proxy"
     ABOUT = "proxy.about"
@@ -83,11 +83,12 @@ class ProxyScreen(ViewsScreen):
         """Connect the screen to a proxy.
 
         Args:
-            address: Address of its control socket.
-            route: Listening address and controller, as text.
-            feed: The traffic on the traffic screen, if any; it is notified when the proxy stops.
-            child: The proxy's process, if the screen started it.
-            note: Warning to show at the start; "" for none.
+            address: Address of the proxy's control socket.
+            route: Text with the proxy's listening address and the controller's address.
+            feed: Traffic on the traffic screen, which is notified when the proxy stops; None without traffic
+                screen.
+            child: Process of the proxy, if the screen started the proxy; None otherwise.
+            note: Warning that the screen shows at the start; "" for none.
         """
         super().__init__()
         self._control_client = SharedControlClient(address)
@@ -129,14 +130,14 @@ class ProxyScreen(ViewsScreen):
         self._poll()
 
     def _post_output(self, text: str, is_end: bool) -> None:
-        """Forward the proxy's output from another thread."""
+        """Forward the proxy's output from a reader thread to the screen."""
         self.post_message(ProxyOutput(text, is_end))
 
     async def _close(self) -> None:
         self._control_client.close()
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
-        """Offer actions on a rule or a message only where there is one."""
+        """Offer actions on a rule or held message only if the list has one."""
         if action in _RULE_ACTIONS:
             return self.view == "rules" and self.rules.current_item is not None
         if action in _HELD_ACTIONS:
@@ -151,7 +152,7 @@ class ProxyScreen(ViewsScreen):
             self.post_message(self._read_state())
 
     def _read_state(self) -> ProxyStateRead:
-        """Query the state in a thread, since the query blocks."""
+        """Query the proxy's state in a thread, because the query blocks."""
         try:
             return ProxyStateRead(self._control_client.read_state())
         except BcapError as error:
@@ -159,7 +160,7 @@ class ProxyScreen(ViewsScreen):
 
     @work(thread=True, group="order")
     def _send_order(self, order: control.ControlRequest, done: Callable[[], None] = lambda: None) -> None:
-        """Send an order to the proxy; call `done` once it is carried out."""
+        """Send an order to the proxy, and call `done` after the proxy has carried out the order."""
         try:
             self._control_client.send_order(order)
             self.post_message(OrderDone(done))
@@ -195,7 +196,7 @@ class ProxyScreen(ViewsScreen):
         self.show_state()
 
     def _report_source_problem(self, reason: str) -> None:
-        """Notify the traffic screen that no more traffic may follow."""
+        """Tell the traffic screen that the proxy may send no further traffic."""
         if self._feed is not None:
             self._feed.report_source_problem(reason)
 
@@ -228,7 +229,7 @@ class ProxyScreen(ViewsScreen):
         return self.query_one(HeldList)
 
     def show_state(self) -> None:
-        """Show the proxy's state and the message under the cursor."""
+        """Show the proxy's state, and the held message under the cursor."""
         app, standing = app_of(self), self._state
         key, ink = ("proxy.not_here", "bad") if self._problem else ("proxy.here", "good")
         waiting = (
@@ -248,7 +249,7 @@ class ProxyScreen(ViewsScreen):
                 "held": f"{len(standing.held) or ''}",
             }
             self.query_one("#intercepts", InkedText).show_text(intercept_line(standing.figures))
-        if lines != self._summary_lines:  # a new height may need a new layout
+        if lines != self._summary_lines:  # compared first, because a new height needs a new layout
             self._summary_lines = lines
             self.query_one("#summary", InkedText).show_text("\n".join(lines))
         self.query_one(ViewBar).show_counts(self.view, counts, ())
@@ -256,7 +257,7 @@ class ProxyScreen(ViewsScreen):
         self.refresh_bindings()
 
     def _show_message(self) -> None:
-        """Show the message under the cursor, if it is not shown already."""
+        """Show the held message under the cursor, unless the screen already shows it."""
         held = self.held.current_item
         number = None if held is None else held.number
         if number != self._shown_message:
@@ -265,7 +266,7 @@ class ProxyScreen(ViewsScreen):
             self._show_bytes(held, b"" if held is None else held.data)
 
     def _show_bytes(self, held: control.HeldStatus | None, data: bytes) -> None:
-        """Show a message in its present or edited form; only its first frame."""
+        """Show the first frame of a held message, in its present or edited form."""
         items = parse_datagram(data) if held is not None else ()
         if held is None or not items:
             self.query_one(PacketView).show_packet(None)
@@ -274,7 +275,7 @@ class ProxyScreen(ViewsScreen):
         self.query_one(PacketView).show_packet(seen, held.call_kind)
 
     def on_resize(self, event: Resize) -> None:
-        """Adapt the height of the message to the screen."""
+        """Adapt the height of the message view to the height of the screen."""
         self.query_one("#message").styles.height = max(9, min(30, event.size.height // 2))
 
     @on(Lines.Moved)
@@ -283,7 +284,7 @@ class ProxyScreen(ViewsScreen):
             self._show_message()
 
     def show_view(self) -> None:
-        """Show the column header, and the widgets that belong to the list."""
+        """Show the column header, and the widgets that belong to the visible list."""
         self.query_one("#fault-line").display = self.view == "rules"
         self.query_one("#message").display = self.view == "held"
         shown = self.shown_list
@@ -344,13 +345,13 @@ class ProxyScreen(ViewsScreen):
         self.set_focus(self.shown_list)
 
     def action_edit(self) -> None:
-        """Propose an edit of the argument under the tree's cursor."""
+        """Propose an edit of the held message's argument under the tree's cursor."""
         held = self.held.current_item
         if held is not None:
             self._propose_change(proposed_edit(held.data, self.query_one(FieldTree).offset_in_frame))
 
     def action_bytes(self) -> None:
-        """Propose an edit of all bytes in hex."""
+        """Propose an edit of all bytes of the held message, in hex."""
         held = self.held.current_item
         if held is not None:
             self._propose_change(held.data.hex(" ").upper())
@@ -364,7 +365,7 @@ class ProxyScreen(ViewsScreen):
         self.set_focus(self._change_line.field)
 
     def _edited_bytes(self, text: str) -> bytes | None:
-        """Return the edited message; None if it is no longer held."""
+        """Return the held message after the edit; None if the proxy no longer holds the message."""
         held = self.held.current_item
         return None if held is None else edited_message(held.data, held.flow, text)
 

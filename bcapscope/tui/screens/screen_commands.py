@@ -1,4 +1,4 @@
-"""The command palette: every action of a screen by its name."""
+"""The command palette: finds every action of a screen by its name."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from bcapscope.tui.themes import THEMES
 
 
 class ScreenCommand(NamedTuple):
-    """An action of the palette; `key` is empty, or as the documentation writes it."""
+    """An action in the palette; `key` is its key as the documentation writes it, or ""."""
 
     name: str
     tip: str
@@ -30,7 +30,7 @@ class ScreenCommand(NamedTuple):
 
 
 def node_commands(node: DOMNode, app: BcapApp) -> Iterator[ScreenCommand]:
-    """Yield the commands of one node's key bindings, each action once."""
+    """Yield the commands for one node's key bindings, each action once."""
     for kind in type(node).__mro__:
         for binding in vars(kind).get("BINDINGS", ()):
             if isinstance(binding, Binding) and has_message(binding.description):
@@ -76,7 +76,7 @@ def _app_commands(app: BcapApp) -> Iterator[ScreenCommand]:
 
 class ScreenCommandProvider(Provider):
     def _available_commands(self) -> Iterator[tuple[ScreenCommand, partial[Coroutine[Any, Any, bool]]]]:
-        """Yield the commands that are possible now, each with a function that runs it."""
+        """Yield the commands that can run now, each with the function that runs the command."""
         for command in all_commands(self.screen, cast(BcapApp, self.app)):
             if command.node.check_action(command.action.partition("(")[0], ()) is not False:
                 yield command, partial(self.app.run_action, command.action, command.node)

@@ -1,4 +1,4 @@
-"""The traffic of a simulator that the screen started."""
+"""The screen with the traffic of a simulator that bcapscope started."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from bcapscope.tui.traffic_processes.traffic_feed import TrafficFeed
 
 
 class SimulatorEnded(Message):
-    """The simulator ended unexpectedly; `text` is its last output."""
+    """The simulator ended unexpectedly; `text` is the simulator's last output."""
 
     def __init__(self, text: str) -> None:
         super().__init__()
@@ -21,10 +21,10 @@ class SimulatorEnded(Message):
 
 
 class SimulatorScreen(TrafficScreen):
-    """Shows traffic and the simulator's address."""
+    """Shows the simulator's traffic and address."""
 
     def __init__(self, feed: TrafficFeed, address: str, child: ChildProcess) -> None:
-        """Show a feed, the simulator's address, and watch its process."""
+        """Show the traffic of a feed and the simulator's address, and watch the simulator's process."""
         super().__init__(feed, address)
         self._address = address
         self._child = child
@@ -36,7 +36,7 @@ class SimulatorScreen(TrafficScreen):
         self._child.subscribe_end(self._post_end)
 
     def _post_end(self, text: str) -> None:
-        """Forward the end of the process from another thread."""
+        """Forward the end of the simulator's process from a reader thread to the screen."""
         self.post_message(SimulatorEnded(text))
 
     def _show_address(self, ink: str, sign: str) -> None:

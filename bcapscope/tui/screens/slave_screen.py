@@ -1,4 +1,4 @@
-"""Slave Mode, like the button of b-CAP Tester: choose a log, inspect it, start, watch, stop."""
+"""The Slave Mode screen, as in b-CAP Tester: choose a trajectory, check it, play, watch, stop."""
 
 from __future__ import annotations
 
@@ -58,18 +58,18 @@ _MODES: tuple[tuple[str, SlaveModePacing | int], ...] = (
     *((f"0x{number:03X} {pose_type_of_mode(number)}", number) for number in _MODE_NUMBERS),
 )
 _CHECK_DELAY = 0.4
-"""Seconds between the last change of a field and reading the file."""
+"""Time in seconds from the last change of a field until the screen reads the trajectory file."""
 
 
 _MAX_ROUNDS = 1_000_000_000
 
 
 class SlaveScreen(BaseScreen):
-    """Plays a trajectory. The player is a separate process, so drawing delays no set point."""
+    """Plays a trajectory. The player is a separate process, so drawing the screen delays no set point."""
 
     NAME = "tester.slave"
     ABOUT = "tester.slave.about"
-    HORIZONTAL_BREAKPOINTS = [(0, "-narrow"), (120, "-wide")]  # noqa: RUF012 - as Textual has it
+    HORIZONTAL_BREAKPOINTS = [(0, "-narrow"), (120, "-wide")]  # noqa: RUF012 - Textual declares a list
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("f9", "start", "tester.start", tooltip="tester.slave.start.tip"),
         Binding("escape", "leave", "tester.slave.leave", key_display="esc"),
@@ -143,7 +143,7 @@ class SlaveScreen(BaseScreen):
         self._schedule_check()
 
     def _schedule_check(self) -> None:
-        """Schedule a check; further typing postpones it."""
+        """Schedule a check of the trajectory; further typing postpones the check."""
         self._prepared = None
         self.query_one("#start", Button).disabled = True
         self._show_state("")
@@ -163,13 +163,13 @@ class SlaveScreen(BaseScreen):
         self._show_report([f"{INK.dim}{label('tester.reading')}{INK.reset}"])
         try:
             ready = await asyncio.to_thread(prepare_trajectory, wish, self._session.status.identity.type_name)
-        except ValueError as error:  # a problem with the file or the limits
+        except ValueError as error:  # the file or the arm limits are invalid
             self._show_report([f"{INK.bad}{printable(full_error_text(error))}{INK.reset}"])
             return
         self._prepared = ready
         lines = list(ready.summary_lines(INK, self.query_one("#before").size.width - 2))
         self._show_report(lines)
-        self._show_state(lines[-1])  # the verdict, since a low terminal has no room for it below the report
+        self._show_state(lines[-1])  # the verdict, which a long report may hide
         self.query_one("#start", Button).disabled = (
             not ready.preflight.is_playable or self._player_slot.is_playing
         )
@@ -178,7 +178,7 @@ class SlaveScreen(BaseScreen):
         app.save_settings()
 
     def _read_fields(self) -> PlaybackSettings | str:
-        """Return the settings in the fields, or what is wrong with them."""
+        """Return the settings in the fields, or a text that says what is wrong with them."""
         path = self.query_one("#file", Input).value.strip()
         if not path:
             return label("tester.file.missing")
@@ -265,11 +265,11 @@ class SlaveScreen(BaseScreen):
         finally:
             await self._player_slot.end_player()
             session.pause_polling(session.status.slave_mode != 0)
-            if self.query("#start"):  # else the screen is being closed
+            if self.query("#start"):  # without the button, the screen is being closed
                 self._set_playing(False)
 
     async def _release_controller(self, status: SessionStatus) -> bool:
-        """Leave slave mode and give the arm back, since the player is a separate client and needs both."""
+        """Leave slave mode and give the arm back, because the player is a separate client and needs both."""
         session = self._session
         try:
             if status.slave_mode:
@@ -309,7 +309,7 @@ class SlaveScreen(BaseScreen):
         self._show_end(run)
 
     def _ask_user(self, run: PlaybackRun) -> None:
-        """Show a question of the player, while its messages are still read."""
+        """Show a question of the player without waiting for the answer: messages must still be read."""
         question, run.question = run.question, None
         assert question is not None
         if question.topic is QuestionTopic.ARM and self._session.arming.is_armed(self._session.now()):
@@ -328,7 +328,7 @@ class SlaveScreen(BaseScreen):
     def _show_end(self, run: PlaybackRun) -> None:
         assert run.ended is not None
         if self._question_dialog is not None and self._question_dialog.is_current:
-            self._question_dialog.dismiss(None)  # the run has ended, and with it the question
+            self._question_dialog.dismiss(None)  # the question became void when the run ended
         if run.preflight is not None and not run.preflight.is_playable:
             width = self.query_one("#before").size.width - 2
             self._show_report(list(PreflightRenderer(INK, width, reader_words()).lines(run.preflight)))
@@ -351,7 +351,7 @@ class SlaveScreen(BaseScreen):
         app_of(self).action_halt()
 
     def action_leave(self) -> None:
-        """Bring the robot to rest if it moves; otherwise go back."""
+        """Bring the robot to rest if the player is running; otherwise close the screen."""
         if self._player_slot.is_playing:
             self._player_slot.stop()
         else:

@@ -1,4 +1,4 @@
-"""Keyboard navigation in the Tester: connection, forms in tabs, packets and calls in views."""
+"""Keyboard navigation in the Tester: to the connection, the forms in tabs, and the views."""
 
 from __future__ import annotations
 
@@ -14,14 +14,17 @@ from bcapscope.tui.tester.packet_pane import VIEWS, PacketPane
 _PART_SELECTOR = "#left .box, #function, #raw, #right"
 _FOCUS_SELECTOR = "Input, HexView, Lines, Button"
 _SKIP_SELECTOR = "#slave-mode, #clear, #history-filter"
-"""Widgets that precede the main widget of their part, and are skipped."""
+"""Selector of widgets that precede the main widget of a part and are skipped."""
 
 
 class TesterNavigation(BaseScreen):
-    """Commands of a screen that contains `FormTabs` and a `PacketPane`. A subclass binds the keys."""
+    """Navigation commands of a screen that contains `FormTabs` and a `PacketPane`.
+
+    A subclass binds the keys.
+    """
 
     def commands(self) -> Iterator[tuple[str, str, str]]:
-        """Yield commands for the tabs and views, which otherwise take several keys."""
+        """Yield palette commands for the tabs and views, which take several keys to reach otherwise."""
         for tab in TABS:
             yield (
                 label("tester.tab", name=label(f"tester.tab.{tab}")),
@@ -65,7 +68,7 @@ class TesterNavigation(BaseScreen):
         self.call_after_refresh(self._focus_first_in, self.query_one(f"#{name}"))
 
     def _focus_first_in(self, part: Widget) -> bool:
-        """Focus the first usable widget in a part of the screen; return whether there is one."""
+        """Focus the first usable widget in a part of the screen; return whether the part has one."""
         among = (part, *part.query(_FOCUS_SELECTOR).exclude(_SKIP_SELECTOR))
         shown = (each for each in among if all(node.display for node in each.ancestors_with_self))
         found = next((each for each in shown if each.focusable), None)

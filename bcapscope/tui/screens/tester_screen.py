@@ -1,6 +1,7 @@
-"""The Tester: b-CAP Tester's window in the terminal.
+"""The Tester: the functions of the b-CAP Tester window, in a terminal.
 
-Widgets post what the user wants. This screen passes it to the session and returns the result to the widgets.
+Widgets post messages that say what the user wants. This screen passes the requests to the session, and
+returns the results to the widgets.
 """
 
 from __future__ import annotations
@@ -73,7 +74,10 @@ _EXECUTE_CONTROLLER = 17
 
 
 class TesterOptions(NamedTuple):
-    """Initial state of the Tester. Without `host`, the built-in simulator starts; any thread calls `tap`."""
+    """Initial state of the Tester.
+
+    Without `host`, the built-in simulator starts; the session's threads call `tap` with each packet.
+    """
 
     requests_folder: Path
     log_folder: Path
@@ -95,7 +99,7 @@ class TesterScreen(TesterNavigation):
 
     NAME = "tester.name.screen"
     ABOUT = "tester.about"
-    HORIZONTAL_BREAKPOINTS = [(0, "-narrow"), (150, "-wide")]  # noqa: RUF012 - as Textual has it
+    HORIZONTAL_BREAKPOINTS = [(0, "-narrow"), (150, "-wide")]  # noqa: RUF012 - Textual declares a list
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("f5", "connect", "tester.connect"),
         Binding("f5", "disconnect", "tester.disconnect"),
@@ -127,7 +131,7 @@ class TesterScreen(TesterNavigation):
 
     @property
     def halt_state(self) -> HaltState:
-        """What pressing HALT would do, or has done."""
+        """State of the HALT connection, with the result of the latest HALT."""
         return self._halt_update.state
 
     def content(self) -> ComposeResult:
@@ -142,7 +146,7 @@ class TesterScreen(TesterNavigation):
             yield PacketPane(start.requests_folder, id="right")
 
     def on_mount(self) -> None:
-        """Register HALT; without a host, start the built-in simulator."""
+        """Register the HALT callback; without a host, start the built-in simulator."""
         for name, title in (
             ("controller-box", "tester.box.controller"),
             ("execute-box", "tester.box.execute"),
@@ -164,7 +168,7 @@ class TesterScreen(TesterNavigation):
             self.run_worker(self._start_simulator(), group="simulator")
 
     async def _start_simulator(self) -> None:
-        """Start or restart the built-in simulator, and fill in its address."""
+        """Start or restart the built-in simulator, and fill in the simulator's address."""
         panel = self.query_one(ConnectionPanel)
         panel.wait_for_address()
         await asyncio.to_thread(self._simulator_stack.close)
@@ -179,12 +183,12 @@ class TesterScreen(TesterNavigation):
         panel.fill_address(self._simulator.host, self._simulator.port)
 
     async def _close(self) -> None:
-        """Release everything; an error in one step does not skip the others."""
+        """Close player, session and simulator; an error in one step does not skip the others."""
         async with AsyncExitStack() as stack:
             stack.push_async_callback(asyncio.to_thread, self._simulator_stack.close)
             stack.push_async_callback(asyncio.to_thread, self.session.close)
             stack.push_async_callback(self.player_slot.end_player)
-            if self.is_running:  # otherwise a bug has ended the screen and its workers
+            if self.is_running:  # if the screen is not running, a bug has ended it and its workers
                 self.workers.cancel_group(self, "call")
 
     # Updates from the session.
@@ -254,7 +258,7 @@ class TesterScreen(TesterNavigation):
             self._run_in_group(self._connect_controller(message), "connect")
 
     async def _reconnect_simulator(self) -> None:
-        """Restart the built-in simulator, which has ended, and connect to it."""
+        """Restart the built-in simulator, which has ended, and connect to the new simulator."""
         await self._start_simulator()
         wish = self.query_one(ConnectionPanel).wanted_connection()
         if isinstance(wish, ConnectWanted):
@@ -276,12 +280,12 @@ class TesterScreen(TesterNavigation):
                 settings.hosts = with_recent(wanted.host, settings.hosts)
                 app_of(self).save_settings()
         finally:
-            if panel.children:  # otherwise the screen is being closed
+            if panel.children:  # without children, the screen is being closed
                 self._set_connecting(panel, False)
                 panel.show_status(self.session.status)
 
     def _focus_next_form(self, panel: ConnectionPanel) -> None:
-        """Focus the next form to use, unless the user has moved the focus elsewhere."""
+        """Focus the next form to use, unless the user has moved the focus to another part."""
         if self.focused is None or panel in self.focused.ancestors:
             self._focus_first_in(self.query_one("#robot-forms")) or self._focus_first_in(
                 self.query_one("#panels")
@@ -368,7 +372,7 @@ class TesterScreen(TesterNavigation):
     # Keys.
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
-        """Offer to connect or to disconnect, whichever the buttons offer."""
+        """Offer the same action as the buttons: connect or disconnect."""
         if action in ("connect", "disconnect"):
             return (action == "disconnect") == (self._is_connected or self._is_connecting)
         return super().check_action(action, parameters)
@@ -394,7 +398,7 @@ class TesterScreen(TesterNavigation):
         self.app.push_screen(RecoveryDialog(self.session, self._ask_to_arm, stay.move_position, stay.mode))
 
     def action_digits(self) -> None:
-        """Show all digits of all results, or five decimals if any result shows all."""
+        """Show all digits of all results; if any result shows all digits, show five decimals."""
         views = self.query(ResultView)
         full = not any(view.shows_all_digits for view in views)
         for view in views:
@@ -412,7 +416,7 @@ class TesterScreen(TesterNavigation):
             self.run_worker(self._ask_to_arm())
 
     async def _ask_to_arm(self) -> bool:
-        """Ask the user to arm; return whether the session is armed then."""
+        """Ask the user to arm, and return whether the user did."""
         status = self.session.status
         if status.target is None:
             app_of(self).show_message(label("tester.not_connected"), "warning")

@@ -1,4 +1,4 @@
-"""Traffic of a file, an interface or another screen: frames, calls, findings, slave mode, statistics."""
+"""The traffic screen, for a file or an interface: frames, calls, findings, slave mode, statistics."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ _CLOCKS = (TimeFormat.RELATIVE, TimeFormat.DELTA, TimeFormat.UTC)
 
 @dataclass
 class NotesSaved(Message):
-    """A file was saved. If that failed or is incomplete, `reason` says why."""
+    """A file was saved. If saving failed or was incomplete, `reason` says why."""
 
     target: str
     reason: str
@@ -70,7 +70,7 @@ class TrafficScreen(TrafficViews):
         self._evidence_frames: list[int] = []
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
-        """Offer frame actions only where there is a frame, and stop only while a capture runs."""
+        """Offer frame actions only in lists of frames or calls, and stop only while a capture runs."""
         if action in _FRAME_ACTIONS:
             return self.view in RECORD_KINDS
         if action == "proof":
@@ -86,7 +86,7 @@ class TrafficScreen(TrafficViews):
         self.set_focus(self.query_one("#filter"))
 
     def action_back(self) -> None:
-        """Return from the filter to the list; in the list, clear the filter."""
+        """Return from the filter field to the list; from the list, clear the filter."""
         if self.shown_list.has_focus and self.query_one(CheckedInput).field.value:
             self.set_filter("")
         super().action_back()
@@ -98,7 +98,7 @@ class TrafficScreen(TrafficViews):
     # navigation
 
     def go_to_frame(self, number: int) -> None:
-        """Select a frame in the list of frames; clear a filter that hides it."""
+        """Select a frame in the list of frames; clear a filter that hides the frame."""
         if self.view != "frames":
             self.action_view("frames")
         index = self.frames.row_of(number)
@@ -109,7 +109,7 @@ class TrafficScreen(TrafficViews):
         self.frames.move_cursor_to(index)
 
     def action_partner(self) -> None:
-        """Go from a reply to its request, or back."""
+        """Select the request of the present reply, or the reply to the present request."""
         number = self.frame_number
         if number is None:
             return
@@ -120,7 +120,7 @@ class TrafficScreen(TrafficViews):
             self.go_to_frame(other)
 
     def action_call(self) -> None:
-        """Go from a frame to its call, or back."""
+        """From the frames, select the call of the present frame; from the calls, select the present frame."""
         number, calls = self.frame_number, self.feed.calls
         if number is None or calls is None:
             return
@@ -137,7 +137,7 @@ class TrafficScreen(TrafficViews):
             self.calls.go_to_call(row + 1)
 
     def action_why(self) -> None:
-        """Go from a frame to the finding that names it, or from a finding to its cause."""
+        """Select the finding that names the present frame; from a finding, select its cause."""
         page, findings = self.query_one(FindingPage), self.analysis.findings
         if self.view == "findings":
             number = page.current_finding()
@@ -160,7 +160,7 @@ class TrafficScreen(TrafficViews):
 
     @on(FindingPage.Chosen)
     def _line_chosen(self, message: Lines.Chosen) -> None:
-        """Go to the first frame that proves a finding, or from a frame to its fields."""
+        """From a finding, go to the first frame that proves it; from a frame, go to its fields."""
         if isinstance(message.lines, FindingPage):
             number = message.lines.current_finding()
             frames = () if number is None else self.analysis.findings[number - 1].frames
@@ -218,7 +218,7 @@ class TrafficScreen(TrafficViews):
             self._set_note(number, None if number in self.frames.marks else "")
 
     def _set_note(self, number: int, note: str | None) -> None:
-        """Mark a frame, with a note or ""; None removes the mark."""
+        """Mark a frame, with a note or ""; None removes the frame's mark."""
         self.frames.marks.pop(number, None)
         if note is not None:
             self.frames.marks[number] = note
@@ -284,7 +284,7 @@ class TrafficScreen(TrafficViews):
             self._open_capture(str(Path(path).expanduser()))
 
     def _open_capture(self, path: str) -> None:
-        if not os.path.isfile(path):  # false also for a name that no file can have
+        if not os.path.isfile(path):  # `isfile` is also false for a name that no file can have
             app_of(self).show_message(label("traffic.open.none", path=printable(path)), "warning")
             return
         try:

@@ -1,4 +1,4 @@
-"""Views of traffic: frames, calls, the analysis, and the frame under the cursor."""
+"""Views of traffic: lists of frames and calls, the analysis, and the frame under the cursor."""
 
 from __future__ import annotations
 
@@ -46,10 +46,10 @@ from bcapscope.tui.widgets.text_page import TextPage
 from bcapscope.tui.widgets.view_bar import ViewBar
 
 RECORD_KINDS = {"frames": RecordKind.FRAME, "calls": RecordKind.CALL}
-"""Views whose lines are frames or calls, with the kind of record that their filter tests."""
+"""Views that list frames or calls, each with the kind of record that the view's filter tests."""
 
 _NARROW_WIDTH = 100
-"""Terminal width in columns below which large counts are rounded."""
+"""Terminal width in columns below which the screen rounds large counts."""
 
 
 @dataclass
@@ -126,7 +126,7 @@ class TrafficViews(ViewsScreen):
         self._close_feed()
 
     def _close_feed(self) -> None:
-        """Close the feed; nothing on the screen needs it any more."""
+        """Close the feed when nothing on the screen needs its data any more."""
         for target in (self.frames, self.calls):
             target.clear_source()
         self.feed.close()
@@ -175,7 +175,7 @@ class TrafficViews(ViewsScreen):
             self.refresh_bindings()
 
     def _show_growth(self) -> None:
-        """Show new rows in the visible list; the other list updates when it is shown."""
+        """Show new rows in the visible list; the other list shows them when it becomes visible."""
         target = self.shown_list
         if isinstance(target, RecordList):
             target.lines_added()
@@ -210,7 +210,7 @@ class TrafficViews(ViewsScreen):
         return self.query_one(CallList)
 
     def update_line_format(self) -> None:
-        """Set the format of times, and show client names if there are several clients."""
+        """Set the format of times in the lists, and show client names if there are several clients."""
         journal = self.feed.journal
         first = journal.time_of(1) if journal is not None and len(journal) else 0
         several = self.feed.progress.clients > 1
@@ -234,7 +234,7 @@ class TrafficViews(ViewsScreen):
         self.query_one(ViewBar).show_counts(self.view, counts, states)
 
     def _search_percent(self) -> int | None:
-        """Return the percentage of rows searched; None if no row is left to search."""
+        """Return the percentage of rows that the search has examined; None if the search is complete."""
         source = {"frames": self.feed.journal, "calls": self.feed.calls}.get(self.view)
         if source is None or not self.expressions[self.view] or self._searched >= len(source):
             return None
@@ -242,25 +242,28 @@ class TrafficViews(ViewsScreen):
 
     @on(Lines.Moved)
     def _list_moved(self, message: Lines.Moved) -> None:
-        """Show the frame under the cursor if the visible list has changed."""
+        """Show the frame under the cursor, if the visible list reports a new cursor position."""
         if message.lines is self.shown_list:
             self._cursor_moved()
 
     def _cursor_moved(self) -> None:
-        """Show the frame under the cursor. Called directly, so that list and frame are drawn together."""
+        """Show the frame under the cursor.
+
+        `_cursor_moved` is also called directly, so that Textual draws list and frame together.
+        """
         if self.view in RECORD_KINDS and self.frame_number != self._shown_frame:
             self.show_frame()
 
     @property
     def frame_number(self) -> int | None:
-        """Number of the frame under the cursor; None if there is none."""
+        """Number of the frame under the cursor; None if the cursor is on no frame."""
         if self.view == "calls":
             current = self.calls.current_call
             return None if current is None else current[1]
         return self.frames.frame_number if self.view == "frames" else None
 
     def settled_at(self, number: int) -> PairingResult | None:
-        """Return the call, or stray reply, that a frame belongs to; None if it has not settled yet."""
+        """Return the call or stray reply that a frame belongs to; None while that call is not complete."""
         calls = self.feed.calls
         row = None if calls is None else calls.index_of_frame(number)
         return None if calls is None or row is None else calls.read_call(row).settled
@@ -277,7 +280,7 @@ class TrafficViews(ViewsScreen):
         self._show_about(frame)
 
     def _show_about(self, frame: AnnotatedFrame) -> None:
-        """Show which call a frame belongs to, once that call has settled."""
+        """Describe a frame, and mark the other frames of its call if the call is complete."""
         number = frame.observation.number
         settled = self.settled_at(number)
         self._unsettled_frame = frame if settled is None else None
@@ -303,11 +306,11 @@ class TrafficViews(ViewsScreen):
             self.show_frame()
 
     def _check_filter(self, expression: str) -> object:
-        """Compile a filter for the view; raises for an invalid expression."""
+        """Compile a filter expression for the view; raises `ValueError` for an invalid expression."""
         return compile_filter(expression, RECORD_KINDS.get(self.view, RecordKind.FRAME))
 
     def set_filter(self, expression: str) -> None:
-        """Apply a filter expression; "" shows all rows."""
+        """Apply a filter expression to the visible list; "" shows all rows."""
         self.query_one(CheckedInput).set_text(expression)
         self._apply_filter(expression)
 
@@ -325,7 +328,7 @@ class TrafficViews(ViewsScreen):
             self._search()
 
     def _search(self) -> None:
-        """Search for the view's expression from the start, or show all rows."""
+        """Search for the view's filter expression from the first row; without expression, show all rows."""
         target, expression = self.shown_list, self.expressions[self.view]
         if not isinstance(target, RecordList):
             return

@@ -14,19 +14,19 @@ from bcapscope.tui.widgets.view_bar import ViewBar
 
 
 def view_keys(views: Mapping[str, str], tip: str) -> Iterator[Binding]:
-    """Yield a number key for each view of a screen; `tip` is the key of the explanation."""
+    """Yield a number key for each view of a screen; `tip` is the label key of the explanation."""
     for number, (view, name) in enumerate(views.items(), 1):
         yield Binding(f"{number}", f"view('{view}')", name, show=False, tooltip=tip)
 
 
 class ViewsScreen(BaseScreen):
-    """Shows one of its lists; number keys and the view bar switch between them.
+    """A screen that shows one of its lists; number keys and the view bar switch between them.
 
-    The content of a subclass contains the bar from `make_view_bar`, and a `Switcher`. The switcher holds a
-    `Lines` widget for each of `VIEWS`, with the view's name as id.
+    A subclass yields the bar from `make_view_bar` and a `Switcher` as part of its content. The switcher holds
+    a `Lines` widget for each of `VIEWS`, with the name of the view as the widget's id.
 
     Attributes:
-        VIEWS: Catalogue key of the label, by name of the view. The first view is shown initially.
+        VIEWS: Label key of each view, by the view's name. The screen starts with the first view.
     """
 
     VIEWS: ClassVar[Mapping[str, str]]
@@ -53,11 +53,11 @@ class ViewsScreen(BaseScreen):
         self.show_state()
 
     def show_view(self) -> None:
-        """Show the widgets that belong to the view, and hide those of other views."""
+        """Show the widgets that belong to the visible view, and hide those of other views."""
         raise NotImplementedError
 
     def show_state(self) -> None:
-        """Show the counts of all views and the present state of the screen."""
+        """Show the counts of all views and the present state of the screen in the view bar."""
         raise NotImplementedError
 
     def action_back(self) -> None:

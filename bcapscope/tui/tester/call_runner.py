@@ -1,4 +1,4 @@
-"""Carries out the widgets' requests through the session, and reports the results to the widgets."""
+"""Makes the calls that widgets request, through the session, and reports the results to the widgets."""
 
 from __future__ import annotations
 
@@ -33,11 +33,14 @@ _MAX_NOTICE = 300
 
 
 class ObjectMissingError(BcapError):
-    """The object that a call needs is not open."""
+    """The call needs an object that is not open."""
 
 
 class CallRunner:
-    """Connects the screen to the session. Its coroutines run in the screen's event loop."""
+    """Connects the Tester's widgets to the session.
+
+    The coroutines of this class run in the screen's event loop.
+    """
 
     def __init__(self, session: ControllerSession, ask_to_arm: Callable[[], Awaitable[bool]]) -> None:
         self._session = session
@@ -55,7 +58,7 @@ class CallRunner:
         await self._run_reported(wanted.result_display, step)
 
     async def repeat_call(self, result_display: ResultDisplay, record: HistoryRecord) -> None:
-        """Repeat a call unchanged, with the same handle."""
+        """Repeat an earlier call unchanged, with the same handle."""
         function = FUNCTIONS.get(record.function_id)
         if function is None:
             await self.send_raw(RawWanted(result_display, record.sent_packets[0].item.raw))
@@ -66,7 +69,7 @@ class CallRunner:
         await self._run_reported(wanted.result_display, lambda: self._session.send_raw(wanted.raw))
 
     async def open_object(self, wanted: OpenWanted) -> bool:
-        """Open an object; return whether the call was made, with any outcome. A robot is also selected."""
+        """Open an object; return whether the call was made, whatever its result. A robot is also selected."""
         session = self._session
 
         async def step() -> HistoryRecord:
@@ -82,7 +85,7 @@ class CallRunner:
         await self._run_reported(result_display, lambda: start_robslave(self._session))
 
     def _object_of(self, kind: ObjectClass) -> ObjectHandle:
-        """Return the selected robot, or the latest open object of another class."""
+        """Return the selected robot, or for another class the object of that class that was opened last."""
         status = self._session.status
         found = status.robot if kind is ObjectClass.ROBOT else None
         found = found or next((one for one in reversed(status.open_objects) if one.kind is kind), None)
@@ -92,7 +95,7 @@ class CallRunner:
         return found
 
     async def _run_reported(self, result_display: ResultDisplay, step: CallStep) -> bool:
-        """Run a step, after arming if needed, and report its outcome to the widget; return whether it ran."""
+        """Run a step, after arming if needed, and show its outcome in a widget; return whether it ran."""
         result_display.show_pending()
         try:
             result_display.show_record(await run_armed(self._session, self._ask_to_arm, step))
@@ -111,10 +114,10 @@ class CallRunner:
 async def run_armed(
     session: ControllerSession, ask_to_arm: Callable[[], Awaitable[bool]], step: CallStep
 ) -> HistoryRecord:
-    """Run a step in the session's loop; if it needs arming, ask the user to arm and run it again.
+    """Run a step in the session's loop; if the step needs arming, ask the user to arm and run it again.
 
     Raises:
-        NotArmedError: The user does not arm.
+        NotArmedError: The user refused to arm.
     """
     try:
         return await session.run_in_loop(step())
@@ -125,13 +128,13 @@ async def run_armed(
 
 
 class CallNotice:
-    """Shows the results of calls that have no result field as temporary messages."""
+    """Shows the results of calls as temporary messages, for calls without a result field."""
 
     def __init__(self, app: BcapApp) -> None:
         self._app = app
 
     def show_pending(self) -> None:
-        """Show nothing: the message appears when the call ends."""
+        """Show nothing, because the message appears when the call ends."""
 
     def show_record(self, record: HistoryRecord) -> None:
         name = printable(call_name(record.function_id, record.arguments))

@@ -8,7 +8,7 @@ from bcapscope.tui.reader_language import label
 
 
 class Caption(Label):
-    """A word before a field; `key` is its key in the catalogue of words."""
+    """A word before a field; `key` is the label key of the word."""
 
     def __init__(self, key: str) -> None:
         super().__init__(label(key), markup=False)

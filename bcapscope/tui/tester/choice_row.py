@@ -1,4 +1,4 @@
-"""A row of names for a choice by arrow keys or a click."""
+"""A row of names, of which the user chooses one by arrow keys or a click."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class ChoiceRow(ClickBar, can_focus=True):
             return self.choice
 
     def __init__(self, options: Sequence[tuple[str, str]], *, id: str | None = None) -> None:
-        """Store the values, each with the key of its label in the catalogue of words; the first is chosen."""
+        """Store the values, each with its label key; the first value is chosen."""
         super().__init__(id=id)
         self._options = tuple(options)
         self.set_reactive(ChoiceRow.chosen, self._options[0][0])

@@ -1,4 +1,4 @@
-"""Execute, as in b-CAP Tester: Command, Type, Parameter, Result."""
+"""The Execute form, as in b-CAP Tester: Command, Type, Parameter, Result."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from bcapscope.tui.tester.wanted_messages import CallWanted
 
 
 class CommandForm(Vertical):
-    """Makes calls of one ..._Execute function, with completion of command names."""
+    """A form for calls of one ..._Execute function, with completion of command names."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("f4", "pick", "tester.pick"),
@@ -50,9 +50,10 @@ class CommandForm(Vertical):
 
     @on(Input.Changed, ".command")
     def _show_suggestion(self, message: Input.Changed) -> None:
-        """Select the type of the command's parameter and show what the command does.
+        """Select the type of the typed command's parameter, and show what the command does.
 
-        Clear a parameter of another command; restore the one that was last sent with this command.
+        A parameter that belongs to another command is cleared; the parameter last sent with this command is
+        restored.
         """
         message.stop()
         found = command_hint(self.function.id, message.value)
@@ -78,9 +79,11 @@ class CommandForm(Vertical):
 
     @on(Input.Submitted, ".command")
     def _submit_command(self, message: Input.Submitted) -> None:
-        """Complete a partly typed name. Execute a known command, or a name that no known command begins with.
+        """Complete a partly typed name.
 
-        If its parameter is missing, focus the parameter instead.
+        A command is executed if its name is known, or if no known name begins with the text.
+
+        If the command's parameter is missing, the parameter gets the focus instead.
         """
         begun = message.value.strip().casefold()
         names = [

@@ -1,4 +1,4 @@
-"""The controller's address and transport, Connect and Disconnect, and the steps of connecting."""
+"""The connection panel: the controller's address and transport, and the steps of connecting."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _STEP_MARKS = {None: "◌", True: "●", False: "✗"}
 
 
 class ConnectionPanel(Vertical):
-    """The fields of a connection; Enter in any field connects."""
+    """The fields of a connection; Enter in any of these fields connects."""
 
     def __init__(self, host: str, port: int, tcp: bool, option: str, *, id: str | None = None) -> None:
         super().__init__(id=id)
@@ -57,13 +57,13 @@ class ConnectionPanel(Vertical):
         self._update_texts()
 
     def wait_for_address(self) -> None:
-        """Defer connecting until `fill_address` supplies the address."""
+        """Do not connect until `fill_address` supplies the address."""
         self._is_address_pending, self._is_connect_pending = True, False
         self._problem = ""
         self._update_texts()
 
     def fill_address(self, host: str, port: int) -> None:
-        """Fill in the address, and connect if the user has already asked for it."""
+        """Fill in the address; connect if the user has already asked to connect."""
         self.query_one("#host", Input).value = host
         self.query_one("#port", Input).value = str(port)
         self._is_address_pending = False
@@ -72,7 +72,7 @@ class ConnectionPanel(Vertical):
             self.request_connect()
 
     def wanted_connection(self) -> ConnectWanted | str:
-        """Return the connection in the fields, or what is wrong with them."""
+        """Return the connection that the fields describe, or a text that says what is wrong with them."""
         host, port = self._host_and_port()
         tcp = not self.query_one("#udp", TickBox).value
         option = self.query_one("#option", Input).value
@@ -88,7 +88,7 @@ class ConnectionPanel(Vertical):
         return ConnectWanted(host, number, tcp, option)
 
     def _host_and_port(self) -> tuple[str, str]:
-        """Return host and port; a port in the host field takes precedence, as in `host:5007`."""
+        """Return host and port; a port in the host field, as in `host:5007`, takes precedence."""
         host, port = split_host_port(self.query_one("#host", Input).value.strip())
         return host, port or self.query_one("#port", Input).value.strip()
 
@@ -115,7 +115,7 @@ class ConnectionPanel(Vertical):
             self._update_texts()
 
     def set_connecting(self, connecting: bool) -> None:
-        """Let Disconnect cancel an attempt to connect."""
+        """Enable Disconnect, which cancels an attempt to connect."""
         self.query_one("#disconnect", Button).disabled = not connecting
         self.query_one("#connect", Button).disabled = connecting
 
@@ -155,7 +155,7 @@ class ConnectionPanel(Vertical):
         self.request_connect()
 
     def request_connect(self) -> None:
-        """Request the connection, or show what is wrong with the fields."""
+        """Request the connection, or show what is wrong with the text in the fields."""
         if self._is_address_pending:
             self._is_connect_pending = True
             return

@@ -18,11 +18,14 @@ _ARROW_BINDINGS = (
     Binding("left", "app.focus_previous", show=False),
     Binding("right", "app.focus_next", show=False),
 )
-"""The answers are side by side, so arrow keys move between them."""
+"""The arrow keys move between the answers, which are side by side."""
 
 
 class ArmDialog(ModalScreen[bool]):
-    """Asks whether to arm, and shows what could move. The answer "no" has the focus."""
+    """Asks the user whether to arm, and shows which robot could move.
+
+    The answer "no" has the focus at the start.
+    """
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("escape,n", "dismiss(False)", "tester.arm.no", key_display="esc"),
@@ -30,12 +33,12 @@ class ArmDialog(ModalScreen[bool]):
     ]
 
     def __init__(self, facts: list[str]) -> None:
-        """Store what is known about controller and robot: escaped lines."""
+        """Store the facts about controller and robot that the dialog shows, as escaped lines."""
         super().__init__()
         self._facts = facts
 
     def compose(self) -> ComposeResult:
-        """Put the answers below the facts."""
+        """Arrange the answers below the facts."""
         with Vertical(classes="dialog -warning") as box:
             box.border_title = label("tester.arm.title")
             yield Static("\n".join(self._facts), markup=False, id="facts")
@@ -45,7 +48,7 @@ class ArmDialog(ModalScreen[bool]):
                 yield Button(label("tester.arm.yes"), compact=True, variant="error", id="yes")
 
     def on_mount(self) -> None:
-        """Focus the harmless answer, so that Enter does nothing."""
+        """Focus the answer "no", so that Enter does not arm."""
         self.query_one("#no").focus()
 
     @on(Button.Pressed)
@@ -54,7 +57,7 @@ class ArmDialog(ModalScreen[bool]):
 
 
 class ChoiceDialog(ModalScreen[str | None]):
-    """Asks the user to choose. The first choice, which does nothing, has the focus."""
+    """Asks the user to choose. The first choice changes nothing and has the focus at the start."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("escape", "dismiss(None)", "shell.close", key_display="esc"),
@@ -67,7 +70,7 @@ class ChoiceDialog(ModalScreen[str | None]):
         self._facts, self._choices = facts, tuple(choices)
 
     def compose(self) -> ComposeResult:
-        """Put the choices below the facts."""
+        """Arrange the choices below the facts."""
         with Vertical(classes="dialog -warning"):
             yield Static("\n".join(self._facts), markup=False, id="facts")
             with Horizontal(classes="answers"):
@@ -80,7 +83,7 @@ class ChoiceDialog(ModalScreen[str | None]):
                     )
 
     def on_mount(self) -> None:
-        """Focus the harmless choice, so that Enter does nothing."""
+        """Focus the first choice, which changes nothing, so that Enter is harmless."""
         self.query_one("#choice0").focus()
 
     @on(Button.Pressed)

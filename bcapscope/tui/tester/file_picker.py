@@ -1,4 +1,4 @@
-"""A file chooser: recent files, and the folders of this machine."""
+"""A dialog for choosing a file, with recent files and the folders of this machine."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class FilePicker(ModalScreen[str | None]):
         super().__init__()
         self._title = title
         self._recent = [path for path in recent if Path(path).exists()]
-        self._folder = folder.absolute()  # a relative path has no name to show and no parent
+        self._folder = folder.absolute()  # a relative path may have neither a name to show nor a parent
 
     def compose(self) -> ComposeResult:
         with Vertical(classes="dialog -tall") as box:

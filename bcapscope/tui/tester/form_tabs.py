@@ -1,4 +1,4 @@
-"""The tabs below the connection: robot, variables, tasks, any function, raw packets."""
+"""The tabs below the connection panel: robot, variables, tasks, any function, raw packets."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ from bcapscope.tui.tester.task_panel import TaskPanel
 from bcapscope.tui.tester.variable_panel import VariablePanel
 
 TABS = ("robot", "variable", "task", "function", "raw")
-"""Names of the tabs, in their order."""
+"""Names of the tabs, in the order on the screen."""
 
 
 class FormTabs(Vertical):
-    """Shows one tab at a time; fills forms with earlier calls."""
+    """Shows one tab at a time, and fills the forms in the tabs with earlier calls."""
 
     def __init__(self, initial_function: Function, *, id: str | None = None) -> None:
         super().__init__(id=id)
@@ -60,14 +60,14 @@ class FormTabs(Vertical):
         self.query_one("#panels", ContentSwitcher).current = tab
 
     async def fill_function(self, function: Function, values: tuple[Variant, ...]) -> FunctionForm:
-        """Fill the form of a function with arguments, without the handle; return the form."""
+        """Fill the form of a function with arguments (without the handle), and return the form."""
         self.show_tab("function")
         form = await self.query_one(FunctionPanel).show_function(function)
         form.fill_values(values, tuple(untyped_text(value) or "" for value in values))
         return form
 
     async def edit_call(self, record: HistoryRecord) -> None:
-        """Fill the form of a call's function, or the raw form if the function has none."""
+        """Fill the form of a call's function; a call without known function fills the raw form."""
         function = FUNCTIONS.get(record.function_id)
         if function is None or len(function.params) != len(record.arguments):
             self.show_tab("raw")

@@ -28,7 +28,7 @@ _NAMED_VALUES: dict[tuple[str, str], Mapping[int, str]] = {
 
 
 class FunctionForm(Vertical):
-    """One row per argument except the handle; text that does not fit its type is reported at once."""
+    """A form with one row per argument except the handle; it reports invalid text at once."""
 
     def __init__(self, function: Function, *, id: str | None = None) -> None:
         super().__init__(id=id)
@@ -75,7 +75,7 @@ class FunctionForm(Vertical):
                 field.value = value.value
 
     def argument_values(self) -> tuple[Variant, ...] | str:
-        """Return the arguments without the handle, or what is wrong with the first invalid one."""
+        """Return the arguments without the handle, or what is wrong with the first invalid argument."""
         found: list[Variant] = []
         for index, param in enumerate(self.params):
             field = self.query_one(f"#field{index}")
@@ -106,13 +106,13 @@ class FunctionForm(Vertical):
 
 
 def select_named_value(texts: Mapping[int, str], name: str) -> Select[int]:
-    """Return a widget that chooses one of some numbers, each with its meaning."""
+    """Return a widget that offers several numbers, each with its meaning."""
     options = [(f"{value} {table_text(text)}", value) for value, text in texts.items()]
     return Select(options, allow_blank=False, compact=True, id=name, classes="named")
 
 
 class FunctionPanel(Vertical):
-    """Chooses one of the 137 functions and shows its form."""
+    """Lets the user choose one of the 137 functions, and shows the function's form."""
 
     def __init__(self, initial_function: Function, *, id: str | None = None) -> None:
         super().__init__(id=id)

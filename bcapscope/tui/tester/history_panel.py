@@ -1,4 +1,7 @@
-"""The history: all calls with result and time. Filter, repeat, edit, copy or save them."""
+"""The history panel: all calls with result and time.
+
+The user can filter, repeat, edit, copy and save calls.
+"""
 
 from __future__ import annotations
 
@@ -19,15 +22,18 @@ from bcapscope.tui.widgets.checked_input import CheckedInput
 from bcapscope.tui.widgets.lines import Lines
 
 MAX_CALLS = 20_000
-"""Maximum number of calls; the oldest are dropped first."""
+"""Maximum number of calls in the history; the oldest calls are dropped first."""
 
 
 MAX_BYTES = 32 << 20
-"""Maximum size of their packets. Beyond it, a tenth of the calls is dropped, but never the latest."""
+"""Maximum size in bytes of the packets in the history.
+
+Beyond this size, a tenth of the calls is dropped, but never the latest call.
+"""
 
 
 class HistoryLines(Lines):
-    """The calls that match the filter, the latest last."""
+    """A list of the calls that match the filter; the latest call is the last line."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("r", "want('again')", "tester.again"),
@@ -41,11 +47,11 @@ class HistoryLines(Lines):
     follows_end = True
 
     class FilterWanted(Message):
-        """The user wants to type a filter."""
+        """The user wants to type a filter for the history."""
 
     @dataclass
     class ActionWanted(Message):
-        """The user wants ``again``, ``edit``, ``hex``, ``python``, ``line`` or ``save`` for a call."""
+        """The user wants ``again``, ``edit``, ``hex``, ``python``, ``line`` or ``save`` to act on a call."""
 
         record: HistoryRecord
         what: str
@@ -84,7 +90,7 @@ class HistoryLines(Lines):
 class HistoryPanel(Vertical):
     @dataclass
     class RecordSelected(Message):
-        """The cursor is on a call; the screen shows its packets."""
+        """The cursor moved to a call, whose packets the screen then shows."""
 
         record: HistoryRecord
 

@@ -1,4 +1,4 @@
-"""Pickers for commands and functions: purpose, parameters, and whether they energise or move anything."""
+"""Dialogs to choose a command or function; they show purpose, parameters, and possible motion."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _WARNINGS = {CallEffect.ENERGISES: "tester.energises", CallEffect.MOVES: "tester
 
 
 class ListPicker(ModalScreen[str | None]):
-    """A list to choose from, with a field that filters it."""
+    """A dialog with a list to choose from, and a field that filters the list."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("escape", "dismiss(None)", "shell.close", key_display="esc"),
@@ -44,7 +44,7 @@ class ListPicker(ModalScreen[str | None]):
         self._show_matching("")
 
     def matching_options(self, words: list[str]) -> list[Option]:
-        """Return the options that contain all `words`, which are lower-case."""
+        """Return the options that contain all `words`, which must be in lower case."""
         raise NotImplementedError
 
     def action_down(self) -> None:
@@ -73,7 +73,7 @@ class ListPicker(ModalScreen[str | None]):
 
 
 class CommandPicker(ListPicker):
-    """The commands of one ..._Execute function."""
+    """A dialog to choose a command of one ..._Execute function."""
 
     def __init__(self, function_id: int) -> None:
         super().__init__(label("tester.catalogue", name=FUNCTIONS[function_id].name))

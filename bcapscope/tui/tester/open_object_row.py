@@ -1,4 +1,4 @@
-"""Name and option of an object, Add and Release, as in b-CAP Tester for robots, variables and tasks."""
+"""A row with an object's name and option, Add and Release, as b-CAP Tester has it."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class OpenObjectRow(Horizontal):
         *,
         id: str | None = None,
     ) -> None:
-        """Describe the objects to open; `parent` is the class of their owners."""
+        """Set the class of objects to open; `parent` is the class of the objects that own them."""
         super().__init__(id=id, classes="row")
         self._parent_kind = parent
         self._kind = kind
@@ -57,7 +57,7 @@ class OpenObjectRow(Horizontal):
         self._open_objects = tuple(each for each in open_objects if each.kind is self._kind)
 
     def find_open(self, owner: ObjectClass | None = None) -> ObjectHandle | None:
-        """Return the latest open object with the name in the field; with `owner`, one of such an owner."""
+        """Return the latest open object with the name in the field; `owner` limits the class of its owner."""
         name = self.object_name.casefold()
         for each in reversed(self._open_objects):
             is_owned = owner is None or (each.parent is not None and each.parent.kind is owner)

@@ -1,4 +1,4 @@
-"""SendData or ReceiveData: packets in hex with offsets, with their fields beside them."""
+"""The box SendData or ReceiveData: packets in hex with offsets, and beside them their fields."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ from bcapscope.tui.widgets.packet_view import PacketView
 
 MAX_PACKETS = 2000
 MAX_BYTES = 16 << 20
-"""Maximum size of the packets when Overwrite is off; the oldest are dropped first."""
+"""Maximum size in bytes of the packets in a box while Overwrite is off; the oldest are dropped first."""
 
 
 class PacketBox(Vertical):
-    """Shows one of its packets; ``[`` and ``]`` show the previous and the next."""
+    """Shows one of its packets at a time; the keys ``[`` and ``]`` show the previous and the next packet."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("left_square_bracket", "step(-1)", "tester.packet.before", key_display="["),
@@ -54,7 +54,7 @@ class PacketBox(Vertical):
     def add_packets(
         self, packets: tuple[Observation, ...], question: CallKind | None, overwrite: bool, show_first: bool
     ) -> None:
-        """Add packets; show the first new one if `show_first` is set, else the last."""
+        """Add packets; show the first new packet if `show_first` is set, else the last."""
         if overwrite:
             self._packets = []
         self._packets += [(seen, question) for seen in packets]

@@ -1,4 +1,4 @@
-"""Packets, as in b-CAP Tester: SendData, ReceiveData, Overwrite, Clear; also history and lists."""
+"""The packet pane, as in b-CAP Tester: SendData, ReceiveData, Overwrite, Clear; also history and lists."""
 
 from __future__ import annotations
 
@@ -27,15 +27,15 @@ from bcapscope.tui.tester.watch_list import WatchList
 from bcapscope.tui.widgets.inked_text import InkedText
 
 VIEWS = ("sent", "received", "history", "watch", "saved")
-"""Names of the views, in their order."""
+"""Names of the views, in the order on the screen."""
 
 _MAX_ATTEMPT_LINES = 8
 
 
 class PacketPane(Vertical):
-    """The packets of the latest call, and the lists.
+    """Shows the packets of the latest call, and the lists.
 
-    On a wide screen both packets stay visible, and the choice is between the lists.
+    On a wide screen SendData and ReceiveData stay visible, and the user chooses only among the lists.
     """
 
     def __init__(self, requests: Path, *, id: str | None = None) -> None:
@@ -58,7 +58,7 @@ class PacketPane(Vertical):
         self._switch_view("sent")
 
     def add_record(self, record: HistoryRecord) -> None:
-        """Add a call that has ended to the history; show its packets if the user started it."""
+        """Add a completed call to the history; show the call's packets if the user made the call."""
         self.query_one(HistoryPanel).add_record(record)
         if record.initiator is Initiator.USER:
             self.show_record(record, self.query_one("#overwrite", TickBox).value)
@@ -81,7 +81,7 @@ class PacketPane(Vertical):
         self._switch_view(view)
 
     def _show_attempts(self, record: HistoryRecord) -> None:
-        """Show what became of each attempt, if there were retries, notices or late replies."""
+        """If a call had retries, notices or late replies, show the outcome of each attempt."""
         lines = []
         if record.retries or record.notices or record.late_replies:
             attempts = record.attempts
@@ -114,7 +114,7 @@ class PacketPane(Vertical):
 
     @on(HistoryLines.ActionWanted)
     def _save_record(self, message: HistoryLines.ActionWanted) -> None:
-        """Save a call as a file; other actions are handled elsewhere."""
+        """Save a call as a file; the Tester's screen handles the other actions."""
         if message.what != "save":
             return
         message.stop()

@@ -1,4 +1,4 @@
-"""A run in slave mode: axis curves, cycle times, lateness, buffer, elapsed and remaining time."""
+"""Shows a run of the player: curves of the axes, cycle times, lateness, buffer, and time."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ class PlaybackView(Container, can_focus=True):
         )
 
     def _axes_by_travel(self, run: PlaybackRun) -> list[int]:
-        """Return the axes, largest travel first."""
+        """Return the indexes of the robot's axes, the axis with the largest travel first."""
         points = run.trajectory.points
         ways = [float(points[:, at].max() - points[:, at].min()) for at in range(points.shape[1])]
         names = AXES[run.trajectory.kind]

@@ -1,4 +1,4 @@
-"""Raw packets: bytes in hex, sent unchanged or with corrected length and serial."""
+"""The raw form: bytes in hex that are sent unchanged, or with corrected length and serial."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from bcapscope.tui.tester.tick_box import TickBox
 from bcapscope.tui.tester.wanted_messages import RawWanted
 
 MAX_DATAGRAM = 65_507
-"""Maximum payload of a datagram in bytes."""
+"""Maximum payload of a UDP datagram in bytes."""
 
 _EXAMPLE = "01 10 00 00 00 01 00 00 00 02 00 00 00 00 00 04"
 
 
 class BytesField(Input):
-    """A field for bytes, which users often copy from several lines."""
+    """An input field for bytes in hex, which users often copy from several lines."""
 
     def on_paste(self, event: Paste) -> None:
         """Join the pasted lines; Textual's own handler then pastes the first line."""
@@ -33,7 +33,7 @@ class BytesField(Input):
 
 
 class RawForm(Vertical):
-    """A field for bytes in hex; shows what they are while the user types."""
+    """A form for bytes in hex; while the user types, it shows what the bytes mean."""
 
     def compose(self) -> ComposeResult:
         with Horizontal(classes="row"):
@@ -49,7 +49,7 @@ class RawForm(Vertical):
 
     @property
     def typed_bytes(self) -> bytes | str:
-        """The bytes, or what is wrong with the text."""
+        """The bytes in the field, or a text that says what is wrong with the field."""
         text = self.query_one(Input).value
         try:
             raw = bytes.fromhex(text)

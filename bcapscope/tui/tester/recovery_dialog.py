@@ -1,4 +1,4 @@
-"""Recovery after an error, step by step: read, clear, RobSlave, first position, slave mode."""
+"""The dialog for recovery after an error, step by step: read, clear, RobSlave, first position, slave mode."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ _STEP_MARKS = {None: "○", True: "●", False: "✗"}
 
 
 class RecoveryDialog(ModalScreen[None]):
-    """Shows the steps. The errors are read at once; the user starts every other step."""
+    """Shows the steps. The dialog reads the errors at once; the user starts every other step."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("escape", "dismiss", "shell.close", key_display="esc"),
@@ -71,7 +71,7 @@ class RecoveryDialog(ModalScreen[None]):
                 yield Input(f"0x{self._initial_mode:03X}", id="mode", classes="number")
 
     def on_mount(self) -> None:
-        """Read the errors before anything clears them."""
+        """Read the controller's errors before a later step clears them."""
         self.query_one("#do-clear").focus()
         self._show_step(RecoveryStep.READ, None, label("tester.waiting"))
         self.run_worker(self._read_errors(), group="recovery")

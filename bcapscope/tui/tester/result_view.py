@@ -1,4 +1,4 @@
-"""The outcome of a call: its result, or the problem and its remedy, or a hint on the input."""
+"""Shows the outcome of a call: its result, or the problem and its remedy, or a hint on the input."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ from bcapscope.tui.widgets.inked_text import InkedText
 
 
 class ResultView(InkedText, can_focus=True):
-    """Shows one result with five decimals, as b-CAP Tester does; ``d`` shows all digits.
+    """Shows one result with five decimals, as b-CAP Tester does; the key ``d`` shows all digits.
 
     Attributes:
-        record: The shown call; None if there is none, or something else is shown.
+        record: Call that is shown; None if the view shows no call.
     """
 
     BINDINGS: ClassVar[list[BindingType]] = [
@@ -64,7 +64,7 @@ class ResultView(InkedText, can_focus=True):
         self._show_line(f"{INK.problem}{printable(text)}{INK.reset}")
 
     def show_check(self, problem: str, hint: str) -> None:
-        """Show what is wrong with the input, or else what is expected."""
+        """Show a problem of the input; without a problem, show a hint on the expected input."""
         if problem:
             self.show_problem(problem)
         else:
@@ -79,7 +79,7 @@ class ResultView(InkedText, can_focus=True):
             self.show_record(self.record)
 
     def _scroll_into_view(self) -> None:
-        """Scroll the forms to this view, in case the screen is too low for all of them."""
+        """Scroll the forms until this view is visible, in case the screen is too low for all forms."""
         self.call_after_refresh(self.scroll_visible, animate=False)
 
     def _show_line(self, line: str) -> None:
@@ -108,10 +108,10 @@ def _record_text(record: HistoryRecord, full: bool) -> str:
 
 
 def _may_lack_robslave(record: HistoryRecord) -> bool:
-    """Return whether slave mode was refused without a reason, as on an RC7 without RobSlave.
+    """Return whether the controller refused slave mode without a reason, as an RC7 may do without RobSlave.
 
-    An RC7 needs that program (DENSO Wave 2009, How to use the Slave mode). Its reply without the program is
-    not documented.
+    An RC7 needs the program RobSlave (DENSO Wave 2009, How to use the Slave mode). DENSO does not document
+    the reply of an RC7 without that program.
     """
     code = record.reply.code if record.reply is not None else S_OK
     asked = command_name(record.function_id, record.arguments).casefold() == "slvchangemode"
@@ -119,7 +119,7 @@ def _may_lack_robslave(record: HistoryRecord) -> bool:
 
 
 def _value_meaning(record: HistoryRecord) -> str:
-    """Return the meaning of a returned number; "" if it is a plain number."""
+    """Return the meaning of the number that a call returned; "" if the number has no special meaning."""
     arguments = record.reply.arguments if record.reply is not None else ()
     value = arguments[0].variant.value if arguments else None
     function = FUNCTIONS.get(record.function_id)

@@ -1,4 +1,4 @@
-"""The Robot tab: AddRobot; Move, Execute, Change; variables of the robot."""
+"""The Robot tab: AddRobot, Move, Execute, Change, and variables of the robot."""
 
 from __future__ import annotations
 

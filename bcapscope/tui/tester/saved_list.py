@@ -1,4 +1,7 @@
-"""Saved requests: the files of a folder. Enter sends one; another key puts it into a form."""
+"""The list of saved requests, which are the files of a folder.
+
+Enter sends a saved request; another key puts the request into a form.
+"""
 
 from __future__ import annotations
 
@@ -27,7 +30,7 @@ class SavedList(Lines):
 
     @dataclass
     class RequestWanted(Message):
-        """The user wants to send a saved request, or with `edit` to put it into a form."""
+        """The user wants to send a saved request, or to put the request into a form if `edit` is set."""
 
         saved: SavedRequest
         edit: bool

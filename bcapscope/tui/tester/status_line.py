@@ -1,4 +1,4 @@
-"""The permanent status line: connection, slave mode, arming state, HALT."""
+"""The status line that is always visible: connection, slave mode, arming state, HALT."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from bcapscope.render.escape import printable
 from bcapscope.tui.reader_language import label
 
 StatusPiece = tuple[str, str]
-"""A text and the name of its ink."""
+"""A piece of the status line: a text and the name of its style."""
 
 _MAX_HOST_LENGTH = 24
 _SECOND = 1_000_000_000
@@ -30,7 +30,7 @@ def status_pieces(
             _peer_piece(status, "◌", "bad"),
             (f"{label('tester.status.silent', seconds=age // _SECOND)} ", "bad"),
         ]
-    elif age >= _LONG_SILENCE:  # no request is due, as in slave mode, so the controller may be there or not
+    elif age >= _LONG_SILENCE:  # no reply is due, as in slave mode, so the controller may be reachable or not
         pieces = [
             _peer_piece(status, "●", ""),
             (f"{label('tester.status.age', seconds=age // _SECOND)} ", "dim"),
@@ -66,7 +66,7 @@ def _arming_piece(arming: ArmingState, now: int) -> StatusPiece:
 
 
 def arming_facts(status: SessionStatus) -> list[str]:
-    """Return lines on the controller and its robot, for the user to read before anything moves."""
+    """Return lines on the controller and its robot, which the user reads before arming."""
     identity, robot = status.identity, status.robot
     unknown = label("tester.fact.unknown")
     return [

@@ -1,4 +1,4 @@
-"""The Task tab: add, start and stop a task, read its state; one key for RobSlave."""
+"""The Task tab: open, start and stop a task, read its state; one button for RobSlave."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _NO_OPTION = Variant(VT.BSTR, "")
 
 
 class TaskPanel(VerticalScroll, can_focus=False):
-    """The forms for the task whose name is in the field."""
+    """Forms for the task whose name is in the name field."""
 
     def compose(self) -> ComposeResult:
         result = ResultView(id="task-result")

@@ -1,4 +1,4 @@
-"""A check box whose state is visible without colour."""
+"""A check box whose state is visible even without colours."""
 
 from __future__ import annotations
 

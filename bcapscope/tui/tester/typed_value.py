@@ -1,4 +1,4 @@
-"""A value of any b-CAP type: the type from a list, the text checked while the user types."""
+"""Input of a value of any b-CAP type: a list of types, and a field whose text is checked at once."""
 
 from __future__ import annotations
 
@@ -22,17 +22,17 @@ from bcapscope.tui.controller_access.parameter_input import (
 
 
 class TypedValue(Horizontal):
-    """A list of types and a field; reports text that does not fit the type."""
+    """A list of types and a field; reports a text that does not fit the chosen type."""
 
     @dataclass
     class Changed(Message):
-        """The user changed type or text; `problem` says what is wrong, and is empty for an empty text."""
+        """The user changed type or text; `problem` says what is wrong, or is "" for valid or empty text."""
 
         value: TypedValue
         problem: str
 
     class Submitted(Message):
-        """The user pressed Enter in the field."""
+        """The user pressed Enter in the value's field."""
 
     def __init__(
         self, vt: int = VT.EMPTY, types: Sequence[int] = PARAMETER_TYPES, *, id: str | None = None
@@ -59,7 +59,7 @@ class TypedValue(Horizontal):
 
     @property
     def is_missing(self) -> bool:
-        """Whether the type needs a value and the text is empty."""
+        """Whether the chosen type needs a value and the field is empty."""
         vt, text = self.typed
         return not text and vt not in (VT.EMPTY, VT.NULL, VT.BSTR)
 
@@ -77,7 +77,7 @@ class TypedValue(Horizontal):
 
     @property
     def hint(self) -> str:
-        """What to type; "" for a type without a value."""
+        """Hint on what to type; "" for a type without a value."""
         return "" if self.vt in (VT.EMPTY, VT.NULL) else expected_input(self.vt)
 
     @on(Input.Changed)

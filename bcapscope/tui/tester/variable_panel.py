@@ -1,4 +1,4 @@
-"""Variables: Name, Option, Value; Add, Release, Get, Put, and Watch."""
+"""The form for variables: Name, Option, Value; Add, Release, Get, Put, and Watch."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _GET, _PUT = 101, 102
 
 
 class VariablePanel(Vertical):
-    """The variables of controller, robot or task; actions apply to the name in the field."""
+    """A form for variables of a controller, robot or task; it acts on the variable in the name field."""
 
     def __init__(self, owner: ObjectClass, name: str, *, id: str | None = None) -> None:
         super().__init__(id=id, classes="box")
@@ -78,7 +78,7 @@ class VariablePanel(Vertical):
             self.post_message(WatchWanted(found))
 
     def variable_opened(self, owner: ObjectClass, name: str) -> None:
-        """Select the type of a newly opened variable, if it belongs here and its type is known."""
+        """Select the type of a newly opened variable, if that type is known and this form shows it."""
         if owner is not self._owner:
             return
         known = find_variable(self._owner, name)

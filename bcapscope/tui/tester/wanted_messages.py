@@ -1,4 +1,7 @@
-"""Requests of the Tester's widgets. The screen carries them out and passes the result to the sender."""
+"""Requests of the Tester's widgets.
+
+The Tester's screen carries out the requests, and passes the result to the widget that sent the request.
+"""
 
 from __future__ import annotations
 
@@ -14,16 +17,16 @@ from bcapscope.protocol.tables.function_table import Function, ObjectClass
 
 
 class ResultDisplay(Protocol):
-    """A widget that shows the outcome of its request."""
+    """A widget that shows the outcome of the user's request."""
 
     def show_pending(self) -> None:
-        """Show that the request is under way."""
+        """Show that a request is under way."""
 
     def show_record(self, record: HistoryRecord) -> None:
         """Show how the call ended."""
 
     def show_error(self, reason: str) -> None:
-        """Show why nothing was sent, or which error occurred."""
+        """Show the error text `reason`: why nothing was sent, or what failed."""
 
 
 @dataclass
@@ -43,8 +46,8 @@ class CallWanted(Message):
     """The user wants to make a call.
 
     Attributes:
-        values: Arguments without the handle.
-        subject: Object of the call; None for the selected object of its class.
+        values: Arguments of the call without the handle.
+        subject: Object whose handle the call uses; None for the selected object of the function's class.
     """
 
     result_display: ResultDisplay
@@ -55,7 +58,7 @@ class CallWanted(Message):
 
 @dataclass
 class OpenWanted(Message):
-    """The user wants to open an object of the controller or of the selected robot: of the class `parent`."""
+    """The user wants to open an object of class `kind`, owned by the selected object of class `parent`."""
 
     result_display: ResultDisplay
     parent: ObjectClass

@@ -1,4 +1,4 @@
-"""Watched variables: value, rate, minimum, maximum and recent readings; one row per array element."""
+"""The list of watched variables: value, rate, extremes, recent readings; one row per array element."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from bcapscope.tui.widgets.lines import Lines
 
 
 class ColumnWidths(NamedTuple):
-    """Widths of the parts of a row, in columns."""
+    """Widths of the columns of a row, in characters."""
 
     name: int
     number: int
@@ -40,7 +40,7 @@ class WatchList(Lines):
         handle: int
 
     class ResetWanted(Message):
-        """The user wants to clear the extremes."""
+        """The user wants to reset minimum and maximum of the watched variables."""
 
     def __init__(self, *, id: str | None = None) -> None:
         super().__init__(id=id)

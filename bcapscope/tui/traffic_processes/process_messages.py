@@ -1,4 +1,4 @@
-"""Messages between the screen and the processes that read, search and save, and how pipes carry them."""
+"""Messages between the screen and the processes that read, search and save, and their pipes."""
 
 from __future__ import annotations
 
@@ -21,19 +21,19 @@ _LENGTH_PREFIX = struct.Struct("<I")
 T = TypeVar("T")
 
 STOP_READING = b"."
-"""Sent after a job: the source has ended, so the reader finishes with the data that exists."""
+"""Sent after a job when the source has ended: the reader then finishes with the data that exists."""
 
 
 class ReadJob(msgspec.Struct, frozen=True):
-    """What the reader process reads for the screen, or the watcher of a proxy that the screen starts.
+    """A job: which traffic the reader process, or the watcher of a proxy, reads for the screen.
 
     Attributes:
-        folder: Folder for the journal; exists and is empty.
+        folder: Folder for the journal, which exists and is empty.
         path: Capture file, or the recording that the watcher writes; "" for none.
         interface: Network interface for a live capture; "" for none.
-        follow: Whether the capture is still being written.
-        ports: Ports of controllers; none selects 5007.
-        leg: Prefix of interface names; packets of other interfaces are skipped.
+        follow: Whether another program is still writing the capture.
+        ports: Ports of controllers; an empty tuple selects 5007.
+        leg: Prefix of the names of capture interfaces to read; packets of other interfaces are skipped.
         language: Language of rendered lines, ``en`` or ``ja``.
         own_clients: Whether the clients are bcapscope's own, which stay present while the capture is written.
     """
@@ -52,12 +52,12 @@ class ReadProgress(msgspec.Struct, tag=True, frozen=True):
     """How far reading has come.
 
     Attributes:
-        position: Bytes of the file read so far.
-        size: Size of the file in bytes; 0 if it has none, as in a live capture.
-        problem: Why reading ended early; "" otherwise.
+        position: Number of bytes of the file that have been read.
+        size: Size of the file in bytes; 0 for a live capture.
+        problem: Reason why reading ended early; "" otherwise.
         clients: Number of conversations so far.
-        packets: Capture file with the packets; "" for none.
-        lost: Packets of a live capture that were dropped for lack of buffer space.
+        packets: Name of the capture file with the packets; "" without a file.
+        lost: Number of packets that a live capture dropped for lack of buffer space.
     """
 
     position: int = 0
@@ -73,9 +73,9 @@ class ShownFinding(msgspec.Struct, frozen=True):
     """A finding with escaped strings.
 
     Attributes:
-        sentence: Text by language, since the reader may choose another one at any time.
-        consequence_of: Number of its cause, from 1; 0 for none.
-        advice: Text by language.
+        sentence: Text of the finding by language, because the user may choose another language at any time.
+        consequence_of: Number of the finding's cause, from 1; 0 for no cause.
+        advice: Advice on the finding by language.
     """
 
     rule: str
@@ -104,9 +104,9 @@ class SearchRequest(msgspec.Struct, frozen=True):
     """A search.
 
     Attributes:
-        generation: Number of the search; the matches repeat it.
-        kind: ``frame`` or ``call``.
-        expression: Expression of the filter language; "" stops the search.
+        generation: Number of the search, which the messages with matches repeat.
+        kind: Kind of record to search, ``frame`` or ``call``.
+        expression: Filter expression to search for; "" stops the search.
     """
 
     generation: int
@@ -115,11 +115,11 @@ class SearchRequest(msgspec.Struct, frozen=True):
 
 
 class SearchMatches(msgspec.Struct, frozen=True):
-    """The matches found since the last report.
+    """The matches that a search has found since its last report.
 
     Attributes:
         rows: Frame numbers, or call indexes plus 1, as 32-bit numbers in native byte order.
-        searched: Number of rows examined so far.
+        searched: Number of rows that the search has examined so far.
     """
 
     generation: int
@@ -128,12 +128,12 @@ class SearchMatches(msgspec.Struct, frozen=True):
 
 
 class SaveJob(msgspec.Struct, frozen=True):
-    """What to save: packets of a capture and notes, in a new file.
+    """A job for the save process: packets of a capture and notes to write to a new file.
 
     Attributes:
-        target: New file, which must not exist.
-        notes: Notes by packet number.
-        max_packets: Maximum number of packets, since a capture may still grow; 0 for all.
+        target: Name of the new file, which must not exist.
+        notes: Notes to save, by packet number.
+        max_packets: Maximum number of packets to save, because a capture may still grow; 0 for all.
     """
 
     source: str
@@ -144,7 +144,7 @@ class SaveJob(msgspec.Struct, frozen=True):
 
 
 def problem_text(problem: Message | None, job: ReadJob | SaveJob) -> str:
-    """Return why a job failed, escaped and in the job's language; "" if it did not."""
+    """Return the reason why a job failed, escaped and in the job's language; "" for no problem."""
     return "" if problem is None else printable(MessageFormatter(Language(job.language)).text(problem))
 
 
@@ -152,7 +152,7 @@ def send_message(stream: BinaryIO | io.RawIOBase, message: object) -> None:
     """Write a message to a pipe and flush it.
 
     Raises:
-        OSError: The reader of the pipe has gone.
+        OSError: The process that reads the pipe has gone.
     """
     data = msgspec.msgpack.encode(message)
     write_all(stream, _LENGTH_PREFIX.pack(len(data)) + data)
@@ -173,7 +173,7 @@ def lower_priority() -> None:
 
 
 def _read_exactly(stream: BinaryIO | io.RawIOBase, size: int) -> bytes:
-    """Read `size` bytes, fewer only at the end of the stream; a single read of a pipe can return less."""
+    """Read `size` bytes, or fewer at the end of the stream; a single read of a pipe can return less."""
     data = b""
     while len(data) < size and (more := stream.read(size - len(data))):
         data += more

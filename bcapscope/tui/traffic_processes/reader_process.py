@@ -1,8 +1,8 @@
-"""The reader process: writes observations to a journal and calls to a call store, and reports its analysis.
+"""The reader process: writes observations to a journal, calls to a call store, and analyses the traffic.
 
 Run as ``python -m bcapscope.tui.traffic_processes.reader_process``. The job arrives on standard input;
-reports go to standard output. Any data after the job means that the capture will not grow further. When the
-screen closes standard input or dies, reading ends at once.
+reports go to standard output. Any data on standard input after the job means that the capture will not grow
+further. When standard input closes, because the screen closed it or died, reading ends at once.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ from bcapscope.tui.traffic_processes.process_messages import (
 from bcapscope.tui.traffic_processes.traffic_publisher import TrafficPublisher
 
 _BATCH_MASK = 0xFF
-"""Mask of the frame number: the clock is checked every 256 frames, a fraction of a millisecond."""
+"""Mask for frame numbers: the reader checks the clock every 256 frames, several times per ms."""
 
 LIVE_FILE = "live.pcapng"
 
@@ -56,8 +56,8 @@ class TrafficReader:
         """Prepare a job.
 
         Args:
-            ended: Set when the source has ended: read the data that exists, then finish.
-            cancelled: Set when reading must end, even if data remains.
+            ended: Event that is set when the source has ended; the reader then reads the rest and finishes.
+            cancelled: Event that is set when reading must end, even if data remains.
         """
         self._job = job
         self._source_ended, self._cancelled = ended, cancelled
@@ -68,14 +68,14 @@ class TrafficReader:
         self._has_ended = False
         self._problem: Message | None = None
         self._undiagnosed: list[Observation] = []
-        self._analyse = self._undiagnosed.append  # loading the diagnosis first would delay the first frames
+        self._analyse = self._undiagnosed.append  # loading the diagnosis now would delay the first frames
         self._file: CaptureFile | None = None
         self._live = _LiveCapture(job.interface, folder / LIVE_FILE) if job.interface else None
         self._packet_file = str(folder / LIVE_FILE) if job.interface else job.path
         self._last_capture_time = self._last_capture_seen_at = 0
 
     def run(self) -> None:
-        """Read to the end of the source, or until cancelled."""
+        """Read to the end of the source, or until `cancelled` is set."""
         with closing(self._publisher):
             try:
                 self._read()
@@ -104,7 +104,7 @@ class TrafficReader:
                     return
 
     def _load_diagnosis(self) -> None:
-        """Load the diagnosis, and show it all observations so far."""
+        """Load the diagnosis, and add all observations so far to it."""
         if self._publisher.has_diagnosis:
             return
         self._pipeline = Pipeline(*self._publisher.subscribers())
@@ -129,7 +129,7 @@ class TrafficReader:
             raise self._live.problem
 
     def _on_idle(self) -> None:
-        """Let calls time out while no new packets arrive."""
+        """Expire calls that have waited too long, while no new packets arrive."""
         if self._live is not None and self._live.problem is not None:
             self._source_ended.set()
         if self._publisher.journal.count:
@@ -138,7 +138,7 @@ class TrafficReader:
         self._publisher.report_if_due(self._observer.end_time)
 
     def _capture_time(self) -> int:
-        """Return the present time in ns by the packets' clock, possibly another machine's or long past."""
+        """Return the present time in ns by the packets' clock, which may be that of another machine."""
         latest, now = self._observer.end_time, time.monotonic_ns()
         if latest != self._last_capture_time:
             self._last_capture_time, self._last_capture_seen_at = latest, now
@@ -158,7 +158,7 @@ class TrafficReader:
 
 
 class _LiveCapture:
-    """Captures on an interface in its own thread and writes all packets to a file."""
+    """Captures packets on an interface in a separate thread, and writes all packets to a file."""
 
     def __init__(self, interface: str, path: Path) -> None:
         self.path = path
@@ -186,9 +186,9 @@ class _LiveCapture:
 
 
 def main() -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is a key of the screen
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the screen uses Ctrl-C as a key
     lower_priority()
-    asked = io.FileIO(0, closefd=False)  # sys.stdin has a lock that a thread would still hold at the end
+    asked = io.FileIO(0, closefd=False)  # bypasses sys.stdin, whose lock a thread would still hold at the end
     job = next(receive_messages(asked, ReadJob), None)
     if job is None:
         return
@@ -202,7 +202,7 @@ def main() -> None:
 
     threading.Thread(target=wait_for_the_end, daemon=True, name="end").start()
     gc.freeze()
-    gc.set_threshold(20_000, 20, 100)  # frames and calls contain no reference cycles
+    gc.set_threshold(20_000, 20, 100)  # frames and calls contain no reference cycles to collect
     try:
         TrafficReader(job, cast(BinaryIO, sys.stdout.buffer), ended, unwanted).run()
     except BrokenPipeError:  # the screen has gone

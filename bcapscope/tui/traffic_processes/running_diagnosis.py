@@ -20,7 +20,7 @@ MAX_LINES = 20_000
 
 
 class RunningDiagnosis:
-    """Diagnosis and statistics of the traffic so far, as `subscribers`; `snapshot` returns the analysis."""
+    """Diagnosis and statistics of traffic: `subscribers` receive it, and `snapshot` returns the analysis."""
 
     def __init__(self, words: MessageFormatter = ENGLISH_WORDS) -> None:
         self._words = words
@@ -30,10 +30,10 @@ class RunningDiagnosis:
         self.subscribers: tuple[PipelineSubscriber, ...] = self.diagnosis, self._statistics
 
     def snapshot(self, ended: int, present: bool = False) -> TrafficAnalysis:
-        """Return the analysis so far; more calls can follow.
+        """Return the analysis so far; further calls can follow later.
 
         Args:
-            ended: Assumed end of the traffic, ns since 1970.
+            ended: Time in ns since 1970 at which the traffic is assumed to end.
             present: Whether silent clients are known to be still connected.
         """
         statistics, totals = self._statistics.statistics(), self.diagnosis.totals(ended)
@@ -53,7 +53,7 @@ class RunningDiagnosis:
 
 
 def shown_finding(finding: Finding, totals: TrafficTotals) -> ShownFinding:
-    """Return a finding as text in each language, with escaped strings."""
+    """Return a finding with its text in each language; strings are escaped."""
     all_words = [words_for(MessageFormatter(language), totals) for language in Language]
     return ShownFinding(
         finding.rule,

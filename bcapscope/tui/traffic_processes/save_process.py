@@ -1,7 +1,7 @@
-"""The process that saves packets and notes in a new file; the original file is never changed.
+"""The save process: writes packets and notes to a new file, and never changes the original file.
 
 Run as ``python -m bcapscope.tui.traffic_processes.save_process``. The job arrives on standard input. Standard
-output gets one sentence if something failed, and nothing otherwise.
+output receives one sentence if saving failed, and nothing otherwise.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from bcapscope.tui.traffic_processes.process_messages import SaveJob, problem_te
 
 
 def save_packets(job: SaveJob) -> Message | None:
-    """Write the new file; return why that failed or is incomplete, None on success."""
+    """Write the new file; return why writing failed or is incomplete, or None on success."""
     target = Path(job.target)
     try:
         file = target.open("xb")

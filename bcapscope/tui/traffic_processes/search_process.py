@@ -1,8 +1,8 @@
-"""The search process: applies a filter to a journal and reports the matches.
+"""The search process: applies a filter to the records of a journal, and reports the matches.
 
-Run as ``python -m bcapscope.tui.traffic_processes.search_process FOLDER``. Requests arrive on standard input;
-matches go to standard output. A new request ends the previous one. A search that has reached the end
-continues with new rows.
+bcapscope runs it as ``python -m bcapscope.tui.traffic_processes.search_process FOLDER``. Search requests
+arrive on standard input; matches go to standard output. A new request ends the previous search. A search that
+has reached the last row continues when new rows arrive.
 """
 
 from __future__ import annotations
@@ -36,14 +36,14 @@ REPORT_INTERVAL = 0.05
 """Seconds between two reports."""
 
 _BATCH = 128
-"""Rows between two checks for a new request: some milliseconds."""
+"""Number of rows between two checks for a new request; examining them takes some milliseconds."""
 
 
 class TrafficSearch:
-    """Runs one search at a time, the latest requested."""
+    """Runs one search at a time: the search that was requested last."""
 
     def __init__(self, folder: Path, answers: BinaryIO) -> None:
-        """Open the journal in `folder`; matches go to `answers`."""
+        """Open the journal in `folder`; write matches to `answers`."""
         self._answers = answers
         self._journal = ObservationStore(folder)
         self._calls = CallStore(folder, self._journal)
@@ -51,7 +51,7 @@ class TrafficSearch:
         self._request_arrived = threading.Event()
 
     def read_requests(self, requests: io.RawIOBase) -> None:
-        """Read requests until the stream ends, then end the process."""
+        """Read requests until the input stream ends, then end the process."""
         for ask in receive_messages(requests, SearchRequest):
             self._latest_request = ask
             self._request_arrived.set()
@@ -67,12 +67,12 @@ class TrafficSearch:
             self._request_arrived.clear()
 
     def _answer_request(self, request: SearchRequest) -> None:
-        """Search the existing rows, then new rows, until another request arrives."""
+        """Search the existing rows, then new rows, until the screen sends another request."""
         is_frame = request.kind == RecordKind.FRAME
         fits, size = self._frame_search(request) if is_frame else self._call_search(request)
         searched, rows, reported = 0, array("I"), 0.0
         reported_at = -1
-        while self._latest_request is request:  # checked here, since `_request_arrived` may be set only later
+        while self._latest_request is request:  # `_request_arrived` may be set only later
             there = size()
             stop = min(there, searched + _BATCH)
             rows.extend(row for row in range(searched + 1, stop + 1) if fits(row))
@@ -100,7 +100,7 @@ class TrafficSearch:
 
 
 def main() -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is a key of the screen
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the screen uses Ctrl-C as a key
     lower_priority()
     searching = TrafficSearch(Path(sys.argv[1]), cast(BinaryIO, sys.stdout.buffer))
     asks = io.FileIO(0, closefd=False)

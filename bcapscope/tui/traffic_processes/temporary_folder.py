@@ -1,4 +1,4 @@
-"""Temporary folders for the lifetime of the screen: journals, and recordings that the user does not keep."""
+"""Temporary folders of the screen, for journals and for recordings that the user does not keep."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from bcapscope.tui.traffic_processes import folder_cleanup
 
 _PREFIX = "traffic-"
 _REMOVE_TIMEOUT = 10.0
-"""Seconds that `close` waits for the removal."""
+"""Maximum time in seconds that `close` waits until the folder is removed."""
 
 
 class TemporaryFolderError(BcapError):
@@ -29,13 +29,13 @@ class TemporaryFolderError(BcapError):
 class TemporaryFolder:
     """A folder that is removed when the screen ends, even if the screen is killed. It is a context manager.
 
-    Its files need names, since several processes open them, such as the proxy's relay. Windows cannot remove
-    a file that is open. A separate process therefore waits for the end of the screen and then removes the
-    folder.
+    The files in the folder need names, because several processes open them, such as the proxy's relay.
+    Windows cannot remove a file that is open. A separate process therefore waits until the screen has ended,
+    and then removes the folder.
     """
 
     def __init__(self) -> None:
-        """Create a folder in the platform's cache.
+        """Create a folder in the platform's folder for caches.
 
         Raises:
             TemporaryFolderError: The folder cannot be created.
@@ -64,7 +64,7 @@ class TemporaryFolder:
         self.close()
 
     def close(self) -> None:
-        """Start the removal and wait for it."""
+        """Start the removal of the folder, and wait for its end."""
         assert self._cleanup_process.stdin is not None
         with suppress(OSError):  # the process was killed
             self._cleanup_process.stdin.close()
@@ -77,19 +77,19 @@ def cache_root() -> Path:
 
 
 def _remove_leftovers(root: Path) -> None:
-    """Remove folders that survived, for example, a power failure."""
+    """Remove folders of earlier screens that were left behind, for example after a power failure."""
     for left in root.glob(f"{_PREFIX}*"):
         if not _is_used(left):
             shutil.rmtree(left, ignore_errors=True)
 
 
 def _is_used(folder: Path) -> bool:
-    """Return whether the process in the folder's name still runs."""
+    """Return whether the process that created a folder still runs; the folder's name contains its number."""
     number = folder.name.removeprefix(_PREFIX).partition("-")[0]
     if not number.isdigit():
         return True
     if sys.platform == "win32":
-        return True  # os.kill would end the process; leftovers are small and in a cache
+        return True  # os.kill would end the process on Windows; leftover folders are small and in a cache
     try:
         os.kill(int(number), 0)
     except ProcessLookupError:

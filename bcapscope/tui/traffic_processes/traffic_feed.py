@@ -1,4 +1,4 @@
-"""The screen's interface to the processes that read, search and save."""
+"""The screen's interface to the processes that read, search and save traffic."""
 
 from __future__ import annotations
 
@@ -28,23 +28,23 @@ from bcapscope.tui.traffic_processes.process_messages import (
 from bcapscope.tui.traffic_processes.temporary_folder import TemporaryFolder, cache_root
 
 _END_TIMEOUT = 2.0
-"""Seconds that a process has to end before it is killed."""
+"""Maximum time in seconds for a process to end; after that, it is killed."""
 
 
 @dataclass(frozen=True, slots=True)
 class SourceProblem:
-    """It is unknown whether more traffic follows, or none will; "" as `reason` withdraws that."""
+    """Whether more traffic follows is uncertain; `reason` says why, or is "" once it is certain."""
 
     reason: str
 
 
 @dataclass(frozen=True, slots=True)
 class PublishedTraffic:
-    """What the watcher of a proxy publishes.
+    """Traffic that the watcher of a proxy publishes for the screen.
 
     Attributes:
-        job: What it publishes. The folder is not removed with the feed.
-        reports: Delivers `ReadProgress` and `TrafficAnalysis`.
+        job: Job of the watcher. The feed does not remove the job's folder.
+        reports: Stream from which the feed reads `ReadProgress` and `TrafficAnalysis` messages.
     """
 
     job: ReadJob
@@ -52,7 +52,7 @@ class PublishedTraffic:
 
 
 def watcher_job(folder: Path, recording: Path) -> ReadJob:
-    """Return the job of a proxy's watcher; `folder` exists and holds no files of another job."""
+    """Return a job for a proxy's watcher; `folder` must exist and hold no files of another job."""
     return ReadJob(str(folder), str(recording), follow=True, language=current_language())
 
 
@@ -61,12 +61,12 @@ FeedListener = Callable[[FeedUpdate], None]
 
 
 class TrafficFeed:
-    """One source of traffic. It passes reports to listeners in its own thread.
+    """One source of traffic, which passes reports to a listener in a separate thread.
 
     Attributes:
-        journal: All observations; None before the first.
-        calls: All settled calls; None before the first.
-        is_closed: Whether the data can no longer be read.
+        journal: Store of all observations; None before the first observation.
+        calls: Store of all complete calls and stray replies; None before the first observation.
+        is_closed: Whether the feed is closed, so that its data can no longer be read.
     """
 
     def __init__(
@@ -80,7 +80,7 @@ class TrafficFeed:
         own_clients: bool = False,
         published: PublishedTraffic | None = None,
     ):
-        """Read a capture or interface, see `ReadJob`, or only what a proxy's watcher has `published`."""
+        """Read a capture or an interface (see `ReadJob`), or receive what a proxy's watcher publishes."""
         self._folder: TemporaryFolder | None = None
         if published is None:
             self._folder = TemporaryFolder()
@@ -107,7 +107,7 @@ class TrafficFeed:
         else:
             threading.Thread(
                 target=self._read_reports, args=(published.reports,), daemon=True, name="feed"
-            ).start()  # it ends with the proxy, after `close`
+            ).start()  # this thread ends with the proxy, after `close`
 
     def _start_thread(self, target: Callable[..., None], *arguments: object) -> None:
         thread = threading.Thread(target=target, args=arguments, daemon=True, name="feed")
@@ -127,13 +127,13 @@ class TrafficFeed:
 
     @property
     def display_path(self) -> Path:
-        """The capture, as a basis for names of new files; ``live.pcapng`` for a temporary capture."""
+        """Capture file from which names of new files are made; ``live.pcapng`` for a temporary capture."""
         path = Path(self.job.path)
         lasts = self.job.path and not path.is_relative_to(cache_root())
         return path if lasts else Path("live.pcapng")
 
     def subscribe(self, listener: FeedListener) -> None:
-        """Pass all updates to `listener`, in another thread; past updates are passed at once."""
+        """Pass all later updates to `listener`, from another thread; pass earlier updates at once."""
         with self._lock:
             self._listener = listener
             waiting, self._undelivered = self._undelivered, []
@@ -141,7 +141,7 @@ class TrafficFeed:
             listener(message)
 
     def open_journal(self) -> bool:
-        """Open the journal; return whether it exists yet."""
+        """Open the journal and the call store; return whether they exist yet."""
         if self.journal is None:
             folder = Path(self.job.folder)
             try:
@@ -152,7 +152,7 @@ class TrafficFeed:
         return self.journal is not None
 
     def _read_reports(self, stream: BinaryIO) -> None:
-        """Forward the reports, and report if they end without a final one."""
+        """Forward the reports of the reading process; report an error if no final report arrives."""
         ended = False
         kind = cast("type[ReadProgress | TrafficAnalysis]", ReadProgress | TrafficAnalysis)
         with stream as reports:
@@ -177,7 +177,7 @@ class TrafficFeed:
             listener(message)
 
     def search(self, kind: str, expression: str) -> int:
-        """Search for matching rows ("" ends the search); return the generation of the matches."""
+        """Start a search for matching rows ("" ends the search); return the number of the search."""
         self._generation += 1
         request = SearchRequest(self._generation, kind, expression)
         if self._searcher is not None and self._searcher.poll() is not None:
@@ -188,7 +188,7 @@ class TrafficFeed:
                 return self._generation
             self._searcher = self._start_process("search_process", self.job.folder)
             self._start_thread(self._read_matches, self._searcher)
-        with suppress(OSError):  # it died just now; the next search starts it again
+        with suppress(OSError):  # the process has just died; the next search starts another
             send_message(_pipe(self._searcher.stdin), request)
         return self._generation
 
@@ -198,23 +198,26 @@ class TrafficFeed:
                 self._publish(message)
 
     def make_save_job(self, target: str, notes: dict[int, str]) -> SaveJob:
-        """Return the job that saves all packets seen so far with notes by packet number, in a new file."""
+        """Return a job that saves all packets seen so far, and notes by packet number, in a new file."""
         most = 0
         if self.journal is not None and not self.progress.ended and len(self.journal):
             most = self.journal.read_frame(len(self.journal)).observation.packet
         return SaveJob(self.progress.packets, target, notes, most, current_language())
 
     def save(self, job: SaveJob) -> str:
-        """Run a save job; return why it failed, or "". This blocks: call it from a separate thread."""
+        """Run a save job, and return why it failed, or "" on success.
+
+        The method blocks, so call it from a separate thread.
+        """
         process = self._start_process("save_process")
         send_message(_pipe(process.stdin), job)
         out, _ = process.communicate()
         return out.decode() if process.returncode == 0 else self._last_error_line()
 
     def stop_reading(self) -> None:
-        """Treat the source as ended; the reader still processes the data that exists.
+        """Tell the reader that the source has ended; the reader still processes the data that exists.
 
-        The watcher of a proxy ends with its relay, and needs no order.
+        The watcher of a proxy ends with its relay, and needs no such message.
         """
         if self._reader is None:
             return
@@ -223,7 +226,10 @@ class TrafficFeed:
             _pipe(self._reader.stdin).flush()
 
     def report_source_problem(self, reason: str) -> None:
-        """Report why no more traffic may follow (one sentence; "" withdraws it). Any thread may call."""
+        """Report in one sentence why no more traffic may follow; "" withdraws an earlier report.
+
+        Any thread may call this method.
+        """
         self._publish(SourceProblem(reason))
 
     def close(self) -> None:
@@ -244,7 +250,7 @@ class TrafficFeed:
 
 
 def _end_process(process: subprocess.Popen[bytes]) -> None:
-    with suppress(OSError):  # it ended before it had read everything
+    with suppress(OSError):  # the process ended before it had read all input
         _pipe(process.stdin).close()
     process.terminate()
     try:
@@ -255,6 +261,6 @@ def _end_process(process: subprocess.Popen[bytes]) -> None:
 
 
 def _pipe(stream: IO[bytes] | None) -> Any:
-    """Return a process's pipe, which exists because the process was started with one."""
+    """Return the pipe of a process, which is never None here because each process is started with pipes."""
     assert stream is not None
     return stream

@@ -1,4 +1,4 @@
-"""Traffic for the screen, from the process that reads it: files of frames and calls, and reports."""
+"""Publishes traffic for the screen: writes files of frames and calls, and sends reports."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ if TYPE_CHECKING:
     from bcapscope.tui.traffic_processes.running_diagnosis import RunningDiagnosis
 
 FLUSH_INTERVAL = 0.1
-"""Seconds between two reports of new frames; drawing them delays keys."""
+"""Minimum time in seconds between two reports of new frames, because drawing the frames delays keys."""
 
 ANALYSIS_INTERVAL = 1.5
-"""Seconds between two reports of the analysis."""
+"""Minimum time in seconds between two reports of the analysis."""
 
 
 class CallRecorder(PipelineSubscriber):
@@ -50,7 +50,7 @@ class TrafficPublisher:
         send: Callable[[ReadProgress | TrafficAnalysis], object],
         make_progress: Callable[[], ReadProgress],
     ) -> None:
-        """Create the files; raises `OSError` if that fails."""
+        """Create the journal and the call store; raises `OSError` if creating them fails."""
         folder = Path(job.folder)
         self.journal = ObservationStoreWriter(folder)
         self._calls = CallStoreWriter(folder)
@@ -64,11 +64,14 @@ class TrafficPublisher:
 
     @property
     def has_diagnosis(self) -> bool:
-        """Whether the diagnosis is loaded. Loading it first would delay the first frames."""
+        """Whether the diagnosis is loaded.
+
+        Loading the diagnosis at the start would delay the first frames.
+        """
         return self._diagnosis is not None
 
     def load_diagnosis(self) -> RunningDiagnosis:
-        """Return the diagnosis of the traffic so far, after loading it if necessary."""
+        """Return the diagnosis of the traffic; load the diagnosis first if necessary."""
         if self._diagnosis is None:
             from bcapscope.tui.traffic_processes.running_diagnosis import RunningDiagnosis  # noqa: PLC0415 - see has_diagnosis
 
@@ -76,18 +79,18 @@ class TrafficPublisher:
         return self._diagnosis
 
     def subscribers(self) -> tuple[PipelineSubscriber, ...]:
-        """Return what subscribes to the pipeline, the diagnosis included."""
+        """Return the subscribers of the traffic pipeline, including those of the diagnosis."""
         return self.call_recorder, *self.load_diagnosis().subscribers
 
     def report_progress(self) -> None:
-        """Make all frames and calls visible to the screen, and report that."""
+        """Write frames and calls to the files that the screen reads, and report progress to the screen."""
         self.journal.flush()
         self._calls.flush()
         self._send(self._make_progress())
         self._last_flush = time.monotonic()
 
     def report_if_due(self, end_time: int) -> None:
-        """Report progress, more rarely the analysis; the traffic ends at `end_time` (ns since 1970)."""
+        """Report progress, and less often the analysis, of the traffic until `end_time` (ns since 1970)."""
         now = time.monotonic()
         if now - self._last_flush < FLUSH_INTERVAL:
             return
@@ -98,7 +101,7 @@ class TrafficPublisher:
             self._last_analysis, self._last_analysis_count = time.monotonic(), seen
 
     def report_end(self, end_time: int) -> None:
-        """Report the last analysis, then the last progress."""
+        """Report the final analysis, then the final progress."""
         self.journal.flush()
         self._calls.flush()
         self._send(self.load_diagnosis().snapshot(end_time, self._job.own_clients))

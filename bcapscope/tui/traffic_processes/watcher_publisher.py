@@ -1,8 +1,8 @@
-"""What the watcher of a proxy does for the screen that started the proxy.
+"""Publishes traffic from the watcher of a proxy to the screen that started the proxy.
 
-The screen reads frames and calls from files, as it reads those of the reader process. Reports go to standard
-output, which the relay shares. The relay first writes its addresses there, and accepts clients afterwards;
-therefore there are no reports before the first client.
+The screen reads the proxy's frames and calls from files, like those of the reader process. The watcher's
+reports go to standard output, which the relay shares. The relay first writes its addresses to standard
+output, and accepts clients only afterwards; so no report precedes the first client.
 """
 
 from __future__ import annotations
@@ -25,13 +25,13 @@ from bcapscope.tui.traffic_processes.process_messages import (
 from bcapscope.tui.traffic_processes.traffic_publisher import TrafficPublisher
 
 _SENT_WITHIN = 2.0
-"""Seconds for sending the last reports."""
+"""Maximum time in seconds for sending the last reports."""
 
 
 class ReportSender:
-    """Sends reports in a thread, so that a screen that stands still delays nothing.
+    """Sends reports in a separate thread, so that a screen which does not read delays nothing.
 
-    A report that has not been sent yet is replaced by the next one of its kind.
+    A newer report replaces a report of the same kind that has not been sent yet.
     """
 
     def __init__(self, stream: io.RawIOBase) -> None:
@@ -44,12 +44,12 @@ class ReportSender:
 
     def send(self, report: ReadProgress | TrafficAnalysis) -> None:
         with self._changed:
-            self._waiting.pop(type(report), None)  # the new report is the last in the order of sending
+            self._waiting.pop(type(report), None)  # so that the new report is sent last
             self._waiting[type(report)] = report
             self._changed.notify()
 
     def close(self) -> None:
-        """Send the remaining reports, as far as the time limit allows."""
+        """Send the remaining reports within `_SENT_WITHIN` seconds."""
         with self._changed:
             self._is_closing = True
             self._changed.notify()
@@ -68,10 +68,13 @@ class ReportSender:
 
 
 class WatcherPublisher:
-    """Publishes what the watcher decodes. If a file cannot be written, it reports that and stops."""
+    """Publishes what the watcher decodes.
+
+    If a file cannot be written, the publisher reports the error and stops publishing.
+    """
 
     def __init__(self, job: ReadJob, sender: ReportSender) -> None:
-        """Create the files; raises `OSError` if that fails."""
+        """Create the files for the screen; raises `OSError` if creating them fails."""
         self._job = job
         self._sender = sender
         self._publisher = TrafficPublisher(job, sender.send, self._make_progress)
@@ -82,7 +85,7 @@ class WatcherPublisher:
         self._has_ended, self._problem = False, ""
 
     def on_frame(self, observation: Observation, note: str) -> None:
-        """Publish a frame, with a note of what a rule did to it."""
+        """Publish a frame; `note` says what a proxy rule did to the frame, or is ""."""
         kind = self._call_kind_of(observation)
         if not self._has_ended:
             try:
@@ -91,7 +94,7 @@ class WatcherPublisher:
                 self._give_up(error)
 
     def report_if_due(self, client_count: int) -> None:
-        """Report what is new, if the last report is long enough ago."""
+        """Report what is new, if enough time has passed since the last report."""
         self._client_count = client_count
         if client_count and not self._has_ended:
             try:
@@ -100,7 +103,7 @@ class WatcherPublisher:
                 self._give_up(error)
 
     def close(self, end_time: int) -> None:
-        """Report the end of the traffic, which was at `end_time` (ns since 1970), and close the files."""
+        """Report the end of the traffic at `end_time` (ns since 1970), and close the files."""
         if self._client_count and not self._has_ended:
             self._has_ended = True
             try:

@@ -1,4 +1,4 @@
-"""One viewer of the served screen: the process that draws it, and the seats that viewers take."""
+"""The process that draws the screen for one viewer, and the limit on the number of viewers."""
 
 from __future__ import annotations
 
@@ -12,22 +12,23 @@ from textual_serve.app_service import AppService
 from textual_serve.download_manager import DownloadManager
 
 ENDS_WITHIN = 13.0
-"""Seconds that a screen has to end; then it is killed. Longer than `tui.app.CLOSE_TIMEOUT`, within which it
-releases what it opened."""
+"""Maximum time in seconds for a screen process to end; then the process is killed.
+
+The time is longer than `tui.app.CLOSE_TIMEOUT`, within which the process releases what it opened.
+"""
 
 RELOAD_WITHIN = 2.0
-"""Seconds that a new viewer waits for a seat: a page that reloads may connect before its old connection
-ends."""
+"""Time in seconds that a new viewer waits for a seat: a reloaded page may still occupy its old one."""
 
 _KILLED_WITHIN = 2.0
 
 
 class NoSeat(Exception):
-    """All seats are taken by connected viewers."""
+    """No seat is free, because other viewers are connected."""
 
 
 class ViewerSeats:
-    """The seats of a served screen; each viewer occupies one."""
+    """Limits the viewers of a served screen: each viewer occupies one of a fixed number of seats."""
 
     def __init__(self, count: int) -> None:
         self._free = asyncio.Semaphore(count)
@@ -35,7 +36,7 @@ class ViewerSeats:
 
     @asynccontextmanager
     async def taken(self) -> AsyncIterator[None]:
-        """Occupy a seat for the length of the block; raises `NoSeat` if none becomes free in time."""
+        """Occupy a seat while the `with` block runs; raises `NoSeat` if no seat becomes free in time."""
         if not await self._acquire(RELOAD_WITHIN) and not (
             self._ending and await self._acquire(ENDS_WITHIN + _KILLED_WITHIN)
         ):
@@ -47,7 +48,7 @@ class ViewerSeats:
 
     @asynccontextmanager
     async def ending(self) -> AsyncIterator[None]:
-        """Announce that one seat becomes free soon, for the length of the block."""
+        """While the `with` block runs, tell new viewers that a seat becomes free soon."""
         self._ending += 1
         try:
             yield
@@ -62,10 +63,10 @@ class ViewerSeats:
 
 
 class ScreenProcess(AppService):
-    """A `bcapscope tui` process that draws into a websocket.
+    """A `bcapscope tui` process that draws the screen through a websocket.
 
-    It runs in its own process session. Ctrl-C therefore reaches only this parent process, which ends the
-    screen in order, so that it can release the robot first.
+    The process runs in a separate process session. Ctrl-C therefore reaches only the parent process, which
+    ends the screen process in order, so that it can release the robot.
     """
 
     def __init__(
@@ -78,9 +79,9 @@ class ScreenProcess(AppService):
         """Prepare the process.
 
         Args:
-            write_bytes: Sends drawing data. It must not raise, since the process blocks if its output is not
-                read.
-            write_str: Sends messages to the page; must not raise either.
+            write_bytes: Function that sends drawing data to the page. The function must not raise: the
+                process blocks if its output is not read.
+            write_str: Function that sends messages to the page. The function must not raise.
         """
 
         async def close_viewer() -> None:
@@ -96,7 +97,7 @@ class ScreenProcess(AppService):
         self._argv = tuple(argv)
 
     async def _open_app_process(self, width: int = 80, height: int = 24) -> Process:
-        """Start the command directly. textual-serve would start a shell, which forwards no signals."""
+        """Start the command without a shell: textual-serve's shell would forward no signals."""
         self._process = process = await asyncio.create_subprocess_exec(
             *self._argv,
             stdin=asyncio.subprocess.PIPE,
@@ -113,7 +114,7 @@ class ScreenProcess(AppService):
             await self._process.wait()
 
     async def stop(self) -> None:
-        """End the process in order; kill it if that takes longer than `ENDS_WITHIN`."""
+        """End the process in order; kill the process if ending takes longer than `ENDS_WITHIN` seconds."""
         task, self._task = self._task, None
         process = self._process
         if task is None or process is None:
@@ -126,6 +127,6 @@ class ScreenProcess(AppService):
             with suppress(ProcessLookupError):
                 process.kill()
             await process.wait()
-        with suppress(TimeoutError):  # a child of the process may still hold its output open
+        with suppress(TimeoutError):  # a child of the killed process may still hold its output open
             async with asyncio.timeout(_KILLED_WITHIN):
                 await task

@@ -1,4 +1,4 @@
-"""Connections to the served screen: those without the secret cannot exhaust the server."""
+"""Limits connections to the served screen, so that clients without the secret cannot exhaust the server."""
 
 from __future__ import annotations
 
@@ -8,14 +8,17 @@ from aiohttp import web
 from aiohttp.web_protocol import RequestHandler
 
 PROVES_WITHIN = 10.0
-"""Seconds that a connection may last without a request that passes the gate."""
+"""Maximum time in seconds that a connection may last without a request that passes the gate."""
 
 MAX_UNPROVED = 64
-"""Maximum number of such connections; the oldest is closed first. A browser opens six at most."""
+"""Maximum number of connections that have not passed the gate; the oldest is closed first.
+
+A browser opens at most six connections.
+"""
 
 
 class WebConnections:
-    """Makes the protocol of each connection; ends connections without the secret."""
+    """Creates the protocol object of each connection, and ends connections without the secret."""
 
     def __init__(self, server: web.Server) -> None:
         self._server = server
@@ -30,7 +33,7 @@ class WebConnections:
         return handler
 
     def mark_proved(self, handler: RequestHandler) -> None:
-        """Keep a connection whose request passed the gate."""
+        """Keep a connection, because one of its requests has passed the gate."""
         timer = self._unproved.pop(handler, None)
         if timer is not None:
             timer.cancel()

@@ -1,9 +1,9 @@
 """Access check of the served screen: one check for every HTTP request, without I/O.
 
-The printed address contains a token. It opens a page that sets a cookie and forwards to a secret path.
-Everything else is below that path and needs the cookie. Browsers send a cookie to every port of a host, where
-another user's server could collect it. This cookie is limited to the secret path, which keeps it from such
-servers.
+The address that bcapscope prints contains a token. The printed address opens a page that sets a cookie and
+forwards to a secret path. All other pages are below the secret path and need the cookie. Browsers send a
+cookie to every port of a host, where a server of another user could collect it. The cookie is limited to the
+secret path, so browsers do not send it to such servers.
 """
 
 from __future__ import annotations
@@ -17,12 +17,11 @@ from bcapscope.traffic.observation import Endpoint
 
 COOKIE = "bcapscope"
 TOKEN = "token"
-"""The name of the token in the query of the printed address."""
+"""Name of the token in the query of the printed address."""
 
 _HTTP_PORT = 80
 _NOT_FROM_OTHER_PAGES = ("", "none", "same-origin")
-"""Accepted values of Sec-Fetch-Site: for a typed address, a bookmark, bcapscope's own page; "" from browsers
-that do not send it."""
+"""Accepted values of Sec-Fetch-Site: a typed address, a bookmark, bcapscope's own page, no header."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,10 +29,10 @@ class WebRequest:
     """The parts of an HTTP request that identify its sender.
 
     Attributes:
-        path: Decoded path without the query.
-        fetch_site: The Sec-Fetch-Site header, "" if missing.
-        token: The token in the query, "" if missing.
-        cookie: The value of `COOKIE`, "" if missing.
+        path: Decoded path of the request without the query.
+        fetch_site: Value of the header Sec-Fetch-Site; "" if missing.
+        token: Token in the query of the request; "" if missing.
+        cookie: Value of the cookie `COOKIE`; "" if missing.
     """
 
     path: str
@@ -46,14 +45,14 @@ class WebRequest:
 
 
 class WebGate:
-    """The secrets of one served screen.
+    """The secrets of one served screen, and the check of requests against them.
 
     Attributes:
-        authority: Host and port in the form of Host headers.
+        authority: Host and port of the server, as in Host headers.
         origin: The only origin that may send requests, such as `http://127.0.0.1:8000`.
         entry_url: Address that the user opens, with the token.
-        base_path: Path of everything else, without a slash at the end.
-        cookie: Value of `COOKIE` that grants access below `base_path`.
+        base_path: Secret path of all pages except the entry page, without a slash at the end.
+        cookie: Value of the cookie `COOKIE` that grants access below `base_path`.
     """
 
     def __init__(self, address: Endpoint) -> None:
@@ -74,7 +73,7 @@ class WebGate:
             return (
                 "" if _equal_in_constant_time(request.token, self._token) else "the token is missing or wrong"
             )
-        # Always compare both, so that the response time does not show which one was right.
+        # Always compare both secrets, so that the response time does not show which of them was right.
         below = _equal_in_constant_time(request.path[: len(self.base_path) + 1], f"{self.base_path}/")
         allowed = _equal_in_constant_time(request.cookie, self.cookie)
         if not below or not allowed:

@@ -24,13 +24,16 @@ from bcapscope.tui.web.web_connections import WebConnections
 from bcapscope.tui.web.web_gate import COOKIE, TOKEN, WebGate, WebRequest
 
 HEARTBEAT = 4.0
-"""Seconds between two pings to a viewer. A viewer that does not answer within half of it is gone."""
+"""Seconds between two pings to a viewer.
+
+A viewer that does not answer within half of this time counts as gone.
+"""
 
 _LARGEST_MESSAGE = 1 << 20
-"""Maximum size of a message in bytes; pasted text is the largest."""
+"""Maximum size in bytes of a message from a page; pasted text is the largest message."""
 
 _LARGEST_SIZE = 1000
-"""Maximum number of columns or lines; no display shows more."""
+"""Maximum number of columns or lines of a screen; no display shows more."""
 
 _BUSY_PATH = "/busy"
 
@@ -44,13 +47,13 @@ RequestHandler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
 
 class WebServer:
-    """Serves one command's screen to viewers who know the address."""
+    """Serves the screen of one command to viewers who know the address."""
 
     def __init__(self, argv: Sequence[str], listening: socket.socket, viewers: int) -> None:
         """Prepare the server.
 
         Args:
-            listening: Socket that listens on loopback; `run` closes it.
+            listening: Socket that listens on a loopback address; `run` closes the socket.
             viewers: Maximum number of viewers; each gets a separate process.
         """
         address = Endpoint(*listening.getsockname()[:2])
@@ -61,11 +64,12 @@ class WebServer:
         self._seats = ViewerSeats(viewers)
         self._websockets: set[web.WebSocketResponse] = set()
         self._connections: WebConnections | None = None
-        # textual-serve renders the page. This module controls access, processes and logging.
+        # textual-serve renders the page. textual-serve does nothing else here: this module controls access,
+        # processes and logging.
         self._pages = Server("", address.host, address.port, "bcapscope", self.gate.origin)
 
     async def run(self, on_listening: Callable[[], None]) -> None:
-        """Serve until SIGINT or SIGTERM, then end every screen in order."""
+        """Serve until SIGINT or SIGTERM, then end every screen process in order."""
         runner = web.AppRunner(
             self._application(),
             access_log=None,  # the access log would contain the token
@@ -147,9 +151,10 @@ class WebServer:
         )
 
     async def _entry_page(self, request: web.Request) -> web.Response:
-        """Set the cookie and forward, which removes the token from the address bar and the history.
+        """Set the cookie and forward to the secret path, so that the address bar loses the token.
 
-        A redirect would not work: after a link on another page browsers would not send the cookie with it.
+        The page forwards without a redirect: browsers would not send the cookie with a redirect after a link
+        on another page.
         """
         head = f'<meta http-equiv="refresh" content="0; url={self.gate.base_path}/">'
         body = f'<p><a style="color: #9cf" href="{self.gate.base_path}/">Open the screen</a></p>'
@@ -208,7 +213,7 @@ class WebServer:
                 await screen.stop()
 
     async def _close_all(self, application: web.Application) -> None:
-        """Close every viewer's connection, which ends the screens."""
+        """Close every viewer's connection, which ends the screen processes."""
         going = b"the server is ending"
         await asyncio.gather(
             *(each.close(code=WSCloseCode.GOING_AWAY, message=going) for each in self._websockets)
@@ -223,7 +228,7 @@ async def _close_after(screen: ScreenProcess, websocket: web.WebSocketResponse) 
 async def _handle_page_event(
     message: WSMessage, screen: ScreenProcess, websocket: web.WebSocketResponse
 ) -> None:
-    """Pass a key or another event of the page to the screen; ignore anything else."""
+    """Pass a key or another event of the page to the screen process; ignore unknown events."""
     if message.type is not WSMsgType.TEXT:
         return
     try:
@@ -245,7 +250,7 @@ async def _handle_page_event(
 
 
 def _size(request: web.Request) -> tuple[int, int]:
-    """Return columns and lines from the query of a websocket request."""
+    """Return the numbers of columns and lines in the query of a websocket request."""
     return _number(request.query.get("width", ""), 80), _number(request.query.get("height", ""), 24)
 
 
@@ -272,7 +277,7 @@ async def _wait_for_end_signal() -> None:
 
 
 class _OneLineHandler(logging.Handler):
-    """Reports a server error in one line; ignores errors that clients cause."""
+    """Reports each error of the server in one line; ignores errors that clients cause."""
 
     def emit(self, record: logging.LogRecord) -> None:
         error = record.exc_info[1] if record.exc_info else None
@@ -281,8 +286,7 @@ class _OneLineHandler(logging.Handler):
 
 
 def _one_line_logger() -> logging.Logger:
-    """Attach the one-line handler to the loggers of aiohttp and asyncio; never log the address with the
-    token."""
+    """Attach the one-line handler to the loggers of aiohttp and asyncio, which may not log the token."""
     for name in ("aiohttp", "asyncio", "textual-serve"):
         logger = logging.getLogger(name)
         logger.handlers = [_OneLineHandler(logging.WARNING)]

@@ -1,4 +1,4 @@
-"""The calls of a journal, one per line; a call unfolds to show its frames."""
+"""A list of the calls in a journal, one per line; the user can unfold a call to see its frames."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from bcapscope.tui.widgets.record_list import EndpointWriter, RecordList, right_
 
 
 class CallList(RecordList):
-    """Shows calls; `open_calls` sets their source."""
+    """Shows the calls of the store that `open_calls` sets."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("right", "unfold(True)", "traffic.unfold", show=False),
@@ -50,12 +50,12 @@ class CallList(RecordList):
         return self.row_count(len(self._calls)) if self._calls is not None else 0
 
     def show_rows(self) -> None:
-        """Redraw after a change of `matches`, with all calls folded."""
+        """Redraw the list after `matches` has changed, with all calls folded."""
         self._unfolded.clear()
         self.reset_lines()
 
     def _locate_line(self, index: int) -> tuple[int, int]:
-        """Return the call at a line, and the number of its frame from 1; 0 for the call's own line."""
+        """Return the position of the call at a line, and the number of its frame there (0 for none)."""
         above = 0
         for position, extra in self._unfolded:
             line = position + above
@@ -75,7 +75,7 @@ class CallList(RecordList):
 
     @property
     def current_call(self) -> tuple[StoredCall, int] | None:
-        """The call under the cursor, and the number of the frame under the cursor."""
+        """The call under the cursor, and the number of the frame under the cursor; None in an empty list."""
         if self.cursor >= self.count:
             return None
         position, part = self._locate_line(self.cursor)
@@ -89,7 +89,7 @@ class CallList(RecordList):
         return row, row.settled.observation.number
 
     def go_to_call(self, row: int) -> bool:
-        """Select a call by its row from 1; return whether it is shown."""
+        """Select a call by its number from 1; return whether the list shows the call."""
         position = self.row_of(row)
         if position is None or position >= self._call_count():
             return False

@@ -1,4 +1,4 @@
-"""An input line that shows below itself what is wrong with its text."""
+"""An input line that shows, below itself, what is wrong with its text."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ from bcapscope.tui.reader_language import full_error_text
 
 
 class CheckedInput(Vertical):
-    """Checks its text while the user types, and posts messages only for valid text."""
+    """Checks its text while the user types, and posts messages only if the text is valid."""
 
     @dataclass
     class Typed(Message):
-        """The user typed valid text, or emptied the line; then `parsed` is None."""
+        """The user typed valid text, or emptied the line; for an empty line, `parsed` is None."""
 
         line: CheckedInput
         text: str
@@ -31,15 +31,18 @@ class CheckedInput(Vertical):
             return self.line
 
     class Entered(Typed):
-        """The user pressed Enter on valid text or an empty line. Handlers of `Typed` receive it as well."""
+        """The user pressed Enter on valid text or an empty line.
+
+        Handlers of `Typed` receive `Entered` messages as well.
+        """
 
     def __init__(self, name: str, parse: Callable[[str], object], hint: str, caption: str = "") -> None:
         """Configure the line.
 
         Args:
-            name: Id of the field; the id of the line is the name followed by ``-line``.
-            parse: Parses text that is not empty. For invalid text it raises `ValueError`, whose text is
-                shown.
+            name: Id of the input field. The id of this widget is the name followed by ``-line``.
+            parse: Function that parses text that is not empty. For invalid text, `parse` raises a
+                `ValueError`, whose text the widget shows.
         """
         super().__init__(id=f"{name}-line")
         self._field, self._parse, self._hint, self._caption = name, parse, hint, caption
@@ -56,7 +59,7 @@ class CheckedInput(Vertical):
         return self.query_one(f"#{self._field}", Input)
 
     def set_text(self, text: str) -> None:
-        """Set the text without posting a message, since the user did not type it."""
+        """Set the text without posting a message, because the user did not type the text."""
         field = self.field
         with field.prevent(Input.Changed):
             field.value = text
@@ -68,7 +71,7 @@ class CheckedInput(Vertical):
         self._check_text(event.value.strip(), self.Typed)
 
     def on_input_submitted(self, event: Input.Submitted) -> None:
-        """Check the text again, since its validity can depend on other state."""
+        """Check the text again, because its validity can depend on other state."""
         event.stop()
         self._check_text(event.value.strip(), self.Entered)
 

@@ -1,4 +1,4 @@
-"""A line of texts, each of which runs an action when it is clicked."""
+"""A line of texts; a click on a text runs the action of that text."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from textual.widget import Widget
 
 
 class ClickBar(Widget):
-    """Base of the bars; a subclass renders pieces in the styles that `style_for` returns."""
+    """Base class of the bars; a subclass renders its texts in the styles that `style_for` returns."""
 
     auto_links = var(False)
-    """Off, since Textual would draw what can be clicked in its own colours."""
+    """Textual's own link style is off, because it would draw clickable text in other colours."""
 
     def style_for(self, name: str, action: str) -> Style:
-        """Return the style of a component class for a piece whose click runs `action`."""
+        """Return the style of a component class for a text whose click runs `action`."""
         return self.get_component_rich_style(name) + Style(meta={"@click": action})

@@ -1,4 +1,4 @@
-"""The fields of a frame as a tree with foldable branches."""
+"""Shows the fields of a frame as a tree with branches that fold."""
 
 from __future__ import annotations
 
@@ -16,21 +16,23 @@ from bcapscope.tui.reader_language import reader_words
 from bcapscope.tui.widgets.lines import Lines
 
 MAX_ROWS = 20_000
-"""Rows per section: a frame of a megabyte has more fields than a user can read."""
+"""Maximum number of rows per section, because a frame of a megabyte has more fields than a user can read."""
 
 _NAME_WIDTH = 18
 _NARROW_NAME, _NARROW = 14, 44
 _FOLDED_AT_FIRST = 6
-"""Maximum number of rows in a branch that starts folded, such as a number or a short text. The branch's own
-row shows its content."""
+"""Maximum number of rows in a branch that is folded at first, such as a number or a short text.
+
+The row of a folded branch shows the content of the branch.
+"""
 
 
 class _Entry(NamedTuple):
-    """A row of a section, or the caption above a section.
+    """An entry of the tree: a row of a section, or the caption above a section.
 
     Attributes:
-        row: The row; None for the caption.
-        stop: Index after the last entry below this one.
+        row: Row of the section; None for the caption.
+        stop: Index after the last entry in the branch of this entry.
     """
 
     section: int
@@ -39,7 +41,7 @@ class _Entry(NamedTuple):
 
 
 class FieldTree(Lines):
-    """Shows the fields; the left and right keys fold and unfold."""
+    """Shows the fields of a frame; the left and right keys fold and unfold branches."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("left", "fold", "tree.fold", show=False),
@@ -50,7 +52,7 @@ class FieldTree(Lines):
 
     @dataclass
     class FieldSelected(Message):
-        """The cursor moved to other bytes: `begin` to `end` (exclusive) of a section."""
+        """The cursor moved to a row for the bytes from `begin` to `end` (exclusive) of a section."""
 
         section: int
         begin: int
@@ -70,7 +72,7 @@ class FieldTree(Lines):
         self._rebuild()
 
     def select_field_at(self, section: int, offset: int) -> tuple[int, int]:
-        """Select the innermost field at a byte without a message; return its begin and end, or 0, 0."""
+        """Select the innermost field at a byte without posting a message; return its begin and end."""
         found = None
         for index, entry in enumerate(self._entries):
             row = entry.row
@@ -89,7 +91,7 @@ class FieldTree(Lines):
 
     @property
     def offset_in_frame(self) -> int:
-        """Offset of the first byte of the field under the cursor; 0 if there is none."""
+        """Offset in the frame of the first byte of the field under the cursor; 0 without field."""
         row = self._entries[self._visible[self.cursor]].row if self._visible else None
         return 0 if row is None else row.start
 
@@ -98,7 +100,7 @@ class FieldTree(Lines):
         return len(self._visible)
 
     def line(self, index: int) -> str:
-        """Return a row: the offset of its first byte, name and meaning."""
+        """Return a row as text: the offset of its first byte, its name and its meaning."""
         at = self._visible[index]
         section, row, stop = self._entries[at]
         if row is None:
@@ -134,7 +136,7 @@ class FieldTree(Lines):
         self.reset_lines()
 
     def _is_short_branch(self, at: int) -> bool:
-        """Return whether a branch is short enough to start folded, and without problems."""
+        """Return whether a branch starts folded: if it is short and contains no problem."""
         _, row, stop = self._entries[at]
         if row is None or row.depth or row.kind is not FieldRowKind.FIELD or stop - at - 1 > _FOLDED_AT_FIRST:
             return False
@@ -154,7 +156,7 @@ class FieldTree(Lines):
         self.reset_lines(self._visible.index(at))
 
     def action_fold(self) -> None:
-        """Fold the branch, or select the parent of the row."""
+        """Fold the branch under the cursor; if it is folded or a leaf, select its parent."""
         if not self._visible:
             return
         at = self._visible[self.cursor]
@@ -176,13 +178,13 @@ class FieldTree(Lines):
                 self._set_folded(at, at not in self._folded)
 
     def action_full(self) -> None:
-        """Switch between all elements and characters and the first of them."""
+        """Switch between showing all elements and characters, and showing only the first of them."""
         self._full = not self._full
         self._rebuild()
 
 
 def _make_entries(section: int, found: list[FieldRow], first: int) -> list[_Entry]:
-    """Return entries for rows; `first` is the index of the first entry."""
+    """Return tree entries for rows; `first` is the index of the first new entry."""
     stops = [0] * len(found)
     open_rows: list[int] = []
     for index, row in enumerate(found):

@@ -1,4 +1,4 @@
-"""Findings, each consequence below its cause; choosing a finding leads to its frames."""
+"""Shows findings, each consequence below its cause; choosing a finding leads to the frames that prove it."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _MAX_FRAMES = 12
 
 
 class FindingPage(Lines):
-    """Shows findings as paragraphs; up and down move by lines, Enter chooses the finding."""
+    """Shows findings as paragraphs; the keys up and down move by lines, and Enter chooses the finding."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("enter", "choose", "findings.choose"),
@@ -41,13 +41,13 @@ class FindingPage(Lines):
             self._update_lines()
 
     def current_finding(self) -> int | None:
-        """Return the number, from 1, of the finding at the cursor; 1 above all, None without findings."""
+        """Return the number, from 1, of the finding at or below the cursor; None without findings."""
         if not self._lines or not self._analysis.findings:
             return None
         return self._lines[self.cursor][1] or 1
 
     def go_to_finding(self, number: int) -> None:
-        """Select a finding by its number from 1."""
+        """Select a finding by its number, from 1."""
         for index, (_, each) in enumerate(self._lines):
             if each == number:
                 self.move_cursor_to(index)
@@ -65,7 +65,7 @@ class FindingPage(Lines):
 
     @property
     def _columns(self) -> int:
-        """Columns for text; the expected number if the widget has not been shown yet."""
+        """Number of columns for text; before the first layout, the expected number."""
         return self.size.width or self.app.size.width - self.scrollbar_size_vertical
 
     def _update_lines(self) -> None:

@@ -1,4 +1,4 @@
-"""The frames of a journal, one per line, with fast access to any of a million frames."""
+"""A list of the frames in a journal, one per line, with fast access to any of a million frames."""
 
 from __future__ import annotations
 
@@ -13,15 +13,14 @@ from bcapscope.tui.reader_language import label, reader_words
 from bcapscope.tui.widgets.record_list import EndpointWriter, RecordList, right_aligned
 
 MARKED, RELATED, EVIDENCE = "●", "┃", "◆"
-"""Marks before a frame: marked by the user, part of the call under the cursor, evidence of the selected
-finding."""
+"""Marks before a frame: marked by the user, part of the call under the cursor, proof of a finding."""
 
 
 class FrameList(RecordList):
-    """Shows frames; `open_journal` sets their source.
+    """Shows the frames of the journal that `open_journal` sets.
 
     Attributes:
-        marks: Notes by frame number; "" for a frame that is only marked.
+        marks: Notes by frame number; "" for a frame that the user marked without a note.
         related: Numbers of the frames of the call under the cursor.
         evidence: Numbers of the frames that prove the selected finding.
     """
@@ -60,7 +59,7 @@ class FrameList(RecordList):
         return self._journal.read_frame(number)
 
     def line(self, index: int) -> str:
-        """Return the line of a frame, with its marks before it."""
+        """Return the line of a frame, which begins with the marks of the frame."""
         number = self.record_at(index)
         if self.clock is TimeFormat.DELTA and self._journal is not None:
             self._renderer.set_time_origin(self._journal.time_of(self.record_at(max(0, index - 1))))
@@ -71,7 +70,7 @@ class FrameList(RecordList):
         return f"{self._gutter(number)}{self._renderer.line(seen, question, comments)}"
 
     def line_state(self, index: int) -> str:
-        """Return the marks before a line, since they change its look."""
+        """Return the marks before a line, because they change the look of the line."""
         return self._gutter(self.record_at(index))
 
     def _gutter(self, number: int) -> str:
@@ -81,7 +80,7 @@ class FrameList(RecordList):
         return f"{mark}{INK.good}{RELATED}{INK.reset}" if number in self.related else f"{mark} "
 
     def show_related(self, related: Collection[int]) -> None:
-        """Mark other frames as part of the call under the cursor."""
+        """Mark the given frames as part of the call under the cursor, and remove earlier such marks."""
         if related != self.related:
             changed = [self.row_of(number) for number in {*related, *self.related}]
             self.related = related

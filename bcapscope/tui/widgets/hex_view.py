@@ -1,4 +1,4 @@
-"""The bytes of a frame in hex, with a cursor that moves by bytes."""
+"""Shows the bytes of a frame in hex, with a cursor that moves by bytes."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from bcapscope.tui.widgets.lines import Lines
 
 _NARROW = 8
 _OFFSET_WIDTH = 8
-"""Columns before the first byte: six digits and two spaces."""
+"""Number of columns before the first byte of a line: six digits and two spaces."""
 
 
 def width_for(per_line: int) -> int:
-    """Return the columns that a line with `per_line` bytes takes."""
+    """Return the number of columns that a line with `per_line` bytes needs."""
     return _OFFSET_WIDTH + 3 * per_line - (per_line <= _NARROW) + 2 + per_line
 
 
 class HexView(Lines):
-    """Shows bytes with offsets, and highlights the bytes of a field."""
+    """Shows bytes with their offsets, and highlights the bytes of one field."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("left", "step(-1)", "", show=False),
@@ -59,7 +59,7 @@ class HexView(Lines):
         self.reset_lines()
 
     def highlight_bytes(self, section: int, start: int, stop: int, follow: bool = True) -> None:
-        """Highlight bytes; with `follow`, move the cursor to the first of them."""
+        """Highlight the bytes of a field; if `follow` is set, move the cursor to the first of these bytes."""
         if (section, start, stop) == self._highlighted:
             return
         self._highlighted = (section, start, stop)
@@ -170,7 +170,7 @@ class HexView(Lines):
 
 
 def _byte_at(column: int, per_line: int) -> int | None:
-    """Return the index of the byte at a column of a line; None if there is none."""
+    """Return the index of the byte at a column of a line; None if the column shows no byte."""
     letters = width_for(per_line) - per_line
     if column >= letters:
         return min(column - letters, per_line - 1)

@@ -1,4 +1,4 @@
-"""The bar below all screens: the keys that have an effect at the cursor."""
+"""The bar below all screens: shows the keys that have an effect at the cursor."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from bcapscope.tui.reader_language import label
 from bcapscope.tui.widgets.click_bar import ClickBar
 
 _ALWAYS_SHOWN = ("f12", "f1", "ctrl+p")
-"""Keys that are always shown: HALT, help, the command palette."""
+"""Actions whose keys the bar always shows: HALT, help, the command palette."""
 
 
 class KeyBar(ClickBar):
-    """Shows keys and their actions, as many as fit; a click runs the action.
+    """Shows keys and their actions, as many as fit; a click on a key runs its action.
 
-    Keys of the focused widget come first, those of the application last. Those in `_ALWAYS_SHOWN` always have
-    room.
+    Keys of the focused widget come first, and keys of the application last. The bar always has room for the
+    keys in `_ALWAYS_SHOWN`.
     """
 
     COMPONENT_CLASSES: ClassVar[set[str]] = {"keybar--key", "keybar--text"}

@@ -25,13 +25,15 @@ from bcapscope.tui.ink import Styles, styled_segments
 from bcapscope.tui.themes import readable_style
 
 _MAX_STRIPS = 500
-"""Maximum number of cached strips: several screens."""
+"""Maximum number of cached strips, which are enough for several screens."""
 
 _SIDEWAYS_COLUMNS = 8
 
 _SCROLLBAR_SLACK = 8
-"""A divisor: a list may grow by 1/8 before the scroll bar learns its new length, if the thumb looks the same.
-The limit is needed because dragging the thumb scrolls by the length that the scroll bar knows."""
+"""Divisor: a list may grow by 1/8 before the scroll bar learns the new length, if the thumb looks the same.
+
+The growth is limited because dragging the thumb scrolls by the length that the scroll bar knows.
+"""
 
 _EIGHTHS = 8
 """Textual draws the ends of a scroll bar thumb to an eighth of a line."""
@@ -40,13 +42,13 @@ _EIGHTHS = 8
 class Lines(ScrollView, can_focus=True):
     """A list with a cursor; a subclass defines `count` and `line`.
 
-    A subclass calls `reset_lines` when its lines have changed, and `lines_added` when there are new ones. It
-    has neither border nor padding, since `render_lines` would not draw them.
+    A subclass calls `reset_lines` when its lines have changed, and `lines_added` when it has new lines. The
+    list has neither border nor padding, because `render_lines` would not draw them.
 
     Attributes:
         cursor: Index of the line under the cursor; 0 if the list is empty.
         follows_end: Whether a cursor on the last line follows new lines.
-        highlights_cursor_line: Whether the line under the cursor has its own colour.
+        highlights_cursor_line: Whether the line under the cursor has a different colour.
     """
 
     BINDINGS: ClassVar[list[BindingType]] = [
@@ -68,7 +70,7 @@ class Lines(ScrollView, can_focus=True):
 
     @dataclass
     class Moved(Message):
-        """The cursor moved to another line, or its line was replaced."""
+        """The cursor moved to another line, or the line under the cursor was replaced."""
 
         lines: Lines
         index: int
@@ -97,7 +99,7 @@ class Lines(ScrollView, can_focus=True):
     # for subclasses
 
     def reset_lines(self, cursor: int = 0) -> None:
-        """Replace all lines, and put the cursor on one of them."""
+        """Replace all lines, and put the cursor on the line with index `cursor`."""
         self._strips.clear()
         self._width = 0
         self._known_count = self.count
@@ -109,7 +111,7 @@ class Lines(ScrollView, can_focus=True):
         self._post_moved()
 
     def lines_added(self) -> None:
-        """Show new lines; see `follows_end` for a cursor on the last one."""
+        """Show new lines; if `follows_end` is set, a cursor on the last line moves to the new last line."""
         before, count = self._known_count, self.count
         if count == before:
             return
@@ -123,9 +125,10 @@ class Lines(ScrollView, can_focus=True):
             self._post_moved()
 
     def _update_extent(self) -> None:
-        """Update the size that the scroll bar represents.
+        """Update the total size on which the scroll bar is based.
 
-        Assigning `virtual_size` instead would lay out the whole screen again for every frame shown.
+        The method does not assign `virtual_size`, because Textual would then lay out the whole screen for
+        every frame shown.
         """
         size = Size(max(self._width, self.size.width), max(self._known_count, self.size.height))
         if size != self.virtual_size:
@@ -133,7 +136,7 @@ class Lines(ScrollView, can_focus=True):
             self._update_scrollbar_thumb()
 
     def _update_scrollbar_thumb(self) -> None:
-        """Update the thumb of the scroll bar, but only if its look changes: drawing it is slow."""
+        """Update the thumb of the scroll bar only if its look changes, because drawing the thumb is slow."""
         bar, height = self.vertical_scrollbar, self.size.height
         there, shown = self.virtual_size.height, bar.window_virtual_size
         before = _scroll_thumb(shown, bar.window_size, bar.position)
@@ -149,12 +152,12 @@ class Lines(ScrollView, can_focus=True):
             self._update_scrollbar_thumb()
 
     def repaint(self) -> None:
-        """Redraw the same lines, for example in another format."""
+        """Redraw all lines, for example because their format changed."""
         self._strips.clear()
         self.refresh()
 
     def redraw_lines(self, *indexes: int) -> None:
-        """Redraw some lines, if they are visible."""
+        """Redraw the lines with the given indexes, if they are visible."""
         top, height = self.scroll_offset.y, self.size.height
         seen = [index - top for index in indexes if 0 <= index - top < height]
         if seen:
@@ -174,8 +177,8 @@ class Lines(ScrollView, can_focus=True):
     def render_lines(self, crop: Region) -> list[Strip]:
         """Return the visible lines.
 
-        Strips are cached in their final form. Textual's own method makes every strip again for a border that
-        does not exist here, even if the lines only scrolled by one.
+        The cache holds strips that need no further change. Textual's own method makes every strip again for a
+        border, which lists lack, even after scrolling by one line.
         """
         look = self.background_colors[1], tuple(self.get_line_filters())
         if look != (self._background, self._filters):
@@ -187,7 +190,7 @@ class Lines(ScrollView, can_focus=True):
         return [strip.crop(crop.x, crop.right) for strip in strips]
 
     def _line_strip(self, index: int, x: int, width: int) -> Strip:
-        """Return a line, or a blank strip after the last one."""
+        """Return the strip of a line, or a blank strip below the last line."""
         is_there = index < self._known_count
         is_cursor = is_there and self.highlights_cursor_line and index == self.cursor
         sign = self.line_state(index) if is_there else None
@@ -200,7 +203,7 @@ class Lines(ScrollView, can_focus=True):
         return strip
 
     def line_state(self, index: int) -> str:
-        """Return further state that a line depends on, if it changes without `reset_lines` or `repaint`."""
+        """Return state that changes the look of a line without `reset_lines` or `repaint`; "" for none."""
         return ""
 
     def _draw_line(self, line: str, x: int, width: int, is_cursor: bool) -> Strip:
@@ -217,7 +220,9 @@ class Lines(ScrollView, can_focus=True):
         return Strip(drawn, max(length, x + width)).crop(x, x + width)
 
     def _line_styles(self, cursor_state: str) -> Styles:
-        """Return the styles of pieces of a line, "" for the line itself; looked up once per theme.
+        """Return the styles for pieces of a line by style name, "" for the line itself.
+
+        The styles are computed once per theme.
 
         Args:
             cursor_state: "cursor" or "blurred" for the line under the cursor, "" for others.
@@ -239,7 +244,7 @@ class Lines(ScrollView, can_focus=True):
     # the cursor
 
     def move_cursor_to(self, index: int) -> None:
-        """Move the cursor to a line, or to the nearest that exists."""
+        """Move the cursor to a line, or to the nearest line that exists."""
         self.cursor = max(0, min(index, self.count - 1))
 
     def watch_cursor(self, old: int, new: int) -> None:
@@ -285,7 +290,7 @@ class Lines(ScrollView, can_focus=True):
             self.post_message(self.Chosen(self, self.cursor))
 
     def on_click(self, event: Click) -> None:
-        """Move to the clicked line; choose it if the cursor was already there."""
+        """Move the cursor to the clicked line; if the cursor was already on that line, choose the line."""
         offset = event.get_content_offset(self)
         if offset is None:
             return
@@ -298,7 +303,7 @@ class Lines(ScrollView, can_focus=True):
 
 
 def _scroll_thumb(there: int, in_sight: int, top: float) -> tuple[int, int] | None:
-    """Return position and length of a scroll bar's thumb; None if it has none."""
+    """Return position and length of a scroll bar's thumb in eighths of a line; None if all is in sight."""
     if in_sight >= there:
         return None
     length = max(1.0, in_sight * in_sight / there)

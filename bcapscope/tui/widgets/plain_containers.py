@@ -11,10 +11,11 @@ from bcapscope.tui.textual_internals import UnscrolledWidget
 
 
 class PlainContainer(UnscrolledWidget):
-    """A container without border, padding and scroll bars; only its children are visible.
+    """A container without border, padding and scroll bars, of which only the children are visible.
 
-    Textual draws each line of a container even if children cover it. That took a third of the time of a
-    terminal resize. Name this class after another base: Textual takes styles from the first base only.
+    Textual draws each line of an ordinary container, even if children cover the line. Drawing these lines
+    took a third of the time of a terminal resize. A subclass must name another base before this class,
+    because Textual takes styles from the first base only.
     """
 
     def render_lines(self, crop: Region) -> list[Strip]:
@@ -30,4 +31,4 @@ class PlainVertical(Vertical, PlainContainer):
 
 
 class Switcher(ContentSwitcher, PlainContainer):
-    """Shows one of its widgets at a time."""
+    """A container that shows one of its widgets at a time."""

@@ -1,4 +1,4 @@
-"""What the lists of frames and of calls share: the filter, the format of times, the client."""
+"""Base class of the lists of frames and of calls: the filter, the format of times, the client."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _MAX_CLIENT_LENGTH = 45
 
 
 def direction_arrow(flow: Flow) -> str:
-    """Return an arrow for the direction of a frame, for traffic of a single client."""
+    """Return an arrow for the direction of a frame, without the client, for traffic of a single client."""
     return "→" if flow.direction is Direction.REQUEST else "←"
 
 
@@ -30,11 +30,11 @@ def client_and_arrow(flow: Flow) -> str:
 
 
 class RecordList(Lines):
-    """Shows records, all of them or the matches of a filter found so far.
+    """Shows all records, or the records that match a filter, as far as the search has found them.
 
     Attributes:
-        clock: Format of times.
-        matches: Numbers, from 1, of the records that match; None without a filter.
+        clock: Format of the times in the lines.
+        matches: Numbers, from 1, of the records that match the filter; None without a filter.
     """
 
     def __init__(self, *, id: str | None = None) -> None:
@@ -45,10 +45,10 @@ class RecordList(Lines):
 
     @abstractmethod
     def use_format(self, clock: TimeFormat, write_endpoints: EndpointWriter, origin: int) -> None:
-        """Render lines in another format from now on; relative times count from `origin`."""
+        """From now on, render lines in the given format; `origin` is the zero of relative times."""
 
     def set_line_format(self, clock: TimeFormat, with_client: bool, origin: int) -> None:
-        """Set the time format, the origin of relative times, and whether lines show the client."""
+        """Set the format of times, the zero of relative times, and whether lines show the client."""
         if (clock, with_client, origin) != (self.clock, self._shows_client, self._origin):
             self.clock, self._shows_client, self._origin = clock, with_client, origin
             self.use_format(clock, client_and_arrow if with_client else direction_arrow, origin)
@@ -56,32 +56,32 @@ class RecordList(Lines):
 
     @property
     def client_header(self) -> str:
-        """Header of the client, if lines show it, and of the arrow."""
+        """Header of the columns for client and arrow; "" if lines do not show the client."""
         return f"{left_aligned(label('traffic.head.client'), 21)}   " if self._shows_client else ""
 
     def row_count(self, total: int) -> int:
-        """Return the number of rows for all records or the matches, out of `total` records."""
+        """Return the number of rows: the number of matches, or `total` without a filter."""
         return total if self.matches is None else len(self.matches)
 
     def record_at(self, row: int) -> int:
-        """Return the number, from 1, of the record at a row."""
+        """Return the number, from 1, of the record that a row shows."""
         return row + 1 if self.matches is None else self.matches[row]
 
     def row_of(self, number: int) -> int | None:
-        """Return the row of a record; None if it is not shown."""
+        """Return the row that shows a record; None if the filter hides the record."""
         row = self.nearest_row(number)
         return row if self.matches is None or number in self.matches[row : row + 1] else None
 
     def nearest_row(self, number: int) -> int:
-        """Return the row of a record, or of the next shown one after it."""
+        """Return the row of a record; if the filter hides it, the row of the next record that is shown."""
         return number - 1 if self.matches is None else bisect_left(self.matches, number)
 
 
 def left_aligned(text: str, width: int) -> str:
-    """Left-align a text in a column; wide characters count two."""
+    """Left-align a text in a column; a wide character counts as two columns."""
     return text + " " * max(0, width - display_width(text))
 
 
 def right_aligned(text: str, width: int) -> str:
-    """Right-align a text in a column; wide characters count two."""
+    """Right-align a text in a column; a wide character counts as two columns."""
     return " " * max(0, width - display_width(text)) + text

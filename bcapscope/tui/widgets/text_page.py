@@ -1,4 +1,4 @@
-"""Text that was rendered elsewhere, as a list of lines."""
+"""A list of lines of text that was rendered elsewhere."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from bcapscope.tui.widgets.lines import Lines
 
 
 class TextPage(Lines):
-    """Shows rendered lines; the cursor keeps its position when they change."""
+    """Shows rendered lines; the cursor keeps its position when the lines change."""
 
     def __init__(self, lines: Sequence[str] = (), *, id: str | None = None) -> None:
         super().__init__(id=id)

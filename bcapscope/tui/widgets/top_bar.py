@@ -1,4 +1,4 @@
-"""The bar above all screens: the present screen, the others, and the permanent status."""
+"""The bar above all screens: the present screen, the other screens, and the permanent status."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from bcapscope.tui.widgets.click_bar import ClickBar
 
 
 class TopBar(ClickBar):
-    """Shows the screens with their keys, which a click opens, and `BcapApp.status` at the right."""
+    """Shows the screens with their keys, and `BcapApp.status` at the right; a click opens a screen."""
 
     COMPONENT_CLASSES: ClassVar[set[str]] = {"topbar--title", "topbar--here", "topbar--there"}
 
@@ -24,7 +24,7 @@ class TopBar(ClickBar):
         self.refresh()
 
     def render(self) -> RenderResult:
-        """Render the bar; the status takes precedence if there is no room for both."""
+        """Render the bar; if there is no room for screens and status, the status takes precedence."""
         app = app_of(self)
         status = Text.assemble(*((text, app.text_styles.get(ink, "")) for text, ink in app.status))
         left = Text(" bcapscope ", style=self.get_component_rich_style("topbar--title"), end="")

@@ -1,4 +1,4 @@
-"""The names and counts of a screen's views."""
+"""The bar with the names of a screen's views and the number of rows in each view."""
 
 from __future__ import annotations
 
@@ -14,7 +14,10 @@ from bcapscope.tui.widgets.click_bar import ClickBar
 
 
 class ViewBar(ClickBar):
-    """Shows the names of views with keys and counts, and progress at the right. A click shows the view."""
+    """Shows the names of views with keys and counts, and the progress at the right.
+
+    A click shows the view.
+    """
 
     COMPONENT_CLASSES: ClassVar[set[str]] = {
         "viewbar--here",
@@ -31,13 +34,13 @@ class ViewBar(ClickBar):
         self._states: Sequence[str] = ()
 
     def show_counts(self, current_view: str, counts: Mapping[str, str], states: Sequence[str]) -> None:
-        """Show the current view, the counts by view, and the first of several state texts that fits."""
+        """Show which view is visible, the counts by view, and the first of several state texts that fits."""
         if (current_view, counts, states) != (self._current_view, self._counts, self._states):
             self._current_view, self._counts, self._states = current_view, counts, states
             self.refresh()
 
     def render_line(self, y: int) -> Strip:
-        """Render the bar, and omit what does not fit."""
+        """Render the bar, and omit texts that do not fit."""
         width = self.size.width
         bar: list[Segment] = []
         for number, (view, name) in enumerate(self._views, 1):
