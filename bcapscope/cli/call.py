@@ -37,7 +37,7 @@ from bcapscope.traffic.observation import Direction, Observation
 
 
 class _ScriptFile(click.File):
-    """A text file or standard input; reports a closed standard input as an error."""
+    """Parameter type of a text file or standard input. A closed standard input is a usage error."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> IO[Any]:
         if value == "-" and sys.stdin is None:
@@ -131,7 +131,7 @@ def _given_name(named: Mapping[str, str | None], owner: ObjectClass) -> str | No
 
 
 class _AnswerPrinter:
-    """Prints replies, with the packets of the call below if wanted."""
+    """Prints the reply of each call, and with --hex a hex dump of the call's packets."""
 
     def __init__(self, dump: bool, as_json: bool, color: str, words: MessageFormatter) -> None:
         self._dump = dump
@@ -173,7 +173,7 @@ class _AnswerPrinter:
 
 @dataclass(slots=True)
 class _CallRunner:
-    """Makes the calls in one session."""
+    """Makes all calls of the command line in one session."""
 
     target: ControllerTarget
     names: Mapping[ObjectClass, str]
@@ -182,7 +182,10 @@ class _CallRunner:
     log: ArmedCallLogger | None = None
 
     async def run(self, requests: Sequence[PlannedCall]) -> ExitCode:
-        """Make the calls up to the first failure. With --arm, log those that need it."""
+        """Make the calls up to the first failure.
+
+        With --arm, the action log records the calls that need arming.
+        """
         if not self.armed:
             return await self._run_calls(requests)
         with log_armed_calls("call", LoggedConnection.of_target(self.target)) as self.log:

@@ -75,7 +75,9 @@ def command(
 
 
 class _ShownCalls(PipelineSubscriber):
-    """The calls that the filter selects, with the objects that their handles stand for, and a summary."""
+    """Collects the calls that the filter selects, with the object of each call's handle, and prints a
+    summary.
+    """
 
     needs_targets = True
 
@@ -98,17 +100,17 @@ class _ShownCalls(PipelineSubscriber):
             self._items.append((stray, None))
 
     def all_items(self) -> Iterator[tuple[PairingResult, TrackedObject | None]]:
-        """Yield the selected calls; without a filter, also stray replies."""
+        """Yield the selected calls. Without a filter, the stray replies are included."""
         return read_items(self._reader, Pipeline(self, handles=self._handles), self._items)
 
     def calls(self) -> Iterator[tuple[Call, TrackedObject | None]]:
-        """Yield the selected calls without stray replies, which JSON output leaves out."""
+        """Yield the selected calls without stray replies, for JSON output."""
         for item, subject in self.all_items():
             if isinstance(item, Call):
                 yield item, subject
 
     def print_summary(self, words: MessageFormatter) -> None:
-        """Print stray replies, and sessions that left objects behind, to stderr."""
+        """Print to stderr the number of stray replies, and the sessions that did not release all objects."""
         if self._stray_count:
             replies = Count(self._stray_count, "reply")
             print_stderr(words("calls.strays", replies=replies, frame=self._first_stray))

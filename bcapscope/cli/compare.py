@@ -74,7 +74,7 @@ def command(
 
 
 def _read_side(path: str, reader: CaptureReader, wanted: Filter | None) -> ComparedCapture:
-    """Read a capture to its end, in one pass."""
+    """Read a capture once, and return its findings, figures and slave-mode sessions."""
     sessions: list[SlaveSession] = []
     chosen = call_test(wanted)
 

@@ -119,13 +119,15 @@ def command(
 
 
 def _frames_with_context(reader: CaptureReader, wanted: Filter | None) -> Iterator[AnnotatedFrame]:
-    """Yield each selected frame with the call that it belongs to and the comments on its packet."""
+    """Yield each selected frame with the kind of its call and the comments on its packet."""
     frames = _render_frames(reader, None, AnnotatedFrame)
     return frames if wanted is None else filter(wanted.bind(FRAME_GETTERS), frames)
 
 
 def _render_frames(reader: CaptureReader, wanted: Filter | None, render: Callable[..., T]) -> Iterator[T]:
-    """Render each selected frame, given the call that it belongs to and the comments on its packet."""
+    """Yield the result of `render` for each selected frame, the kind of its call, and the comments on its
+    packet.
+    """
     if wanted is not None:
         return starmap(render, _frames_with_context(reader, wanted))
     about, comments = RecentRequests().kind_of, reader.comments

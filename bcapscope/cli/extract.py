@@ -143,7 +143,10 @@ class _TrajectoryFile:
 
 
 class _TrajectoryFiles(ExitStack):
-    """The files of all sessions; a single file has no number, so names are decided at the end."""
+    """The output files of all slave-mode sessions.
+
+    A single file gets no number in its name, so the files are named when all sessions are known.
+    """
 
     def __init__(self, path: Path, overwrite: bool, words: MessageFormatter) -> None:
         super().__init__()
@@ -158,7 +161,7 @@ class _TrajectoryFiles(ExitStack):
         output.add(steps)
 
     def commit(self) -> list[str]:
-        """Give the files their names; return one sentence about each."""
+        """Rename the files to their final names, and return one sentence about each file."""
         several = len(self._outputs) > 1
         for number, output in self._outputs.items():
             check_output_path(self._name(number if several else None), self._overwrite)

@@ -40,7 +40,7 @@ _VARIABLES = (
 
 @dataclass(slots=True)
 class _PingResult:
-    """The result of a ping. Round trips are in ms; `break_reason` says why not all calls could be made."""
+    """The result of `ping`. Round trips are in ms. `break_reason` says why `ping` ended early."""
 
     is_answering: bool = False
     is_simulator: bool = False
@@ -138,7 +138,7 @@ async def _measure(session: Session, handle: int, count: int, interval: float, f
         for _ in range(count):
             await asyncio.sleep(due - loop.time())
             settled = await session.perform_call(_GET_ATTRIBUTE, (Variant(VT.I4, handle),))
-            due = max(due + interval, loop.time())  # after a long wait, do not catch up in a burst
+            due = max(due + interval, loop.time())  # after a slow call, later calls do not follow in a burst
             if isinstance(settled, CallTimedOut):
                 found.lost += 1
             else:

@@ -149,7 +149,7 @@ def _check_platform_and_files(*new_files: Path | None) -> None:
 
 
 def _check_motion(trajectory: Trajectory, way: TrajectoryOptions, view: PlayOutput) -> None:
-    """Exit if the set points cannot be played on any arm."""
+    """Exit if the set points fail the pre-flight check with only the limits from --limit."""
     before = run_preflight(
         trajectory, way.interval / 1000, with_limits(UNKNOWN_ARM, way.limits), loop=way.rounds != 1
     )

@@ -227,7 +227,7 @@ class _ProxyRun:
     def _open(
         self, opened: ExitStack, proxy_options: ProxyOptions
     ) -> tuple[ProxySupervisor, Callable[[], None]]:
-        """Start the proxy; return it, and what tells where it listens."""
+        """Start the proxy. Return the proxy, and a function that reports the addresses it listens on."""
         listening: list[str] = []
         scripts = self.rules.start_scripts(opened)
         policy = self.rules.build_rules(scripts)
@@ -263,12 +263,12 @@ def _start_watcher(proxy: ProxySupervisor, policy: RulePolicy | None, scripts: S
 
 
 def _single_recording(record: Path | None, ring: RotationLimits | None) -> str | None:
-    """Return the path of the recording if it is one file."""
+    """Return the path of the recording, or None without a recording or with a ring of files."""
     return None if record is None or ring is not None else str(record.resolve())
 
 
 def _print_greetings(proxy: ProxySupervisor, greetings: list[Message]) -> None:
-    """Print the greetings through the watcher, which now owns the bottom line of the terminal."""
+    """Print the greetings through the watcher, which from now on controls the last line of the terminal."""
     for greeting in greetings:
         proxy.relay.notify(greeting)
 
@@ -276,7 +276,7 @@ def _print_greetings(proxy: ProxySupervisor, greetings: list[Message]) -> None:
 def _announce_to_parent(
     proxy: ProxySupervisor, greetings: list[str], listening: list[str], control: str
 ) -> None:
-    """Report to the parent process that the proxy is ready, and end with that process."""
+    """Report to the parent process that the proxy is ready, and let the proxy end when the parent ends."""
     print_stderr("\n".join(greetings))
     announce_ready(listening, control)
     proxy.end_with_parent()

@@ -29,7 +29,7 @@ from bcapscope.traffic.observation import Observation
 R = TypeVar("R", bound=control.DoneResponse)
 
 _INDENTED = re.compile(r"\n(?=  )")
-"""Between a reason and its indented lines, which show the position in a rule. A reason has no other lines."""
+"""Matches the line breaks in an error message. The indented lines after them show the position in a rule."""
 
 
 @click.group("ctl", short_help="Control a running proxy.")
@@ -47,7 +47,7 @@ def command(context: click.Context, address: str, as_json: bool, words: MessageF
 
 
 class _ControlCommand:
-    """Sends requests to a proxy; prints its answers if they are wanted as JSON."""
+    """Sends requests to a running proxy. With --json, it prints the responses."""
 
     def __init__(self, address: str, as_json: bool, words: MessageFormatter) -> None:
         self.words = words
@@ -55,7 +55,10 @@ class _ControlCommand:
         self._as_json = as_json
 
     def request(self, request: control.ControlRequest, kind: type[R]) -> R | None:
-        """Send a request. Return the response; None if it was printed as JSON. Exit if the proxy refuses."""
+        """Send a request and return the response, or None with --json.
+
+        If the proxy refuses, print why and exit.
+        """
         with self._connected() as proxy:
             if not self._as_json:
                 return proxy.request(request, kind)
@@ -80,7 +83,7 @@ class _ControlCommand:
 
 
 def _json_text(line: bytes) -> str:
-    """Return an answer unchanged, except that control characters are escaped for the terminal."""
+    """Return a JSON response as text, with control characters escaped for the terminal."""
     text = line.decode("utf-8", "replace").strip()
     return text if text.isprintable() else "".join(map(_json_character, text))
 
@@ -88,7 +91,7 @@ def _json_text(line: bytes) -> str:
 def _json_character(char: str) -> str:
     if char.isprintable():
         return char
-    if char in "\t\r\n":  # JSON has them only between tokens
+    if char in "\t\r\n":  # JSON contains these characters only between tokens
         return " "
     return "".join(f"\\u{unit:04x}" for unit in memoryview(char.encode("utf-16-le")).cast("H"))
 

@@ -174,7 +174,7 @@ def _serve(
     delays: bool,
     words: MessageFormatter,
 ) -> None:
-    """Answer clients until the user ends it."""
+    """Answer clients like the recorded controller until the user ends the command."""
     standin = RecordedController(script, serving.log.on_call, delays=delays)
     with exit_if_not_listening(), serving.listen(standin, *address) as server:
         host, port = server.address
@@ -214,7 +214,7 @@ def _served_text(calls: int, unknown: int, words: MessageFormatter) -> str:
 
 
 class _PreflightCheck:
-    """The pre-flight check of a script's set points."""
+    """Runs the pre-flight check on the set points of a recording."""
 
     def __init__(
         self,
@@ -237,7 +237,7 @@ class _PreflightCheck:
             raise click.UsageError(str(error)) from None
 
     def check(self, limits: ArmLimits, shown: bool = False) -> None:
-        """Check all set points; print the results if `shown` or unfit. Exit if a run is unfit."""
+        """Check all set points, and exit if some are unfit. Results are printed if `shown` or unfit."""
         found = [preflight_run(stretch, with_limits(limits, self._limits)) for stretch in self.stretches]
         bad = [each for each in found if not each.is_playable]
         for each in bad or (found if shown and not self._quiet else ()):
@@ -250,7 +250,7 @@ class _PreflightCheck:
 
 @dataclass(slots=True)
 class _ReplayRunner:
-    """Plays a script to a controller and prints the results."""
+    """Makes the recorded calls to a controller and prints the results."""
 
     script: ReplayScript
     preflight: _PreflightCheck
@@ -266,7 +266,10 @@ class _ReplayRunner:
     _most_late_ns: int = 0
 
     async def play(self, target: ControllerTarget, armed: bool, longest_pause: int) -> ExitCode:
-        """Play the script without an event loop, whose timers are too coarse; return the exit code."""
+        """Make the recorded calls and return the exit code.
+
+        No event loop is used: its timers are too coarse.
+        """
         simulated = False
         needs_arm = any(needs_arming(each.kind.function_id, each.arguments) for each in self.script.calls)
         if self.preflight.stretches or (needs_arm and not armed):

@@ -160,7 +160,7 @@ def command(
 def _played_scenario(
     scenario: Scenario | None, profile: str | None, defects: tuple[str, ...], no_argument: str | None
 ) -> Scenario:
-    """Return the scenario to play; without --scenario, one without events."""
+    """Return the scenario to play. Without --scenario, this scenario has no events."""
     if scenario is not None and profile not in (None, scenario.profile):
         raise click.UsageError(f"the scenario needs profile {scenario.profile}: leave out --profile")
     chosen = scenario or Scenario(title="", profile=ProfileName(profile or ProfileName.RC8))
@@ -210,7 +210,7 @@ def _actions(
 
 
 class _TypedCommands:
-    """Commands that the user types or pipes in while the simulator runs."""
+    """Runs the commands that the user types or pipes in while the simulator runs."""
 
     def __init__(
         self, actions: dict[str, Callable[[], None]], print_message: Callable[[str], None], attended: bool
@@ -240,7 +240,7 @@ class _TypedCommands:
 
 
 def _can_be_read() -> bool:
-    """Return whether stdin can be polled: not on Windows, and not in a background job."""
+    """Return whether stdin can be polled. On Windows and in a background job, it cannot."""
     if sys.platform == "win32" or sys.stdin is None or sys.stdin.closed:
         return False
     try:

@@ -26,7 +26,7 @@ if TYPE_CHECKING:  # it reaches sockets
 
 _PORT = 5007
 _PROVIDER = "CaoProv.DENSO.VRC"
-"""Default provider of `bcapscope call`."""
+"""Default port and default provider of `bcapscope call`."""
 
 NAMED_OWNERS = (
     ObjectClass.ROBOT,

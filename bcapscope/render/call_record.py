@@ -67,8 +67,7 @@ class CallRecordRenderer:
             del self._templates[kind]
 
     def _make_template(self, kind: _TemplateKey, call: Call) -> bytes:
-        """Create and cache the template of plain answered calls of one kind, with places for `_OWN_MEMBERS`.
-        """
+        """Create and cache the template of plain answered calls of one kind."""
         if len(self._templates) >= MAX_TEMPLATES:
             self._templates.clear()
         members = (

@@ -60,8 +60,7 @@ class CallRenderer:
         self._write_time(time)
 
     def line(self, call: Call | StrayReply, subject: TrackedObject | None = None) -> str:
-        """Return the line of a call: number, start, endpoints, function, command, result, latency and frames.
-        """
+        """Return the line of a call: number, start, endpoints, function, result, latency and frames."""
         if isinstance(call, StrayReply):
             return self._stray_line(call)
         color = self._palette

@@ -39,7 +39,7 @@ NumberPlace: TypeAlias = "tuple[int | slice, Callable[[object], bytes]]"
 
 
 class _RecordTemplate:
-    """Bytes with places for numbers."""
+    """JSON of a frame as bytes, with places for the numbers that differ between frames of the same layout."""
 
     __slots__ = ("_parts", "_text")
 
@@ -56,7 +56,7 @@ class _RecordTemplate:
 
 
 class _RecordTemplateBuilder:
-    """Builds a template from left to right. `taken` is the number of numbers that already have a place."""
+    """Builds a template from left to right."""
 
     def __init__(self, head: bytes = b"") -> None:
         self._pieces = [head]
@@ -79,7 +79,7 @@ class _RecordTemplateBuilder:
         self.add_text(b"]")
 
     def _add_constant(self, variant: Variant) -> None:
-        """Add a value whose numbers are the same in all frames of the layout."""
+        """Add a value that is the same in all frames of the layout."""
         builder = _RecordTemplateBuilder()
         builder._add_typed(variant)
         self.add_text(builder.build().fill((), tuple(iter_numbers(variant))))

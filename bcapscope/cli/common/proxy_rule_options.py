@@ -1,4 +1,4 @@
-"""The rule options of ``bcapscope proxy``, and the rules that they create."""
+"""The options of ``bcapscope proxy`` that define rules, and creation of these rules."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from bcapscope.cli.common.data_output import echo
 from bcapscope.messages import Message
 from bcapscope.messages.places import Count
 
-if TYPE_CHECKING:  # imported where needed: `tui` has these options too, and must open a capture fast
+if TYPE_CHECKING:  # local imports, because `tui` also has these options and must open a capture fast
     from bcapscope.faults.fault import AnyFault
     from bcapscope.faults.quantities import DurationQuantity, FrameCondition
     from bcapscope.proxy.control_socket import ControlServer
@@ -30,12 +30,13 @@ if TYPE_CHECKING:  # imported where needed: `tui` has these options too, and mus
 
 @dataclass(frozen=True, slots=True)
 class RuleOptions:
-    """The values of the options; None where the default of the proxy applies.
+    """The values of the rule options. None means the default of the proxy.
 
     Attributes:
-        faults: faults of the command line, then those of the files.
-        control: address of the control socket; "" for none.
-        command_line: the options as typed, to start another process with them; without --control.
+        faults: Faults from the command line, then faults from the files.
+        control: Address of the control socket; "" means no control socket.
+        command_line: The rule options as typed, without --control, to start another process with the same
+            rules.
     """
 
     faults: tuple[AnyFault, ...]
@@ -50,7 +51,7 @@ class RuleOptions:
     script_memory_mb: int | None = None
 
     def start_scripts(self, exit_stack: ExitStack) -> ScriptProcess | None:
-        """Start the process that loads and runs the scripts; return None without scripts.
+        """Start the process that loads and runs the scripts. Without scripts, return None.
 
         Raises:
             ScriptError: the process cannot be started.
@@ -64,7 +65,10 @@ class RuleOptions:
         )
 
     def build_rules(self, scripts: ScriptProcess | None = None) -> RulePolicy | None:
-        """Create the rules, which begin now; return None if no option needs rules."""
+        """Create the rules, or return None if no option needs rules.
+
+        The times of faults count from this call.
+        """
         if not (self.faults or self.guard or self.intercept or self.scripts or self.control):
             return None
         from bcapscope.faults.fault_injector import FaultInjector
@@ -89,9 +93,10 @@ class RuleOptions:
     def attach_rules(
         self, rules: RulePolicy, relay: Relay, state: Mapping[str, object]
     ) -> ControlServer | None:
-        """Let the rules report through the relay; return the control socket, or None without --control.
+        """Let the rules report through the relay, and open the control socket. Without --control, return
+        None.
 
-        `state` has more figures for the control socket, read at each request.
+        The control socket reports the figures in `state`, which is read at each request.
 
         Raises:
             ControlError: the control socket cannot be created.
@@ -119,7 +124,7 @@ class RuleOptions:
         return ControlServer(self.control, ControlApi(rules, figures, upstream), relay)
 
     def summary(self) -> list[Message]:
-        """Describe the rules, one line each."""
+        """Return one message per kind of rule that is active."""
         lines = []
         if self.faults:
             lines.append(Message("rules.faults", count=Count(len(self.faults), "fault"), seed=self.seed))
@@ -180,11 +185,11 @@ def _build_options(
 
 
 _TYPED = f"{__name__}.typed"
-"""Key in click's context for the rule options as typed."""
+"""Key in the `meta` of click's context under which the typed rule options are stored."""
 
 
 def _parsing_callback(read: Callable[[Any], Any]) -> Callable[[click.Context, click.Parameter, Any], Any]:
-    """Return a click callback that parses the value of an option, or each value of a repeated one."""
+    """Return a click callback that parses the value of an option, or each value of a repeatable option."""
 
     def convert(context: click.Context, parameter: click.Parameter, value: Any) -> Any:
         if context.get_parameter_source(parameter.name or "") is not ParameterSource.DEFAULT:
@@ -371,4 +376,4 @@ _OPTIONS = (
 )
 
 rule_options = options.bundled("rules", _build_options, _OPTIONS)
-"""Adds the options; the command gets one argument `rules`, a `RuleOptions`."""
+"""Decorator that adds the rule options. The command gets them as one argument `rules`, a `RuleOptions`."""
