@@ -176,7 +176,8 @@ class CaptureError(BcapError):
     """A capture cannot be read, or ends early.
 
     Attributes:
-        offset: Byte offset in the uncompressed capture at which reading stopped; None if the error has no position.
+        offset: Byte offset in the uncompressed capture at which reading stopped, or None if the error has no
+            position.
     """
 
     def __init__(self, message: Message, offset: int | None = None) -> None:

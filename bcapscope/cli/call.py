@@ -95,9 +95,9 @@ def command(
     """Call functions of a controller, such as `Robot_Execute slvGetMode`.
 
     `call` opens what a function needs and releases it afterwards: service, controller, and the object whose
-    handle the function takes. Leave this handle out of the arguments. Arguments get the types of the
-    function, command or variable; name other types, as in i2:2 or r4[]:10,20,30. Missing arguments are empty.
-    `call` ends at the first failure.
+    handle the function takes. Do not type the handle: `call` adds it to the arguments. Arguments get the
+    types of the function, command or variable. To send another type, put it before the value, as in i2:2 or
+    r4[]:10,20,30. Missing arguments are empty. `call` ends at the first failure.
 
     Calls that may energise or move a robot need --arm, except to bcapscope's own simulator. Calls that stop
     a robot or switch it off do not need --arm. The action log records armed calls.

@@ -46,9 +46,9 @@ def command(
 ) -> None:
     """Compare two captures by the figures of `stats` and `slave` and the findings of `diagnose`.
 
-    Notable differences come first: those that are larger than between two good runs. Calls are compared by
-    function and command, all clients together. Slave-mode sessions are compared in the order in which they
-    began.
+    Notable differences come first. A difference is notable if it is larger than usual between two good runs.
+    Calls are compared by function and command, all clients together. Slave-mode sessions are compared in the
+    order in which they began.
 
     --filter selects calls in both captures, as for `stats`, `slave` and `diagnose`.
 

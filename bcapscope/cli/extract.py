@@ -73,8 +73,8 @@ def command(
     the controller refused are left out. Set points without a captured reply are included.
 
     Each slave-mode session gets a file: FILE.csv if there is one session; FILE-1.csv, FILE-2.csv and so on
-    if there are several. The numbers are those of the sessions in the capture. Existing files are not
-    overwritten without --force.
+    if there are several. The number in a file name is that of the slave-mode session in the capture. Existing
+    files are not overwritten without --force.
 
     Exit codes: 0: everything was written; 2: invalid command line; 3: a capture is damaged or incomplete,
     and everything before the damage was written; 4: nothing could be read; 5: there are no set points to

@@ -102,12 +102,12 @@ def command(
     capture, or a WINCAPS III project.
 
     `play` first shows how it read the file, and the problems that it found. Then a separate process starts
-    RobSlave (RC7), takes the arm and switches the motor on. It moves to the first set point, enters slave
-    mode and sends the set points. At the end it restores the original state. The action log records the calls
-    that energise or move a robot.
+    RobSlave (RC7), takes the arm and switches the motor on. The process moves the robot to the first set
+    point, enters slave mode and sends the set points. At the end, the process restores the original state.
+    The action log records the calls that energise or move a robot.
 
     While `play` runs, press s, space, Ctrl-C or Ctrl-Z to bring the robot to rest on its path. Press h,
-    Escape twice or Ctrl-C twice to halt it at once.
+    Escape twice or Ctrl-C twice to halt the robot at once.
 
     Exit codes: 0: played to the end, or with --loop 0, stopped by you; 2: invalid command line; 4: the file
     cannot be read; 6: a file was not written; 8: the controller refused a call; 9: no answer; 10: the motion

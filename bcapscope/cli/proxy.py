@@ -58,7 +58,7 @@ def _parse_ring(
     "--listen",
     metavar="HOST:PORT",
     multiple=True,
-    help="Listen on this address. Prefix udp: or tcp: for one transport only; port 0 chooses a free one. "
+    help="Listen on this address. Prefix udp: or tcp: for one transport only; port 0 chooses a free port. "
     "Repeat --listen and --to together for several controllers.",
 )
 @click.option("--to", metavar="HOST:PORT", multiple=True, help="Forward to this controller.")
@@ -67,7 +67,7 @@ def _parse_ring(
     type=click.Choice(["udp", "tcp", "both"]),
     default="both",
     show_default=True,
-    help="Listen on this transport where --listen has no prefix.",
+    help="Listen on this transport if --listen has no prefix.",
 )
 @click.option(
     "--allow",
@@ -151,15 +151,16 @@ def command(
 ) -> None:
     """Forward traffic between b-CAP clients and controllers: watch, record and disturb it.
 
-    Without rules, the proxy forwards bytes at once and unchanged. Another process records and shows them.
+    Without rules, the proxy forwards bytes at once and unchanged. Another process records and shows the
+    traffic.
 
     Ctrl-C ends the open sessions, closes the recording and prints a summary. A second Ctrl-C ends at once.
 
-    Rules change or refuse traffic. Each message passes them in this order: scripts (--script), held messages
-    (--intercept), faults (--fault, --rules), and the guard (--read-only, --block, --allow-command). With
-    `--control ADDRESS`, you can change the rules while the proxy runs: `bcapscope proxy ctl ADDRESS`. When
-    the proxy ends, it sends all held replies. Of the held requests, it sends those that stop the robot and
-    drops the others.
+    Rules change or refuse traffic. Each message passes the rules in this order: scripts (--script), held
+    messages (--intercept), faults (--fault, --rules), and the guard (--read-only, --block, --allow-command).
+    With `--control ADDRESS`, you can change the rules while the proxy runs: `bcapscope proxy ctl ADDRESS`.
+    When the proxy ends, it sends all held replies. Of the held requests, it sends those that stop the robot
+    and drops the others.
 
     All scripts run in one separate process. Only messages that a script can change wait for it; stops never
     wait. All scripts are switched off if one of them exceeds --script-timeout, or if their process ends.

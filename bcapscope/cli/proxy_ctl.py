@@ -160,7 +160,7 @@ def _duration_text(context: click.Context, parameter: click.Parameter, value: st
 )
 @click.pass_obj
 def _intercept(ctl: _ControlCommand, expression: str | None, hold: str | None) -> None:
-    """From now on, hold messages that match the filter EXPRESSION; without it, hold none."""
+    """From now on, hold messages that match the filter EXPRESSION. Without EXPRESSION, hold none."""
     ctl.request(control.SetIntercept(expression or None, hold or None), control.DoneResponse)
 
 

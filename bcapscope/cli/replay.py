@@ -130,9 +130,9 @@ def command(
     """Play one side of a recording: make the client's calls to HOST, or answer clients as the controller did.
 
     As client, `replay` makes each call at its recorded time, with the handles that this controller gives, and
-    compares the result with the recorded one. It retries as this network needs. First it opens objects that
-    the recording uses but does not open. At the end it leaves slave mode and releases everything that is
-    still open.
+    compares the result with the recorded one. `replay` makes retries only when it needs them; recorded
+    retries are not repeated. First, `replay` opens objects that the recording uses but does not open. At the
+    end, `replay` leaves slave mode and releases everything that is still open.
 
     Before `replay` sends anything, the set points go through the pre-flight check of `play`. A recording that
     may energise or move a robot needs --arm or your confirmation, except with bcapscope's own simulator. The

@@ -35,7 +35,7 @@ from bcapscope.simulator.simulator_server import SimulatorServer
 @click.option(
     "--profile",
     type=click.Choice(list(PROFILES)),
-    help="Simulate this kind of controller. Default: that of the scenario, otherwise rc8.",
+    help="Simulate this kind of controller. Default: the profile of the scenario, otherwise rc8.",
 )
 @click.option(
     "--scenario",
@@ -62,7 +62,7 @@ from bcapscope.simulator.simulator_server import SimulatorServer
 @click.option(
     "--seed",
     type=options.IntegerRange(0, options.LARGEST_SEED),
-    help="Random seed; replaces the one of the scenario.",
+    help="Random seed; replaces the seed of the scenario.",
 )
 @click.option(
     "--defect",
@@ -70,13 +70,13 @@ from bcapscope.simulator.simulator_server import SimulatorServer
     multiple=True,
     type=click.Choice([each.value for each in ServerDefect]),
     help="Simulate this defect of DENSO's C server; may be repeated. Default: all for cserver, none for the "
-    "others.",
+    "other profiles.",
 )
 @click.option(
     "--no-argument",
     type=click.Choice([each.value for each in NoArgument]),
-    help="Leave the EMPTY out of replies without a value: never, only in replies to slvChangeMode, or "
-    "always. Default: slvchangemode for rc7, never for the others.",
+    help="Omit the EMPTY argument in replies without a value: never, only in replies to slvChangeMode, or "
+    "always. Default: slvchangemode for rc7, never for other profiles.",
 )
 @click.option(
     "--listen",

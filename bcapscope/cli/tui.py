@@ -44,8 +44,8 @@ class TesterTarget(NamedTuple):
     is_flag=False,
     flag_value="",
     metavar="[ADDRESS]",
-    help="Show a proxy. Without ADDRESS, start one with --listen, --to and rules, as for `bcapscope proxy`. "
-    "With ADDRESS, show the running proxy that was started with `--control ADDRESS`.",
+    help="Show a proxy. Without ADDRESS, start a proxy with --listen, --to and rules, as for "
+    "`bcapscope proxy`. With ADDRESS, show the running proxy that was started with `--control ADDRESS`.",
 )
 @click.option(
     "--listen",

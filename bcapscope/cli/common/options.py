@@ -153,7 +153,7 @@ language = click.option(
     "words",
     type=click.Choice([each.value for each in Language]),
     callback=_words,
-    help="Language of the text, en or ja. By default from LC_ALL, LC_MESSAGES or LANG. "
+    help="Language of the text, en or ja. By default, LC_ALL, LC_MESSAGES or LANG decides. "
     "JSON and CSV stay English.",
 )
 """Option ``--lang``. The command gets the parameter `words`, a formatter in the reader's language."""

@@ -295,15 +295,15 @@ _OPTIONS = (
     click.option(
         "--seed",
         type=options.IntegerRange(0, options.LARGEST_SEED),
-        help="Random seed (default: a new one each time). The same seed and traffic give the same faults.",
+        help="Random seed (default: a new seed each time). The same seed and traffic give the same faults.",
     ),
     click.option(
         "--read-only",
         is_flag=True,
-        help="Refuse requests that energise or move the robot or change its state, and unknown ones, with "
-        "E_ACCESSDENIED. Stops always pass: Robot_Halt, Robot_Hold, Task_Stop, Command_Cancel, HandStop, "
+        help="Refuse requests that energise or move the robot or change its state, and unknown requests, "
+        "with E_ACCESSDENIED. Stops always pass: Robot_Halt, Robot_Hold, Task_Stop, Command_Cancel, HandStop, "
         "TwofgStop, slvChangeMode 0, releases, Controller_Disconnect and Service_Stop. Controller_Connect "
-        "also passes: nothing can be read without its handles.",
+        "also passes: without its handle, a client could not even read.",
     ),
     click.option(
         "--block",
@@ -349,9 +349,9 @@ _OPTIONS = (
         "script_limit",
         metavar="TIME",
         callback=_parsing_callback(_script_limit),
-        help="Give the scripts this much time for one message, 1ms to 10s (default: 100ms). If one takes "
-        "longer, all are switched off. Then stops pass, motion is refused with E_ACCESSDENIED, and "
-        "everything else passes unchanged.",
+        help="Give the scripts this much time for one message, 1ms to 10s (default: 100ms). If a script "
+        "takes longer, all scripts are switched off. Stops then pass, motion is refused with "
+        "E_ACCESSDENIED, and everything else passes unchanged.",
     ),
     click.option(
         "--script-memory",

@@ -84,7 +84,8 @@ _OPTIONS = (
         "--provider",
         default="CaoProv.DENSO.VRC",
         show_default=True,
-        help="Connect with this provider. RC9 and COBOTTA PRO need CaoProv.DENSO.VRC9; RC7 accepts any.",
+        help="Connect with this provider. RC9 and COBOTTA PRO need CaoProv.DENSO.VRC9; RC7 accepts "
+        "any provider.",
     ),
     click.option(
         "--machine", default="localhost", show_default=True, help="Send this machine name to the provider."
