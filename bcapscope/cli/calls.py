@@ -51,8 +51,8 @@ def command(
     """Show the calls in captures: each request with its retries, notices and reply.
 
     A line shows number, start, client > controller, function, command, result and the time to the accepted
-    reply. Then follow the retries, their cause if the capture shows it, and the frame numbers of requests >
-    replies. A call is printed when it ends. Calls are numbered in the order in which they started.
+    reply. The line ends with the retries, the cause of the retries if known, and the frame numbers of
+    requests > replies. A call is printed when it ends. Calls are numbered in the order in which they started.
 
     Exit codes: as for `decode`.
     """
@@ -100,7 +100,7 @@ class _ShownCalls(PipelineSubscriber):
             self._items.append((stray, None))
 
     def all_items(self) -> Iterator[tuple[PairingResult, TrackedObject | None]]:
-        """Yield the selected calls. Without a filter, the stray replies are included."""
+        """Yield the selected calls. Without a filter, stray replies follow among the calls."""
         return read_items(self._reader, Pipeline(self, handles=self._handles), self._items)
 
     def calls(self) -> Iterator[tuple[Call, TrackedObject | None]]:

@@ -79,9 +79,9 @@ def command(
 
     PATH is a capture (pcap or pcapng, plain or gzipped), or - for standard input.
 
-    A line shows number, time, source > destination, transport, direction, serial and reserved. Then follow
-    the function or the result, the command and the arguments. After !!, the line describes problems with the
-    bytes.
+    A line shows number, time, source > destination, transport, direction, serial and reserved. The line
+    continues with the function or the result, the command and the arguments. After !!, the line describes
+    problems with the bytes.
 
     Exit codes: 0: everything was read; 2: invalid command line; 3: a capture is damaged or incomplete, and
     everything before the damage was printed; 4: nothing could be read; 6: the output could not be written;

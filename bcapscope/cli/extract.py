@@ -69,8 +69,8 @@ def command(
 ) -> None:
     """Write the set points of slave mode (slvMove) with the poses that the controller returned.
 
-    Each set point is one row, however often it was sent, with the time of its first request. Set points that
-    the controller refused are left out. Set points without a captured reply are included.
+    Each set point is one row with the time of its first request; retries add no rows. Set points that the
+    controller refused are left out. Set points without a captured reply are included.
 
     Each slave-mode session gets a file: FILE.csv if there is one session; FILE-1.csv, FILE-2.csv and so on
     if there are several. The number in a file name is that of the slave-mode session in the capture. Existing

@@ -47,7 +47,7 @@ def command(context: click.Context, address: str, as_json: bool, words: MessageF
 
 
 class _ControlCommand:
-    """Sends requests to a running proxy. With --json, it prints the responses."""
+    """Sends requests to a running proxy. With --json, the responses of the proxy are printed as JSON."""
 
     def __init__(self, address: str, as_json: bool, words: MessageFormatter) -> None:
         self.words = words

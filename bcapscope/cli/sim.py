@@ -160,7 +160,7 @@ def command(
 def _played_scenario(
     scenario: Scenario | None, profile: str | None, defects: tuple[str, ...], no_argument: str | None
 ) -> Scenario:
-    """Return the scenario to play. Without --scenario, this scenario has no events."""
+    """Return the scenario to play. Without --scenario, return a scenario without events."""
     if scenario is not None and profile not in (None, scenario.profile):
         raise click.UsageError(f"the scenario needs profile {scenario.profile}: leave out --profile")
     chosen = scenario or Scenario(title="", profile=ProfileName(profile or ProfileName.RC8))

@@ -32,9 +32,8 @@ _OWN_MEMBERS = {
     "latency_ms": b"%b",
     "rtt_ms": b"%b",
 }
-"""JSON members that differ between plain answered calls of one kind.
-
-All other members are in the template.
+"""JSON members that differ between plain answered calls of one kind. The template of the kind contains all
+other members.
 """
 
 

@@ -37,8 +37,8 @@ class FrameLineRenderer:
         write_endpoints: Callable[[Flow], str] | None = None,
         words: MessageFormatter = ENGLISH_WORDS,
     ) -> None:
-        """Choose the format of the lines. With `brief`, the lines omit problems and comments; `remarks`
-        yields them.
+        """Choose the format of the lines. With `brief`, lines omit problems and comments, which `remarks`
+        yields instead.
 
         `write_endpoints` returns the escaped text for a flow. By default this text shows addresses, transport
         and direction.

@@ -80,7 +80,7 @@ def field_rows(
 ) -> Iterator[FieldRow]:
     """Yield the rows of a section lazily, in the order of the bytes.
 
-    With `full`, strings and arrays are shown completely.
+    With `full`, the rows show strings and arrays completely.
     """
     for field in section.fields:
         yield from _rows_of_field(field, 0, full, words)

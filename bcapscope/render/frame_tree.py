@@ -22,7 +22,8 @@ _INDENT = "  "
 
 @dataclass(frozen=True, slots=True)
 class FrameTreeRenderer:
-    """Writes frames as trees. With `full`, fields are shown completely. With `dump`, a hex dump follows.
+    """Writes frames as trees. With `full`, a tree shows all bytes of long fields. With `dump`, a hex dump
+    follows each tree.
 
     Lines have fewer than 100 columns, unless they contain long text from the wire or a long description of a
     problem.

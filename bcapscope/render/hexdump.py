@@ -33,8 +33,8 @@ def hexdump(
     """Yield the lines of a hex dump, with `per_line` bytes per line. Where two highlights overlap, the later
     one wins.
 
-    Offsets begin at `first`. They are decimal, like the offsets in field trees and problems shown next to a
-    hex dump.
+    Offsets begin at `first`. Offsets are decimal, like the offsets in field trees and problems shown next to
+    a hex dump.
     """
     width = max(6, len(str(first + len(data))))
     pending = list(highlights)[::-1]

@@ -46,7 +46,7 @@ def numbers_text(values: tuple[int | float, ...]) -> str:
 def singles_text(values: tuple[float, ...]) -> str:
     """Return R4 values in the format of `single_text`, separated by commas.
 
-    This is fast if seven digits suffice for each value.
+    The conversion is fast if seven digits suffice for each value.
     """
     form = struct.Struct(f"<{len(values)}f")
     short = tuple(map(float, ("%.7g " * len(values) % values).split()))

@@ -77,8 +77,9 @@ def timeline_picture(report_data: ReportData) -> Picture:
         "timeline",
         "Who did what, and when",
         "Each row is a client. Thin bars show its calls, thick bars its slave-mode sessions. "
-        "Marks above the bars show events. In a long capture, one mark can stand for several events; its "
-        "text gives their number." + (f" {left_off} more clients made fewer calls." if left_off else ""),
+        "Marks above the bars show events. In a long capture, one mark can stand for several events; the "
+        "text of the mark gives their number."
+        + (f" {left_off} more clients made fewer calls." if left_off else ""),
         130 + 76 * len(timelines),
         traces,
         barmode="overlay",

@@ -174,7 +174,7 @@ def session_views(report_data: ReportData) -> list[SlaveSessionView]:
 
 
 def call_tables(report_data: ReportData, words: MessageFormatter) -> Iterator[ReportTable]:
-    """Yield the tables of calls: by client, by command, and refused ones."""
+    """Yield three tables about calls: figures by client, figures by command, and refused calls."""
     statistics = report_data.statistics
     if statistics is None:
         return

@@ -28,7 +28,7 @@ def result_advice(
 ) -> Iterator[str]:
     """Yield lines about a result code: name, code and meaning.
 
-    For a failure, the severity level and advice follow.
+    For a failure, lines with the error level and advice follow.
     """
     found, name = describe_hresult(code), hresult_name(code)
     digits = f"0x{code & 0xFFFFFFFF:08X}"

@@ -1,7 +1,7 @@
 """Slave-mode sessions as JSON, one object per session.
 
-Names of fields with a unit end in `_ms`, `_hz` or `_ppm`. Times are in seconds since 1970 with nine decimals.
-Missing values are null. Names that end in `frame` or `frames` hold frame numbers.
+Names of JSON members with a unit end in `_ms`, `_hz` or `_ppm`. Times are in seconds since 1970 with nine
+decimals. Missing values are null. JSON members whose names end in `frame` or `frames` hold frame numbers.
 """
 
 from __future__ import annotations
@@ -82,7 +82,7 @@ def _session(session: SlaveSession) -> _Object:
 def _distribution(found: DistributionSummary) -> _Object:
     """Return the JSON members of a distribution.
 
-    Each of its bins, if any, is a list of lower edge, upper edge and count.
+    In `bins`, each bin is a list of lower edge, upper edge and count.
     """
     bins = {"bins": [(each.low, each.high, each.count) for each in found.bins]} if found.bins else {}
     return {"count": found.count, **percentiles_object(found), **bins}

@@ -33,7 +33,7 @@ def slave_session_lines(
 ) -> Iterator[str]:
     """Yield all lines about a slave-mode session.
 
-    All times except the first are in seconds since that first time.
+    The entry time is in UTC; all other times are in seconds since the entry.
     """
     writer = CaptionWriter(palette, words)
     conversation = slave_session.conversation

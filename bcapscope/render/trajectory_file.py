@@ -1,9 +1,9 @@
 """Write captured trajectories as files that `play` can read: CSV, or JSON with details of the session.
 
-The CSV is comma-separated UTF-8 text without a byte order mark. It has a header line, then one line per set
-point. Lines end in LF; there are no comments and no quotes. A cell without a value is empty. Numbers have a
-decimal point and no thousands separators. Each number reads back as exactly the number sent; `nan`, `inf` and
-`-inf` are possible. The columns are, in this order:
+The CSV is comma-separated UTF-8 text without a byte order mark. The first line is a header; each further line
+is one set point. Lines end in LF; there are no comments and no quotes. A cell without a value is empty.
+Numbers have a decimal point and no thousands separators. Each number reads back as exactly the number sent;
+`nan`, `inf` and `-inf` are possible. The columns are, in this order:
 
 ``time_s``
     Seconds from the first request of the first set point to the first request of this set point, nine
@@ -18,8 +18,8 @@ decimal point and no thousands separators. Each number reads back as exactly the
 ``reply_s``
     Time of the accepted reply, counted like ``time_s``; empty if no reply was captured.
 ``controller_time_ms``
-    The controller's time stamp in ms. It wraps, because the controller sends a signed 32-bit number of ms or
-    µs. The column is missing if the replies have no time stamps.
+    The controller's time stamp in ms. The time stamp wraps, because the controller sends a signed 32-bit
+    number of ms or µs. The column is missing if the replies have no time stamps.
 ``retries``
     Number of retries of the set point.
 ``hresult``
@@ -27,11 +27,12 @@ decimal point and no thousands separators. Each number reads back as exactly the
 ``call``
     Number of the call in the output of `bcapscope calls`.
 
-A program that reads the file needs only ``time_s`` and the commanded pose. It should find columns by name.
+A program that reads the file needs only ``time_s`` and the commanded pose. Such a program should find columns
+by name.
 
-The JSON is one object. It begins with details of the slave-mode session. `columns` has the names above.
-`rows` has an array of values for each set point: null for no value, strings for NaN and infinities. `points`
-is the number of set points.
+The JSON is one object. The object begins with details of the slave-mode session. `columns` has the names
+above. `rows` has an array of values for each set point: null for no value, strings for NaN and infinities.
+`points` is the number of set points.
 """
 
 from __future__ import annotations

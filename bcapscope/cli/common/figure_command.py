@@ -22,7 +22,10 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, slots=True)
 class FigureArguments:
-    """The arguments of a command that prints figures. `window` is in ns; None means the whole capture."""
+    """The arguments of a command that prints figures.
+
+    `window` is the length of a time window in ns; None means the whole capture.
+    """
 
     reader: CaptureReader
     as_json: bool

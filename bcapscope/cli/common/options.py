@@ -94,7 +94,7 @@ def bundled(
 _PATH = click.Path(allow_dash=True)
 
 paths = click.argument("paths", nargs=-1, metavar="PATH...", type=_PATH)
-"""Argument PATH: any number of captures. It may be empty if an option names the input."""
+"""Argument PATH: any number of captures. The argument may be missing if an option names the input."""
 
 captures = click.argument("paths", nargs=-1, required=True, metavar="PATH...", type=_PATH)
 """Argument PATH: one or more captures."""

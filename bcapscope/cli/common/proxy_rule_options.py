@@ -30,7 +30,7 @@ if TYPE_CHECKING:  # local imports, because `tui` also has these options and mus
 
 @dataclass(frozen=True, slots=True)
 class RuleOptions:
-    """The values of the rule options. None means the default of the proxy.
+    """The values of the rule options. A value of None means the default of the proxy.
 
     Attributes:
         faults: Faults from the command line, then faults from the files.
@@ -301,9 +301,9 @@ _OPTIONS = (
         "--read-only",
         is_flag=True,
         help="Refuse requests that energise or move the robot or change its state, and unknown requests, "
-        "with E_ACCESSDENIED. Stops always pass: Robot_Halt, Robot_Hold, Task_Stop, Command_Cancel, HandStop, "
-        "TwofgStop, slvChangeMode 0, releases, Controller_Disconnect and Service_Stop. Controller_Connect "
-        "also passes: without its handle, a client could not even read.",
+        "with E_ACCESSDENIED. Stops always pass: Robot_Halt, Robot_Hold, Task_Stop, Command_Cancel, "
+        "HandStop, TwofgStop, slvChangeMode 0, releases, Controller_Disconnect and Service_Stop. "
+        "Controller_Connect also passes: without its handle, a client could not even read.",
     ),
     click.option(
         "--block",
@@ -340,9 +340,9 @@ _OPTIONS = (
         metavar="FILE.py",
         multiple=True,
         type=click.Path(exists=True, dir_okay=False),
-        help="Run this Python file on the traffic; may be repeated. Its classes have one or more of the "
-        "methods request(message), reply(message), settled(call), connected(client), gone(client) and "
-        "done(). Scripts run in a separate process, with your rights.",
+        help="Run this Python file on the traffic; may be repeated. The classes of the file have one or more "
+        "of the methods request(message), reply(message), settled(call), connected(client), gone(client) "
+        "and done(). Scripts run in a separate process, with your rights.",
     ),
     click.option(
         "--script-timeout",
@@ -362,8 +362,8 @@ _OPTIONS = (
     click.option(
         "--control",
         metavar="PATH|127.0.0.1:PORT",
-        help="Listen for `bcapscope proxy ctl` on this socket. Anyone who can open it can do what you can do "
-        "with the robot.",
+        help="Listen for `bcapscope proxy ctl` on this socket. Anyone who can open this socket "
+        "can do what you can do with the robot.",
     ),
     click.option(
         "--help-faults",

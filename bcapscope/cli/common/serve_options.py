@@ -109,7 +109,7 @@ _OPTIONS = (
         type=IntegerRange(1, _MAX_VIEWERS),
         default=1,
         show_default=True,
-        help="Let this many browser pages watch at a time, each with a screen of its own.",
+        help="Allow this many browser pages at a time, each with its own screen.",
     ),
 )
 

@@ -59,7 +59,7 @@ _OPTIONS = (
         default=DEFAULT_RETRY_POLICIES.others.retries,
         show_default=True,
         help="Retry a request at most this often on UDP. In an Async mode, 4 means 3, as DENSO recommends. "
-        "On TCP there are no retries: the one attempt waits as long as all attempts together.",
+        "On TCP there are no retries: the only attempt waits as long as all UDP attempts together.",
     ),
     click.option(
         "--convention",
