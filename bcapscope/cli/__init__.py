@@ -118,7 +118,7 @@ def main() -> None:
     except OSError as error:
         if error.filename is not None or error.errno not in _DISK_FULL:
             raise
-        discard_stdout()  # click was writing help or the version; commands handle their own output
+        discard_stdout()  # click was writing help or the version; commands handle their own errors
         refused = StdoutWriteError(error)
         refused.show()
         sys.exit(refused.exit_code)

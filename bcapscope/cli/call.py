@@ -75,7 +75,7 @@ class _ScriptFile(click.File):
 @click.option("--extension", help="Open the extension of this name if a call needs one.")
 @click.option("--command", "command_", help="Open the command object of this name if a call needs one.")
 @click.option("--arm", is_flag=True, help="Allow calls that may energise or move a robot.")
-@click.option("--hex", "dump", is_flag=True, help="Show a hex dump of each call's packets below it.")
+@click.option("--hex", "dump", is_flag=True, help="Show a hex dump of the packets below each call.")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object per call, with its reply.")
 @options.color
 @options.language
@@ -96,8 +96,8 @@ def command(
 
     `call` opens what a function needs and releases it afterwards: service, controller, and the object whose
     handle the function takes. Do not type the handle: `call` adds it to the arguments. Arguments get the
-    types of the function, command or variable. To send another type, put it before the value, as in i2:2 or
-    r4[]:10,20,30. Missing arguments are empty. `call` ends at the first failure.
+    types that the function, command or variable expects. To send another type, write the type before the
+    value, as in i2:2 or r4[]:10,20,30. Missing arguments are empty. `call` ends at the first failure.
 
     Calls that may energise or move a robot need --arm, except to bcapscope's own simulator. Calls that stop
     a robot or switch it off do not need --arm. The action log records armed calls.

@@ -30,7 +30,9 @@ _MAX_SESSIONS_LISTED = 8
 @options.paths
 @options.interface
 @options.ports
-@click.option("--tree", is_flag=True, help="Show each call's frames below it, with the times between them.")
+@click.option(
+    "--tree", is_flag=True, help="Show the frames of each call below its line, with the times between frames."
+)
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object per call.")
 @options.filter_option(RecordKind.CALL)
 @options.time_format

@@ -46,7 +46,7 @@ def command(
 ) -> None:
     """Compare two captures by the figures of `stats` and `slave` and the findings of `diagnose`.
 
-    Notable differences come first. A difference is notable if it is larger than usual between two good runs.
+    Notable differences come first. Notable means larger than the usual differences between two good runs.
     Calls are compared by function and command, all clients together. Slave-mode sessions are compared in the
     order in which they began.
 

@@ -138,7 +138,7 @@ async def _measure(session: Session, handle: int, count: int, interval: float, f
         for _ in range(count):
             await asyncio.sleep(due - loop.time())
             settled = await session.perform_call(_GET_ATTRIBUTE, (Variant(VT.I4, handle),))
-            due = max(due + interval, loop.time())  # after a slow call, later calls do not follow in a burst
+            due = max(due + interval, loop.time())  # after a slow call, avoid a burst of calls
             if isinstance(settled, CallTimedOut):
                 found.lost += 1
             else:

@@ -98,7 +98,7 @@ def command(
 ) -> None:
     """Move the robot of HOST along the set points of FILE, in slave mode.
 
-    FILE is a control log or another CSV table, a ROS JointTrajectory as JSON or YAML, output of `extract`, a
+    FILE is a control log or other CSV table, a ROS JointTrajectory as JSON or YAML, output of `extract`, a
     capture, or a WINCAPS III project.
 
     `play` first shows how it read the file, and the problems that it found. Then a separate process starts

@@ -109,7 +109,7 @@ def _parse_ring(
     "form",
     flag_value=TrafficFormat.JSON,
     type=TrafficFormat,
-    help="Print one JSON object per frame, or with --calls per call.",
+    help="Print one JSON object per frame, or with --calls one per call.",
 )
 @click.option(
     "-f",
@@ -159,11 +159,12 @@ def command(
     Rules change or refuse traffic. Each message passes the rules in this order: scripts (--script), held
     messages (--intercept), faults (--fault, --rules), and the guard (--read-only, --block, --allow-command).
     With `--control ADDRESS`, you can change the rules while the proxy runs: `bcapscope proxy ctl ADDRESS`.
-    When the proxy ends, it sends all held replies. Of the held requests, it sends those that stop the robot
-    and drops the others.
+    When the proxy ends, it sends all held replies. The proxy also sends the held requests that stop the
+    robot, and drops other held requests.
 
-    All scripts run in one separate process. Only messages that a script can change wait for it; stops never
-    wait. All scripts are switched off if one of them exceeds --script-timeout, or if their process ends.
+    All scripts run in one separate process. Messages that a script can change wait for the script; stops
+    never wait. All scripts are switched off if one of them exceeds --script-timeout, or if their process
+    ends.
 
     Exit codes: 0: you ended it; 2: invalid command line; 4: the proxy cannot listen on an address, or cannot
     use a script; 6: the recording cannot be written, or is incomplete because the disk was full or the
@@ -228,7 +229,7 @@ class _ProxyRun:
     def _open(
         self, opened: ExitStack, proxy_options: ProxyOptions
     ) -> tuple[ProxySupervisor, Callable[[], None]]:
-        """Start the proxy. Return the proxy, and a function that reports the addresses it listens on."""
+        """Start the proxy. Return the proxy, and a function that reports the addresses of the proxy."""
         listening: list[str] = []
         scripts = self.rules.start_scripts(opened)
         policy = self.rules.build_rules(scripts)

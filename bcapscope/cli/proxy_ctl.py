@@ -29,7 +29,8 @@ from bcapscope.traffic.observation import Observation
 R = TypeVar("R", bound=control.DoneResponse)
 
 _INDENTED = re.compile(r"\n(?=  )")
-"""Matches the line breaks in an error message. The indented lines after them show the position in a rule."""
+"""Matches the line breaks before the indented lines of an error message, which show the position in a rule.
+"""
 
 
 @click.group("ctl", short_help="Control a running proxy.")
@@ -156,7 +157,7 @@ def _duration_text(context: click.Context, parameter: click.Parameter, value: st
     "--hold",
     metavar="TIME",
     callback=_duration_text,
-    help="Hold them at most this long, such as 60s (default: as before); see `proxy --hold`.",
+    help="Hold messages at most this long, such as 60s (default: as before); see `proxy --hold`.",
 )
 @click.pass_obj
 def _intercept(ctl: _ControlCommand, expression: str | None, hold: str | None) -> None:
@@ -201,7 +202,9 @@ def _forward(ctl: _ControlCommand, number: int) -> None:
 @command.command("edit", short_help="Change a held message and send it.")
 @click.argument("number", type=options.IntegerRange(1, options.LARGEST_COUNT))
 @click.argument("changes", nargs=-1)
-@click.option("--hex", "data", metavar="BYTES", help="Send these bytes instead, given in hex.")
+@click.option(
+    "--hex", "data", metavar="BYTES", help="Send these bytes, given in hex, instead of the held message."
+)
 @click.pass_obj
 def _edit(ctl: _ControlCommand, number: int, changes: tuple[str, ...], data: str | None) -> None:
     """Send a held message with CHANGES, in the notation of the fault `rewrite`: set arg[2][0]=10."""

@@ -94,7 +94,9 @@ _MAX_LISTED = 8
     show_default=True,
     help="As client: shorten pauses between calls to this many seconds.",
 )
-@click.option("--no-delay", is_flag=True, help="As server: answer at once, not after the recorded time.")
+@click.option(
+    "--no-delay", is_flag=True, help="As server: answer immediately instead of after the recorded time."
+)
 @click.option(
     "--listen",
     metavar="ADDRESS",
@@ -130,7 +132,7 @@ def command(
     """Play one side of a recording: make the client's calls to HOST, or answer clients as the controller did.
 
     As client, `replay` makes each call at its recorded time, with the handles that this controller gives, and
-    compares the result with the recorded one. `replay` makes retries only when it needs them; recorded
+    compares the result with the recorded one. `replay` retries a call only if no reply comes; recorded
     retries are not repeated. First, `replay` opens objects that the recording uses but does not open. At the
     end, `replay` leaves slave mode and releases everything that is still open.
 
@@ -237,7 +239,10 @@ class _PreflightCheck:
             raise click.UsageError(str(error)) from None
 
     def check(self, limits: ArmLimits, shown: bool = False) -> None:
-        """Check all set points, and exit if some are unfit. Results are printed if `shown` or unfit."""
+        """Check all set points, and exit if some are unfit.
+
+        The results of unfit set points are printed; with `shown`, all results are printed.
+        """
         found = [preflight_run(stretch, with_limits(limits, self._limits)) for stretch in self.stretches]
         bad = [each for each in found if not each.is_playable]
         for each in bad or (found if shown and not self._quiet else ()):

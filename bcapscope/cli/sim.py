@@ -41,7 +41,7 @@ from bcapscope.simulator.simulator_server import SimulatorServer
     "--scenario",
     callback=choose_scenario,
     metavar="NAME|FILE.yaml",
-    help="Play a scenario: begin in its state and inject its faults.",
+    help="Play a scenario: begin in the state of the scenario and inject its faults.",
 )
 @click.option(
     "--scenarios",
@@ -91,7 +91,7 @@ from bcapscope.simulator.simulator_server import SimulatorServer
     type=options.IntegerRange(0, 65535),
     default=5007,
     show_default=True,
-    help="Listen on this port, UDP and TCP; 0 chooses a free one.",
+    help="Listen on this port, UDP and TCP; 0 chooses a free port.",
 )
 @options.record_option("Record the traffic to a new capture.")
 @click.option("-q", "--quiet", is_flag=True, help="Do not print the calls.")
@@ -113,9 +113,9 @@ def command(
 ) -> None:
     """Simulate a DENSO controller: answer b-CAP clients over UDP and TCP until Ctrl-C.
 
-    `sim` prints one line per call. While it runs, you can type commands. reset forgets all clients, like the
-    button on the pendant. stop presses the emergency stop, and go releases it. detector switches whether a
-    late set point is an error in the Async modes of RC7. quit ends `sim`.
+    `sim` prints one line per call. While `sim` runs, you can type commands. reset forgets all clients, like
+    the button on the pendant. stop presses the emergency stop, and go releases it. detector switches whether
+    a late set point is an error in the Async modes of RC7. quit ends `sim`.
 
     --scenario simulates a controller with a known problem, whose root cause `diagnose` finds in a capture.
     Lines that begin with # show what the scenario does.

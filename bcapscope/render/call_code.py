@@ -154,7 +154,9 @@ def _opening_lines(chain: Sequence[ObjectHandle]) -> Iterator[str]:
 
 
 def _name_arguments(opened: ObjectHandle) -> Sequence[str]:
-    """Return the recorded strings that the opening method of the object accepts, and no others."""
+    """Return the arguments for the method that opens the object, without surplus strings of the recorded
+    call.
+    """
     match opened.kind:
         case ObjectClass.MESSAGE:
             return ()

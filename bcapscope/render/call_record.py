@@ -18,7 +18,7 @@ from bcapscope.traffic.observation import Conversation
 from bcapscope.traffic.reserved_field import ReservedConvention
 
 MAX_TEMPLATES = 4096
-"""Maximum number of cached templates for plain answered calls; a full cache is emptied."""
+"""Maximum number of cached templates for calls with one request and one reply; a full cache is emptied."""
 
 _TemplateKey: TypeAlias = "tuple[Conversation, CallKind, TrackedObject | None, int, ReservedConvention]"
 
@@ -32,8 +32,8 @@ _OWN_MEMBERS = {
     "latency_ms": b"%b",
     "rtt_ms": b"%b",
 }
-"""JSON members that differ between plain answered calls of one kind. The template of the kind contains all
-other members.
+"""JSON members that differ between calls of one kind with one request and one reply. The template of the kind
+contains all other members.
 """
 
 
@@ -48,7 +48,8 @@ class CallRecordRenderer:
         `subject`, the object of the call's handle.
 
         `started` is in seconds since 1970. `latency_ms` runs from the first request to the accepted reply.
-        `rtt_ms` runs from the request that this reply answers. All lists except `serials` hold frame numbers.
+        `rtt_ms` runs from the request that the accepted reply answers to this reply. All lists except
+        `serials` hold frame numbers.
         """
         request, reply = call.request, call.reply
         if reply is None or not call.is_plain:
@@ -66,7 +67,7 @@ class CallRecordRenderer:
             del self._templates[kind]
 
     def _make_template(self, kind: _TemplateKey, call: Call) -> bytes:
-        """Create and cache the template of plain answered calls of one kind."""
+        """Create and cache the template for calls of one kind with one request and one reply."""
         if len(self._templates) >= MAX_TEMPLATES:
             self._templates.clear()
         members = (

@@ -201,7 +201,7 @@ def _session_message(session: ServiceSession) -> Message:
 
 
 def _subject_text(call: Call, subject: TrackedObject | None) -> str:
-    """Return the object of a call's handle, and the name of the object that the call opens."""
+    """Return text that names the object of a call's handle, and the object that the call opens."""
     function = FUNCTIONS.get(call.kind.function_id)
     text = ""
     if subject is not None and function is not None:

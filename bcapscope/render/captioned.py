@@ -41,7 +41,7 @@ class CaptionWriter:
     def captioned(self, caption: str, text: Message | str) -> str:
         """Return a line that begins with the caption `slave.caption.<caption>`.
 
-        If `text` is a string, it must be escaped.
+        A string passed as `text` must be escaped.
         """
         name = self.label(f"slave.caption.{caption}")
         space = " " * (CAPTION_WIDTH - display_width(name))

@@ -160,8 +160,8 @@ def _one_sided_rows(lone: Sequence[UnmatchedKind], words: MessageFormatter) -> I
 def comparison_record(comparison: CaptureComparison, good: ComparedCapture, bad: ComparedCapture) -> bytes:
     """Return the differences between two captures as one JSON object, without a line end.
 
-    Figures that ``stats`` also has get the same names as in its JSON. Shares are between 0 and 1, times are
-    in milliseconds.
+    A figure that `stats --json` also prints has the same name there. Shares are between 0 and 1, times are in
+    milliseconds.
     """
     return orjson.dumps(
         {

@@ -98,8 +98,8 @@ class CsvTableRenderer:
     def _args(self, observation: Observation, call_kind: CallKind | None) -> str:
         """Return the arguments as JSON, cut out of the JSON object of the frame.
 
-        The search for a key cannot match inside a JSON string, because quotation marks are escaped there. The
-        result begins with a bracket, so a spreadsheet does not evaluate it.
+        The search for a key cannot match inside a JSON string, because quotation marks inside strings are
+        escaped. The result begins with a bracket, so a spreadsheet does not evaluate it.
         """
         record = self._records.record(observation, call_kind)
         start = record.index(_ARGS) + len(_ARGS)

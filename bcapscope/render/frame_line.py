@@ -72,7 +72,7 @@ class FrameLineRenderer:
         key = flow, layout, call_kind
         phrase = self._templates.get(key) or self._make_template(key, item)
         text, places = phrase.text, phrase.places
-        if len(places) == 1:  # nearly all frames of a large capture; avoids a function call
+        if len(places) == 1:  # true for nearly all frames of a large capture; saves a function call
             where, write = places[0]
             return text % (number, self._write_time(time), item.serial, item.reserved, write(numbers[where]))
         return phrase.fill((number, self._write_time(time), item.serial, item.reserved), numbers)

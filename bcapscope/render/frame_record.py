@@ -197,7 +197,7 @@ class FrameRecordRenderer:
 
 
 def _template_head(flow: Flow, kind: bytes, serial: bytes = b"%d", reserved: bytes = b"%d") -> bytes:
-    """Return the first members of the JSON object, which every frame has, with places for their numbers."""
+    """Return a template for the first JSON members of a frame, with places for their numbers."""
     names = (b"src", b"dst", b"transport")
     texts = (flow.src_text, flow.dst_text, flow.conversation.transport)
     ends = b"".join(b'"%b":%b,' % (name, json_text(text)) for name, text in zip(names, texts, strict=True))

@@ -24,7 +24,7 @@ from bcapscope.render.number import (
 LONGEST_STRING = 120
 """Maximum number of characters of a string that a line shows.
 
-The limit for bytes of a UI1 array is half of it.
+A line shows half as many bytes of a UI1 array.
 """
 
 MAX_ELEMENTS = 32
@@ -32,7 +32,7 @@ MAX_ELEMENTS = 32
 
 NumberWriter: TypeAlias = Callable[[Any], str]
 TemplatePlace: TypeAlias = tuple[int | slice, NumberWriter]
-"""A place in a template: the index of a frame's number, or a slice of them, and the function that formats it.
+"""A place in a template: an index or slice of a frame's numbers, and the function that formats these numbers.
 """
 
 _SHOWN_BEFORE = ("bstrCommand",)
@@ -49,7 +49,7 @@ class LineTemplate:
         self.places = tuple(places)
 
     def fill(self, head: tuple[object, ...], numbers: FrameNumbers) -> str:
-        """Return the text with the values of its head, and with the numbers of a frame in their places."""
+        """Return the template filled with the values of its head and the numbers of a frame."""
         return self.text % (*head, *[write(numbers[where]) for where, write in self.places])
 
 

@@ -18,8 +18,8 @@ def date_text(days: float) -> str:
     """Return a DATE (days since 1899-12-30 00:00) as date and time, or "" if it is negative or after year
     9999.
 
-    For negative values, OLE and DENSO's Python client interpret the fraction of a day differently. The time
-    zone is unknown: DENSO's C and Python clients send UTC, the C# client sends local time (orin_bcap).
+    OLE and DENSO's Python client interpret the fraction of a negative DATE differently. The time zone of a
+    DATE is unknown: DENSO's C and Python clients send UTC, the C# client sends local time (orin_bcap).
     """
     if not 0 <= days < 2_958_466:
         return ""

@@ -67,7 +67,7 @@ def progress_line(progress: PlayProgress, width: int) -> str:
 
 
 def play_summary_lines(ended: PlayEnded, words: MessageFormatter = ENGLISH_WORDS) -> Iterator[str]:
-    """Yield the lines of the summary."""
+    """Yield the lines of the summary that `play` prints at its end."""
     is_unbegun = ended.outcome is PlayOutcome.STOPPED and not ended.index
     head = words("play.ended.stopped-before" if is_unbegun else f"play.ended.{ended.outcome}")
     reason, *more = ("" if ended.reason is None else words.text(ended.reason)).splitlines() or ("",)

@@ -111,7 +111,7 @@ class HistogramBars(NamedTuple):
 def histogram_bars(bins: Sequence[Bin], least: float, most: float) -> HistogramBars:
     """Combine fine bins into bars of equal width, by the middle of each bin.
 
-    If the values span a large range, the width is equal on a logarithmic axis.
+    If the values span a large range, the bars are equally wide on a logarithmic axis.
 
     Bars without values are left out.
     """

@@ -104,7 +104,7 @@ def _titles(report_data: ReportData, words: MessageFormatter) -> dict[str, str]:
 def _script_text(code: str) -> str:
     """Return JavaScript that cannot end its script element.
 
-    Only JavaScript strings contain the replaced sequences.
+    The replacement is safe, because the replaced sequences occur only in JavaScript strings.
     """
     return code.replace("</script", "<\\/script").replace("<!--", "<\\!--")
 

@@ -54,8 +54,7 @@ _GOOD_EXITS = (ExitReason.LEFT, ExitReason.CAPTURE_ENDED, ExitReason.CHANGED)
 class ReportTable(NamedTuple):
     """A table with one letter of `kinds` per column.
 
-    ``t`` means text, ``n`` number, ``c`` code, and ``e`` the endpoints of a conversation (None: all
-    conversations).
+    The letter ``t`` means text, ``n`` number, ``c`` code, and ``e`` endpoints of a conversation (None: all).
     """
 
     caption: str

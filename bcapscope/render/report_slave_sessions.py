@@ -196,7 +196,7 @@ def _marks_note(slave_session: SlaveSession) -> str:
 def _slack_note(slave_session: SlaveSession) -> str:
     if not slave_session.timing.gaps:
         return ""
-    return f", the dotted line the {slave_session.timing.slack_ms:g} ms that a full buffer lasts"
+    return f", the dotted line marks the {slave_session.timing.slack_ms:g} ms that a full buffer lasts"
 
 
 def _log_axis_note(all_bars: Iterator[HistogramBars]) -> str:
@@ -417,7 +417,7 @@ def _axis_layout(place: int, rows: int, count: int, each: AxisMotion) -> dict[st
 
 
 def _column(column: int, columns: int) -> list[float]:
-    """Return the left and right edge of a column of pictures, with space for an axis between columns."""
+    """Return the left and right edge of a column of diagrams; columns have space for an axis between them."""
     width = (1 - _COLUMN_GAP * (columns - 1)) / columns
     left = column * (width + _COLUMN_GAP)
     return [left, left + width]

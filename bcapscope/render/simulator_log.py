@@ -55,7 +55,7 @@ def _full_value_text(variant: Variant) -> str:
     base = variant.vt & ~ARRAY
     shown = value[:LONGEST_VALUE]
     if base == VT.R8:
-        return repr([*shown])  # faster than by element; every slvMove has two such arrays
+        return repr([*shown])  # faster than one element at a time; every slvMove has two such arrays
     texts: list[str] = []
     room = LONGEST_VALUE
     for each in shown:

@@ -21,7 +21,7 @@ from bcapscope.render.escape import printable
 def log_armed_calls(program: str, connection: LoggedConnection) -> Iterator[ArmedCallLogger]:
     """Write the armed calls of a connection to the action log.
 
-    If writing the log fails, a warning is printed and the calls continue.
+    If the log cannot be written, a warning is printed and the calls continue.
     """
     log = ActionLog(default_folder(), program, _warn_log_unwritable)
     calls = ArmedCallLogger(log, connection)

@@ -27,7 +27,7 @@ attended_option = click.option(
 def open_publisher(job: str) -> WatcherSubscriber:
     """Return the subscriber that publishes the traffic to the screen. `job` is a `ReadJob` in JSON.
 
-    The imports are local because only the process of the watcher needs them.
+    This function imports locally, because only the process of the watcher needs these modules.
     """
     import msgspec
 

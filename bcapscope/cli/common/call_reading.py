@@ -32,7 +32,7 @@ def read_filtered_calls(reader: CaptureReader, call_filter: Filter | None) -> It
 def read_items(reader: CaptureReader, pipeline: Pipeline, items: list[T]) -> Iterator[T]:
     """Read the captures to their end, and yield the items that subscribers of the pipeline append to `items`.
 
-    Yielded items are removed from `items`.
+    The function empties `items` after it has yielded them.
     """
     add = pipeline.add
     for observation in reader.observations():

@@ -75,7 +75,10 @@ class CaptureReader:
         self._problems: list[str] = []
 
     def observations(self) -> Iterator[Observation]:
-        """Yield all frames of the input. Read errors are kept for `print_summary`."""
+        """Yield all frames of the input.
+
+        Read errors do not raise an exception; `print_summary` prints them.
+        """
         if self._pasted is not None:
             yield from self._pasted
             return
@@ -93,7 +96,7 @@ class CaptureReader:
     def ended_at(self) -> int:
         """Time of the last packet of any protocol, in ns since 1970.
 
-        The time is valid after all observations were read.
+        This property is valid after all observations were read.
         """
         return self._observer.end_time
 
@@ -107,7 +110,7 @@ class CaptureReader:
             self._progress.show(self._file.position, self._file.size)
 
     def print_lines(self, lines: Iterable[str] | Iterable[bytes]) -> None:
-        """Print lines of data, and show the progress of reading between them."""
+        """Print lines of data, and show the progress of reading after each batch of lines."""
         self.output.write_lines(lines, self.show_progress)
 
     def finish(self) -> NoReturn:

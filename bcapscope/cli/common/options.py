@@ -23,7 +23,7 @@ Decorator: TypeAlias = Callable[[Callable[..., Any]], Callable[..., Any]]
 
 LARGEST_SEED = 2**63 - 1
 LARGEST_COUNT = 1_000_000_000
-"""Maximum number of calls or rounds. Making one call every 8 ms, this number takes three months."""
+"""Maximum number of calls or rounds. At one call every 8 ms, this number of calls takes three months."""
 
 _LARGEST_NUMBER = 1_000_000.0
 """Default maximum of numeric options: a quarter of an hour in ms, or eleven days in s."""

@@ -1,4 +1,4 @@
-"""Output files: check the path, and write files that never remain incomplete after a failure."""
+"""Output files: check the path before writing, and remove incomplete files after a failure."""
 
 from __future__ import annotations
 

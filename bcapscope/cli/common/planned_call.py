@@ -47,7 +47,7 @@ class PlannedCallParser:
     def __init__(self, target: ControllerTarget, variable_name: str | None) -> None:
         """Parse calls to `target`.
 
-        `variable_name` names the variable that calls with a variable's handle use.
+        `variable_name` is the name of the variable whose handle the calls use.
         """
         self._target = target
         self._types = _variable_types(variable_name, _OWNERS_OF_VARIABLES) if variable_name else ()
@@ -87,7 +87,7 @@ class PlannedCallParser:
         return PlannedCall(function, values, takes_handle)
 
     def parse_script(self, lines: Iterable[str]) -> list[PlannedCall]:
-        """Parse one call per line. Lines are split into words like by a shell. Empty lines and # comments are
+        """Parse one call per line. Lines are split into words as in a shell. Empty lines and # comments are
         skipped.
 
         Raises:

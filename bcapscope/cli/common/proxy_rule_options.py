@@ -1,4 +1,4 @@
-"""The options of ``bcapscope proxy`` that define rules, and creation of these rules."""
+"""Options of ``bcapscope proxy`` that define rules."""
 
 from __future__ import annotations
 
@@ -96,7 +96,7 @@ class RuleOptions:
         """Let the rules report through the relay, and open the control socket. Without --control, return
         None.
 
-        The control socket reports the figures in `state`, which is read at each request.
+        The control socket also reports the figures in `state`, which it reads again for each request.
 
         Raises:
             ControlError: the control socket cannot be created.
@@ -340,7 +340,7 @@ _OPTIONS = (
         metavar="FILE.py",
         multiple=True,
         type=click.Path(exists=True, dir_okay=False),
-        help="Run this Python file on the traffic; may be repeated. The classes of the file have one or more "
+        help="Run this script on the traffic; may be repeated. The classes of the file have one or more "
         "of the methods request(message), reply(message), settled(call), connected(client), gone(client) "
         "and done(). Scripts run in a separate process, with your rights.",
     ),
@@ -376,4 +376,7 @@ _OPTIONS = (
 )
 
 rule_options = options.bundled("rules", _build_options, _OPTIONS)
-"""Decorator that adds the rule options. The command gets them as one argument `rules`, a `RuleOptions`."""
+"""Decorator that adds the rule options.
+
+The command gets the options as one argument `rules`, a `RuleOptions`.
+"""

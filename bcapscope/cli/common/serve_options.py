@@ -33,8 +33,8 @@ class ServeOptions:
 def serve_screen(options: ServeOptions) -> None:
     """Serve the screen of the running command to browsers until Ctrl-C, then exit.
 
-    Each browser page gets a process that runs the same command. In that process, this function returns at
-    once.
+    Each browser page gets a process that runs the same command. In the process of a browser page,
+    `serve_screen` returns at once.
     """
     if "TEXTUAL_DRIVER" in os.environ:
         return
@@ -64,7 +64,7 @@ def serve_screen(options: ServeOptions) -> None:
             "Anyone with this address can do what you can do here. Keep it secret. Press Ctrl-C to end."
         )
 
-    with suppress(KeyboardInterrupt):  # raised if the event loop cannot handle signals
+    with suppress(KeyboardInterrupt):  # Ctrl-C, if the event loop cannot handle signals
         asyncio.run(server.run(greet))
     sys.exit(ExitCode.OK)
 
@@ -122,4 +122,7 @@ def _make_serve_options(serve: bool, serve_at: Endpoint, viewers: int) -> ServeO
 
 
 serve_options = bundled("serve", _make_serve_options, _OPTIONS)
-"""Decorator that adds the serve options. The command gets them as one argument `serve`, a `ServeOptions`."""
+"""Decorator that adds the serve options.
+
+The command gets the options as one argument `serve`, a `ServeOptions`.
+"""

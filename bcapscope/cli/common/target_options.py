@@ -58,8 +58,9 @@ _OPTIONS = (
         type=options.IntegerRange(0, 100),
         default=DEFAULT_RETRY_POLICIES.others.retries,
         show_default=True,
-        help="Retry a request at most this often on UDP. In an Async mode, 4 means 3, as DENSO recommends. "
-        "On TCP there are no retries: the only attempt waits as long as all UDP attempts together.",
+        help="Retry a request at most this often on UDP. In an Async mode, the value 4 means 3 "
+        "retries, as DENSO recommends. On TCP there are no retries: the only attempt waits as long "
+        "as all UDP attempts together.",
     ),
     click.option(
         "--convention",
