@@ -1,4 +1,4 @@
-"""Start the command line: as ``bcapscope``, and with ``python -m bcapscope``."""
+"""Entry point of ``bcapscope`` and of ``python -m bcapscope``."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ import signal
 
 
 def main() -> None:
-    """Load the command line and run it."""
+    """Load the modules of the command line, then run the command."""
     python_ends = signal.getsignal(signal.SIGINT) is signal.default_int_handler
-    if python_ends:  # Ctrl-C while it is loaded ends it without a word, not with a traceback
+    if python_ends:  # while modules load, Ctrl-C ends the process without a traceback
         signal.signal(signal.SIGINT, signal.SIG_DFL)
-    from bcapscope.cli import main as run  # noqa: PLC0415 - while Ctrl-C has no traceback
+    from bcapscope.cli import main as run  # noqa: PLC0415 - load it while Ctrl-C has no traceback
 
     if python_ends:
         signal.signal(signal.SIGINT, signal.default_int_handler)

@@ -1,7 +1,7 @@
 """The exceptions of bcapscope.
 
-Decoding never raises: undecodable bytes become items that describe their problems. The class of an exception
-says who is at fault, so a caller can react without parsing the message.
+Decoding raises none of these exceptions: undecodable bytes become items that describe their problems. The
+class of an exception says who is at fault, so a caller can react without parsing the message.
 """
 
 from __future__ import annotations
@@ -14,14 +14,14 @@ from bcapscope.messages import Message
 from bcapscope.messages.message import foreign_text
 
 if TYPE_CHECKING:
-    from pathlib import Path  # `bcapscope --help` loads this module; pathlib takes a tenth of its run time
+    from pathlib import Path  # importing pathlib takes a tenth of the run time of `bcapscope --help`
 
 
 class BcapError(Exception):
     """Base class of every exception that bcapscope raises on purpose.
 
     Attributes:
-        message: What failed. ``str()`` gives it in English.
+        message: Message that says what failed. ``str()`` of the exception gives this message in English.
     """
 
     def __init__(self, message: Message) -> None:
@@ -33,7 +33,7 @@ class BcapError(Exception):
 
 
 def message_of(error: Exception) -> Message:
-    """Return the message of an exception; that of another library stays as it is in every language."""
+    """Return the message of an exception. Messages from other libraries are not translated."""
     if isinstance(error, UnicodeDecodeError):
         byte = f"0x{error.object[error.start]:02x}"
         return Message(
@@ -47,15 +47,15 @@ def message_of(error: Exception) -> Message:
 
 
 class InputError(BcapError, ValueError):
-    """Something that a person typed or wrote in a file makes no sense."""
+    """Text that a user typed, or wrote in a file, is invalid."""
 
 
 class LocalProtocolError(BcapError):
-    """The caller asked to send something that b-CAP cannot express; nothing was sent."""
+    """The caller tried to send something that b-CAP cannot express; nothing was sent."""
 
 
 class TooLargeError(LocalProtocolError):
-    """A frame would be larger than b-CAP, or its transport, can carry."""
+    """A frame is too large for b-CAP or for the transport; nothing was sent."""
 
 
 class RemoteProtocolError(BcapError):
@@ -75,17 +75,17 @@ class ControllerError(BcapError):
 
     Attributes:
         hresult: Result code, unsigned.
-        name: The vendor's symbol such as `E_HANDLE`; the code in hex if it has none.
+        name: DENSO's name of the result code, such as `E_HANDLE`, or the code in hex if it has no name.
         meaning: Meaning of the code.
     """
 
     def __init__(self, call: str, hresult: int, name: str, meaning: Message) -> None:
-        """Store the result and compose the message.
+        """Store the result code and compose the message.
 
         Args:
             call: Name of the call, such as `Robot_Execute slvMove`.
             hresult: Result code, unsigned.
-            name: The vendor's symbol, or the code in hex.
+            name: DENSO's name of the result code, or the code in hex.
             meaning: Meaning of the code.
         """
         super().__init__(Message("call.refused", call=call, name=name, meaning=meaning))
@@ -98,8 +98,8 @@ class AttemptEvent(NamedTuple):
     """A reply to an attempt, in time or late, or a send error.
 
     Attributes:
-        time: Time of the event, ns, on the clock of `Attempt.sent`.
-        description: Name of the result code, or the operating system's error.
+        time: Time of the event in ns, on the same clock as `Attempt.sent`.
+        description: Name of the reply's result code, or the operating system's error when sending.
     """
 
     time: int
@@ -110,10 +110,10 @@ class Attempt(NamedTuple):
     """One attempt of a call.
 
     Attributes:
-        serial: Serial of its frame.
-        reserved: Reserved field of its frame.
-        sent: Time of sending, ns, on a monotonic clock.
-        events: Replies and send errors for this attempt, in order of arrival.
+        serial: Serial of the attempt's frame.
+        reserved: Reserved field of the attempt's frame.
+        sent: Time in ns at which the frame was sent, on a monotonic clock.
+        events: Replies to this attempt and errors when sending it, in order of arrival.
     """
 
     serial: int
@@ -122,10 +122,10 @@ class Attempt(NamedTuple):
     events: tuple[AttemptEvent, ...] = ()
 
     def describe(self, start: int) -> Message:
-        """Return the attempt as one line; identical consecutive events are combined.
+        """Return the attempt as one line of text; identical consecutive events are combined.
 
         Args:
-            start: Time that counts as 0 ms, ns, on the clock of `sent`.
+            start: Time in ns that the text shows as 0 ms, on the same clock as `sent`.
         """
         from bcapscope.messages.places import Enumeration  # noqa: PLC0415 - `bcapscope --help` loads this
 
@@ -153,15 +153,15 @@ class CallTimeout(BcapError, TimeoutError):
     """No attempt of a call was answered in time.
 
     Attributes:
-        attempts: All attempts, in order.
+        attempts: All attempts of the call, in the order of sending.
     """
 
     def __init__(self, call: str, attempts: tuple[Attempt, ...]) -> None:
-        """Compose the message from the call's name and its attempts.
+        """Compose the message from the name of the call and its attempts.
 
         Args:
             call: Name of the call, such as `Robot_Execute slvMove`.
-            attempts: All attempts, in order; at least one.
+            attempts: All attempts of the call, at least one, in the order of sending.
         """
         from bcapscope.messages.places import Count, IndentedLines  # noqa: PLC0415 - `bcapscope --help` loads this
 
@@ -176,9 +176,8 @@ class CaptureError(BcapError):
     """A capture cannot be read, or ends early.
 
     Attributes:
-        offset: Byte offset in the (uncompressed) capture at which reading stopped; None if there is no
-            capture
-        that an offset could refer to.
+        offset: Byte offset in the uncompressed capture at which reading stopped, or None if the error has no
+            position.
     """
 
     def __init__(self, message: Message, offset: int | None = None) -> None:
@@ -190,8 +189,9 @@ class FileWriteError(BcapError):
     """A file, or a file-like target, cannot be written.
 
     Attributes:
-        path: Path as the caller gave it, or what else cannot be made; escape it before you print it.
-        reason: Why writing failed, in lower case.
+        path: Path as the caller gave it, or a description of a target without a path. Escape this attribute
+            before you print it.
+        reason: Message that says why writing failed, beginning in lower case.
     """
 
     def __init__(self, path: Path | Message, reason: Message) -> None:

@@ -1,6 +1,6 @@
 """The command line: one module per command, imported when the command is called.
 
-Data goes to stdout, everything else to stderr. `common.exit_codes` defines the exit codes.
+Commands print data to stdout and all other text to stderr. `common.exit_codes` defines the exit codes.
 """
 
 from __future__ import annotations
@@ -44,14 +44,17 @@ _COMMANDS = {
 
 _DISK_FULL = {errno.ENOSPC, errno.EFBIG, getattr(errno, "EDQUOT", errno.ENOSPC)}
 
-_LONGEST_MESSAGE = 2000  # characters; an error message can quote the command line
+_LONGEST_MESSAGE = 2000  # maximum number of characters; an error message can quote the command line
 
 _GC_THRESHOLDS = (20_000, 20, 100)
-"""Rare garbage collection: frames and calls form no cycles, and searching took a twentieth of the time."""
+"""Thresholds for rare garbage collection.
+
+Frames and calls form no cycles; collecting took 5 % of the run time.
+"""
 
 
 class _UnwritableFileError(click.ClickException):
-    """A file cannot be written. The message contains no control characters."""
+    """A file cannot be written. The message of this exception contains no control characters."""
 
     exit_code = ExitCode.UNWRITABLE
 
@@ -71,7 +74,7 @@ class _LazyGroup(click.Group):
         return command
 
     def invoke(self, ctx: click.Context) -> Any:
-        """Run the command; exit with `ExitCode.UNWRITABLE` if it cannot write a file."""
+        """Run the command, and exit with `ExitCode.UNWRITABLE` if the command cannot write a file."""
         try:
             return super().invoke(ctx)
         except FileWriteError as error:
@@ -115,7 +118,7 @@ def main() -> None:
     except OSError as error:
         if error.filename is not None or error.errno not in _DISK_FULL:
             raise
-        discard_stdout()  # click was writing help or the version; commands handle their own output
+        discard_stdout()  # click was writing help or the version; commands handle their own errors
         refused = StdoutWriteError(error)
         refused.show()
         sys.exit(refused.exit_code)

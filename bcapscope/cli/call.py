@@ -37,7 +37,7 @@ from bcapscope.traffic.observation import Direction, Observation
 
 
 class _ScriptFile(click.File):
-    """A text file or standard input; reports a closed standard input as an error."""
+    """Parameter type of a text file or standard input. A closed standard input is a usage error."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> IO[Any]:
         if value == "-" and sys.stdin is None:
@@ -75,7 +75,7 @@ class _ScriptFile(click.File):
 @click.option("--extension", help="Open the extension of this name if a call needs one.")
 @click.option("--command", "command_", help="Open the command object of this name if a call needs one.")
 @click.option("--arm", is_flag=True, help="Allow calls that may energise or move a robot.")
-@click.option("--hex", "dump", is_flag=True, help="Show a hex dump of each call's packets below it.")
+@click.option("--hex", "dump", is_flag=True, help="Show a hex dump of the packets below each call.")
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object per call, with its reply.")
 @options.color
 @options.language
@@ -95,9 +95,9 @@ def command(
     """Call functions of a controller, such as `Robot_Execute slvGetMode`.
 
     `call` opens what a function needs and releases it afterwards: service, controller, and the object whose
-    handle the function takes. Leave this handle out of the arguments. Arguments get the types of the
-    function, command or variable; name other types, as in i2:2 or r4[]:10,20,30. Missing arguments are empty.
-    `call` ends at the first failure.
+    handle the function takes. Do not type the handle: `call` adds it to the arguments. Arguments get the
+    types that the function, command or variable expects. To send another type, write the type before the
+    value, as in i2:2 or r4[]:10,20,30. Missing arguments are empty. `call` ends at the first failure.
 
     Calls that may energise or move a robot need --arm, except to bcapscope's own simulator. Calls that stop
     a robot or switch it off do not need --arm. The action log records armed calls.
@@ -131,7 +131,7 @@ def _given_name(named: Mapping[str, str | None], owner: ObjectClass) -> str | No
 
 
 class _AnswerPrinter:
-    """Prints replies, with the packets of the call below if wanted."""
+    """Prints the reply of each call, and with --hex a hex dump of the call's packets."""
 
     def __init__(self, dump: bool, as_json: bool, color: str, words: MessageFormatter) -> None:
         self._dump = dump
@@ -173,7 +173,7 @@ class _AnswerPrinter:
 
 @dataclass(slots=True)
 class _CallRunner:
-    """Makes the calls in one session."""
+    """Makes all calls of the command line in one session."""
 
     target: ControllerTarget
     names: Mapping[ObjectClass, str]
@@ -182,7 +182,10 @@ class _CallRunner:
     log: ArmedCallLogger | None = None
 
     async def run(self, requests: Sequence[PlannedCall]) -> ExitCode:
-        """Make the calls up to the first failure. With --arm, log those that need it."""
+        """Make the calls up to the first failure.
+
+        With --arm, the action log records the calls that need arming.
+        """
         if not self.armed:
             return await self._run_calls(requests)
         with log_armed_calls("call", LoggedConnection.of_target(self.target)) as self.log:

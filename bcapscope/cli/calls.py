@@ -30,7 +30,9 @@ _MAX_SESSIONS_LISTED = 8
 @options.paths
 @options.interface
 @options.ports
-@click.option("--tree", is_flag=True, help="Show each call's frames below it, with the times between them.")
+@click.option(
+    "--tree", is_flag=True, help="Show the frames of each call below its line, with the times between frames."
+)
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object per call.")
 @options.filter_option(RecordKind.CALL)
 @options.time_format
@@ -51,8 +53,8 @@ def command(
     """Show the calls in captures: each request with its retries, notices and reply.
 
     A line shows number, start, client > controller, function, command, result and the time to the accepted
-    reply. Then follow the retries, their cause if the capture shows it, and the frame numbers of requests >
-    replies. A call is printed when it ends. Calls are numbered in the order in which they started.
+    reply. The line ends with the retries, the cause of the retries if known, and the frame numbers of
+    requests > replies. A call is printed when it ends. Calls are numbered in the order in which they started.
 
     Exit codes: as for `decode`.
     """
@@ -75,7 +77,9 @@ def command(
 
 
 class _ShownCalls(PipelineSubscriber):
-    """The calls that the filter selects, with the objects that their handles stand for, and a summary."""
+    """Collects the calls that the filter selects, with the object of each call's handle, and prints a
+    summary.
+    """
 
     needs_targets = True
 
@@ -98,17 +102,17 @@ class _ShownCalls(PipelineSubscriber):
             self._items.append((stray, None))
 
     def all_items(self) -> Iterator[tuple[PairingResult, TrackedObject | None]]:
-        """Yield the selected calls; without a filter, also stray replies."""
+        """Yield the selected calls. Without a filter, stray replies follow among the calls."""
         return read_items(self._reader, Pipeline(self, handles=self._handles), self._items)
 
     def calls(self) -> Iterator[tuple[Call, TrackedObject | None]]:
-        """Yield the selected calls without stray replies, which JSON output leaves out."""
+        """Yield the selected calls without stray replies, for JSON output."""
         for item, subject in self.all_items():
             if isinstance(item, Call):
                 yield item, subject
 
     def print_summary(self, words: MessageFormatter) -> None:
-        """Print stray replies, and sessions that left objects behind, to stderr."""
+        """Print to stderr the number of stray replies, and the sessions that did not release all objects."""
         if self._stray_count:
             replies = Count(self._stray_count, "reply")
             print_stderr(words("calls.strays", replies=replies, frame=self._first_stray))

@@ -46,9 +46,9 @@ def command(
 ) -> None:
     """Compare two captures by the figures of `stats` and `slave` and the findings of `diagnose`.
 
-    Notable differences come first: those that are larger than between two good runs. Calls are compared by
-    function and command, all clients together. Slave-mode sessions are compared in the order in which they
-    began.
+    Notable differences come first. Notable means larger than the usual differences between two good runs.
+    Calls are compared by function and command, all clients together. Slave-mode sessions are compared in the
+    order in which they began.
 
     --filter selects calls in both captures, as for `stats`, `slave` and `diagnose`.
 
@@ -74,7 +74,7 @@ def command(
 
 
 def _read_side(path: str, reader: CaptureReader, wanted: Filter | None) -> ComparedCapture:
-    """Read a capture to its end, in one pass."""
+    """Read a capture once, and return its findings, figures and slave-mode sessions."""
     sessions: list[SlaveSession] = []
     chosen = call_test(wanted)
 

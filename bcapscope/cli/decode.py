@@ -79,8 +79,9 @@ def command(
 
     PATH is a capture (pcap or pcapng, plain or gzipped), or - for standard input.
 
-    A line shows number, time, source > destination, transport, direction, serial and reserved. Then follow
-    the function or the result, the command and the arguments. Problems with the bytes follow !!.
+    A line shows number, time, source > destination, transport, direction, serial and reserved. The line
+    continues with the function or the result, the command and the arguments. After !!, the line describes
+    problems with the bytes.
 
     Exit codes: 0: everything was read; 2: invalid command line; 3: a capture is damaged or incomplete, and
     everything before the damage was printed; 4: nothing could be read; 6: the output could not be written;
@@ -119,13 +120,15 @@ def command(
 
 
 def _frames_with_context(reader: CaptureReader, wanted: Filter | None) -> Iterator[AnnotatedFrame]:
-    """Yield each selected frame with the call that it belongs to and the comments on its packet."""
+    """Yield each selected frame with the kind of its call and the comments on its packet."""
     frames = _render_frames(reader, None, AnnotatedFrame)
     return frames if wanted is None else filter(wanted.bind(FRAME_GETTERS), frames)
 
 
 def _render_frames(reader: CaptureReader, wanted: Filter | None, render: Callable[..., T]) -> Iterator[T]:
-    """Render each selected frame, given the call that it belongs to and the comments on its packet."""
+    """Yield the result of `render` for each selected frame, the kind of its call, and the comments on its
+    packet.
+    """
     if wanted is not None:
         return starmap(render, _frames_with_context(reader, wanted))
     about, comments = RecentRequests().kind_of, reader.comments

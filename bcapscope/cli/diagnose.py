@@ -22,9 +22,9 @@ _PIPE_WIDTH = 100
 def command(arguments: FigureArguments) -> None:
     """Find problems in captures and print findings, root cause first.
 
-    A finding has a number, a severity and a rule. It says what happened, which frames prove it, what to do,
-    and what the source of the rule is. Consequences are indented below their root cause. docs/rules.md lists
-    the rules.
+    A finding has a number, a severity and a rule. Each finding says what happened, which frames prove it,
+    what to do, and what the source of the rule is. Consequences are indented below their root cause.
+    docs/rules.md lists the rules.
 
     --filter selects calls: `diagnose` shows only findings about the selected calls, and their causes. The
     rules still read all calls, because most of them depend on earlier or missing calls.

@@ -69,12 +69,12 @@ def command(
 ) -> None:
     """Write the set points of slave mode (slvMove) with the poses that the controller returned.
 
-    Each set point is one row, however often it was sent, with the time of its first request. Set points that
-    the controller refused are left out. Set points without a captured reply are included.
+    Each set point is one row with the time of its first request; retries add no rows. Set points that the
+    controller refused are left out. Set points without a captured reply are included.
 
     Each slave-mode session gets a file: FILE.csv if there is one session; FILE-1.csv, FILE-2.csv and so on
-    if there are several. The numbers are those of the sessions in the capture. Existing files are not
-    overwritten without --force.
+    if there are several. The number in a file name is that of the slave-mode session in the capture. Existing
+    files are not overwritten without --force.
 
     Exit codes: 0: everything was written; 2: invalid command line; 3: a capture is damaged or incomplete,
     and everything before the damage was written; 4: nothing could be read; 5: there are no set points to
@@ -143,7 +143,10 @@ class _TrajectoryFile:
 
 
 class _TrajectoryFiles(ExitStack):
-    """The files of all sessions; a single file has no number, so names are decided at the end."""
+    """The output files of all slave-mode sessions.
+
+    A single file gets no number in its name, so the files are named when all sessions are known.
+    """
 
     def __init__(self, path: Path, overwrite: bool, words: MessageFormatter) -> None:
         super().__init__()
@@ -158,7 +161,7 @@ class _TrajectoryFiles(ExitStack):
         output.add(steps)
 
     def commit(self) -> list[str]:
-        """Give the files their names; return one sentence about each."""
+        """Rename the files to their final names, and return one sentence about each file."""
         several = len(self._outputs) > 1
         for number, output in self._outputs.items():
             check_output_path(self._name(number if several else None), self._overwrite)

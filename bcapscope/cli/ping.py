@@ -40,7 +40,7 @@ _VARIABLES = (
 
 @dataclass(slots=True)
 class _PingResult:
-    """The result of a ping. Round trips are in ms; `break_reason` says why not all calls could be made."""
+    """The result of `ping`. Round trips are in ms. `break_reason` says why `ping` ended early."""
 
     is_answering: bool = False
     is_simulator: bool = False
@@ -76,11 +76,11 @@ def command(
 ) -> None:
     """Check that a controller answers, identify it, and measure round trips.
 
-    `ping` connects and makes calls that only read. It sends each of them once, without retries. Then it
-    judges whether the network is fit for set points every 8 ms (Sync) and every 1 ms (Async). It is fit if
-    nearly all replies come within that time and retries make up for the losses.
+    `ping` connects and makes calls that only read. `ping` sends each call once, without retries. Then `ping`
+    judges whether the network is fit for set points every 8 ms (Sync) and every 1 ms (Async). The network is
+    fit if nearly all replies arrive within this time and retries make up for losses.
 
-    Ctrl-C ends `ping` early; it prints the results so far.
+    After Ctrl-C, `ping` prints the results so far and ends.
 
     Exit codes: 0: calls were answered; 2: invalid command line; 9: no answer, or the connection broke; 130:
     Ctrl-C.
@@ -138,7 +138,7 @@ async def _measure(session: Session, handle: int, count: int, interval: float, f
         for _ in range(count):
             await asyncio.sleep(due - loop.time())
             settled = await session.perform_call(_GET_ATTRIBUTE, (Variant(VT.I4, handle),))
-            due = max(due + interval, loop.time())  # after a long wait, do not catch up in a burst
+            due = max(due + interval, loop.time())  # after a slow call, avoid a burst of calls
             if isinstance(settled, CallTimedOut):
                 found.lost += 1
             else:

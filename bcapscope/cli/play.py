@@ -98,16 +98,16 @@ def command(
 ) -> None:
     """Move the robot of HOST along the set points of FILE, in slave mode.
 
-    FILE is a control log or another CSV table, a ROS JointTrajectory as JSON or YAML, output of `extract`, a
+    FILE is a control log or other CSV table, a ROS JointTrajectory as JSON or YAML, output of `extract`, a
     capture, or a WINCAPS III project.
 
     `play` first shows how it read the file, and the problems that it found. Then a separate process starts
-    RobSlave (RC7), takes the arm and switches the motor on. It moves to the first set point, enters slave
-    mode and sends the set points. At the end it restores the original state. The action log records the calls
-    that energise or move a robot.
+    RobSlave (RC7), takes the arm and switches the motor on. The process moves the robot to the first set
+    point, enters slave mode and sends the set points. At the end, the process restores the original state.
+    The action log records the calls that energise or move a robot.
 
     While `play` runs, press s, space, Ctrl-C or Ctrl-Z to bring the robot to rest on its path. Press h,
-    Escape twice or Ctrl-C twice to halt it at once.
+    Escape twice or Ctrl-C twice to halt the robot at once.
 
     Exit codes: 0: played to the end, or with --loop 0, stopped by you; 2: invalid command line; 4: the file
     cannot be read; 6: a file was not written; 8: the controller refused a call; 9: no answer; 10: the motion
@@ -149,7 +149,7 @@ def _check_platform_and_files(*new_files: Path | None) -> None:
 
 
 def _check_motion(trajectory: Trajectory, way: TrajectoryOptions, view: PlayOutput) -> None:
-    """Exit if the set points cannot be played on any arm."""
+    """Exit if the set points fail the pre-flight check with only the limits from --limit."""
     before = run_preflight(
         trajectory, way.interval / 1000, with_limits(UNKNOWN_ARM, way.limits), loop=way.rounds != 1
     )

@@ -58,7 +58,7 @@ def _parse_ring(
     "--listen",
     metavar="HOST:PORT",
     multiple=True,
-    help="Listen on this address. Prefix udp: or tcp: for one transport only; port 0 chooses a free one. "
+    help="Listen on this address. Prefix udp: or tcp: for one transport only; port 0 chooses a free port. "
     "Repeat --listen and --to together for several controllers.",
 )
 @click.option("--to", metavar="HOST:PORT", multiple=True, help="Forward to this controller.")
@@ -67,7 +67,7 @@ def _parse_ring(
     type=click.Choice(["udp", "tcp", "both"]),
     default="both",
     show_default=True,
-    help="Listen on this transport where --listen has no prefix.",
+    help="Listen on this transport if --listen has no prefix.",
 )
 @click.option(
     "--allow",
@@ -109,7 +109,7 @@ def _parse_ring(
     "form",
     flag_value=TrafficFormat.JSON,
     type=TrafficFormat,
-    help="Print one JSON object per frame, or with --calls per call.",
+    help="Print one JSON object per frame, or with --calls one per call.",
 )
 @click.option(
     "-f",
@@ -151,18 +151,20 @@ def command(
 ) -> None:
     """Forward traffic between b-CAP clients and controllers: watch, record and disturb it.
 
-    Without rules, the proxy forwards bytes at once and unchanged. Another process records and shows them.
+    Without rules, the proxy forwards bytes at once and unchanged. Another process records and shows the
+    traffic.
 
     Ctrl-C ends the open sessions, closes the recording and prints a summary. A second Ctrl-C ends at once.
 
-    Rules change or refuse traffic. Each message passes them in this order: scripts (--script), held messages
-    (--intercept), faults (--fault, --rules), and the guard (--read-only, --block, --allow-command). With
-    `--control ADDRESS`, you can change the rules while the proxy runs: `bcapscope proxy ctl ADDRESS`. When
-    the proxy ends, it sends all held replies. Of the held requests, it sends those that stop the robot and
-    drops the others.
+    Rules change or refuse traffic. Each message passes the rules in this order: scripts (--script), held
+    messages (--intercept), faults (--fault, --rules), and the guard (--read-only, --block, --allow-command).
+    With `--control ADDRESS`, you can change the rules while the proxy runs: `bcapscope proxy ctl ADDRESS`.
+    When the proxy ends, it sends all held replies. The proxy also sends the held requests that stop the
+    robot, and drops other held requests.
 
-    All scripts run in one separate process. Only messages that a script can change wait for it; stops never
-    wait. All scripts are switched off if one of them exceeds --script-timeout, or if their process ends.
+    All scripts run in one separate process. Messages that a script can change wait for the script; stops
+    never wait. All scripts are switched off if one of them exceeds --script-timeout, or if their process
+    ends.
 
     Exit codes: 0: you ended it; 2: invalid command line; 4: the proxy cannot listen on an address, or cannot
     use a script; 6: the recording cannot be written, or is incomplete because the disk was full or the
@@ -227,7 +229,7 @@ class _ProxyRun:
     def _open(
         self, opened: ExitStack, proxy_options: ProxyOptions
     ) -> tuple[ProxySupervisor, Callable[[], None]]:
-        """Start the proxy; return it, and what tells where it listens."""
+        """Start the proxy. Return the proxy, and a function that reports the addresses of the proxy."""
         listening: list[str] = []
         scripts = self.rules.start_scripts(opened)
         policy = self.rules.build_rules(scripts)
@@ -263,12 +265,12 @@ def _start_watcher(proxy: ProxySupervisor, policy: RulePolicy | None, scripts: S
 
 
 def _single_recording(record: Path | None, ring: RotationLimits | None) -> str | None:
-    """Return the path of the recording if it is one file."""
+    """Return the path of the recording, or None without a recording or with a ring of files."""
     return None if record is None or ring is not None else str(record.resolve())
 
 
 def _print_greetings(proxy: ProxySupervisor, greetings: list[Message]) -> None:
-    """Print the greetings through the watcher, which now owns the bottom line of the terminal."""
+    """Print the greetings through the watcher, which from now on controls the last line of the terminal."""
     for greeting in greetings:
         proxy.relay.notify(greeting)
 
@@ -276,7 +278,7 @@ def _print_greetings(proxy: ProxySupervisor, greetings: list[Message]) -> None:
 def _announce_to_parent(
     proxy: ProxySupervisor, greetings: list[str], listening: list[str], control: str
 ) -> None:
-    """Report to the parent process that the proxy is ready, and end with that process."""
+    """Report to the parent process that the proxy is ready, and let the proxy end when the parent ends."""
     print_stderr("\n".join(greetings))
     announce_ready(listening, control)
     proxy.end_with_parent()

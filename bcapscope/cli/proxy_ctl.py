@@ -29,7 +29,8 @@ from bcapscope.traffic.observation import Observation
 R = TypeVar("R", bound=control.DoneResponse)
 
 _INDENTED = re.compile(r"\n(?=  )")
-"""Between a reason and its indented lines, which show the position in a rule. A reason has no other lines."""
+"""Matches the line breaks before the indented lines of an error message, which show the position in a rule.
+"""
 
 
 @click.group("ctl", short_help="Control a running proxy.")
@@ -47,7 +48,7 @@ def command(context: click.Context, address: str, as_json: bool, words: MessageF
 
 
 class _ControlCommand:
-    """Sends requests to a proxy; prints its answers if they are wanted as JSON."""
+    """Sends requests to a running proxy. With --json, the responses of the proxy are printed as JSON."""
 
     def __init__(self, address: str, as_json: bool, words: MessageFormatter) -> None:
         self.words = words
@@ -55,7 +56,10 @@ class _ControlCommand:
         self._as_json = as_json
 
     def request(self, request: control.ControlRequest, kind: type[R]) -> R | None:
-        """Send a request. Return the response; None if it was printed as JSON. Exit if the proxy refuses."""
+        """Send a request and return the response, or None with --json.
+
+        If the proxy refuses, print why and exit.
+        """
         with self._connected() as proxy:
             if not self._as_json:
                 return proxy.request(request, kind)
@@ -80,7 +84,7 @@ class _ControlCommand:
 
 
 def _json_text(line: bytes) -> str:
-    """Return an answer unchanged, except that control characters are escaped for the terminal."""
+    """Return a JSON response as text, with control characters escaped for the terminal."""
     text = line.decode("utf-8", "replace").strip()
     return text if text.isprintable() else "".join(map(_json_character, text))
 
@@ -88,7 +92,7 @@ def _json_text(line: bytes) -> str:
 def _json_character(char: str) -> str:
     if char.isprintable():
         return char
-    if char in "\t\r\n":  # JSON has them only between tokens
+    if char in "\t\r\n":  # JSON contains these characters only between tokens
         return " "
     return "".join(f"\\u{unit:04x}" for unit in memoryview(char.encode("utf-16-le")).cast("H"))
 
@@ -153,11 +157,11 @@ def _duration_text(context: click.Context, parameter: click.Parameter, value: st
     "--hold",
     metavar="TIME",
     callback=_duration_text,
-    help="Hold them at most this long, such as 60s (default: as before); see `proxy --hold`.",
+    help="Hold messages at most this long, such as 60s (default: as before); see `proxy --hold`.",
 )
 @click.pass_obj
 def _intercept(ctl: _ControlCommand, expression: str | None, hold: str | None) -> None:
-    """From now on, hold messages that match the filter EXPRESSION; without it, hold none."""
+    """From now on, hold messages that match the filter EXPRESSION. Without EXPRESSION, hold none."""
     ctl.request(control.SetIntercept(expression or None, hold or None), control.DoneResponse)
 
 
@@ -198,7 +202,9 @@ def _forward(ctl: _ControlCommand, number: int) -> None:
 @command.command("edit", short_help="Change a held message and send it.")
 @click.argument("number", type=options.IntegerRange(1, options.LARGEST_COUNT))
 @click.argument("changes", nargs=-1)
-@click.option("--hex", "data", metavar="BYTES", help="Send these bytes instead, given in hex.")
+@click.option(
+    "--hex", "data", metavar="BYTES", help="Send these bytes, given in hex, instead of the held message."
+)
 @click.pass_obj
 def _edit(ctl: _ControlCommand, number: int, changes: tuple[str, ...], data: str | None) -> None:
     """Send a held message with CHANGES, in the notation of the fault `rewrite`: set arg[2][0]=10."""

@@ -94,7 +94,9 @@ _MAX_LISTED = 8
     show_default=True,
     help="As client: shorten pauses between calls to this many seconds.",
 )
-@click.option("--no-delay", is_flag=True, help="As server: answer at once, not after the recorded time.")
+@click.option(
+    "--no-delay", is_flag=True, help="As server: answer immediately instead of after the recorded time."
+)
 @click.option(
     "--listen",
     metavar="ADDRESS",
@@ -130,9 +132,9 @@ def command(
     """Play one side of a recording: make the client's calls to HOST, or answer clients as the controller did.
 
     As client, `replay` makes each call at its recorded time, with the handles that this controller gives, and
-    compares the result with the recorded one. It retries as this network needs. First it opens objects that
-    the recording uses but does not open. At the end it leaves slave mode and releases everything that is
-    still open.
+    compares the result with the recorded one. `replay` retries a call only if no reply comes; recorded
+    retries are not repeated. First, `replay` opens objects that the recording uses but does not open. At the
+    end, `replay` leaves slave mode and releases everything that is still open.
 
     Before `replay` sends anything, the set points go through the pre-flight check of `play`. A recording that
     may energise or move a robot needs --arm or your confirmation, except with bcapscope's own simulator. The
@@ -174,7 +176,7 @@ def _serve(
     delays: bool,
     words: MessageFormatter,
 ) -> None:
-    """Answer clients until the user ends it."""
+    """Answer clients like the recorded controller until the user ends the command."""
     standin = RecordedController(script, serving.log.on_call, delays=delays)
     with exit_if_not_listening(), serving.listen(standin, *address) as server:
         host, port = server.address
@@ -214,7 +216,7 @@ def _served_text(calls: int, unknown: int, words: MessageFormatter) -> str:
 
 
 class _PreflightCheck:
-    """The pre-flight check of a script's set points."""
+    """Runs the pre-flight check on the set points of a recording."""
 
     def __init__(
         self,
@@ -237,7 +239,10 @@ class _PreflightCheck:
             raise click.UsageError(str(error)) from None
 
     def check(self, limits: ArmLimits, shown: bool = False) -> None:
-        """Check all set points; print the results if `shown` or unfit. Exit if a run is unfit."""
+        """Check all set points, and exit if some are unfit.
+
+        The results of unfit set points are printed; with `shown`, all results are printed.
+        """
         found = [preflight_run(stretch, with_limits(limits, self._limits)) for stretch in self.stretches]
         bad = [each for each in found if not each.is_playable]
         for each in bad or (found if shown and not self._quiet else ()):
@@ -250,7 +255,7 @@ class _PreflightCheck:
 
 @dataclass(slots=True)
 class _ReplayRunner:
-    """Plays a script to a controller and prints the results."""
+    """Makes the recorded calls to a controller and prints the results."""
 
     script: ReplayScript
     preflight: _PreflightCheck
@@ -266,7 +271,10 @@ class _ReplayRunner:
     _most_late_ns: int = 0
 
     async def play(self, target: ControllerTarget, armed: bool, longest_pause: int) -> ExitCode:
-        """Play the script without an event loop, whose timers are too coarse; return the exit code."""
+        """Make the recorded calls and return the exit code.
+
+        No event loop is used: its timers are too coarse.
+        """
         simulated = False
         needs_arm = any(needs_arming(each.kind.function_id, each.arguments) for each in self.script.calls)
         if self.preflight.stretches or (needs_arm and not armed):

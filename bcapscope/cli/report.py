@@ -90,7 +90,10 @@ def _read_report_data(reader: CaptureReader, wanted: Filter | None) -> ReportDat
 
 
 def _capture_names(paths: Sequence[str], words: MessageFormatter) -> list[str]:
-    """Return the names of the captures without their folders, which are private to the user."""
+    """Return the file names of the captures.
+
+    The folders of the captures are omitted, because paths can reveal private data.
+    """
     return [words("reading.stdin") if path == STDIN else Path(path).name for path in paths]
 
 

@@ -35,13 +35,13 @@ from bcapscope.simulator.simulator_server import SimulatorServer
 @click.option(
     "--profile",
     type=click.Choice(list(PROFILES)),
-    help="Simulate this kind of controller. Default: that of the scenario, otherwise rc8.",
+    help="Simulate this kind of controller. Default: the profile of the scenario, otherwise rc8.",
 )
 @click.option(
     "--scenario",
     callback=choose_scenario,
     metavar="NAME|FILE.yaml",
-    help="Play a scenario: begin in its state and inject its faults.",
+    help="Play a scenario: begin in the state of the scenario and inject its faults.",
 )
 @click.option(
     "--scenarios",
@@ -62,7 +62,7 @@ from bcapscope.simulator.simulator_server import SimulatorServer
 @click.option(
     "--seed",
     type=options.IntegerRange(0, options.LARGEST_SEED),
-    help="Random seed; replaces the one of the scenario.",
+    help="Random seed; replaces the seed of the scenario.",
 )
 @click.option(
     "--defect",
@@ -70,13 +70,13 @@ from bcapscope.simulator.simulator_server import SimulatorServer
     multiple=True,
     type=click.Choice([each.value for each in ServerDefect]),
     help="Simulate this defect of DENSO's C server; may be repeated. Default: all for cserver, none for the "
-    "others.",
+    "other profiles.",
 )
 @click.option(
     "--no-argument",
     type=click.Choice([each.value for each in NoArgument]),
-    help="Leave the EMPTY out of replies without a value: never, only in replies to slvChangeMode, or "
-    "always. Default: slvchangemode for rc7, never for the others.",
+    help="Omit the EMPTY argument in replies without a value: never, only in replies to slvChangeMode, or "
+    "always. Default: slvchangemode for rc7, never for other profiles.",
 )
 @click.option(
     "--listen",
@@ -91,7 +91,7 @@ from bcapscope.simulator.simulator_server import SimulatorServer
     type=options.IntegerRange(0, 65535),
     default=5007,
     show_default=True,
-    help="Listen on this port, UDP and TCP; 0 chooses a free one.",
+    help="Listen on this port, UDP and TCP; 0 chooses a free port.",
 )
 @options.record_option("Record the traffic to a new capture.")
 @click.option("-q", "--quiet", is_flag=True, help="Do not print the calls.")
@@ -113,9 +113,9 @@ def command(
 ) -> None:
     """Simulate a DENSO controller: answer b-CAP clients over UDP and TCP until Ctrl-C.
 
-    `sim` prints one line per call. While it runs, you can type commands. reset forgets all clients, like the
-    button on the pendant. stop presses the emergency stop, and go releases it. detector switches whether a
-    late set point is an error in the Async modes of RC7. quit ends `sim`.
+    `sim` prints one line per call. While `sim` runs, you can type commands. reset forgets all clients, like
+    the button on the pendant. stop presses the emergency stop, and go releases it. detector switches whether
+    a late set point is an error in the Async modes of RC7. quit ends `sim`.
 
     --scenario simulates a controller with a known problem, whose root cause `diagnose` finds in a capture.
     Lines that begin with # show what the scenario does.
@@ -160,7 +160,7 @@ def command(
 def _played_scenario(
     scenario: Scenario | None, profile: str | None, defects: tuple[str, ...], no_argument: str | None
 ) -> Scenario:
-    """Return the scenario to play; without --scenario, one without events."""
+    """Return the scenario to play. Without --scenario, return a scenario without events."""
     if scenario is not None and profile not in (None, scenario.profile):
         raise click.UsageError(f"the scenario needs profile {scenario.profile}: leave out --profile")
     chosen = scenario or Scenario(title="", profile=ProfileName(profile or ProfileName.RC8))
@@ -210,7 +210,7 @@ def _actions(
 
 
 class _TypedCommands:
-    """Commands that the user types or pipes in while the simulator runs."""
+    """Runs the commands that the user types or pipes in while the simulator runs."""
 
     def __init__(
         self, actions: dict[str, Callable[[], None]], print_message: Callable[[str], None], attended: bool
@@ -240,7 +240,7 @@ class _TypedCommands:
 
 
 def _can_be_read() -> bool:
-    """Return whether stdin can be polled: not on Windows, and not in a background job."""
+    """Return whether stdin can be polled. On Windows and in a background job, it cannot."""
     if sys.platform == "win32" or sys.stdin is None or sys.stdin.closed:
         return False
     try:

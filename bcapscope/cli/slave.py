@@ -22,14 +22,14 @@ from bcapscope.traffic.pipeline import Pipeline
 def command(arguments: FigureArguments) -> None:
     """Show each slave-mode session: who entered it, how it ended, its timing and its motion.
 
-    The cycle time runs from the first request of one set point to that of the next. Jitter is the deviation
-    of a cycle from the time grid. Latency runs from the first request to the accepted reply, the round trip
-    from the request that this reply answers.
+    The cycle time runs from the first request of one set point to the first request of the next. Jitter is
+    the deviation of a cycle from the time grid. Latency runs from the first request to the accepted reply.
+    The round trip runs from the request that the accepted reply answers to this reply.
 
     The controller's buffer cannot be observed. `slave` estimates its level with a model and lists the
     model's assumptions.
 
-    --filter selects set points. The calls that begin and end a session are always included.
+    --filter selects set points. The calls that begin and end a slave-mode session are always included.
 
     Exit codes: as for `decode`.
     """

@@ -18,8 +18,8 @@ from bcapscope.traffic.call import Call
 def command(arguments: FigureArguments) -> None:
     """Show figures about the calls in captures, by client and by command.
 
-    Line time is the share of the total time that the client spent waiting for replies to such calls. Latency
-    runs from the first request to the accepted reply.
+    Line time is the share of the total time in which the client waited for replies to the calls of a row.
+    Latency runs from the first request to the accepted reply.
 
     Exit codes: as for `decode`.
     """

@@ -22,7 +22,7 @@ from bcapscope.messages import MessageFormatter
 from bcapscope.render.escape import printable
 
 _SUFFIXES = (".pcap", ".pcapng", ".cap", ".txt", ".gz")
-"""Suffixes that no host name has: the argument is meant as a file."""
+"""File suffixes: an argument that ends in one of them is a file, not a host name."""
 
 
 class TesterTarget(NamedTuple):
@@ -44,8 +44,8 @@ class TesterTarget(NamedTuple):
     is_flag=False,
     flag_value="",
     metavar="[ADDRESS]",
-    help="Show a proxy. Without ADDRESS, start one with --listen, --to and rules, as for `bcapscope proxy`. "
-    "With ADDRESS, show the running proxy that was started with `--control ADDRESS`.",
+    help="Show a proxy. Without ADDRESS, start a proxy with --listen, --to and rules, as for "
+    "`bcapscope proxy`. With ADDRESS, show the running proxy that was started with `--control ADDRESS`.",
 )
 @click.option(
     "--listen",
@@ -169,7 +169,7 @@ def _server_port(ports: tuple[int, ...]) -> int:
 
 @contextmanager
 def _exit_without_folder() -> Iterator[None]:
-    """Exit if the screen cannot create its temporary folder."""
+    """Exit if the block fails to create the temporary folder of the screen."""
     from bcapscope.tui.reader_language import full_error_text
     from bcapscope.tui.traffic_processes.temporary_folder import TemporaryFolderError
 
@@ -217,7 +217,7 @@ def _show_tester(wanted: TesterTarget, requests: Path | None) -> None:
 
 
 def _show_traffic(path: str, interface: str, ports: tuple[int, ...]) -> None:
-    # A separate process starts to read before the screen is loaded.
+    # TrafficFeed starts a separate process that reads, while this process loads the screen.
     from bcapscope.tui.traffic_processes.traffic_feed import TrafficFeed
 
     feed = TrafficFeed(path=path, interface=interface, ports=ports)

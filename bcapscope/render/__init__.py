@@ -1,1 +1,4 @@
-"""Output as text, trees, hex dumps, tables, JSON, CSV and HTML; strings and bytes only."""
+"""Renderers for text, trees, hex dumps, tables, JSON, CSV and HTML.
+
+They return strings or bytes and print nothing.
+"""

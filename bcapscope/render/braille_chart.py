@@ -1,4 +1,4 @@
-"""Curves drawn with braille characters: two dots wide and four high a character."""
+"""Charts drawn with braille characters: each character is two dots wide and four dots high."""
 
 from __future__ import annotations
 
@@ -15,7 +15,10 @@ _LARGEST = 1e9
 
 
 class ChartCurve(NamedTuple):
-    """One curve: pairs of x and y, and the sequence before its dots. Values of 1e9 and more are left out."""
+    """A curve of a chart.
+
+    Points with a coordinate of 1e9 or more, positive or negative, are left out.
+    """
 
     points: Sequence[tuple[float, float]]
     style: str = ""
@@ -24,9 +27,10 @@ class ChartCurve(NamedTuple):
 def braille_chart(
     curves: Sequence[ChartCurve], width: int, height: int, palette: Palette = PLAIN, unit: str = ""
 ) -> list[str]:
-    """Return curves in one frame as `height` lines of `width` columns, at least two and eleven.
+    """Return a chart of all curves: at least 2 lines of at least 11 columns.
 
-    The least and the most of y, with its unit, stand at the left; those of x below.
+    `height` is the number of lines, `width` the number of columns. Labels show the range of y, in `unit`, at
+    the left, and the range of x, in seconds, below.
     """
     columns, rows = max(1, width - _LABEL - 1), max(1, height - 1)
     finite = [
@@ -86,7 +90,7 @@ def _label(row: int, rows: int, low: float, high: float, unit: str) -> str:
 
 
 def _short(value: float, unit: str) -> str:
-    """Write a number with four digits, or as many as there is room for beside the unit."""
+    """Return a number with its unit: four digits, or fewer if the label has no room for four."""
     texts = (f"{value:.{digits}g}{unit}" for digits in (4, 3, 2, 1))
     return next((text for text in texts if len(text) <= _LABEL), f"{value:.0e}")
 

@@ -1,4 +1,4 @@
-"""A call as something to paste elsewhere: a `bcapscope call` line, a Python program, bytes in hex."""
+"""A call as text to paste elsewhere: a `bcapscope call` command line, a Python program, or hex bytes."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ if TYPE_CHECKING:  # it reaches sockets
 
 _PORT = 5007
 _PROVIDER = "CaoProv.DENSO.VRC"
-"""What `bcapscope call` takes where nothing else is said."""
+"""Default port and default provider of `bcapscope call`."""
 
 NAMED_OWNERS = (
     ObjectClass.ROBOT,
@@ -36,24 +36,24 @@ NAMED_OWNERS = (
     ObjectClass.EXTENSION,
     ObjectClass.COMMAND,
 )
-"""Objects that `bcapscope call` opens by a name, which an option gives."""
+"""Classes of objects that `bcapscope call` opens by the name given in an option, such as ``--robot``."""
 
 _TYPES = {"VT_I4": VT.I4, "VT_R4": VT.R4, "VT_BSTR": VT.BSTR}
 _WORD_BREAK = re.compile(r"(?<=[a-z])(?=[A-Z])")
 
 
 def hex_text(raw: bytes) -> str:
-    """Write bytes in pairs of digits, blanks between, as every tool for hex reads them."""
+    """Return bytes as pairs of hex digits separated by spaces."""
     return raw.hex(" ").upper()
 
 
 def shell_command(
     target: ControllerTarget, function_id: int, arguments: Sequence[Variant], subject: ObjectHandle | None
 ) -> str | None:
-    """Write a call as a bcapscope command line, which opens `subject` by its name.
+    """Return a `bcapscope call` command line that makes the call and opens `subject` by its name.
 
-    Returns None if the function is unknown, an argument has no notation, or a terminal would obey something
-    in it.
+    The result is None if the function is unknown, an argument has no notation, or the line would contain
+    control characters.
     """
     function = FUNCTIONS.get(function_id)
     if function is None or len(arguments) != len(function.params):
@@ -70,7 +70,7 @@ def shell_command(
 
 
 def _after_double_dash(texts: list[str]) -> list[str]:
-    """Put what says that options have ended before words that look like some."""
+    """Put ``--`` before the words if one of them looks like an option."""
     return ["--", *texts] if any(text.startswith("-") for text in texts) else texts
 
 
@@ -86,7 +86,7 @@ def _target_options(target: ControllerTarget) -> Iterator[str]:
 
 
 def _is_opened_by_call(subject: ObjectHandle) -> bool:
-    """Tell whether `bcapscope call` opens this object by itself, from its name."""
+    """Return whether `bcapscope call` can open this object from its name alone."""
     if subject.kind is ObjectClass.CONTROLLER:
         return True
     parent = subject.parent
@@ -119,7 +119,7 @@ def _word(param: Param, argument: Variant) -> str | None:
 def python_program(
     target: ControllerTarget, function_id: int, arguments: Sequence[Variant], subject: ObjectHandle | None
 ) -> str:
-    """Write a call as a valid Python program: it connects, opens `subject` and releases everything."""
+    """Return a Python program that connects, opens `subject`, makes the call and releases everything."""
     over = "over_tcp" if target.tcp else "over_udp"
     option = f", {_literal(target.service)}" if target.service else ""
     chain = _parents_and_self(subject)
@@ -154,7 +154,9 @@ def _opening_lines(chain: Sequence[ObjectHandle]) -> Iterator[str]:
 
 
 def _name_arguments(opened: ObjectHandle) -> Sequence[str]:
-    """Return as many strings as the method takes that opens the object, also if the request had others."""
+    """Return the arguments for the method that opens the object, without surplus strings of the recorded
+    call.
+    """
     match opened.kind:
         case ObjectClass.MESSAGE:
             return ()
@@ -166,7 +168,7 @@ def _name_arguments(opened: ObjectHandle) -> Sequence[str]:
 def _call_lines(
     function_id: int, arguments: Sequence[Variant], chain: Sequence[ObjectHandle]
 ) -> Iterator[str]:
-    """Write the call itself: by its method where the arguments have the types of one, else by its number."""
+    """Yield the lines that make the call: with a method if the arguments fit it, else by function number."""
     function = FUNCTIONS.get(function_id)
     subject = chain[-1].kind if chain else None
     if function is None or subject is not function.owner or not _has_method_types(function, arguments):
@@ -199,21 +201,20 @@ def _has_method_types(function: Function, arguments: Sequence[Variant]) -> bool:
 
 
 def method_name(function: Function) -> str:
-    """Name the method of `client.remote_objects` that calls a function."""
+    """Return the name of the method in `client.remote_objects` that calls a function."""
     if function.releases is not None:
         return "release"
     return _WORD_BREAK.sub("_", function.name.partition("_")[2]).lower()
 
 
 def _argument_literal(param: Param, argument: Variant) -> str:
-    """Write an argument of a method, which gives it the type of the parameter."""
+    """Return an argument of a method as Python source; the method converts it to the parameter's type."""
     if param.type in _TYPES:
         return _literal(argument.value)
     return "None" if argument == EMPTY else _variant_literal(argument)
 
 
 def _variant_literal(variant: Variant) -> str:
-    """Write a VARIANT with its type."""
     vt, value = variant.vt, variant.value
     if vt & ARRAY and isinstance(value, (tuple, bytes)):
         return f"Variant.array({_type(vt & ~ARRAY)}, {_literal(value)})"
@@ -225,7 +226,7 @@ def _type(vt: int) -> str:
 
 
 def _literal(value: object) -> str:
-    """Write a constant of Python; strings with nothing in them that a terminal would obey."""
+    """Return a value as a Python literal without control characters."""
     if isinstance(value, Variant):
         return _variant_literal(value)
     if isinstance(value, float):

@@ -1,4 +1,4 @@
-"""One JSON object a call, for programs."""
+"""Calls as JSON, one object per call."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from bcapscope.traffic.observation import Conversation
 from bcapscope.traffic.reserved_field import ReservedConvention
 
 MAX_TEMPLATES = 4096
-"""Forms of plain answered calls that are kept ready made; when there are more, all are made again."""
+"""Maximum number of cached templates for calls with one request and one reply; a full cache is emptied."""
 
 _TemplateKey: TypeAlias = "tuple[Conversation, CallKind, TrackedObject | None, int, ReservedConvention]"
 
@@ -32,7 +32,9 @@ _OWN_MEMBERS = {
     "latency_ms": b"%b",
     "rtt_ms": b"%b",
 }
-"""What differs between plain answered calls of one kind; all else is in their template."""
+"""JSON members that differ between calls of one kind with one request and one reply. The template of the kind
+contains all other members.
+"""
 
 
 class CallRecordRenderer:
@@ -42,10 +44,12 @@ class CallRecordRenderer:
         self._templates: dict[_TemplateKey, bytes] = {}
 
     def record(self, call: Call, subject: TrackedObject | None = None) -> bytes:
-        """Write one object, without a line end; `object` is the name of `subject`, of which it was asked.
+        """Return a call as one JSON object, without a line end. The member `object` is the label of
+        `subject`, the object of the call's handle.
 
-        `started` is in seconds since 1970, `latency_ms` runs from the first request to the accepted reply,
-        `rtt_ms` from the request that it answers; lists hold frame numbers but for `serials`.
+        `started` is in seconds since 1970. `latency_ms` runs from the first request to the accepted reply.
+        `rtt_ms` runs from the request that the accepted reply answers to this reply. All lists except
+        `serials` hold frame numbers.
         """
         request, reply = call.request, call.reply
         if reply is None or not call.is_plain:
@@ -58,12 +62,12 @@ class CallRecordRenderer:
         return form % (call.number, started, request.number, serial, reply.number, latency, latency)
 
     def drop_conversation(self, conversation: Conversation) -> None:
-        """Forget a conversation that is over."""
+        """Remove the cached templates of a closed conversation."""
         for kind in [kind for kind in self._templates if kind[0] is conversation]:
             del self._templates[kind]
 
     def _make_template(self, kind: _TemplateKey, call: Call) -> bytes:
-        """Make the form of plain answered calls of one kind, with places for what is their own."""
+        """Create and cache the template for calls of one kind with one request and one reply."""
         if len(self._templates) >= MAX_TEMPLATES:
             self._templates.clear()
         members = (

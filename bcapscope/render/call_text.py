@@ -1,4 +1,4 @@
-"""Calls for people: a line each, or the chain of a call drawn under its origin."""
+"""Calls as text: one line per call, or a tree of the call's frames."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from bcapscope.traffic.observation import Direction, Flow
 _MILLISECOND = 1_000_000
 _PLAIN_VERDICTS = frozenset(CallVerdict[outcome.name] for outcome in Outcome)
 _MAX_NAMED = 6
-_MAX_RESULTS = 1024  # result codes whose texts are kept
+_MAX_RESULTS = 1024  # result codes whose texts are cached
 _BRACKETS = {True: "└─", False: "├─"}
 
 
@@ -30,7 +30,7 @@ _ROLE_WIDTH = 10
 
 
 class CallRenderer:
-    """Writes calls as lines or trees, in the order in which they settle."""
+    """Writes calls as lines or trees. Relative times depend on the order of the calls written."""
 
     def __init__(
         self,
@@ -39,12 +39,16 @@ class CallRenderer:
         write_endpoints: Callable[[Flow], str] | None = None,
         words: MessageFormatter = ENGLISH_WORDS,
     ) -> None:
-        """Choose the looks. `write_endpoints` returns escaped text; by default addresses and transport."""
+        """Choose the format of the lines.
+
+        `write_endpoints` returns the escaped text for a flow. By default this text shows addresses and
+        transport.
+        """
         self._write_endpoints = write_endpoints or _addresses
         self._write_time = timestamp_writer(time_format)
         self._palette = palette
         self._words = words
-        # One line per call: what does not change is looked up once.
+        # Catalogue texts are looked up once, because each call prints a line.
         self._roles = {role: words(f"frame.role.{role.replace(' ', '-')}") for role in FrameRole}
         self._labels = {name: words(f"call.label.{name}") for name in ("frame", "serial", "reserved", "at")}
         self._frame_text = words("call.frame", requests="{0}")
@@ -52,11 +56,11 @@ class CallRenderer:
         self._result_text = lru_cache(_MAX_RESULTS)(lambda code: result_text(code, palette, words))
 
     def set_time_origin(self, time: int) -> None:
-        """Count relative times from `time`, not from the first line."""
+        """Show relative times as time since `time`, in ns since 1970, instead of since the first line."""
         self._write_time(time)
 
     def line(self, call: Call | StrayReply, subject: TrackedObject | None = None) -> str:
-        """Write one line: number, start, ends, function and command, how it ended and when, frames."""
+        """Return the line of a call: number, start, endpoints, function, result, latency and frames."""
         if isinstance(call, StrayReply):
             return self._stray_line(call)
         color = self._palette
@@ -71,7 +75,7 @@ class CallRenderer:
         return f"{text}{self._remarks_text(call)}  {color.dim}{self._call_frames(call)}{color.reset}"
 
     def tree(self, call: Call | StrayReply, subject: TrackedObject | None = None) -> Iterator[str]:
-        """Write the line of a call and under it every frame, with the time since the frame before."""
+        """Yield the line of a call, then one line per frame with the time since the previous frame."""
         yield self.line(call, subject)
         if isinstance(call, StrayReply):
             return
@@ -82,7 +86,10 @@ class CallRenderer:
             before = event.observation.time
 
     def event_line(self, event: CallFrame, previous_time: int, call: Call) -> str:
-        """Write a frame of a call: its role, and the time since the frame before it."""
+        """Return the line of one frame in a call's tree.
+
+        `previous_time` is the time of the previous frame in ns.
+        """
         seen, color, labels = event.observation, self._palette, self._labels
         role = self._roles[event.role]
         since, elapsed = seen.time - previous_time, seen.time - call.request.time
@@ -118,7 +125,7 @@ class CallRenderer:
         return self._words(f"call.verdict.{verdict.replace(' ', '-')}")
 
     def _call_frames(self, call: Call) -> str:
-        """Return the numbers of a call's frames: requests, then the replies behind an arrow."""
+        """Return the frame numbers of a call: first the requests, then the replies."""
         if call.is_plain and call.reply is not None:  # nearly all calls
             return self._frames_text.format(call.request.number, call.reply.number)
         requests = ",".join(str(seen.number) for seen in call.attempts)
@@ -174,7 +181,7 @@ _SESSION_ENDINGS = {
 
 
 def session_text(session: ServiceSession, words: MessageFormatter = ENGLISH_WORDS) -> str:
-    """Return how a session ended and what it left behind."""
+    """Return a sentence that says how a session ended and which objects the client did not release."""
     return printable(words.text(_session_message(session)))
 
 
@@ -194,7 +201,7 @@ def _session_message(session: ServiceSession) -> Message:
 
 
 def _subject_text(call: Call, subject: TrackedObject | None) -> str:
-    """Name the object that a call was asked of, or the one that it asks for."""
+    """Return text that names the object of a call's handle, and the object that the call opens."""
     function = FUNCTIONS.get(call.kind.function_id)
     text = ""
     if subject is not None and function is not None:
@@ -206,5 +213,5 @@ def _subject_text(call: Call, subject: TrackedObject | None) -> str:
 
 
 def milliseconds(nanoseconds: int) -> str:
-    """Write a duration in milliseconds, to the microsecond."""
+    """Return a duration in milliseconds with three decimals."""
     return f"{nanoseconds / _MILLISECOND:.3f}"

@@ -1,4 +1,4 @@
-"""Lines that begin with a caption, and lines that continue below it, in the reader's language."""
+"""Text sections in the reader's language: a caption at the left, its text at the right."""
 
 from __future__ import annotations
 
@@ -15,56 +15,60 @@ from bcapscope.render.escape import printable
 
 CAPTION_WIDTH = 12
 TEXT_WIDTH = 62
-"""Columns of wrapped text after a caption: with a scroll bar, all fits into 80."""
+"""Width of the wrapped text after a caption: with caption and scroll bar, a line fits into 80 columns."""
 
 _FRAMES_SHOWN = 8
 
 
 @dataclass(frozen=True, slots=True)
 class CaptionWriter:
-    """Writes lines of one section after the other."""
+    """Writes captions, wrapped text and tables."""
 
     palette: Palette
     words: MessageFormatter
 
     def text(self, message: Message) -> str:
-        """Return a message as escaped text."""
         return printable(self.words.text(message))
 
     def label(self, id: str, /, **places: PlaceValue) -> str:
-        """Return the escaped text of a message that is made for this purpose only."""
+        """Return the escaped text of the message with this id."""
         return self.text(Message(id, **places))
 
     def joined(self, messages: Iterable[Message]) -> str:
-        """Return messages with commas between them."""
+        """Return messages as one text, separated by commas."""
         return self.words("list.comma").join(map(self.text, messages))
 
     def captioned(self, caption: str, text: Message | str) -> str:
-        """Return a line with the caption `slave.caption.<caption>`; a string must be escaped already."""
+        """Return a line that begins with the caption `slave.caption.<caption>`.
+
+        A string passed as `text` must be escaped.
+        """
         name = self.label(f"slave.caption.{caption}")
         space = " " * (CAPTION_WIDTH - display_width(name))
         shown = self.text(text) if isinstance(text, Message) else text
         return f"  {self.palette.dim}{name}{space}{self.palette.reset}{shown}".rstrip()
 
     def continued(self, text: Message | str) -> str:
-        """Return a line that belongs to the caption above."""
+        """Return a line without a caption; its text belongs to the caption above it."""
         return f"  {'':<{CAPTION_WIDTH}}{self.text(text) if isinstance(text, Message) else text}"
 
     def wrapped(self, text: Message | str, color: str = "") -> Iterator[str]:
-        """Yield lines below a caption that fit the width, each in this colour."""
+        """Yield the text as lines of at most `TEXT_WIDTH` columns below a caption, each line in `color`."""
         shown = self.text(text) if isinstance(text, Message) else text
         reset = self.palette.reset if color else ""
         return (self.continued(f"{color}{line}{reset}") for line in wrap_text(shown, TEXT_WIDTH))
 
     def table(self, rows: Sequence[Sequence[str]], alignments: str, head_rows: int = 1) -> Iterator[str]:
-        """Yield a table; its head is dim."""
+        """Yield the lines of a table; the first `head_rows` lines are dim."""
         for number, line in enumerate(align_columns(rows, alignments)):
             is_head = number < head_rows
             yield f"  {self.palette.dim}{line}{self.palette.reset}" if is_head else f"  {line}"
 
 
 def frames_message(frames: Sequence[int], count: int | None = None) -> Message:
-    """Return the message that names the first frames, and how many more there are of `count` in all."""
+    """Return a message that lists the first 8 frame numbers and says how many of the `count` frames are not
+    listed.
+    """
     shown = tuple(frames[:_FRAMES_SHOWN])
     left = (len(frames) if count is None else count) - len(shown)
     if left:

@@ -1,4 +1,4 @@
-"""What became of the packets of a capture, in one line."""
+"""The contents of a capture in one line: decoded frames, and packets without usable frames."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from bcapscope.messages.places import Count
 
 
 def capture_counts_text(counts: CaptureCounts, words: MessageFormatter = ENGLISH_WORDS) -> str:
-    """Return how many frames were found, and what else the packets held."""
+    """Return the number of frames found, followed by what was missing, damaged or foreign in the packets."""
     return words("list.semicolon").join(map(words.text, _messages(counts)))
 
 

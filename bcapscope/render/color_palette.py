@@ -1,4 +1,4 @@
-"""Colours: the ANSI sequences that renderers put before a piece of text, or nothing."""
+"""Palettes of ANSI colour sequences for terminals."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Palette:
-    """A sequence for each kind of text; `reset` ends what any of them began. Without colours, all are
-    empty.
+    """ANSI colour sequences by kind of text. `reset` switches back to the default colour. In a palette
+    without colours, all sequences are empty.
     """
 
     number: str = ""
@@ -22,7 +22,7 @@ class Palette:
 
 
 PLAIN = Palette()
-"""No colours: for pipes, files and NO_COLOR."""
+"""Palette without colours, for pipes, files and NO_COLOR."""
 
 ANSI = Palette(
     number="\x1b[36m",
@@ -34,4 +34,4 @@ ANSI = Palette(
     dim="\x1b[2m",
     reset="\x1b[0m",
 )
-"""The eight colours that every terminal has, chosen to read on dark and light grounds."""
+"""Palette of standard terminal colours that are readable on dark and on light backgrounds."""

@@ -1,4 +1,4 @@
-"""Text in columns."""
+"""Align text in columns, and wrap text; East Asian characters count as two columns."""
 
 from __future__ import annotations
 
@@ -8,19 +8,24 @@ from collections.abc import Iterator, Sequence
 from bcapscope.protocol.text_format import display_width
 
 _WIDE = "\u1100-\u115f\u2e80-\ua4cf\uac00-\ud7a3\uf900-\ufaff\ufe30-\ufe6f\uff01-\uff60\uffe0-\uffe6"
-"""Characters of East Asian scripts that a terminal gives two columns to, and that text is broken beside."""
+"""East Asian characters that take two terminal columns.
+
+Text may be wrapped before and after these characters.
+"""
 
 _CLOSING = "、。，．）」』】：；！？ーぁぃぅぇぉっゃゅょァィゥェォッャュョ"
-"""Wide characters that no line begins with."""
+"""Wide characters that must not begin a line."""
 
 _WORDS = re.compile(f" *(?:[{_WIDE}][{_CLOSING}]*|[^ {_WIDE}]+[{_CLOSING}]*| +$)")
-"""What lines are made of: words and single wide characters, each with the spaces before it."""
+"""Matches the pieces between which a line may be wrapped: words and single wide characters, with the spaces
+before them.
+"""
 
 
 def align_columns(rows: Sequence[Sequence[str]], alignments: str) -> Iterator[str]:
-    """Write rows of escaped text with each column as wide as its widest cell.
+    """Yield rows of escaped text as lines in which each column is as wide as its widest cell.
 
-    `alignments` has ``>`` for a column set to the right, ``<`` for one set to the left.
+    `alignments` has one character per column: ``>`` aligns the column to the right, ``<`` to the left.
     """
     widths = [max(map(display_width, cells), default=0) for cells in zip(*rows, strict=True)]
     for row in rows:
@@ -32,8 +37,9 @@ def align_columns(rows: Sequence[Sequence[str]], alignments: str) -> Iterator[st
 
 
 def wrap_text(text: str, width: int) -> Iterator[str]:
-    """Break text into lines of at most `width` columns: at spaces, and beside wide characters. Long words
-    stay whole.
+    """Wrap text into lines of at most `width` columns, at spaces and beside wide characters.
+
+    A word that is longer than `width` is not broken.
     """
     line = ""
     for piece in _WORDS.findall(text):

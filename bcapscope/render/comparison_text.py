@@ -1,4 +1,4 @@
-"""Differences between two captures, for people and for programs."""
+"""The differences between two captures as text and as JSON."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from bcapscope.render.statistics_text import call_kind_object, call_kind_text
 from bcapscope.traffic.call_kind import CallKind
 
 MAX_ROWS = 40
-"""Rows of a table for people; JSON has all."""
+"""Maximum number of rows of a text table. JSON output contains all rows."""
 
 _WIDTH = 96
 
@@ -69,7 +69,7 @@ def _size(side: ComparedCapture, words: MessageFormatter) -> str:
 
 
 def _captioned_lines(caption: str, lines: Iterable[str], palette: Palette) -> Iterator[str]:
-    """Write a caption and what stands under it; nothing where nothing would."""
+    """Yield a caption and the lines below it, or nothing if there are no lines."""
     lines = list(lines)
     if lines:
         yield from ("", f"{palette.name}{caption}{palette.reset}")
@@ -158,9 +158,10 @@ def _one_sided_rows(lone: Sequence[UnmatchedKind], words: MessageFormatter) -> I
 
 
 def comparison_record(comparison: CaptureComparison, good: ComparedCapture, bad: ComparedCapture) -> bytes:
-    """Write what differs as one JSON object, without a line end.
+    """Return the differences between two captures as one JSON object, without a line end.
 
-    Figures are named as in the JSON of ``stats`` where that has them; shares are of 1, times in milliseconds.
+    A figure that `stats --json` also prints has the same name there. Shares are between 0 and 1, times are in
+    milliseconds.
     """
     return orjson.dumps(
         {

@@ -1,4 +1,4 @@
-"""Frames as a table: comma-separated values (RFC 4180), a row each."""
+"""Frames as comma-separated values (RFC 4180), one row per frame."""
 
 from __future__ import annotations
 
@@ -36,40 +36,44 @@ COLUMNS = (
     "problems",
     "raw",
 )
-"""Names as in the JSON; `args` is the very text that stands there, `raw` is empty without problems."""
+"""Column names, the same as in JSON.
+
+`args` holds the JSON text of the arguments. `raw` is empty for frames without problems.
+"""
 
 _ARGS, _PROBLEMS = b'"args":', b',"problems":'
 
 
 def csv_cell(text: str) -> str:
-    """Make a text from the wire harmless in a spreadsheet.
+    """Return text from the wire as a cell that a spreadsheet shows without evaluating it.
 
-    Control characters are escaped, and an apostrophe is put before what a spreadsheet would compute.
+    Control characters are escaped. Text that a spreadsheet would evaluate as a formula gets an apostrophe in
+    front.
     """
     shown = printable(text)
     return f"'{shown}" if is_spreadsheet_formula(text) else shown
 
 
 class _ReturningFile:
-    """Takes what a csv writer writes and hands it back."""
+    """File for `csv.writer` that returns each row instead of storing it."""
 
     def write(self, text: str) -> str:
         return text
 
 
 class CsvTableRenderer:
-    """Writes frames as rows, each without its line end, which RFC 4180 wants to be CR LF."""
+    """Writes frames as CSV rows without line ends. The caller adds CR LF, as RFC 4180 requires."""
 
     def __init__(self) -> None:
         self._writer = csv.writer(_ReturningFile(), lineterminator="")
         self._records = FrameRecordRenderer()
 
     def header(self) -> str:
-        """Write the names of the columns."""
+        """Return the header row."""
         return self._row(COLUMNS)
 
     def row(self, observation: Observation, call_kind: CallKind | None) -> str:
-        """Write the row of a frame or of malformed bytes."""
+        """Return the row of a frame or of malformed bytes."""
         flow, item = observation.flow, observation.item
         head = (observation.number, epoch_text(observation.time), *_endpoint_cells(flow))
         if isinstance(item, Malformed):
@@ -92,17 +96,17 @@ class CsvTableRenderer:
         )
 
     def _args(self, observation: Observation, call_kind: CallKind | None) -> str:
-        """Cut the arguments out of the JSON object, so that there is one place that writes them.
+        """Return the arguments as JSON, cut out of the JSON object of the frame.
 
-        Inside a JSON string a quotation mark has a backslash before it, so no text can be taken for a key;
-        and what begins with a bracket no spreadsheet computes.
+        The search for a key cannot match inside a JSON string, because quotation marks inside strings are
+        escaped. The result begins with a bracket, so a spreadsheet does not evaluate it.
         """
         record = self._records.record(observation, call_kind)
         start = record.index(_ARGS) + len(_ARGS)
         return record[start : record.index(_PROBLEMS, start)].decode()
 
     def _row(self, cells: Iterable[object]) -> str:
-        # A csv writer returns what the write method of its file returned.
+        # `csv.writer.writerow` returns the result of its file's `write` method.
         return str(self._writer.writerow(cells))
 
 

@@ -1,4 +1,4 @@
-"""The result of a diagnosis, in one line."""
+"""The summary line of a diagnosis."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def diagnosis_summary(
     palette: Palette = PLAIN,
     words: MessageFormatter = ENGLISH_WORDS,
 ) -> str:
-    """Return the number of findings by severity, and the amount of traffic that they are about."""
+    """Return the number of findings by severity, and the amount of traffic examined."""
     if not totals.frames:
         return words("diagnosis.nothing")
     counts = Counter(severities)
@@ -32,7 +32,7 @@ def diagnosis_summary(
 
 
 def severity_counts_text(counts: Counter[Any], words: MessageFormatter) -> str:
-    """Return the number of findings of each severity that occurs, the gravest first."""
+    """Return the number of findings for each severity that occurs, highest severity first."""
     found = (words.plural(f"count.{each}", counts[each]) for each in Severity if counts[each])
     return words("list.comma").join(found)
 

@@ -1,19 +1,21 @@
-"""Text from the wire made harmless to terminals, lines and quoted strings."""
+"""Escape text from the wire, so that it cannot control the terminal or break a line."""
 
 from __future__ import annotations
 
 _NAMED = {"\n": "\\n", "\r": "\\r", "\t": "\\t", "\0": "\\0"}
 
 _KEPT = frozenset("\u3000")
-"""The ideographic space is no space to `str.isprintable`, yet Japanese texts are full of it."""
+"""Characters that `str.isprintable` rejects but that are not escaped: the ideographic space, common in
+Japanese text.
+"""
 
 
 def printable(text: str) -> str:
-    """Escape every character that is not plainly visible.
+    """Escape every character that is not printable.
 
     Control characters (C0, C1, DEL), bidirectional overrides and other formatting, line and paragraph
     separators, lone surrogates, private and unassigned characters become ``\\xNN``, ``\\uNNNN`` or
-    ``\\UNNNNNNNN``. The result holds no character below a space and can be encoded in UTF-8.
+    ``\\UNNNNNNNN``. The result contains no control characters and can be encoded in UTF-8.
     """
     if text.isprintable():
         return text
@@ -21,7 +23,7 @@ def printable(text: str) -> str:
 
 
 def quoted(text: str) -> str:
-    """Escape `text` and put it in double quotes; quotes and backslashes inside are escaped as well."""
+    """Return `text` in double quotes, with quotes, backslashes and non-printable characters escaped."""
     return '"' + printable(text.replace("\\", "\\\\").replace('"', '\\"')) + '"'
 
 

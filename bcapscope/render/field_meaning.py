@@ -1,4 +1,4 @@
-"""What the fields of a frame mean, in words."""
+"""Describe the fields of a frame as text."""
 
 from __future__ import annotations
 
@@ -12,13 +12,16 @@ from bcapscope.render.escape import quoted
 from bcapscope.render.number import currency_text, date_text, single_text
 
 LONGEST_STRING = 60
-"""Characters of a string that are shown unless all are asked for."""
+"""Default maximum number of characters shown of a string."""
 
 
 def value_text(
     value: Value, vt: int, longest: int | None = LONGEST_STRING, words: MessageFormatter = ENGLISH_WORDS
 ) -> str:
-    """Write one value; "" for none, for bytes and for arrays. A string is cut after `longest` characters."""
+    """Return a scalar value as text; no value, bytes and arrays give "".
+
+    A string is cut after `longest` characters.
+    """
     if isinstance(value, str):
         return _string_text(value, longest, words)
     if isinstance(value, bool):
@@ -48,8 +51,9 @@ def _float_text(value: float, vt: int) -> str:
 def field_meaning(
     field: FrameField, longest: int | None = LONGEST_STRING, words: MessageFormatter = ENGLISH_WORDS
 ) -> str:
-    """Say in one line what a field holds; "" where its name says all. A string is cut after `longest`
-    characters.
+    """Return the meaning of a field in one line, or "" if its name says everything.
+
+    A string is cut after `longest` characters.
     """
     text = (
         _variant_meaning(field, longest, words)
@@ -62,7 +66,7 @@ def field_meaning(
 
 
 def _frame_field_meaning(field: FrameField, words: MessageFormatter) -> str:
-    """Describe one of the frame's own fields."""
+    """Describe a field that belongs to the frame itself, not to a VARIANT."""
     value = field.value
     if isinstance(value, bytes):
         return words.plural("count.byte", len(value)) + (f", {field.text}" if field.text else "")
@@ -74,7 +78,7 @@ def _frame_field_meaning(field: FrameField, words: MessageFormatter) -> str:
 
 
 def _variant_meaning(field: FrameField, longest: int | None, words: MessageFormatter) -> str:
-    """Describe a value: with its type where the field holds all of a VARIANT, alone where only its data."""
+    """Describe the value of a VARIANT field, with its type if the field includes the type bytes."""
     value, vt = field.value, field.vt or 0
     text = value_text(value, vt, longest, words)
     if isinstance(value, tuple):

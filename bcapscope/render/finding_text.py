@@ -17,12 +17,15 @@ def words_for(words: MessageFormatter, totals: TrafficTotals) -> MessageFormatte
 
 
 def finding_sentence(finding: Finding, words: MessageFormatter) -> str:
-    """Return what happened, how often, and what followed. Strings from the wire are not escaped."""
+    """Return the text of a finding: what happened, how often, and what followed.
+
+    Strings from the wire in this text are not escaped.
+    """
     return words.sentences(_sentences(finding, words))
 
 
 def finding_depths(findings: Sequence[Finding]) -> list[int]:
-    """Return how many causes each finding has above it, at most 4."""
+    """Return the number of causes above each finding, at most 4, as the level of its indentation."""
     depths: list[int] = []
     for finding in findings:
         cause = finding.consequence_of

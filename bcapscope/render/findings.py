@@ -1,4 +1,4 @@
-"""Findings for people and for programs, and the list of rules."""
+"""Findings as text and as JSON."""
 
 from __future__ import annotations
 
@@ -16,8 +16,7 @@ from bcapscope.render.escape import printable
 from bcapscope.render.finding_text import finding_depths, finding_sentence, words_for
 
 NARROWEST, WIDEST = 40, 120
-"""Columns that text is wrapped to: at least, where the terminal has fewer, and at most, as longer lines are
-hard to read."""
+"""Limits of the text width in columns. Narrower terminals get the minimum; longer lines are hard to read."""
 
 _STEP = 4
 
@@ -33,7 +32,7 @@ class FindingsRenderer:
         self._width = min(max(width, NARROWEST), WIDEST)
 
     def lines(self, findings: Sequence[Finding], totals: TrafficTotals) -> Iterator[str]:
-        """Yield the lines of all findings, in the order given, and one that sums them up."""
+        """Yield the lines of all findings in the given order, then one line with a summary."""
         words = words_for(self._words, totals)
         for number, (finding, depth) in enumerate(zip(findings, finding_depths(findings), strict=True), 1):
             yield from self._finding_lines(number, finding, " " * _STEP * depth, words)
@@ -71,7 +70,7 @@ class FindingsRenderer:
 
 
 def finding_record(number: int, finding: Finding, totals: TrafficTotals) -> bytes:
-    """Write one finding as a JSON object in English; the strings of its text are escaped as on a terminal."""
+    """Return a finding as a JSON object with English text. Non-printable characters in texts are escaped."""
     words = words_for(ENGLISH_WORDS, totals)
     return orjson.dumps(
         {

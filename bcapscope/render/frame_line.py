@@ -1,4 +1,4 @@
-"""One line a frame, for people."""
+"""Frames as text, one line per frame."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ from bcapscope.traffic.call_kind import CallKind
 from bcapscope.traffic.observation import Direction, Flow, Observation
 
 MAX_TEMPLATES = 4096
-"""Phrases and flow texts kept; when there are more, all are forgotten and made again."""
+"""Maximum number of cached line templates; a full cache is emptied."""
 
 MAX_RAW_BYTES = 48
-"""Bytes of a malformed item that its line shows."""
+"""Maximum number of bytes that the line of a malformed item shows."""
 
 
 class FrameLineRenderer:
-    """Writes frames as lines, in the order in which they were seen."""
+    """Writes frames as lines. Relative times depend on the order of the frames written."""
 
     def __init__(
         self,
@@ -37,9 +37,11 @@ class FrameLineRenderer:
         write_endpoints: Callable[[Flow], str] | None = None,
         words: MessageFormatter = ENGLISH_WORDS,
     ) -> None:
-        """Choose the looks. A brief line leaves problems and comments to `remarks`.
+        """Choose the format of the lines. With `brief`, lines omit problems and comments, which `remarks`
+        yields instead.
 
-        `write_endpoints` returns escaped text; by default addresses, transport and direction.
+        `write_endpoints` returns the escaped text for a flow. By default this text shows addresses, transport
+        and direction.
         """
         self._palette = palette
         self._write_endpoints = write_endpoints or _addresses
@@ -49,13 +51,13 @@ class FrameLineRenderer:
         self._templates: dict[tuple[Flow, FrameTemplate, CallKind | None], LineTemplate] = {}
 
     def set_time_origin(self, time: int) -> None:
-        """Count relative times from `time`, not from the first line."""
+        """Show relative times as time since `time`, in ns since 1970, instead of since the first line."""
         self._write_time(time)
 
     def line(
         self, observation: Observation, call_kind: CallKind | None, comments: tuple[str, ...] = ()
     ) -> str:
-        """Write one line, without its end."""
+        """Return the line of a frame or of malformed bytes, without a line end."""
         if comments and not self._is_brief:
             remarks = "".join(f"  # {printable(comment)}" for comment in comments)
             return f"{self.line(observation, call_kind)}{self._palette.dim}{remarks}{self._palette.reset}"
@@ -70,13 +72,13 @@ class FrameLineRenderer:
         key = flow, layout, call_kind
         phrase = self._templates.get(key) or self._make_template(key, item)
         text, places = phrase.text, phrase.places
-        if len(places) == 1:  # nearly all frames that come by the million, so no call for them
+        if len(places) == 1:  # true for nearly all frames of a large capture; saves a function call
             where, write = places[0]
             return text % (number, self._write_time(time), item.serial, item.reserved, write(numbers[where]))
         return phrase.fill((number, self._write_time(time), item.serial, item.reserved), numbers)
 
     def remarks(self, observation: Observation, comments: tuple[str, ...]) -> Iterator[str]:
-        """Write what stands at the end of a line that is not brief, a line each."""
+        """Yield the comments and problems that a brief line omits, one line each."""
         color = self._palette
         for comment in comments:
             yield f"{color.dim}# {printable(comment)}{color.reset}"

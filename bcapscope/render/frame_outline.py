@@ -1,4 +1,4 @@
-"""A frame as rows, for trees on paper and on screen: every field with its place, depth, name and meaning."""
+"""The fields of a frame as rows of a tree: offset, depth, name and meaning of every field."""
 
 from __future__ import annotations
 
@@ -18,22 +18,26 @@ from bcapscope.traffic.call_kind import CallKind
 from bcapscope.traffic.observation import Direction, Observation
 
 MAX_ELEMENTS = 32
-"""Elements of an array that are shown unless all are asked for."""
+"""Default maximum number of elements shown of an array."""
 
 
 class FieldRowKind(Enum):
     FIELD = "field"
-    """A field that consists of others, which follow."""
+    """A field that consists of other fields; their rows follow."""
     LEAF = "leaf"
-    """A field with bytes of its own."""
+    """A field that contains bytes and no other fields."""
     PROBLEM = "problem"
-    """What is wrong with the bytes of the row."""
+    """A problem with the bytes of the field above."""
     NOTE = "note"
-    """What there is to say about the row above; no bytes."""
+    """A remark about the field above; the row has no bytes."""
 
 
 class FieldRow(NamedTuple):
-    """One row: offsets in the section, and escaped text. `failed` is None unless the field is an HRESULT."""
+    """A row of the tree.
+
+    `start` and `stop` are offsets in the section; texts are escaped. `failed` is None unless the field is an
+    HRESULT.
+    """
 
     kind: FieldRowKind
     depth: int
@@ -45,7 +49,7 @@ class FieldRow(NamedTuple):
 
 
 class FrameSection(NamedTuple):
-    """A run of bytes, to which the offsets of `fields` refer, with the line above it."""
+    """Bytes with their fields, whose offsets count from the start of `body`, and an optional caption."""
 
     caption: Message | None
     body: bytes
@@ -53,10 +57,11 @@ class FrameSection(NamedTuple):
 
 
 def frame_sections(observation: Observation, call_kind: CallKind | None) -> tuple[FrameSection, ...]:
-    """Take an item apart: one section, two for a compressed frame."""
+    """Return the sections of a frame or of malformed bytes: two for a compressed frame, otherwise one."""
     item = observation.item
     if isinstance(item, Malformed):
-        # Of a hole in a stream there is nothing but the problem to show.
+        # Malformed bytes have no fields. A gap in a stream does not even have bytes, so only its problem is
+        # shown.
         size = len(item.raw)
         name, value = ("bytes", item.raw) if size else ("no bytes", None)
         return (FrameSection(None, item.raw, (FrameField(name, 0, size, value, problems=item.problems),)),)
@@ -73,8 +78,9 @@ def frame_sections(observation: Observation, call_kind: CallKind | None) -> tupl
 def field_rows(
     section: FrameSection, full: bool = False, words: MessageFormatter = ENGLISH_WORDS
 ) -> Iterator[FieldRow]:
-    """Yield the rows of a section in the order of its bytes, lazily; with `full`, every character and
-    element.
+    """Yield the rows of a section lazily, in the order of the bytes.
+
+    With `full`, the rows show strings and arrays completely.
     """
     for field in section.fields:
         yield from _rows_of_field(field, 0, full, words)

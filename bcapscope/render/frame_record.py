@@ -1,6 +1,6 @@
-"""One JSON object per frame, for programs.
+"""Frames as JSON, one object per frame.
 
-What frames of one layout have in common is written once, as bytes with places for numbers. Text from the wire
+Frames of one layout share a template: bytes with places for the numbers of each frame. Text from the wire
 always passes a JSON encoder.
 """
 
@@ -32,14 +32,14 @@ from bcapscope.traffic.call_kind import CallKind
 from bcapscope.traffic.observation import Direction, Flow, Observation
 
 MAX_TEMPLATES = 4096
-"""Forms and flow texts kept; when there are more, all are forgotten and made again."""
+"""Maximum number of cached templates; a full cache is emptied."""
 
 
 NumberPlace: TypeAlias = "tuple[int | slice, Callable[[object], bytes]]"
 
 
 class _RecordTemplate:
-    """Bytes with places for numbers."""
+    """JSON of a frame as bytes, with places for the numbers that differ between frames of the same layout."""
 
     __slots__ = ("_parts", "_text")
 
@@ -56,7 +56,7 @@ class _RecordTemplate:
 
 
 class _RecordTemplateBuilder:
-    """Collects a form, left to right; `taken` counts the numbers that have their places."""
+    """Builds a template from left to right."""
 
     def __init__(self, head: bytes = b"") -> None:
         self._pieces = [head]
@@ -79,7 +79,7 @@ class _RecordTemplateBuilder:
         self.add_text(b"]")
 
     def _add_constant(self, variant: Variant) -> None:
-        """Add a value whose numbers are the same in all frames of the layout."""
+        """Add a value that is the same in all frames of the layout."""
         builder = _RecordTemplateBuilder()
         builder._add_typed(variant)
         self.add_text(builder.build().fill((), tuple(iter_numbers(variant))))
@@ -158,7 +158,7 @@ class FrameRecordRenderer:
     def record(
         self, observation: Observation, call_kind: CallKind | None, comments: tuple[str, ...] = ()
     ) -> bytes:
-        """Write one object, without a line end."""
+        """Return a frame or malformed bytes as one JSON object, without a line end."""
         if comments:
             return b'%b,"comments":[%b]}' % (
                 self.record(observation, call_kind)[:-1],
@@ -197,7 +197,7 @@ class FrameRecordRenderer:
 
 
 def _template_head(flow: Flow, kind: bytes, serial: bytes = b"%d", reserved: bytes = b"%d") -> bytes:
-    """Begin an object with what every frame has; the places are for number, time, packet and length."""
+    """Return a template for the first JSON members of a frame, with places for their numbers."""
     names = (b"src", b"dst", b"transport")
     texts = (flow.src_text, flow.dst_text, flow.conversation.transport)
     ends = b"".join(b'"%b":%b,' % (name, json_text(text)) for name, text in zip(names, texts, strict=True))

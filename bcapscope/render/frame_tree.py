@@ -1,4 +1,4 @@
-"""A frame as an indented tree: every field with its place, its bytes, its name and its meaning."""
+"""A frame as an indented tree: offset, bytes, name and meaning of every field."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from bcapscope.traffic.call_kind import CallKind
 from bcapscope.traffic.observation import Observation
 
 BYTES_SHOWN = 8
-"""Bytes of a field that one line shows."""
+"""Number of bytes that one line of a field shows."""
 
 _HEX_WIDTH = 3 * BYTES_SHOWN
 _NAME_WIDTH = 20
@@ -22,9 +22,11 @@ _INDENT = "  "
 
 @dataclass(frozen=True, slots=True)
 class FrameTreeRenderer:
-    """Writes frames as trees: with `full`, every byte, character and element; with `dump`, a hex dump below.
+    """Writes frames as trees. With `full`, a tree shows all bytes of long fields. With `dump`, a hex dump
+    follows each tree.
 
-    Lines stay under 100 columns unless a text from the wire, or a reason, is longer.
+    Lines have fewer than 100 columns, unless they contain long text from the wire or a long description of a
+    problem.
     """
 
     palette: Palette = PLAIN
@@ -33,7 +35,7 @@ class FrameTreeRenderer:
     words: MessageFormatter = ENGLISH_WORDS
 
     def lines(self, observation: Observation, call_kind: CallKind | None) -> Iterator[str]:
-        """Write the tree of one item, line by line."""
+        """Yield the lines of the tree of a frame or of malformed bytes."""
         for section in frame_sections(observation, call_kind):
             if section.caption is not None:
                 yield f"{self.palette.dim}{self.words.text(section.caption)}{self.palette.reset}"
@@ -50,7 +52,7 @@ class FrameTreeRenderer:
 
 @dataclass(frozen=True, slots=True)
 class _TreeSection:
-    """The lines of one run of bytes; remembers which of them had problems."""
+    """Writes the lines of one section. `highlights` collects the bytes that have problems."""
 
     palette: Palette
     full: bool
@@ -58,7 +60,7 @@ class _TreeSection:
     highlights: list[Highlight] = field(default_factory=list)
 
     def row_lines(self, row: FieldRow) -> Iterator[str]:
-        """Write a row: a line, and for all of a long field's bytes the lines that they need."""
+        """Yield the line of a row. With `full`, further lines show the remaining bytes of a long field."""
         color = self.palette
         margin = " " * (self._offsets_width + _HEX_WIDTH + 3) + _INDENT * row.depth
         if row.kind is FieldRowKind.PROBLEM:
@@ -90,7 +92,7 @@ class _TreeSection:
         return 2 * self._digits + 2
 
     def _offsets_text(self, start: int, stop: int) -> str:
-        """Write the offsets of the first and the last byte."""
+        """Return the offsets of the first and the last byte as text."""
         last = f"..{stop - 1:<{self._digits}}" if stop - start > 1 else ""
         text = f"{start:>{self._digits}}{last}" if stop > start else ""
         return f"{self.palette.dim}{text:<{self._offsets_width}}{self.palette.reset}"
@@ -103,7 +105,7 @@ class _TreeSection:
 
 
 def colored_value(row: FieldRow, palette: Palette) -> str:
-    """Write what a row means in its colour: results as good or bad, other values as numbers."""
+    """Return the meaning of a row with colour: results as good or bad, other values as numbers."""
     if row.failed is not None:
         return f"{palette.bad if row.failed else palette.good}{row.text}{palette.reset}"
     if row.kind is FieldRowKind.LEAF and row.text:

@@ -1,4 +1,4 @@
-"""Bytes as lines: offset, sixteen bytes or fewer, the same as ASCII."""
+"""Hex dump: each line shows an offset, up to 16 bytes, and the same bytes as ASCII."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from typing import NamedTuple
 from bcapscope.render.color_palette import PLAIN, Palette
 
 PER_LINE = 16
-"""Bytes of a line, where there is room for them."""
+"""Default number of bytes per line."""
 
-_BLANK_AFTER = 8  # after as many bytes stands another blank
+_BLANK_AFTER = 8  # a second space follows this many bytes of a line
 _ASCII = bytes(byte if 0x20 <= byte < 0x7F else ord(".") for byte in range(256)).decode("ascii")
 
 
 class Highlight(NamedTuple):
-    """Bytes from `start` up to `stop`, with the sequence put before them."""
+    """A range of bytes, `stop` excluded, and the ANSI colour sequence for it."""
 
     start: int
     stop: int
@@ -30,9 +30,11 @@ def hexdump(
     first: int = 0,
     per_line: int = PER_LINE,
 ) -> Iterator[str]:
-    """Yield bytes as lines of 8 or 16. Of two highlights that overlap, the later one counts.
+    """Yield the lines of a hex dump, with `per_line` bytes per line. Where two highlights overlap, the later
+    one wins.
 
-    Offsets are decimal, as in every table of b-CAP's fields, and in the trees and problems shown beside them.
+    Offsets begin at `first`. Offsets are decimal, like the offsets in field trees and problems shown next to
+    a hex dump.
     """
     width = max(6, len(str(first + len(data))))
     pending = list(highlights)[::-1]
@@ -65,7 +67,7 @@ def _line(row: bytes, styles: list[str], reset: str, per_line: int) -> str:
     shown, letters = [], []
     for style, run in groupby(range(len(row)), lambda index: styles[index]):
         indexes = list(run)
-        # The blanks inside a run belong to it, those between two runs to none.
+        # Spaces between bytes of the same style get that style; spaces between different styles get none.
         pairs = "".join(f"{_blanks(index)}{row[index]:02x}" for index in indexes).lstrip()
         word = "".join(_ASCII[row[index]] for index in indexes)
         shown.append(_blanks(indexes[0]) + _styled(pairs, style, reset))

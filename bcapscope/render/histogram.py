@@ -18,20 +18,20 @@ _STEPS = tuple(step * 10.0**power for power in range(-4, 9) for step in (1, 2, 5
 
 
 def edges_around(period: float) -> tuple[float, ...]:
-    """Return edges for values that should be `period`: close together there, far apart far away."""
+    """Return bin edges for values near `period`: narrow bins around `period`, wide bins far from it."""
     return tuple(period * factor for factor in (*_NEAR, *_AROUND, *_FAR))
 
 
 def edges_by_decades() -> tuple[float, ...]:
-    """Return edges for values of any size: 1, 2, 5, 10, 20, 50 and so on."""
+    """Return bin edges for values of any size: 1, 2, 5, 10, 20, 50 and so on."""
     return _STEPS
 
 
 def histogram(bins: Sequence[Bin], edges: Sequence[float], palette: Palette = PLAIN) -> Iterator[str]:
-    """Draw a row for each span between two edges, from the first that holds a value to the last.
+    """Yield one line per interval between two edges, from the first to the last interval that has values.
 
-    A bin belongs to the row that its middle falls into. A row with few values among many shows a thin bar all
-    the same, so that nothing rare looks like nothing.
+    A bin counts for the interval that contains the middle of the bin. An interval with at least one value
+    always shows a bar, so that rare values are visible.
     """
     counts = [0] * (len(edges) + 1)
     for each in bins:

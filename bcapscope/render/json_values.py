@@ -1,4 +1,4 @@
-"""Values in JSON: text escaped as on a terminal, exact times, and numbers that JSON does not have."""
+"""Write values as JSON: escaped text, exact times, and NaN and infinities as strings."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from bcapscope.render.timestamp import epoch_text
 
 
 def json_text(value: str | None) -> bytes:
-    """Write a string as JSON in which every character that is not plainly visible is escaped.
+    """Return a string as JSON in which every non-printable character is escaped.
 
-    A lone surrogate comes out as its escape, which JSON allows, so that nothing is lost.
+    A lone surrogate becomes a ``\\u`` escape, which JSON allows, so no information is lost.
     """
     if value is None:
         return b"null"
@@ -25,13 +25,13 @@ def json_text(value: str | None) -> bytes:
 
 
 def json_number(value: object) -> bytes:
-    """Write a number, or a tuple of numbers; NaN and infinities become strings."""
+    """Return a number or a tuple of numbers as JSON; NaN and infinities become strings."""
     text = orjson.dumps(value)
     return text if b"null" not in text else orjson.dumps(json_ready(value))
 
 
 def json_ready(value: object) -> object:
-    """Return a number or a tuple of numbers; NaN and infinities as text."""
+    """Return a number or a tuple of numbers for a JSON encoder; NaN and infinities become strings."""
     if isinstance(value, tuple):
         return [json_ready(item) for item in value]
     if not isinstance(value, float) or math.isfinite(value):
@@ -40,22 +40,22 @@ def json_ready(value: object) -> object:
 
 
 def text_fragment(text: str | None) -> orjson.Fragment:
-    """Return a string for `orjson.dumps`, escaped as by `json_text`."""
+    """Return a string escaped by `json_text`, as a fragment for `orjson.dumps`."""
     return orjson.Fragment(json_text(text))
 
 
 def time_fragment(time: int) -> orjson.Fragment:
-    """Return ns since 1970 as seconds with nine digits."""
+    """Return a time in ns since 1970 as a JSON number: seconds with nine decimals."""
     return orjson.Fragment(epoch_text(time))
 
 
 def result_object(code: int | None) -> dict[str, object]:
-    """Return a result code and its name."""
+    """Return the JSON members for a result code and its name."""
     return {"hresult": code, "hresult_name": None if code is None else hresult_name(code)}
 
 
 def percentiles_object(found: DistributionSummary) -> dict[str, object]:
-    """Return the mean and the percentiles of a distribution."""
+    """Return the JSON members for the mean, the extremes and the percentiles of a distribution."""
     return {
         "mean": json_ready(found.mean),
         "min": json_ready(found.least),

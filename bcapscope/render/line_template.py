@@ -1,4 +1,4 @@
-"""Arguments as one line of text, made once for all frames of a layout, with places for their numbers."""
+"""Templates for the arguments of a frame as one line of text. All frames of a layout share a template."""
 
 from __future__ import annotations
 
@@ -22,21 +22,25 @@ from bcapscope.render.number import (
 )
 
 LONGEST_STRING = 120
-"""Characters of a string, and half as many bytes of a UI1 array, that one line shows."""
+"""Maximum number of characters of a string that a line shows.
+
+A line shows half as many bytes of a UI1 array.
+"""
 
 MAX_ELEMENTS = 32
-"""Elements of an array that one line shows."""
+"""Maximum number of elements of an array that a line shows."""
 
 NumberWriter: TypeAlias = Callable[[Any], str]
 TemplatePlace: TypeAlias = tuple[int | slice, NumberWriter]
-"""Which of a frame's numbers stand here, and how they are written."""
+"""A place in a template: an index or slice of a frame's numbers, and the function that formats these numbers.
+"""
 
 _SHOWN_BEFORE = ("bstrCommand",)
-"""Arguments that the line shows beside the function's name."""
+"""Names of arguments that the line already shows next to the function's name."""
 
 
 class LineTemplate:
-    """A text with places for numbers: a %-format of its head first, then ``%s`` for each place."""
+    """A %-format for a line of text: first the formats of its head, then ``%s`` for each place."""
 
     __slots__ = ("places", "text")
 
@@ -45,15 +49,15 @@ class LineTemplate:
         self.places = tuple(places)
 
     def fill(self, head: tuple[object, ...], numbers: FrameNumbers) -> str:
-        """Put in what stands at the head of the text, then a frame's numbers in the order of its bytes."""
+        """Return the template filled with the values of its head and the numbers of a frame."""
         return self.text % (*head, *[write(numbers[where]) for where, write in self.places])
 
 
 class LineTemplateBuilder:
-    """Collects the pieces of a phrase, left to right."""
+    """Builds a template from left to right."""
 
     def __init__(self, head: str = "") -> None:
-        """Begin with `head`, a %-format of its own."""
+        """Start the template with `head`, which is a %-format."""
         self._pieces = [head]
         self._places: list[TemplatePlace] = []
         self._numbers_placed = 0
@@ -62,7 +66,9 @@ class LineTemplateBuilder:
         self._pieces.append(text.replace("%", "%%"))
 
     def add_arguments(self, arguments: Sequence[Argument], role: Callable[[int], Param]) -> None:
-        """Add arguments as ``name=value``; a type is named where the function does not prescribe it."""
+        """Add arguments as ``name=value``, with the type if it differs from the type that the function
+        expects.
+        """
         for index, (argument, taken) in enumerate(zip(arguments, number_counts(arguments), strict=True)):
             param = role(index)
             if param.name in _SHOWN_BEFORE and isinstance(argument.variant.value, str):
@@ -84,11 +90,11 @@ class LineTemplateBuilder:
             self.add_text(_constant(variant))
 
     def build(self) -> LineTemplate:
-        """Return what was collected."""
+        """Return the template built so far."""
         return LineTemplate("".join(self._pieces), self._places)
 
     def _add_constant(self, variant: Variant, typed: bool) -> None:
-        """Add a value whose numbers are the same in all frames of the layout."""
+        """Add a value that is the same in all frames of the layout."""
         builder = LineTemplateBuilder()
         builder.add_variant(variant, typed)
         self.add_text(builder.build().fill((), tuple(iter_numbers(variant))))

@@ -1,4 +1,4 @@
-"""VARIANTs as people type them, the way back of `protocol.codec.variant_notation`."""
+"""Write VARIANTs in the notation that `protocol.codec.variant_notation` parses."""
 
 from __future__ import annotations
 
@@ -9,23 +9,25 @@ from bcapscope.render.number import number_text, single_text
 
 
 def untyped_text(variant: Variant) -> str | None:
-    """Write a value without its type, as it is typed where the type is known.
+    """Return a value in the notation without its type, for places where the type is known.
 
-    None where it cannot be typed: VARIANT arrays inside VARIANT arrays, strings in arrays that hold what
-    separates elements, types that b-CAP does not have.
+    The result is None if the notation cannot express the value: a VARIANT array inside a VARIANT array, an
+    array of strings that contain a separator, or a type that b-CAP does not have.
     """
     text = _untyped_text(variant)
     return text if text is not None and _reads_back(variant, f"{type_word(variant.vt)}:{text}") else None
 
 
 def typed_text(variant: Variant) -> str | None:
-    """Write a value with its type, such as ``r4[]:10,20,30``; None where it cannot be typed."""
+    """Return a value in the notation with its type, such as ``r4[]:10,20,30``, or None if this is not
+    possible.
+    """
     text = untyped_text(variant)
     return None if text is None else f"{type_word(variant.vt)}:{text}"
 
 
 def type_word(vt: int) -> str:
-    """Name a type as it stands before the colon: ``i4``, ``r4[]``."""
+    """Return the name of a type in the notation, such as ``i4`` or ``r4[]``."""
     base = vt & ~ARRAY
     name = VT(base).name.lower() if base in VT.__members__.values() else f"0x{base:04x}"
     return f"{name}[]" if vt & ARRAY else name

@@ -1,4 +1,4 @@
-"""Numbers as text: exact, and with no more digits than that takes."""
+"""Write numbers as exact text with as few digits as possible."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ _SINGLE = struct.Struct("<f")
 
 
 def date_text(days: float) -> str:
-    """Write a DATE as date and time; empty where no calendar has one.
+    """Return a DATE (days since 1899-12-30 00:00) as date and time, or "" if it is negative or after year
+    9999.
 
-    Days since 1899-12-30 00:00. Before that OLE and DENSO's Python client count the fraction in opposite
-    directions, so only the number itself is certain there. The time zone is the sender's secret: C and
-    Python send UTC, C# local time (orin_bcap).
+    OLE and DENSO's Python client interpret the fraction of a negative DATE differently. The time zone of a
+    DATE is unknown: DENSO's C and Python clients send UTC, the C# client sends local time (orin_bcap).
     """
     if not 0 <= days < 2_958_466:
         return ""
@@ -27,24 +27,27 @@ def date_text(days: float) -> str:
 
 
 def currency_text(raw: int) -> str:
-    """Write a CY in the unit that COM gives it."""
+    """Return a CY as a currency amount: the integer divided by 10000."""
     return str(Decimal(raw) / CY_SCALE)
 
 
 def number_text(value: int | float) -> str:
-    """Write a number with the fewest digits that read back as the same."""
+    """Return a number with the fewest digits that give the same number when read back."""
     text = orjson.dumps(value).decode("ascii")
     return repr(value) if text == "null" else text
 
 
 def numbers_text(values: tuple[int | float, ...]) -> str:
-    """Write several numbers as `number_text` does, commas between."""
+    """Return numbers in the format of `number_text`, separated by commas."""
     text = orjson.dumps(values)
     return ",".join(map(number_text, values)) if b"null" in text else text[1:-1].decode("ascii")
 
 
 def singles_text(values: tuple[float, ...]) -> str:
-    """Write several R4 as `single_text` does, fast where seven digits are enough for each."""
+    """Return R4 values in the format of `single_text`, separated by commas.
+
+    The conversion is fast if seven digits suffice for each value.
+    """
     form = struct.Struct(f"<{len(values)}f")
     short = tuple(map(float, ("%.7g " * len(values) % values).split()))
     return (
@@ -53,7 +56,7 @@ def singles_text(values: tuple[float, ...]) -> str:
 
 
 def single_text(value: float) -> str:
-    """Write an R4 with digits that give the same R4 again: seven, or more where it takes them."""
+    """Return an R4 value with seven to nine digits: as few as give the same R4 value when read back."""
     texts = (f"{value:.{digits}g}" for digits in (7, 8))
     same = (text for text in texts if _SINGLE.pack(float(text)) == _SINGLE.pack(value))
     return number_text(float(next(same, f"{value:.9g}")))

@@ -1,4 +1,4 @@
-"""What the player reports: the controller, one line while it plays, a summary at the end."""
+"""Output of `play`: the controller, a progress line, problems and the summary."""
 
 from __future__ import annotations
 
@@ -24,11 +24,13 @@ from bcapscope.render.escape import printable
 _COUNTS = ("retries", "late", "unanswered", "repeated", "shifted", "held")
 
 RETRIES_EXPECTED = Message("play.retries-expected")
-"""DENSO Wave 2009, How to use the Slave mode: its values for Sync over UDP."""
+"""The number of retries follows from DENSO's timeout for Sync over UDP (DENSO Wave 2009, How to use the Slave
+mode).
+"""
 
 
 def controller_line(peer: ControllerInfo, words: MessageFormatter = ENGLISH_WORDS) -> str:
-    """Describe the controller, and the slave mode that the player will use."""
+    """Return a line that describes the controller and the slave mode that the player will enter."""
     kind = words("play.simulator" if peer.simulator else "play.controller")
     facts = [
         words(f"play.fact.{name.replace(' ', '-')}", value=printable(value))
@@ -44,14 +46,14 @@ def controller_line(peer: ControllerInfo, words: MessageFormatter = ENGLISH_WORD
 
 
 def trouble_lines(trouble: PlayerProblem, words: MessageFormatter = ENGLISH_WORDS) -> Iterator[str]:
-    """Yield what went wrong, and each error that the controller shows."""
+    """Yield the description of a problem, then each active error of the controller."""
     yield from map(printable, words.text(trouble.text).splitlines())
     for code, text in trouble.errors:
         yield f"  {words('play.shown-error', name=hresult_name(code), text=printable(text))}"
 
 
 def progress_line(progress: PlayProgress, width: int) -> str:
-    """Write progress in one line of at most `width` characters."""
+    """Return the progress of the player as one line of at most `width` characters."""
     of = f"/{progress.of}" if progress.of else ""
     left = "" if progress.left is None else f", {progress.left:.1f} s left"
     counts, late = progress.counts, progress.lateness
@@ -65,7 +67,7 @@ def progress_line(progress: PlayProgress, width: int) -> str:
 
 
 def play_summary_lines(ended: PlayEnded, words: MessageFormatter = ENGLISH_WORDS) -> Iterator[str]:
-    """Yield the summary."""
+    """Yield the lines of the summary that `play` prints at its end."""
     is_unbegun = ended.outcome is PlayOutcome.STOPPED and not ended.index
     head = words("play.ended.stopped-before" if is_unbegun else f"play.ended.{ended.outcome}")
     reason, *more = ("" if ended.reason is None else words.text(ended.reason)).splitlines() or ("",)
@@ -88,7 +90,10 @@ def play_summary_lines(ended: PlayEnded, words: MessageFormatter = ENGLISH_WORDS
 
 
 def play_summary_record(ended: PlayEnded) -> bytes:
-    """Write the summary as a JSON object; times are ms, the reason is escaped as on a terminal."""
+    """Return the summary as a JSON object.
+
+    Times are in ms. Non-printable characters in the reason are escaped.
+    """
     counts = {name: getattr(ended.counts, name) for name in PlayCounts.__struct_fields__}
     return orjson.dumps(
         {

@@ -1,4 +1,4 @@
-"""What a file was read as, and the pre-flight, for people and for programs."""
+"""How a trajectory file was read, and the result of the pre-flight check, as text and as JSON."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from bcapscope.render.columns import align_columns, wrap_text
 from bcapscope.render.escape import printable
 
 NARROWEST, WIDEST = 40, 120
-"""Columns that text is wrapped to at least and at most."""
+"""Minimum and maximum width of wrapped text, in columns."""
 
 _LONGEST_TITLE = 40
 _LARGEST_SHOWN = 1e12
@@ -28,7 +28,7 @@ _HEAD = ("axis", "unit", "from", "to", "step", "speed", "acceleration", "fastest
 
 
 def trajectory_line(number: int, trajectory: Trajectory, words: MessageFormatter = ENGLISH_WORDS) -> str:
-    """Write one of several trajectories in a line, to choose from."""
+    """Return a line that describes one of several trajectories in a file, with the number for ``--index``."""
     part = trajectory.source.part or Message("trajectory.all")
     return f"{number}: {printable(words.text(part))}, {words.text(_size(trajectory))}"
 
@@ -36,7 +36,7 @@ def trajectory_line(number: int, trajectory: Trajectory, words: MessageFormatter
 def source_lines(
     trajectory: Trajectory, words: MessageFormatter = ENGLISH_WORDS, width: int = WIDEST
 ) -> Iterator[str]:
-    """Yield what a file was read as: size, interval, the column of each axis with its unit, and notes."""
+    """Yield how a file was read: format, size, interval, the column and unit of each axis, and notes."""
     source = trajectory.source
     texts = [words.text(each) for each in (source.file_format, source.part) if each is not None]
     yield f"{printable(source.path)}: {printable(', '.join(texts))}"
@@ -56,7 +56,7 @@ def source_lines(
 
 
 class PreflightRenderer:
-    """Writes a pre-flight as text."""
+    """Writes the result of a pre-flight check as text."""
 
     def __init__(
         self, palette: Palette = PLAIN, width: int = 100, words: MessageFormatter = ENGLISH_WORDS
@@ -66,7 +66,7 @@ class PreflightRenderer:
         self._words = words
 
     def lines(self, preflight: PreflightResult) -> Iterator[str]:
-        """Yield a table of what each axis does, the problems, and one line that sums up."""
+        """Yield a table of each axis' motion, then the problems, then a summary line."""
         if preflight.axis_figures:
             head = tuple(self._words(f"preflight.head.{name}") for name in _HEAD)
             yield from align_columns([head, *map(self._axis_cells, preflight.axis_figures)], "<<>>>>>>")
@@ -127,7 +127,10 @@ class PreflightRenderer:
 
 
 def preflight_record(preflight: PreflightResult) -> bytes:
-    """Write a pre-flight as a JSON object; strings are escaped as on a terminal, infinite limits are null."""
+    """Return the result of a pre-flight check as a JSON object.
+
+    Non-printable characters are escaped. Infinite limits are null.
+    """
     trajectory, source = preflight.trajectory, preflight.trajectory.source
     return orjson.dumps(
         {
@@ -179,7 +182,7 @@ def _place(column: Column) -> Message:
 
 
 def _bounded_number(value: float, digits: int) -> str:
-    """Write a number with so many digits behind the point, and what is absurd in no more columns."""
+    """Return a number with `digits` decimals; a very large number gets an exponent, to stay short."""
     return f"{value:.{digits}f}" if abs(value) < _LARGEST_SHOWN else f"{value:.3g}"
 
 

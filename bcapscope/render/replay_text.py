@@ -1,4 +1,4 @@
-"""What came of calls that were made again after a recording: a line for people, an object for programs."""
+"""Replayed calls as text lines and as JSON objects."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from bcapscope.render.color_palette import PLAIN, Palette
 from bcapscope.render.escape import printable
 from bcapscope.render.reply_text import ReplyRenderer
 
-if TYPE_CHECKING:  # what makes calls reads a clock, and nothing here does
+if TYPE_CHECKING:  # these modules use a clock, which `render` must not
     from bcapscope.replay.replay_script import ScriptCall
     from bcapscope.replay.script_player import PlayedCall
 
 
 class ReplayRenderer:
-    """Writes calls as they were answered now, and beside that what was recorded where it is another thing."""
+    """Writes the result of each replayed call, and the recorded result if it differs."""
 
     def __init__(self, palette: Palette = PLAIN, words: MessageFormatter = ENGLISH_WORDS) -> None:
         self._palette = palette
@@ -29,7 +29,9 @@ class ReplayRenderer:
         self._answers = ReplyRenderer(palette, words)
 
     def line(self, played: PlayedCall) -> str:
-        """Write a line: number, call, result, values, time, and what differs from the recording."""
+        """Return the line of a replayed call: number, call, result, values, time, and differences from the
+        recording.
+        """
         color, line = self._palette, played.script_call
         name = call_name(line.kind.function_id, played.arguments)
         number = f"{color.number}{line.number:>6}{color.reset} "
@@ -49,7 +51,7 @@ class ReplayRenderer:
         return f"{number}{text}"
 
     def record(self, played: PlayedCall) -> bytes:
-        """Write a JSON object."""
+        """Return a replayed call as a JSON object."""
         line, settled = played.script_call, played.result
         answer = None if isinstance(settled, CallTimedOut) else settled
         return orjson.dumps(

@@ -1,4 +1,4 @@
-"""The answer to a call that we made: a line for people, an object for programs."""
+"""Replies to bcapscope's own calls as text lines and as JSON objects."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from bcapscope.traffic.observation import Observation
 
 
 class ReplyRenderer:
-    """Writes answers, with the time that they took and the number of retries."""
+    """Writes replies with the duration of the call and the number of retries."""
 
     def __init__(self, palette: Palette = PLAIN, words: MessageFormatter = ENGLISH_WORDS) -> None:
         self._palette = palette
@@ -30,7 +30,7 @@ class ReplyRenderer:
     def line(
         self, name: str, function_id: int, reply: Frame, took_ns: int, attempts: tuple[Attempt, ...]
     ) -> str:
-        """Write a line: call, result, values, ms, retries."""
+        """Return the line of a call: name, result, values, duration in ms, and number of retries."""
         color = self._palette
         builder = LineTemplateBuilder(f"{color.name}{printable(name)}{color.reset} ".replace("%", "%%"))
         builder.add_text(result_text(reply.code, color, self._words))
@@ -44,7 +44,9 @@ class ReplyRenderer:
     def record(
         self, observation: Observation, call_kind: CallKind, took: int, attempts: tuple[Attempt, ...]
     ) -> bytes:
-        """Write a JSON object: the reply as frames are written, then `took_ms` and `tries`."""
+        """Return a JSON object: the members of the reply frame, the duration `took_ms`, and the number of
+        attempts `tries`.
+        """
         return b'%b,"took_ms":%b,"tries":%d}' % (
             self._records.record(observation, call_kind)[:-1],
             b"%.6f" % (took / 1e6),

@@ -1,4 +1,4 @@
-"""Pictures of calls: who called when and what happened, how long replies took, what retries looked like."""
+"""Pictures of calls in a report: a timeline of the clients, latencies by command, and retries."""
 
 from __future__ import annotations
 
@@ -29,16 +29,16 @@ from bcapscope.traffic.call import Call, CallFrame, FrameRole
 from bcapscope.traffic.observation import Conversation
 
 MAX_TIMELINE_ROWS = 16
-"""Clients in the timeline, those that called most."""
+"""Maximum number of clients in the timeline: those that made the most calls."""
 
 MAX_KINDS = 20
-"""Kinds of calls in the picture of latencies, those that took most time."""
+"""Maximum number of commands in the picture of latencies: those that took the most time."""
 
-_NARROWEST = 0.0015  # of the whole width: what is shorter would not be seen
-_SHORTEST_MS = 0.001  # a logarithmic axis has no 0, and captures no finer clocks
+_NARROWEST = 0.0015  # minimum width of a bar, as a share of the total width, so that it is visible
+_SHORTEST_MS = 0.001  # a logarithmic axis has no 0; clocks of captures are no finer than this
 
-_BAR = "#2A74B2"  # white text on it is read at 4.9 to one
-_LEAST_FOR_P999 = 100  # fewer have no 99.9% of their own
+_BAR = "#2A74B2"  # contrast to white text: 4.9:1
+_LEAST_FOR_P999 = 100  # minimum number of replies for which a 99.9% value is shown
 
 _MARKER_STYLES: dict[TimelineEventKind, tuple[str, str, float]] = {
     TimelineEventKind.RETRIED: ("triangle-up-open", AMBER, 0.26),
@@ -62,7 +62,7 @@ _FRAME_NAMES = {FrameRole.NOTICE: "S_EXECUTING", FrameRole.LATE: "late reply, di
 
 
 def timeline_picture(report_data: ReportData) -> Picture:
-    """Draw a row for each client: calls, slave-mode sessions and events."""
+    """Return the timeline, with a row of calls, slave-mode sessions and events for each client."""
     timelines = report_data.timelines[:MAX_TIMELINE_ROWS]
     rows = {timeline.conversation: -index for index, timeline in enumerate(timelines)}
     drawn = [session for session in report_data.slave_sessions if session.conversation in rows]
@@ -76,9 +76,10 @@ def timeline_picture(report_data: ReportData) -> Picture:
     return make_picture(
         "timeline",
         "Who did what, and when",
-        "Each lane is a client. The thin bar shows when it made calls, the thick one a stay in slave mode. "
-        "Marks above show what happened; marks close to each other in a long capture are drawn as one, and "
-        "tell how many they are." + (f" {left_off} more clients made fewer calls." if left_off else ""),
+        "Each row is a client. Thin bars show its calls, thick bars its slave-mode sessions. "
+        "Marks above the bars show events. In a long capture, one mark can stand for several events; the "
+        "text of the mark gives their number."
+        + (f" {left_off} more clients made fewer calls." if left_off else ""),
         130 + 76 * len(timelines),
         traces,
         barmode="overlay",
@@ -95,7 +96,7 @@ def timeline_picture(report_data: ReportData) -> Picture:
 
 
 def latency_picture(rows: Sequence[StatisticsRow]) -> Picture | None:
-    """Draw how long replies took, for each kind of call; None where nothing was answered."""
+    """Return the picture of latencies by command, or None if no call was answered."""
     kinds = [
         (plotly_label(call_kind_text(row.call_kind or OTHER_KINDS)), row.figures.calls, row.figures.latency)
         for row in rows
@@ -132,9 +133,9 @@ def latency_picture(rows: Sequence[StatisticsRow]) -> Picture | None:
     return make_picture(
         "latencies",
         "Time to the reply, by command",
-        "From the first request to the accepted reply, retries included; the commands that took most time "
-        "stand on top. The axis is logarithmic: each step to the right is ten times as long."
-        + (f" {more} more kinds of calls took less." if more else ""),
+        "Time from the first request to the accepted reply, including retries. Commands that took the most "
+        "time are at the top. The axis is logarithmic: each step to the right is ten times as long."
+        + (f" {more} more commands took less time." if more else ""),
         130 + 30 * len(found),
         traces,
         hovermode="closest",
@@ -144,7 +145,7 @@ def latency_picture(rows: Sequence[StatisticsRow]) -> Picture | None:
 
 
 def retry_chain_picture(report_data: ReportData) -> Picture | None:
-    """Draw the frames of the calls that were sent again most often; None where none was."""
+    """Return the picture of the calls with the most retries and of their frames, or None without retries."""
     if not report_data.retry_chains:
         return None
     found = report_data.retry_chains[::-1]
@@ -160,11 +161,11 @@ def retry_chain_picture(report_data: ReportData) -> Picture | None:
     return make_picture(
         "chains",
         "Retry chains",
-        "Each line is one call from its first request on, with every frame of it that was seen. "
+        "Each line is one call, from its first request, with all its captured frames. "
         + (
-            f"These are the {len(found)} that were sent again most often; {more} more were sent again."
+            f"These are the {len(found)} calls with the most retries; {more} more calls have retries."
             if more
-            else "These are all calls that were sent again."
+            else "These are all calls with retries."
         ),
         130 + 34 * len(found),
         traces,
@@ -179,7 +180,7 @@ def retry_chain_picture(report_data: ReportData) -> Picture | None:
 
 
 def _row_axis(labels: Sequence[str], low: float, high: float, step: int = 1) -> dict[str, Any]:
-    """Describe a vertical axis with a labelled row at 0, `step`, 2 * `step` and so on."""
+    """Return the plotly layout of a vertical axis with labelled rows at 0, `step`, 2 * `step` and so on."""
     return {
         "tickvals": [index * step for index in range(len(labels))],
         "ticktext": labels,
@@ -192,7 +193,7 @@ def _row_axis(labels: Sequence[str], low: float, high: float, step: int = 1) -> 
 
 
 def endpoints_label(conversation: Conversation) -> str:
-    """Name a client and its server in two lines of a label."""
+    """Return a label of two lines with the endpoints of a conversation: client, then controller."""
     return (
         f"{plotly_label(str(conversation.client))}<br>→ {plotly_label(str(conversation.server))} "
         f"{conversation.transport.upper()}"
@@ -250,7 +251,7 @@ def _slave_session_bars(
             [session.number, value, session.counts.sent, session.duration_ms / 1e3, session.exit.reason.value]
             for session, value in zip(slave_sessions, values, strict=True)
         ],
-        hovertemplate="stay %{customdata[0]}, %{customdata[1]}<br>%{customdata[2]} set points in "
+        hovertemplate="session %{customdata[0]}, %{customdata[1]}<br>%{customdata[2]} set points in "
         "%{customdata[3]:.3f} s from %{base:.3f} s<br>ended: %{customdata[4]}<extra></extra>",
     )
 
@@ -285,7 +286,7 @@ def _event_marker_text(kind: TimelineEventKind, mark: TimelineEvent) -> str:
 
 
 def _segments(name: str, lines: Sequence[tuple[int, float, float]], color: str, width: float) -> Any:
-    """Draw a horizontal line for each height, beginning and end."""
+    """Return a plotly trace of horizontal lines; each has a height, a start and an end."""
     return go.Scatter(
         name=name,
         mode="lines",
@@ -310,7 +311,7 @@ def _dots(name: str, dots: Sequence[tuple[int, float]], symbol: str, color: str,
 
 
 def _role_trace(calls: Sequence[Call], role: FrameRole) -> Any:
-    """Draw all frames that are the same to their calls."""
+    """Return a plotly trace of all frames that have this role in their calls."""
     symbol, color = _FRAME_STYLES[role]
     found = [
         (index, call, event)

@@ -1,8 +1,8 @@
-"""What all pictures of a report have in common.
+"""Colours, layout and helper functions that all pictures of a report share.
 
-Colours are read as well on white as on black, more than three to one (WCAG 2.2, 1.4.11), and are told apart
-by the colour-blind (after the set of Okabe and Ito); shapes and dashes say the same once more. Text, axes and
-grid get their colours from the page's style sheet, so that one picture serves all themes and paper.
+The contrast of each colour to white and to black is more than 3:1 (WCAG 2.2, 1.4.11). Colour-blind readers
+can distinguish the colours (based on the set of Okabe and Ito); shapes and dashes repeat the distinction. The
+style sheet of the page sets the colours of text, axes and grid, so one picture fits all themes and paper.
 """
 
 from __future__ import annotations
@@ -19,20 +19,20 @@ from bcapscope.analysis.statistics.distribution import Bin
 from bcapscope.render.escape import printable
 
 BLUE, ORANGE, GREEN, PURPLE, AMBER, GRAY = "#2F7FC1", "#CF5C0A", "#0A8F6A", "#B5619A", "#B27A00", "#7A828C"
-"""Contrast to white and to #15191D is 3.7 at least."""
+"""The contrast of each of these colours to white and to #15191D is at least 3.7:1."""
 
 LONGEST_LABEL = 48
-"""Characters of a string from the wire beside an axis."""
+"""Maximum number of characters of a string from the wire in an axis label."""
 
 MAX_BARS = 160
-"""Bars of a histogram."""
+"""Maximum number of bars in a histogram."""
 
-_WIDE_SPREAD = 5.0  # values so far apart, as factors go, are told apart on a logarithmic axis only
+_WIDE_SPREAD = 5.0  # ratio of largest to smallest value above which an axis is logarithmic
 _FONT = "system-ui, -apple-system, 'Segoe UI', Roboto, 'Noto Sans', 'Noto Sans JP', sans-serif"
 
 
 class Picture(NamedTuple):
-    """One picture for the page: plain text, height in CSS pixels, and JSON for plotly.js, safe in a script
+    """A picture of the page. `height` is in CSS pixels. `json` is for plotly.js and is safe in a script
     element.
     """
 
@@ -44,7 +44,7 @@ class Picture(NamedTuple):
 
 
 def plotly_label(text: str, longest: int = LONGEST_LABEL) -> str:
-    """Make plain text fit for plotly, which takes some HTML and character references in all its texts."""
+    """Escape and shorten plain text for plotly, which interprets some HTML in all its texts."""
     shown = printable(text)
     return html.escape(shown if len(shown) <= longest else shown[: longest - 1] + "…", quote=False)
 
@@ -52,7 +52,7 @@ def plotly_label(text: str, longest: int = LONGEST_LABEL) -> str:
 def make_picture(
     name: str, title: str, caption: str, height: int, traces: Sequence[Any], **layout: Any
 ) -> Picture:
-    """Make a picture of plotly's traces, with a layout beyond what all pictures have."""
+    """Return a picture of plotly traces. `layout` extends the layout that all pictures share."""
     common: dict[str, Any] = {
         "template": "none",
         "height": height,
@@ -82,25 +82,25 @@ def make_picture(
 
 
 def script_safe(json_text: str) -> str:
-    """Rewrite JSON so that no string in it can end a script element, begin a comment or end a line."""
+    """Escape JSON so that no string in it can end a script element, begin a comment or end a line."""
     for char in "<>&\u2028\u2029":
         json_text = json_text.replace(char, f"\\u{ord(char):04x}")
     return json_text
 
 
 def axis_layout(title: str, **more: Any) -> dict[str, Any]:
-    """Describe an axis with its unit in the title."""
+    """Return the plotly layout of an axis; `title` includes the unit."""
     spike = {"spikethickness": 1, "spikecolor": GRAY, "spikedash": "solid"}
     return {"title": {"text": title, "standoff": 8}, "zeroline": False, "automargin": True, **spike, **more}
 
 
 def rounded_numbers(values: Iterable[float], digits: int = 6) -> list[float | None]:
-    """Round values for JSON; None for NaN and infinities, where plotly leaves a gap."""
+    """Round values for JSON. NaN and infinities become None, which plotly shows as a gap."""
     return [round(value, digits) if math.isfinite(value) else None for value in values]
 
 
 class HistogramBars(NamedTuple):
-    """Where the bars of a histogram begin and end, and how many values each has."""
+    """The edges of a histogram's bars, and the number of values in each bar."""
 
     lows: list[float]
     highs: list[float]
@@ -109,7 +109,9 @@ class HistogramBars(NamedTuple):
 
 
 def histogram_bars(bins: Sequence[Bin], least: float, most: float) -> HistogramBars:
-    """Combine fine bins, by their middles, into bars of equal width, if need be on a logarithmic axis.
+    """Combine fine bins into bars of equal width, by the middle of each bin.
+
+    If the values span a large range, the bars are equally wide on a logarithmic axis.
 
     Bars without values are left out.
     """

@@ -1,7 +1,7 @@
-"""A report as one HTML page that needs nothing else, neither files nor network.
+"""A report as one HTML page that needs no other files and no network.
 
-Text from the wire is escaped. Should that fail, the page's own policy lets only its two scripts run, and
-lets nothing be fetched or sent.
+Text from the wire is escaped. In case an escape is missing, the page's content security policy allows only
+its own two scripts, and no network access.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _LABELS = (
     *("title", "skip", "theme", "auto", "light", "dark", "contents", "pictures", "findings", "follows-from"),
     *("advice", "frame", "frames", "source", "no-finding", "session", "output", "no-script"),
 )
-"""Words of the template."""
+"""Ids of the labels in the template, without the prefix ``report.label.``."""
 
 
 def report_page(
@@ -36,7 +36,7 @@ def report_page(
     remarks: Sequence[str] = (),
     words: MessageFormatter = ENGLISH_WORDS,
 ) -> str:
-    """Write the page. `remarks` are sentences about reading the captures; captions of pictures are
+    """Return the HTML page. `remarks` are sentences about reading the captures. Captions of pictures are in
     English.
     """
     statistics, strays = report_data.statistics, report_data.stray_replies
@@ -77,7 +77,7 @@ def report_page(
 
 @cache
 def template_environment() -> Environment:
-    """Return the environment of the templates: it escapes HTML and makes control characters visible."""
+    """Return the Jinja environment, which escapes HTML and control characters in all values."""
     return Environment(
         loader=PackageLoader("bcapscope.render"),
         autoescape=True,
@@ -88,7 +88,7 @@ def template_environment() -> Environment:
 
 
 def _titles(report_data: ReportData, words: MessageFormatter) -> dict[str, str]:
-    """Return the titles of the sections that have content."""
+    """Return the titles of those sections that have content, by id."""
     titles = {
         "summary": True,
         "findings": True,
@@ -102,7 +102,10 @@ def _titles(report_data: ReportData, words: MessageFormatter) -> dict[str, str]:
 
 
 def _script_text(code: str) -> str:
-    """Return code that cannot end its element; the sequence only stands in strings of JavaScript."""
+    """Return JavaScript that cannot end its script element.
+
+    The replacement is safe, because the replaced sequences occur only in JavaScript strings.
+    """
     return code.replace("</script", "<\\/script").replace("<!--", "<\\!--")
 
 

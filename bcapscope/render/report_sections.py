@@ -1,4 +1,4 @@
-"""The text and tables of a report; the template `report.html` arranges them."""
+"""Text and tables of a report, for the template `report.html`."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ from bcapscope.render.timestamp import utc_text
 from bcapscope.traffic.observation import Conversation
 
 MAX_DRAWN = 6
-"""Stays in slave mode with pictures: those with most trouble, then the longest."""
+"""Maximum number of slave-mode sessions with pictures: those with the most problems, then the longest."""
 
 MAX_ROWS = 40
-"""Rows of a table."""
+"""Maximum number of rows of a table."""
 
 MAX_SLOW = 10
-"""Set points in the table of the slowest."""
+"""Maximum number of rows in the table of set points with the slowest replies."""
 
 _FIGURE_COLUMNS = (
     *("calls", "per-s", "line-time", "median", "p99", "longest"),
@@ -38,12 +38,12 @@ _FIGURE_COLUMNS = (
 )
 _SIGNS = {Severity.ERROR: "✖", Severity.WARNING: "▲", Severity.NOTE: "●"}
 _EXIT_TEXTS = {
-    ExitReason.LEFT: "left by slvChangeMode 0, as it should be",
-    ExitReason.CHANGED: "by slvChangeMode to a mode again",
+    ExitReason.LEFT: "left normally, by slvChangeMode 0",
+    ExitReason.CHANGED: "by slvChangeMode, which entered slave mode again",
     ExitReason.ERROR: "by an error in the reply to a set point",
     ExitReason.OTHER_CALL: "by an error of another call",
     ExitReason.OTHER_CLIENT: "by slvChangeMode of another client",
-    ExitReason.FOUND_OFF: "found switched off, without a reason that was seen",
+    ExitReason.FOUND_OFF: "found off; the capture does not show the reason",
     ExitReason.DISCONNECTED: "by the client's release or disconnection",
     ExitReason.SILENT: "the client sent no more set points, and did not leave slave mode",
     ExitReason.CAPTURE_ENDED: "the capture ended first",
@@ -54,7 +54,7 @@ _GOOD_EXITS = (ExitReason.LEFT, ExitReason.CAPTURE_ENDED, ExitReason.CHANGED)
 class ReportTable(NamedTuple):
     """A table with one letter of `kinds` per column.
 
-    They are ``t`` for text, ``n`` number, ``c`` code, ``e`` the ends of a conversation (None means all).
+    The letter ``t`` means text, ``n`` number, ``c`` code, and ``e`` endpoints of a conversation (None: all).
     """
 
     caption: str
@@ -64,7 +64,10 @@ class ReportTable(NamedTuple):
 
 
 class OverallVerdict(NamedTuple):
-    """The verdict at the top of the page: ``error``, ``warning`` or ``good``, and the first root cause."""
+    """The overall verdict at the top of the page.
+
+    `kind` is ``error``, ``warning`` or ``good``. `sentence` describes the first root cause.
+    """
 
     kind: str
     counts: str
@@ -72,7 +75,7 @@ class OverallVerdict(NamedTuple):
 
 
 class FindingView(NamedTuple):
-    """A finding as shown. `depth` is the number of causes above it, at most 4."""
+    """A finding with its texts for the page. `depth` is the number of causes above the finding, at most 4."""
 
     number: int
     depth: int
@@ -84,7 +87,7 @@ class FindingView(NamedTuple):
 
 
 class SlaveSessionView(NamedTuple):
-    """A slave-mode session with pictures. `lines` is the output of `bcapscope slave`."""
+    """A slave-mode session with its pictures. `lines` is the output of `bcapscope slave` for the session."""
 
     number: int
     facts: Sequence[tuple[str, str | Conversation]]
@@ -94,7 +97,7 @@ class SlaveSessionView(NamedTuple):
 
 
 def summary_tiles(report_data: ReportData, words: MessageFormatter) -> list[tuple[str, str]]:
-    """Return names and values of the main figures."""
+    """Return the names and values of the main figures in the summary."""
     seen, statistics = report_data.totals, report_data.statistics
     tiles = [("frames", f"{seen.frames:,}"), ("calls", f"{seen.calls:,}"), ("clients", f"{seen.clients:,}")]
     tiles.append(("lasting", Duration(report_data.end - report_data.start).text(words)))
@@ -111,12 +114,12 @@ def summary_tiles(report_data: ReportData, words: MessageFormatter) -> list[tupl
 
 
 def period_text(report_data: ReportData, words: MessageFormatter) -> str:
-    """Return the sentence with the first and the last time."""
+    """Return the sentence that gives the start and the end of the captured traffic."""
     return words("report.period", start=_moment(report_data.start), end=_moment(report_data.end))
 
 
 def overall_verdict(report_data: ReportData, words: MessageFormatter) -> OverallVerdict:
-    """Return the number of findings of each severity, and the first of them."""
+    """Return the overall verdict: the number of findings of each severity, and the first finding."""
     counts = Counter(finding.severity for finding in report_data.findings)
     listed = severity_counts_text(counts, words)
     if counts[Severity.ERROR] or counts[Severity.WARNING]:
@@ -170,7 +173,7 @@ def session_views(report_data: ReportData) -> list[SlaveSessionView]:
 
 
 def call_tables(report_data: ReportData, words: MessageFormatter) -> Iterator[ReportTable]:
-    """Yield the tables of calls: by client, by command, and refused ones."""
+    """Yield three tables about calls: figures by client, figures by command, and refused calls."""
     statistics = report_data.statistics
     if statistics is None:
         return
@@ -190,7 +193,7 @@ def call_tables(report_data: ReportData, words: MessageFormatter) -> Iterator[Re
 
 
 def verdict_table(report_data: ReportData, words: MessageFormatter) -> ReportTable:
-    """Return the table of calls with trouble, by verdict."""
+    """Return the table with the number of calls for each verdict that reports a problem."""
     return ReportTable(
         words("report.verdicts"),
         _header(("what", "calls", "meaning"), words),
@@ -222,7 +225,7 @@ def _header(columns: Sequence[str], words: MessageFormatter) -> list[str]:
 
 
 def drawn_slave_sessions(slave_sessions: Sequence[SlaveSession]) -> list[SlaveSession]:
-    """Choose the stays that get pictures, in the order in which they began."""
+    """Return the slave-mode sessions that get pictures, in the order in which they began."""
     worst = sorted(slave_sessions, key=lambda session: (-_trouble_rank(session), -session.counts.sent))
     return sorted(worst[:MAX_DRAWN], key=lambda session: session.number)
 
@@ -252,12 +255,12 @@ def slave_session_table(report_data: ReportData) -> ReportTable:
         for session in report_data.slave_sessions[:MAX_ROWS]
     ]
     all_of_them = len(report_data.slave_sessions) + report_data.slave_sessions_left_off
-    words = "Stays in slave mode."
+    words = "Slave-mode sessions."
     if all_of_them > len(rows):
-        words = f"The first {len(rows)} of {all_of_them} stays in slave mode."
+        words = f"The first {len(rows)} of {all_of_them} slave-mode sessions."
     if len(report_data.slave_sessions) > MAX_DRAWN:
-        words += f" Pictures follow of the {MAX_DRAWN} with most trouble."
-    header = ("stay", "at, s", "lasted, s", "mode", "client", "set points", "retries", "ended")
+        words += f" Pictures of the {MAX_DRAWN} with the most problems follow."
+    header = ("session", "at, s", "lasted, s", "mode", "client", "set points", "retries", "ended")
     return ReportTable(words, header, "nnntennt", rows)
 
 
@@ -269,7 +272,7 @@ def _mode_number(slave_session: SlaveSession) -> str:
 def _mode(slave_session: SlaveSession) -> str:
     mode = slave_session.mode
     if mode.value is None:
-        return f"not seen; {mode.pose_type} type by its numbers" if mode.pose_type else "not seen"
+        return f"not captured; values look like {mode.pose_type} type" if mode.pose_type else "not captured"
     text = "" if mode.meaning is None else f": {mode.meaning.text}"
     return f"0x{mode.value:03X}{text}" + (" (as on an RC8)" if mode.guessed else "")
 
@@ -305,7 +308,7 @@ def _slave_session_facts(slave_session: SlaveSession, start: int) -> Iterator[tu
         (
             f"{counts.sent:,} sent, {counts.accepted:,} accepted, {refused:,} refused, "
             f"{counts.unanswered:,} never answered, {counts.open:,} open when the capture ended, "
-            f"{counts.not_followed:,} not followed to the end, {counts.after_end:,} more after the end"
+            f"{counts.not_followed:,} not followed to the end, {counts.after_end:,} after the session ended"
         ),
     )
     yield "Sent again", (Times(counts.retries).text(ENGLISH_WORDS) if counts.retries else "never")
@@ -328,7 +331,7 @@ def _slave_session_facts(slave_session: SlaveSession, start: int) -> Iterator[tu
 
 def _slowest_table(slave_session: SlaveSession, start: int) -> ReportTable:
     return ReportTable(
-        f"Set points of stay {slave_session.number} with the slowest replies.",
+        f"Set points of session {slave_session.number} with the slowest replies.",
         ("call", "frame", "at, s", "cycle, ms", "reply after, ms", "result"),
         "nnnnnt",
         [_slow_row(fact, start) for fact in slave_session.timing.slowest[:MAX_SLOW]],
@@ -349,7 +352,7 @@ def _slow_row(fact: SetPointFact, start: int) -> list[object]:
 def _figures_table(
     subject: str, kind: str, rows: Sequence[tuple[object, CallFigures]], words: MessageFormatter
 ) -> ReportTable:
-    """Return a table of figures by `client` or `command`, whose column is of this kind."""
+    """Return a table of figures, one row per client or command. `kind` is the kind of the first column."""
     header = _header((subject, *_FIGURE_COLUMNS), words)
     caption = words(f"report.calls-by-{subject}")
     if len(rows) > MAX_ROWS:
@@ -407,7 +410,7 @@ def _damaged_row(each: DamagedFrame, start: int, words: MessageFormatter) -> lis
 
 
 def _moment(time: int) -> str:
-    """Write a moment to the millisecond; captures have more digits than a reader needs."""
+    """Return a time as text with milliseconds; readers do not need the other digits."""
     return utc_text(time)[:-7].replace("T", " ") + " UTC" if utc_text(time).endswith("Z") else utc_text(time)
 
 

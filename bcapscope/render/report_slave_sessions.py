@@ -1,4 +1,4 @@
-"""Pictures of a slave-mode session: the pace of the set points, and where they led."""
+"""Pictures of a slave-mode session in a report: the timing of set points, and the motion."""
 
 from __future__ import annotations
 
@@ -30,14 +30,14 @@ from bcapscope.render.report_figure import (
     rounded_numbers,
 )
 
-_MAX_DOTS = 400  # so many points can be told apart as dots on a line
+_MAX_DOTS = 400  # maximum number of points that are visible as dots on a line
 _LEAST_MOTION = 1e-9
 _COLUMNS, _COLUMN_GAP = 2, 0.12
 _NOTABLE_LAG = 0.5
 
 
 def pace_picture(slave_session: SlaveSession, start: int) -> Picture | None:
-    """Draw cycle, reply time and the buffer's reserve over time; None for a stay without set points."""
+    """Return the picture of cycle time, latency and buffer reserve over time, or None without set points."""
     samples = slave_session.samples
     if not samples:
         return None
@@ -58,12 +58,12 @@ def pace_picture(slave_session: SlaveSession, start: int) -> Picture | None:
         lines.append(_horizontal_line("y", timing.slack_ms, ORANGE, "dot"))
     return make_picture(
         f"pace-{slave_session.number}",
-        f"Stay {slave_session.number}: pace of the set points",
-        "Top: time since the set point before; the dashed line is the period of "
-        f"{timing.grid_ms:g} ms that the client should keep{_slack_note(slave_session)}. "
+        f"Session {slave_session.number}: timing of the set points",
+        "Top: time since the previous set point. The dashed line is the nominal cycle time of "
+        f"{timing.grid_ms:g} ms{_slack_note(slave_session)}. "
         "Middle: time from the first request to the reply. "
-        "Bottom: time that was left until the controller's buffer would have been empty, by a model of a "
-        f"buffer of {slave_session.buffer.slots}; below the dashed line it was."
+        "Bottom: time left until the controller's buffer runs empty, estimated by a model with "
+        f"{slave_session.buffer.slots} slots. Below the dashed line, the buffer is empty."
         f"{_sampling_note(samples)}{_marks_note(slave_session)}",
         560,
         traces,
@@ -79,7 +79,7 @@ def pace_picture(slave_session: SlaveSession, start: int) -> Picture | None:
 
 
 def spread_picture(slave_session: SlaveSession) -> Picture | None:
-    """Draw histograms of cycles and reply times; None where there are neither."""
+    """Return histograms of cycle times and latencies, or None without values."""
     timing = slave_session.timing
     found = [
         ("cycle, ms", BLUE, timing.cycle),
@@ -110,10 +110,10 @@ def spread_picture(slave_session: SlaveSession) -> Picture | None:
             shapes.append(_vertical_line(f"x{number}", f"y{number}", timing.grid_ms, GRAY))
     return make_picture(
         f"spread-{slave_session.number}",
-        f"Stay {slave_session.number}: how often which cycle and which reply time",
-        "How many set points came after which time, and were answered after which. Counts are on a "
-        "logarithmic axis, so that a single late one is seen beside thousands. The dashed line is the "
-        f"period of {timing.grid_ms:g} ms." + _log_axis_note(bars for *_, bars in made),
+        f"Session {slave_session.number}: distribution of cycle times and reply times",
+        "Number of set points by cycle time and by time to the reply. The vertical axis is "
+        "logarithmic, so that a single late set point is visible. The dashed line is the "
+        f"nominal cycle time of {timing.grid_ms:g} ms." + _log_axis_note(bars for *_, bars in made),
         340,
         traces,
         shapes=shapes,
@@ -125,7 +125,7 @@ def spread_picture(slave_session: SlaveSession) -> Picture | None:
 
 
 def motion_picture(slave_session: SlaveSession, start: int) -> Picture | None:
-    """Draw commanded against returned poses, an axis beside the other; None where nothing moved."""
+    """Return the picture of commanded and returned positions for each axis, or None if no axis moved."""
     if slave_session.motion is None:
         return None
     moving = [
@@ -147,9 +147,9 @@ def motion_picture(slave_session: SlaveSession, start: int) -> Picture | None:
         layout["annotations"].append(_axis_title(each, number))
     return make_picture(
         f"motion-{slave_session.number}",
-        f"Stay {slave_session.number}: commanded and returned pose",
-        "For each axis the commanded position and the one that came back with the reply. The returned one "
-        f"lags behind, since the robot needs time to follow{_lag_note(slave_session)}."
+        f"Session {slave_session.number}: commanded and returned pose",
+        "Commanded position of each axis, and the position in the reply. The returned position "
+        f"lags behind, because the robot needs time to follow{_lag_note(slave_session)}."
         + (f" {', '.join(still)} did not move." if still else "")
         + _sampling_note(slave_session.samples),
         110 + 210 * rows,
@@ -171,13 +171,13 @@ def _points_per_sample(samples: Sequence[PlotSample]) -> int:
 def _sampling_note(samples: Sequence[PlotSample]) -> str:
     most = _points_per_sample(samples)
     return (
-        f" Each point stands for up to {most} set points: the shortest and longest times, the first pose."
+        f" Each point stands for up to {most} set points: their shortest and longest times, the first pose."
         * (most > 1)
     )
 
 
 def _marks_note(slave_session: SlaveSession) -> str:
-    """Say how many of the moments that stand out have a mark."""
+    """Return a sentence that says how many gaps and underflows have a mark, if not all have one."""
     pairs = (
         ("gaps", slave_session.timing.gaps, len(slave_session.timing.gap_list)),
         (
@@ -196,16 +196,16 @@ def _marks_note(slave_session: SlaveSession) -> str:
 def _slack_note(slave_session: SlaveSession) -> str:
     if not slave_session.timing.gaps:
         return ""
-    return f", the dotted one the {slave_session.timing.slack_ms:g} ms that a full buffer lasts"
+    return f", the dotted line marks the {slave_session.timing.slack_ms:g} ms that a full buffer lasts"
 
 
 def _log_axis_note(all_bars: Iterator[HistogramBars]) -> str:
-    return " Times that are far apart are on a logarithmic axis too." * any(b.logarithmic for b in all_bars)
+    return " The axis of a large time range is also logarithmic." * any(b.logarithmic for b in all_bars)
 
 
 def _lag_note(slave_session: SlaveSession) -> str:
     lag = None if slave_session.motion is None else slave_session.motion.lag_cycles
-    return "" if lag is None or lag < _NOTABLE_LAG else f"; here by about {lag:.1f} set points"
+    return "" if lag is None or lag < _NOTABLE_LAG else f": in this session by about {lag:.1f} set points"
 
 
 def _line_trace(name: str, x: list[float], y: list[float | None], color: str, **more: Any) -> Any:
@@ -270,7 +270,7 @@ def _reserve(slave_session: SlaveSession, times: list[float], start: int) -> Ite
             y=[0.0] * len(starved),
             marker={"symbol": "x", "color": ORANGE, "size": 9},
             customdata=[[each.missed_ticks, each.late_ms, each.late_frame] for each in starved],
-            hovertemplate="ran empty for %{customdata[0]} periods; the set point came "
+            hovertemplate="empty for %{customdata[0]} cycles; the set point came "
             "%{customdata[1]:.1f} ms late, in frame %{customdata[2]}<extra></extra>",
         )
 
@@ -417,7 +417,7 @@ def _axis_layout(place: int, rows: int, count: int, each: AxisMotion) -> dict[st
 
 
 def _column(column: int, columns: int) -> list[float]:
-    """Return from where to where one of so many columns goes, with room for the axis between them."""
+    """Return the left and right edge of a column of diagrams; columns have space for an axis between them."""
     width = (1 - _COLUMN_GAP * (columns - 1)) / columns
     left = column * (width + _COLUMN_GAP)
     return [left, left + width]
@@ -427,7 +427,7 @@ def _axis_title(each: AxisMotion, number: str) -> dict[str, Any]:
     largest = each.largest_difference
     words = f"<b>{each.name}</b>"
     if largest is not None:
-        words += f"  apart by {largest.value:.3g} {each.unit} at most"
+        words += f"  largest difference {largest.value:.3g} {each.unit}"
     return {
         "xref": f"x{number} domain",
         "yref": f"y{number} domain",

@@ -1,4 +1,4 @@
-"""A result code as text: in a few words, or in a few lines for people who have to do something about it."""
+"""A result code as text: in a few words, or in several lines with advice."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from bcapscope.render.color_palette import PLAIN, Palette
 
 
 def result_text(code: int, palette: Palette = PLAIN, words: MessageFormatter = ENGLISH_WORDS) -> str:
-    """Write a result in its colour, a failure with its meaning."""
+    """Return the name of a result code in its colour, and for a failure its meaning."""
     name = hresult_name(code)
     if is_failure(code):
         return f"{palette.bad}{name} ({words.text(describe_hresult(code).meaning)}){palette.reset}"
@@ -26,7 +26,10 @@ def result_text(code: int, palette: Palette = PLAIN, words: MessageFormatter = E
 def result_advice(
     code: int, palette: Palette = PLAIN, words: MessageFormatter = ENGLISH_WORDS
 ) -> Iterator[str]:
-    """Yield a success as one line; a failure with its meaning, its level, and what to do."""
+    """Yield lines about a result code: name, code and meaning.
+
+    For a failure, lines with the error level and advice follow.
+    """
     found, name = describe_hresult(code), hresult_name(code)
     digits = f"0x{code & 0xFFFFFFFF:08X}"
     head = name if name == digits else f"{name} {digits}"

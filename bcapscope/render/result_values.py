@@ -1,4 +1,4 @@
-"""The result of a call as b-CAP Tester shows it: values with five decimals, or in full."""
+"""The values of a reply as text: numbers with five decimals, like in DENSO's b-CAP Tester, or in full."""
 
 from __future__ import annotations
 
@@ -10,24 +10,24 @@ from bcapscope.render.escape import printable
 from bcapscope.render.field_meaning import value_text
 
 DECIMALS = 5
-"""Digits behind the point in the screens of b-CAP Tester (DENSO Wave 2009, How to use the Slave mode)."""
+"""Number of decimals that DENSO's b-CAP Tester shows (DENSO Wave 2009, How to use the Slave mode)."""
 
 MAX_ELEMENTS = 512
-"""Elements of an array that are shown."""
+"""Maximum number of elements shown of an array."""
 
 LONGEST_STRING = 4000
-"""Characters that are shown of one string."""
+"""Maximum number of characters shown of a string."""
 
 EMPTY_TEXT = "(EMPTY)"
 
 
 def reply_values_text(reply: Frame, full: bool = False) -> str:
-    """Write what came back: ``(EMPTY)`` for nothing, else the values."""
+    """Return the values of a reply as text, or ``(EMPTY)`` if it has none."""
     return "  ".join(variant_values_text(value, full) for value in reply.variants) or EMPTY_TEXT
 
 
 def variant_values_text(variant: Variant, full: bool = False) -> str:
-    """Write a value as escaped text: numbers in full, or with five decimals."""
+    """Return a value as escaped text. Floating-point numbers have five decimals unless `full`."""
     vt, value = variant.vt, variant.value
     if value is None:
         return EMPTY_TEXT

@@ -1,4 +1,4 @@
-"""The simulator's log: one line a call."""
+"""The log of the simulator, one line per call."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from bcapscope.simulator.simulator import Peer
 from bcapscope.traffic.observation import Endpoint
 
 LONGEST_VALUE = 60
-"""Characters of each argument."""
+"""Maximum number of characters of each argument in a line."""
 
 
 def call_log_line(peer: Peer, report: CallReport, words: MessageFormatter = ENGLISH_WORDS) -> str:
-    """Return a line: client, function, arguments, result and how long it took."""
+    """Return the line of a call: client, function, arguments, result and duration in ms."""
     parts = [_peer_text(peer), function_name(report.function_id)]
     parts += [_short_value_text(argument) for argument in report.arguments]
     parts += ["->", result_text(report.result.hresult, words=words)]
@@ -28,7 +28,7 @@ def call_log_line(peer: Peer, report: CallReport, words: MessageFormatter = ENGL
 
 
 def refusal_line(peer: Peer, report: CallReport) -> str:
-    """Return a line: client, and why its call was refused."""
+    """Return the line of a refused call: client and reason."""
     return f"{_peer_text(peer)}: {printable(report.result.reason)}"
 
 
@@ -55,12 +55,12 @@ def _full_value_text(variant: Variant) -> str:
     base = variant.vt & ~ARRAY
     shown = value[:LONGEST_VALUE]
     if base == VT.R8:
-        return repr([*shown])  # as one by one, but at once: every slvMove has two such rows
+        return repr([*shown])  # faster than one element at a time; every slvMove has two such arrays
     texts: list[str] = []
     room = LONGEST_VALUE
     for each in shown:
         if room < 0:
-            break  # the rest would be cut off, and arrays in arrays can be many
+            break  # the line shows no more; nested arrays can be large
         texts.append(
             _full_value_text(each) if isinstance(each, Variant) else value_text(each, base, LONGEST_VALUE)
         )

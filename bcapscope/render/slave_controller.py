@@ -1,4 +1,4 @@
-"""The controller's buffer and clock during a slave-mode session, for people."""
+"""The controller's buffer and clock during a slave-mode session as text."""
 
 from __future__ import annotations
 
@@ -15,7 +15,9 @@ _MOTION = {True: "moving", False: "standing", None: "unknown"}
 
 
 def buffer_lines(buffer: BufferFacts, writer: CaptionWriter) -> Iterator[str]:
-    """Write what a model estimates of the buffer, and what the controller reported."""
+    """Yield the lines about the buffer: its level estimated by a model, and errors that the controller
+    reported.
+    """
     yield writer.captioned("buffer", Message("slave.buffer", slots=Count(buffer.slots, "slot")))
     for assumption in buffer.assumptions:
         yield from writer.wrapped(f"- {writer.text(assumption)}")
@@ -74,7 +76,7 @@ def _underflow_message(underflow: PredictedUnderflow) -> Message:
 
 
 def clock_lines(clock: ClockFacts, writer: CaptionWriter) -> Iterator[str]:
-    """Write how the controller's time stamps compare with the clock of the capture."""
+    """Yield the lines that compare the controller's time stamps with the clock of the capture."""
     text = Message(
         "slave.clock",
         stamps=Count(clock.stamps, "time-stamp"),

@@ -1,4 +1,4 @@
-"""The commanded motion of a slave-mode session, for people."""
+"""The commanded motion of a slave-mode session as text."""
 
 from __future__ import annotations
 
@@ -13,7 +13,9 @@ from bcapscope.render.captioned import CaptionWriter, frames_message
 
 
 def motion_lines(motion: MotionFacts, writer: CaptionWriter) -> Iterator[str]:
-    """Write steps, velocities and accelerations by axis, and how far off the returned pose is."""
+    """Yield lines with steps, velocities and accelerations of each axis, and the deviation of the returned
+    pose.
+    """
     case = ".guessed" if motion.pose_type_guessed else ""
     yield writer.captioned("motion", Message(f"slave.motion{case}", poses=Count(motion.read, "pose")))
     if motion.unread:
@@ -30,7 +32,7 @@ _AXIS_HEADER = (
     ("", "least", "most", "step", "at-frame", "velocity", "", "acceleration", "", "off", "", "lag"),
     ("", "", "", "max", "", "p99", "max", "p99", "max", "p99", "max", "cycles"),
 )
-"""Ids of the columns."""
+"""Ids of the column headings, in two rows."""
 
 
 def _axes(axes: Sequence[AxisMotion], writer: CaptionWriter) -> Iterator[str]:
@@ -74,7 +76,7 @@ def _p99_and_max(found: DistributionSummary | None) -> tuple[str, str]:
 
 
 def _short_number(value: float) -> str:
-    """Write a number with four digits, as many as a column of a table can take."""
+    """Return a number with about four digits, to keep the table column narrow."""
     if value and not 1e-4 <= abs(value) < 1e6:
         return f"{value:.1e}"
     return f"{value:.0f}" if abs(value) >= 1000 else f"{value:.4g}"

@@ -1,4 +1,4 @@
-"""A running playback in slave mode: joints over time, cycle times, lateness, buffer."""
+"""Charts and figures of a running playback: axes over time, cycle times, lateness and buffer."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ from bcapscope.render.braille_chart import ChartCurve, braille_chart
 from bcapscope.render.color_palette import PLAIN, Palette
 from bcapscope.render.histogram import histogram
 
-if TYPE_CHECKING:  # what the player's messages are made of reaches sockets
+if TYPE_CHECKING:  # importing this module loads sockets
     from bcapscope.player.player_messages import PlayProgress
 
 _MAX_CHART_ROWS = 16
-"""Maximum rows of one chart: a taller one shows no more."""
+"""Maximum number of lines of one chart; a taller chart would show no more detail."""
 
 _LARGEST_POSITION = 1e9
 
 PoseHistory = Sequence[tuple[float, Sequence[float], Sequence[float]]]
-"""Elapsed seconds, commanded pose, returned pose."""
+"""Poses during a playback, each as elapsed seconds, commanded pose and returned pose."""
 
 
 def axis_charts(
@@ -36,9 +36,10 @@ def axis_charts(
     palette: Palette = PLAIN,
     words: MessageFormatter = ENGLISH_WORDS,
 ) -> Iterator[str]:
-    """Draw one chart per axis, commanded over actual, each with a title that has both numbers.
+    """Yield one chart per axis with the commanded and the actual position, below a title with the latest
+    values.
 
-    `height` is the number of rows of all charts together.
+    `height` is the total number of lines for all charts.
     """
     each = min(_MAX_CHART_ROWS, max(4, height // max(1, len(axes))))
     for axis in axes:
@@ -69,12 +70,12 @@ def _title(
 
 
 def _position_text(value: float) -> str:
-    """Write a position; one that no axis can have takes no more columns."""
+    """Return a position with three decimals; implausibly large values are shortened."""
     return f"{value:.3f}" if abs(value) < _LARGEST_POSITION else f"{value:.3g}"
 
 
 def cycle_histogram_lines(progress: PlayProgress, palette: Palette = PLAIN) -> Iterator[str]:
-    """Draw the histogram of the times from one set point to the next, ms, one row per bin."""
+    """Yield the histogram of the times from one set point to the next in ms, one line per bin."""
     bins = [Bin(low / 1e6, (high + 1) / 1e6, count) for low, high, count in progress.cycle]
     edges = sorted({edge for each in bins for edge in (each.low, each.high)})
     yield from histogram(bins, edges, palette)
@@ -86,10 +87,10 @@ def run_figure_lines(
     palette: Palette = PLAIN,
     words: MessageFormatter = ENGLISH_WORDS,
 ) -> Iterator[str]:
-    """Write elapsed and remaining time, lateness, retries and the model of the controller's buffer.
+    """Yield lines with elapsed and remaining time, lateness, retries and the estimated level of the buffer.
 
-    `slack` has the slots, the ms that a full buffer lasts, and the ms that were left at the longest pause. It
-    is None if the buffer cannot run empty.
+    `slack` has three values: the number of slots, the time in ms that a full buffer lasts, and the time in ms
+    that was left at the longest pause. `slack` is None if the buffer cannot run empty.
     """
 
     def number(text: str) -> str:
@@ -139,7 +140,7 @@ def _progress_line(progress: PlayProgress, palette: Palette, words: MessageForma
 
 
 def progress_bar(progress: PlayProgress, width: int, palette: Palette = PLAIN) -> str:
-    """Draw the progress; empty if the run has no end."""
+    """Return a progress bar, or "" if the playback repeats without end."""
     if not progress.of:
         return ""
     done = round(min(1.0, progress.index / progress.of) * width)

@@ -1,7 +1,7 @@
-"""One JSON object per slave-mode session, for programs.
+"""Slave-mode sessions as JSON, one object per session.
 
-Fields end in their unit: `_ms`, `_hz`, `_ppm`. Times are seconds since 1970 with nine digits; missing values
-are null. Names that end in `frame` or `frames` hold frame numbers.
+Names of JSON members with a unit end in `_ms`, `_hz` or `_ppm`. Times are in seconds since 1970 with nine
+decimals. Missing values are null. JSON members whose names end in `frame` or `frames` hold frame numbers.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ _Object: TypeAlias = "dict[str, object]"
 
 
 def slave_session_record(slave_session: SlaveSession) -> bytes:
-    """Write one object, without a line end."""
+    """Return a slave-mode session as one JSON object, without a line end."""
     options = orjson.OPT_PASSTHROUGH_DATACLASS | orjson.OPT_NON_STR_KEYS
     return orjson.dumps(slave_session, lambda value: _CONVERTERS[type(value)](value), options)
 
@@ -80,7 +80,10 @@ def _session(session: SlaveSession) -> _Object:
 
 
 def _distribution(found: DistributionSummary) -> _Object:
-    """Return a distribution; each of its `bins`, if any, is a list of lower edge, upper edge and count."""
+    """Return the JSON members of a distribution.
+
+    In `bins`, each bin is a list of lower edge, upper edge and count.
+    """
     bins = {"bins": [(each.low, each.high, each.count) for each in found.bins]} if found.bins else {}
     return {"count": found.count, **percentiles_object(found), **bins}
 
@@ -280,4 +283,4 @@ _CONVERTERS: dict[type, Callable[[Any], object]] = {
     SlaveSession: _session,
     TimingFacts: _timing,
 }
-"""How each object is written; orjson asks for those that it does not know."""
+"""Functions that convert each class to JSON types. orjson calls them for classes that it cannot encode."""

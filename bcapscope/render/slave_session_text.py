@@ -1,4 +1,4 @@
-"""A slave-mode session for people."""
+"""A slave-mode session as text."""
 
 from __future__ import annotations
 
@@ -31,7 +31,10 @@ _GOOD_EXITS = (ExitReason.LEFT, ExitReason.CHANGED, ExitReason.CAPTURE_ENDED)
 def slave_session_lines(
     slave_session: SlaveSession, palette: Palette = PLAIN, words: MessageFormatter = ENGLISH_WORDS
 ) -> Iterator[str]:
-    """Write everything about a session. Times after the first are in seconds since then."""
+    """Yield all lines about a slave-mode session.
+
+    The entry time is in UTC; all other times are in seconds since the entry.
+    """
     writer = CaptionWriter(palette, words)
     conversation = slave_session.conversation
     ends: dict[str, PlaceValue] = {

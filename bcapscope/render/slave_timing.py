@@ -1,4 +1,4 @@
-"""When the set points of a slave-mode session were sent and answered, for people."""
+"""The timing of a slave-mode session as text: when the client sent set points, and when replies came."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from bcapscope.render.histogram import edges_around, edges_by_decades, histogram
 _SLICE_COLUMNS = (
     *("from", "sent", "retries", "refused", "cycle-p50", "p99", "max", "latency-p99", "max", "slack"),
 )
-"""Ids of the columns of slices."""
+"""Ids of the columns in the table of time slices."""
 
 
 def timing_lines(timing: TimingFacts, writer: CaptionWriter) -> Iterator[str]:
-    """Write the distribution of the times, with histograms of cycles and latencies."""
+    """Yield a table of the time distributions in ms, and histograms of cycle times and latencies."""
     names = ("cycle", "jitter", "latency", "round-trip")
     found = (timing.cycle, timing.jitter, timing.latency, timing.rtt)
     mean, most = writer.label("slave.column.mean"), writer.label("slave.column.max")
@@ -78,7 +78,7 @@ def _points(found: DistributionSummary) -> tuple[str, ...]:
 
 
 def deadline_lines(timing: TimingFacts, writer: CaptionWriter) -> Iterator[str]:
-    """Write how many set points would have missed each recommended time-out."""
+    """Yield a table of the recommended timeouts, and how many set points would have exceeded each timeout."""
     rows = [tuple(map(writer.label, ("slave.timeouts", "slave.timeouts.one", "slave.timeouts.all")))]
     for deadline in timing.deadlines:
         name = ("* " if deadline.applies else "  ") + writer.text(deadline.name)
@@ -90,7 +90,7 @@ def deadline_lines(timing: TimingFacts, writer: CaptionWriter) -> Iterator[str]:
 
 
 def slice_lines(slave_session: SlaveSession, writer: CaptionWriter) -> Iterator[str]:
-    """Write the figures of each slice of time, times in ms."""
+    """Yield a table with the figures of each time slice of the session; times are in ms."""
     header = tuple(writer.label(f"slave.column.{name}") for name in _SLICE_COLUMNS)
     rows = [header, *(_slice(each, slave_session.slices[0].begin) for each in slave_session.slices)]
     yield from writer.table(rows, ">" * len(header))

@@ -1,4 +1,4 @@
-"""A course of numbers in one line."""
+"""A sparkline: a small chart of numbers in one line of text."""
 
 from __future__ import annotations
 
@@ -10,7 +10,10 @@ _HOLE = "·"
 
 
 def sparkline(values: Sequence[float]) -> str:
-    """Draw one character per value, between the least and the most; NaN and infinities are holes."""
+    """Return one character per value, scaled from the smallest to the largest.
+
+    NaN and infinities become dots.
+    """
     finite = [value for value in values if math.isfinite(value)]
     if not finite:
         return _HOLE * len(values)
@@ -21,7 +24,7 @@ def sparkline(values: Sequence[float]) -> str:
 def _step(value: float, least: float, most: float) -> str:
     if not math.isfinite(value):
         return _HOLE
-    # Halves, as the difference of the largest numbers would be infinite.
+    # Values are halved, because the difference of very large numbers would be infinite.
     span = most / 2 - least / 2
     share = (value / 2 - least / 2) / span if span else 0.0
     return _STEPS[min(len(_STEPS) - 1, int(share * len(_STEPS)))]

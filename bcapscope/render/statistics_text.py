@@ -1,4 +1,4 @@
-"""Figures of calls, for people and for programs."""
+"""Call statistics as text and as JSON."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from bcapscope.traffic.call_kind import CallKind
 from bcapscope.traffic.observation import Conversation
 
 MAX_ROWS = 40
-"""Rows of a table for people, those that took most time; JSON has all."""
+"""Maximum number of rows of a text table: those with the most line time. JSON output contains all rows."""
 
 _LONGEST_NAME = 40
 _COLUMNS = (
@@ -36,7 +36,7 @@ _COLUMNS = (
 
 
 def call_kind_text(call_kind: CallKind, words: MessageFormatter = ENGLISH_WORDS) -> str:
-    """Name what was asked: function, and command where there is one."""
+    """Return the name of a function, followed by its command if there is one."""
     if call_kind is OTHER_KINDS:
         return words("stats.others")
     name = function_name(call_kind.function_id)
@@ -49,7 +49,7 @@ def call_kind_text(call_kind: CallKind, words: MessageFormatter = ENGLISH_WORDS)
 def statistics_lines(
     statistics: Statistics, palette: Palette = PLAIN, words: MessageFormatter = ENGLISH_WORDS
 ) -> Iterator[str]:
-    """Write the figures of a time: in all, by client, by client and command."""
+    """Yield tables with the figures of a period: total, by client, and by client and command."""
     seconds = (statistics.end - statistics.start) / 1e9
     yield f"{palette.name}{utc_text(statistics.start)}, {seconds:.3f} s{palette.reset}"
     yield ""
@@ -80,7 +80,7 @@ def _client_text(row: StatisticsRow, words: MessageFormatter) -> str:
 
 
 def conversation_text(conversation: Conversation) -> str:
-    """Write a client, its controller and their transport."""
+    """Return the client, the controller and the transport of a conversation as text."""
     return printable(f"{conversation.client} > {conversation.server} {conversation.transport}")
 
 
@@ -127,9 +127,10 @@ def _refusals(statistics: Statistics, palette: Palette, words: MessageFormatter)
 
 
 def statistics_record(statistics: Statistics) -> bytes:
-    """Write the figures of a time as one JSON object, without a line end.
+    """Return the figures of a period as one JSON object, without a line end.
 
-    Times are in milliseconds, `start` and `end` in seconds since 1970, `share` is of 1.
+    Latencies are in milliseconds, `start` and `end` are in seconds since 1970. `line_time_share` is between 0
+    and 1.
     """
     return orjson.dumps(
         {
@@ -153,7 +154,7 @@ def _row_object(row: StatisticsRow) -> dict[str, object]:
 
 
 def call_kind_object(call_kind: CallKind | None) -> dict[str, object]:
-    """Return function and command as JSON has them."""
+    """Return the JSON members for a function and its command."""
     if call_kind is None:
         return {"function": None, "command": None}
     name = "others" if call_kind is OTHER_KINDS else function_name(call_kind.function_id)

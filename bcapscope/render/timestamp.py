@@ -1,4 +1,4 @@
-"""Moments as text. A moment is an integer: nanoseconds since 1970-01-01 UTC."""
+"""Write times as text. A time is an integer: nanoseconds since 1970-01-01 UTC."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ _SECOND = 1_000_000_000
 
 
 class TimeFormat(StrEnum):
-    """How the time of a line is told."""
+    """Format of the time in a line of output."""
 
     RELATIVE = "relative"
     """Seconds since the first frame."""
     DELTA = "delta"
-    """Seconds since the line before; of the first line, since the first frame."""
+    """Seconds since the previous line. The first line shows seconds since the first frame."""
     UTC = "utc"
     """Date and time of day, UTC."""
     EPOCH = "epoch"
@@ -23,8 +23,8 @@ class TimeFormat(StrEnum):
 
 
 def timestamp_writer(time_format: TimeFormat) -> Callable[[int], str]:
-    """Return a function that writes moments in this format; relative ones count from the first it is
-    given.
+    """Return a function that formats times. Relative times count from the first time that the function
+    receives.
     """
     if time_format is TimeFormat.UTC:
         return utc_text
@@ -47,13 +47,16 @@ def _elapsed_writer(since_last: bool) -> Callable[[int], str]:
 
 
 def epoch_text(time: int) -> str:
-    """Write seconds since 1970-01-01 UTC with nine digits behind the point."""
+    """Return a time as seconds since 1970-01-01 UTC with nine decimals."""
     sign, time = ("-", -time) if time < 0 else ("", time)
     return "%s%d.%09d" % (sign, *divmod(time, _SECOND))
 
 
 def utc_text(time: int) -> str:
-    """Write date and time of day in UTC, nine digits behind the point; `epoch_text` beyond year 9999."""
+    """Return a time as ISO 8601 text in UTC, with nine decimals.
+
+    After year 9999, the result is that of `epoch_text`.
+    """
     try:
         date = datetime.fromtimestamp(time // _SECOND, UTC)
     except (OverflowError, ValueError, OSError):

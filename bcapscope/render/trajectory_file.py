@@ -1,35 +1,38 @@
-"""Trajectories as files that can be played again: CSV, and JSON with what is known besides.
+"""Write captured trajectories as files that `play` can read: CSV, or JSON with details of the session.
 
-The CSV is UTF-8 without a byte order mark, comma-separated, one header line, a set point a line, lines ending
-in LF, no comments and no quotes. A cell without a value is empty. Numbers are decimal, have a point, no
-thousands separators, and read back as the very number that was sent; `nan`, `inf` and `-inf` are possible.
-Columns, in this order:
+The CSV is comma-separated UTF-8 text without a byte order mark. The first line is a header; each further line
+is one set point. Lines end in LF; there are no comments and no quotes. A cell without a value is empty.
+Numbers have a decimal point and no thousands separators. Each number reads back as exactly the number sent;
+`nan`, `inf` and `-inf` are possible. The columns are, in this order:
 
 ``time_s``
-    Seconds from the first request of the first set point to the first request of this one, nine digits.
+    Seconds from the first request of the first set point to the first request of this set point, nine
+    decimals.
 ``J1_deg`` … ``J8_deg``, or ``X_mm``, ``Y_mm``, ``Z_mm``, ``Rx_deg``, ``Ry_deg``, ``Rz_deg``, ``Fig``, or
 ``X_mm``, ``Y_mm``, ``Z_mm``, ``Ox``, ``Oy``, ``Oz``, ``Ax``, ``Ay``, ``Az``, ``Fig``
-    The commanded pose, as many axes as were sent. The part behind the underscore is the unit. Linear axes of
-    J type count in mm all the same; the robot's type decides, which no capture tells.
+    The commanded pose, with as many axes as the client sent. The part after the underscore is the unit. For a
+    linear axis of J type, the value is in mm although the name says degrees: a capture does not show the type
+    of the robot.
 ``returned_J1_deg`` … and so on
-    The pose in the accepted reply; empty where none came back.
+    The pose in the accepted reply; empty if the reply has no pose.
 ``reply_s``
-    As ``time_s``, of the accepted reply; empty where none was seen.
+    Time of the accepted reply, counted like ``time_s``; empty if no reply was captured.
 ``controller_time_ms``
-    The controller's time stamp, a signed 32-bit number of ms or µs that wraps, in ms. The column is there
-    only where replies have time stamps.
+    The controller's time stamp in ms. The time stamp wraps, because the controller sends a signed 32-bit
+    number of ms or µs. The column is missing if the replies have no time stamps.
 ``retries``
-    How often the set point was sent again.
+    Number of retries of the set point.
 ``hresult``
-    Result in the reply, unsigned; empty where none was seen.
+    Result code in the reply, unsigned; empty if no reply was captured.
 ``call``
-    Number of the call, as `calls` counts them.
+    Number of the call in the output of `bcapscope calls`.
 
-What a reader needs is ``time_s`` and the commanded pose; it finds columns by name.
+A program that reads the file needs only ``time_s`` and the commanded pose. Such a program should find columns
+by name.
 
-The JSON is one object. `columns` has the names as above and `rows` an array of values for each set point,
-null for none, NaN and infinities as strings; before them stands what is known of the stay, behind them
-`points`, their number.
+The JSON is one object. The object begins with details of the slave-mode session. `columns` has the names
+above. `rows` has an array of values for each set point: null for no value, strings for NaN and infinities.
+`points` is the number of set points.
 """
 
 from __future__ import annotations
@@ -46,7 +49,7 @@ from bcapscope.render.number import number_text, numbers_text
 from bcapscope.render.timestamp import epoch_text, utc_text
 
 FORMAT = "bcapscope trajectory 1"
-"""Stands in the JSON, so that a reader can tell a later form."""
+"""Name and version of the JSON format, in the member ``format``."""
 
 
 class CsvTrajectoryWriter:
@@ -57,15 +60,15 @@ class CsvTrajectoryWriter:
         self._empty_pose = "," * (len(trajectory.axes) - 1)
 
     def head(self) -> bytes:
-        """Write the header."""
+        """Return the header line."""
         return ",".join(column_names(self._trajectory)).encode("ascii") + b"\n"
 
     def rows(self, steps: Sequence[TrajectoryStep]) -> bytes:
-        """Write a line a set point."""
+        """Return one line per set point."""
         return "".join(self._lines(steps)).encode("ascii")
 
     def tail(self) -> bytes:
-        """Write nothing; a CSV just ends."""
+        """Return nothing, because a CSV file has no end mark."""
         return b""
 
     def _lines(self, steps: Sequence[TrajectoryStep]) -> Iterator[str]:
@@ -89,17 +92,17 @@ class JsonTrajectoryWriter:
         self._point_count = 0
 
     def head(self) -> bytes:
-        """Write all that is known beforehand, and open the rows."""
+        """Return the beginning of the object, up to the opening bracket of ``rows``."""
         return _header(self._trajectory)[:-1] + b',"rows":['
 
     def rows(self, steps: Sequence[TrajectoryStep]) -> bytes:
-        """Write one array per set point."""
+        """Return one array per set point."""
         begun, self._point_count = bool(self._point_count), self._point_count + len(steps)
         text = b",\n".join(self._arrays(steps))
         return (b",\n" if begun and text else b"\n" if text else b"") + text
 
     def tail(self) -> bytes:
-        """Close the rows and the object."""
+        """Return the end of ``rows`` and of the object."""
         return b'\n],"points":%d}\n' % self._point_count
 
     def _arrays(self, steps: Sequence[TrajectoryStep]) -> Iterator[bytes]:

@@ -53,7 +53,7 @@ def test_chains_beyond_those_drawn_are_counted() -> None:
     account = account_of(CAPTURES / "retry-story.pcapng")
     drawn = retry_chain_picture(replace(account, retried_calls=5))
     assert drawn is not None
-    assert drawn.caption.endswith("These are the 1 that were sent again most often; 4 more were sent again.")
+    assert drawn.caption.endswith("These are the 1 calls with the most retries; 4 more calls have retries.")
     assert retry_chain_picture(replace(account, retry_chains=(), retried_calls=0)) is None
 
 

@@ -44,8 +44,8 @@ def test_of_many_stays_the_ones_with_trouble_are_drawn() -> None:
     assert len(drawn) == MAX_DRAWN
     assert 50 in [stay.number for stay in drawn]
     page = Page(report_page(replace(account, slave_sessions=stays), ["x"], "1"))
-    assert f"The first {MAX_ROWS} of 60 stays in slave mode." in page.text
-    assert f"Pictures follow of the {MAX_DRAWN} with most trouble." in page.text
+    assert f"The first {MAX_ROWS} of 60 slave-mode sessions." in page.text
+    assert f"Pictures of the {MAX_DRAWN} with the most problems follow." in page.text
     assert len([name for name in page.data if name.startswith("pace-")]) == MAX_DRAWN
 
 

@@ -1,1 +1,1 @@
-"""Shared code of the commands: options, prompts, exit codes and reading captures."""
+"""Code that several commands share: options, prompts, exit codes, and reading of captures."""

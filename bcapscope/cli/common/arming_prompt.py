@@ -1,4 +1,4 @@
-"""Confirm that a robot may be energised and moved, and log the calls that follow."""
+"""Ask the user to confirm that a robot may move, and log the armed calls."""
 
 from __future__ import annotations
 
@@ -19,7 +19,10 @@ from bcapscope.render.escape import printable
 
 @contextmanager
 def log_armed_calls(program: str, connection: LoggedConnection) -> Iterator[ArmedCallLogger]:
-    """Log the armed calls of a connection. If the log cannot be written, print a warning and continue."""
+    """Write the armed calls of a connection to the action log.
+
+    If the log cannot be written, a warning is printed and the calls continue.
+    """
     log = ActionLog(default_folder(), program, _warn_log_unwritable)
     calls = ArmedCallLogger(log, connection)
     try:
@@ -42,12 +45,12 @@ def can_prompt() -> bool:
 
 
 def unarmed_reason(host: str) -> Message:
-    """Return why a call that needs arming was not sent to `host`, and what to do."""
+    """Return a message that says why a call that needs arming was not sent to `host`, and what to do."""
     return Message("arm.missing", host=host)
 
 
 def confirm_robot_may_move(host: str, words: MessageFormatter) -> bool:
-    """Ask the user to type the controller's address, which cannot happen by accident.
+    """Ask the user to type the address of the controller as a confirmation, and return whether it matches.
 
     Raises:
         click.Abort: Ctrl-C was pressed, or standard input ended.

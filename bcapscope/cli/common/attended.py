@@ -1,4 +1,4 @@
-"""How commands that the screen starts as processes report that they are ready."""
+"""Options and reports of commands that the screen runs as child processes."""
 
 from __future__ import annotations
 
@@ -25,8 +25,9 @@ attended_option = click.option(
 
 
 def open_publisher(job: str) -> WatcherSubscriber:
-    """Open what publishes the traffic to the screen, for a `ReadJob` in JSON. Only the watcher's process
-    loads it.
+    """Return the subscriber that publishes the traffic to the screen. `job` is a `ReadJob` in JSON.
+
+    This function imports locally, because only the process of the watcher needs these modules.
     """
     import msgspec
 
@@ -48,8 +49,8 @@ publish_option = click.option(
 
 
 def announce_ready(listening: Sequence[str], control: str = "") -> None:
-    """Print the addresses that the command listens on, and that of its control socket."""
-    print_stderr("")  # ends the greeting for the parent process
+    """Print to stdout a JSON line with the addresses that the command listens on and its control address."""
+    print_stderr("")  # an empty line tells the parent process that the greeting is complete
     report = {"listening": list(listening), "control": control}
     sys.stdout.buffer.write(orjson.dumps(report) + b"\n")
     sys.stdout.buffer.flush()

@@ -12,26 +12,27 @@ from bcapscope.traffic.filter.getters import CALL_GETTERS
 from bcapscope.traffic.pipeline import CallCollector, Pipeline
 
 _PROGRESS_EVERY = 0x1000
-"""Update the progress bar after this many frames; a power of two."""
+"""Number of frames between updates of the progress bar; a power of two."""
 
 
 T = TypeVar("T")
 
 
 def call_test(call_filter: Filter | None) -> Callable[[Call], bool] | None:
-    """Return the test of a filter on calls; None if it selects all."""
+    """Return a function that tests whether a call matches the filter, or None without a filter."""
     return None if call_filter is None else call_filter.bind(CALL_GETTERS)
 
 
 def read_filtered_calls(reader: CaptureReader, call_filter: Filter | None) -> Iterator[Call]:
-    """Yield the calls that match a filter, each when it ends."""
+    """Yield each call that matches a filter, as soon as the call ends."""
     collector = CallCollector(call_test(call_filter))
     return read_items(reader, Pipeline(collector), collector.calls)
 
 
 def read_items(reader: CaptureReader, pipeline: Pipeline, items: list[T]) -> Iterator[T]:
-    """Read to the end of the captures. Yield what the subscribers of the pipeline append to `items`, and
-    empty it.
+    """Read the captures to their end, and yield the items that subscribers of the pipeline append to `items`.
+
+    The function empties `items` after it has yielded them.
     """
     add = pipeline.add
     for observation in reader.observations():
@@ -45,7 +46,7 @@ def read_items(reader: CaptureReader, pipeline: Pipeline, items: list[T]) -> Ite
 
 
 def read_to_end(reader: CaptureReader, pipeline: Pipeline) -> None:
-    """Read to the end of the captures."""
+    """Read the captures to their end through the pipeline, and show the progress."""
     add = pipeline.add
     for count, observation in enumerate(reader.observations()):
         add(observation)

@@ -1,4 +1,4 @@
-"""Read captures for a command, and print what was read and what could not be."""
+"""Read captures for a command, and print a summary of the traffic and of read errors."""
 
 from __future__ import annotations
 
@@ -38,9 +38,9 @@ _MAX_SERVERS_LISTED = 8
 
 
 class CaptureReader:
-    """The traffic that a command reads. Several captures count as one, like the files of a ring.
+    """Reads the input of a command. Several captures are read as one, like the files of a ring.
 
-    `on_first_time` is called with the time of the first observation, before it is yielded.
+    `on_first_time` is called with the time of the first observation, before that observation is yielded.
     """
 
     def __init__(
@@ -51,7 +51,7 @@ class CaptureReader:
         text: str | None = None,
         words: MessageFormatter = ENGLISH_WORDS,
     ) -> None:
-        """Choose the input: captures, a live interface, or pasted hex text; ``-`` is standard input.
+        """Choose the input: captures, a live interface, or pasted hex text. The path ``-`` is standard input.
 
         Raises:
             click.UsageError: there is no input, or more than one kind, or standard input is closed.
@@ -75,7 +75,10 @@ class CaptureReader:
         self._problems: list[str] = []
 
     def observations(self) -> Iterator[Observation]:
-        """Yield all frames; `print_summary` prints why some could not be read."""
+        """Yield all frames of the input.
+
+        Read errors do not raise an exception; `print_summary` prints them.
+        """
         if self._pasted is not None:
             yield from self._pasted
             return
@@ -91,8 +94,9 @@ class CaptureReader:
 
     @property
     def ended_at(self) -> int:
-        """Time of the latest packet, with or without b-CAP, in ns since 1970; valid after the last
-        observation.
+        """Time of the last packet of any protocol, in ns since 1970.
+
+        This property is valid after all observations were read.
         """
         return self._observer.end_time
 
@@ -101,12 +105,12 @@ class CaptureReader:
         return self._observer.comments if self._pasted is None else self._pasted.comments
 
     def show_progress(self) -> None:
-        """Show the progress of reading, if it takes long."""
+        """Show the progress of reading a file that takes long."""
         if self._file is not None:
             self._progress.show(self._file.position, self._file.size)
 
     def print_lines(self, lines: Iterable[str] | Iterable[bytes]) -> None:
-        """Print lines of data, and show the progress meanwhile."""
+        """Print lines of data, and show the progress of reading after each batch of lines."""
         self.output.write_lines(lines, self.show_progress)
 
     def finish(self) -> NoReturn:
@@ -115,7 +119,7 @@ class CaptureReader:
         sys.exit(self.exit_code)
 
     def print_summary(self) -> None:
-        """Print to stderr what was read, what could not be, and controllers recognised by content."""
+        """Print to stderr read errors, the controllers that were recognised by content, and packet counts."""
         if self._pasted is not None:
             self._print_text_summary(self._pasted.count)
             return
@@ -137,7 +141,7 @@ class CaptureReader:
             print_stderr(capture_counts_text(counts, words))
 
     def _text_lines(self, path: str) -> Iterator[str]:
-        """Yield the lines of a text; keep an error for `print_summary`."""
+        """Yield the lines of a text file, and keep a read error for `print_summary`."""
         try:
             with closing(_StandardInput()) if path == STDIN else Path(path).open("rb", buffering=0) as stream:
                 yield from text_lines(stream.read)
@@ -198,7 +202,10 @@ class CaptureReader:
 
 
 class _Interrupted(Exception):
-    """Ctrl-C ended reading, perhaps inside a packet. This does not make the capture incomplete."""
+    """Ctrl-C ended reading, possibly inside a packet.
+
+    The capture does not count as incomplete for this reason.
+    """
 
 
 class _StandardInput:
@@ -221,5 +228,5 @@ class _StandardInput:
         return self._stream.fileno()
 
     def close(self) -> None:
-        """Stop handling Ctrl-C; standard input stays open for the interpreter."""
+        """Stop handling Ctrl-C. Standard input is not closed, because it belongs to the interpreter."""
         self._interrupts.close()

@@ -1,4 +1,4 @@
-"""Write data to standard output, in large pieces."""
+"""Write data to standard output in large blocks."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from bcapscope.cli.common.exit_codes import ExitCode
 from bcapscope.live.standard_streams import discard_stdout
 from bcapscope.messages.os_errors import os_reason
 
-_BATCH_CHARACTERS = 256 * 1024  # write after this many characters, however few the lines
+_BATCH_CHARACTERS = 256 * 1024  # a batch of lines is written when it has this many characters
 
 
 class StdoutWriteError(click.ClickException):
-    """Standard output cannot be written, and the reason is not that its reader closed it."""
+    """Writing to standard output failed for a reason other than a closed pipe."""
 
     exit_code = ExitCode.UNWRITABLE
 
@@ -27,12 +27,12 @@ class StdoutWriteError(click.ClickException):
 
 class DataOutput:
     def __init__(self, lines_at_once: int = 512) -> None:
-        """Collect this many lines per write: many for speed, one for live output."""
+        """Set the number of lines per write: many lines for speed, one line for live output."""
         self._lines_at_once = lines_at_once
         self._stdout = sys.stdout.buffer
 
     def write_lines(self, lines: Iterable[str] | Iterable[bytes], after_batch: Callable[[], None]) -> None:
-        """Write each line; call `after_batch` after each write.
+        """Write the lines in batches, and call `after_batch` after each batch.
 
         Raises:
             BrokenPipeError: the reader closed stdout.
@@ -64,7 +64,7 @@ class DataOutput:
 
 
 def echo(text: str | bytes, end: bool = True) -> None:
-    """Write a line to stdout at once, without its end if not `end`.
+    """Write a line to stdout at once. If `end` is False, the line gets no newline.
 
     Raises:
         BrokenPipeError: the reader closed stdout.
@@ -80,7 +80,7 @@ def echo(text: str | bytes, end: bool = True) -> None:
 
 
 def require_terminal() -> None:
-    """Check that there is a terminal for the screen; in a browser, none is needed.
+    """Check that a terminal for the screen exists. A screen in a browser needs no terminal.
 
     Raises:
         UsageError: there is no terminal.

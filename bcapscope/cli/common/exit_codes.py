@@ -10,16 +10,16 @@ from bcapscope.live.standard_streams import print_stderr
 
 
 class ExitCode(IntEnum):
-    """How a command ended."""
+    """Exit code of a command."""
 
     OK = 0
-    """The command did everything."""
+    """The command completed successfully."""
     USAGE = 2
     """Invalid command line; nothing was read."""
     DAMAGED = 3
     """A capture is damaged or incomplete; everything before the damage was printed."""
     UNREADABLE = 4
-    """Nothing could be read: missing file, not a capture, or no permission to capture or listen."""
+    """The input could not be read: missing file, not a capture, or no permission to capture or listen."""
     NO_DATA = 5
     """The captures were read, but contain nothing to write or play."""
     UNWRITABLE = 6
@@ -31,7 +31,7 @@ class ExitCode(IntEnum):
     UNANSWERED = 9
     """The controller cannot be reached, or did not answer in time."""
     UNARMED = 10
-    """A call can move the robot, and `--arm` or a confirmation is missing; it was not sent."""
+    """A call that can move the robot was not sent, because `--arm` or a confirmation is missing."""
     UNFIT = 11
     """The trajectory failed the pre-flight check; nothing moved."""
     INTERRUPTED = 130
@@ -39,6 +39,6 @@ class ExitCode(IntEnum):
 
 
 def exit_with(text: str, code: int) -> NoReturn:
-    """Print why the command ends, and exit."""
+    """Print the reason to stderr, and exit with the code."""
     print_stderr(text)
     sys.exit(code)

@@ -1,4 +1,4 @@
-"""Arguments of the commands that print what they find in calls, for the whole time or by window."""
+"""Arguments of commands that print figures about calls, for the whole capture or per time window."""
 
 from __future__ import annotations
 
@@ -22,7 +22,10 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, slots=True)
 class FigureArguments:
-    """The arguments of such a command. A window is in ns; None for the whole time."""
+    """The arguments of a command that prints figures.
+
+    `window` is the length of a time window in ns; None means the whole capture.
+    """
 
     reader: CaptureReader
     as_json: bool
@@ -37,7 +40,7 @@ class FigureArguments:
         record: Callable[[T], bytes],
         lines: Callable[[T, Palette, MessageFormatter], Iterable[str]],
     ) -> NoReturn:
-        """Print each object as JSON, or as text with an empty line behind it. Then exit."""
+        """Print each object as JSON, or as text followed by an empty line, then exit."""
         if self.as_json:
             self.reader.print_lines(map(record, found))
         else:
@@ -61,7 +64,7 @@ def _make_arguments(
 
 
 def figure_command(json_help: str, windows: bool = True) -> options.Decorator:
-    """Return a decorator that adds the arguments and options, and passes them as `FigureArguments`."""
+    """Return a decorator that adds these arguments to a command and passes them as one `FigureArguments`."""
     as_json = click.option("--json", "as_json", is_flag=True, help=json_help)
     window = (options.window,) if windows else ()
     selection = (options.filter_option(RecordKind.CALL), options.color, options.language)

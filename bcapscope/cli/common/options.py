@@ -23,14 +23,14 @@ Decorator: TypeAlias = Callable[[Callable[..., Any]], Callable[..., Any]]
 
 LARGEST_SEED = 2**63 - 1
 LARGEST_COUNT = 1_000_000_000
-"""Largest number of calls or rounds; at one call every 8 ms this takes three months."""
+"""Maximum number of calls or rounds. At one call every 8 ms, this number of calls takes three months."""
 
 _LARGEST_NUMBER = 1_000_000.0
-"""A quarter of an hour in ms, eleven days in s: longer than any useful wait, and within a clock's range."""
+"""Default maximum of numeric options: a quarter of an hour in ms, or eleven days in s."""
 
 
 class NumberRange(click.FloatRange):
-    """Parameter type of a number within bounds, in ASCII digits."""
+    """Click parameter type of a number between two bounds, typed in ASCII digits."""
 
     def __init__(self, minimum: float, maximum: float = _LARGEST_NUMBER) -> None:
         super().__init__(min=minimum, max=maximum)
@@ -48,7 +48,7 @@ class NumberRange(click.FloatRange):
 
 
 class IntegerRange(click.IntRange):
-    """Parameter type of an integer within bounds, in ASCII digits."""
+    """Click parameter type of an integer between two bounds, typed in ASCII digits."""
 
     def __init__(self, minimum: int, maximum: int) -> None:
         super().__init__(min=minimum, max=maximum)
@@ -70,9 +70,10 @@ def _quoted_input(value: object) -> str:
 def bundled(
     parameter: str, make: Callable[..., object], added: Sequence[Decorator], names: Iterable[str] = ()
 ) -> Decorator:
-    """Return a decorator that adds options to a command, which gets what `make` makes of their values.
+    """Return a decorator that adds options to a command, and passes their values to it as one object.
 
-    `names` are those of the options, if they are not the parameters of `make`.
+    `make` creates this object from the values. `names` are the names of the options, by default the
+    parameters of `make`.
     """
     own_names = tuple(names) or tuple(inspect.signature(make).parameters)
 
@@ -93,10 +94,10 @@ def bundled(
 _PATH = click.Path(allow_dash=True)
 
 paths = click.argument("paths", nargs=-1, metavar="PATH...", type=_PATH)
-"""Captures; may be none, if another option names the input."""
+"""Argument PATH: any number of captures. The argument may be missing if an option names the input."""
 
 captures = click.argument("paths", nargs=-1, required=True, metavar="PATH...", type=_PATH)
-"""One or more captures."""
+"""Argument PATH: one or more captures."""
 
 interface = click.option(
     "-i",
@@ -152,14 +153,17 @@ language = click.option(
     "words",
     type=click.Choice([each.value for each in Language]),
     callback=_words,
-    help="Language of the text, en or ja. By default from LC_ALL, LC_MESSAGES or LANG. "
+    help="Language of the text, en or ja. By default, LC_ALL, LC_MESSAGES or LANG decides. "
     "JSON and CSV stay English.",
 )
-"""Adds the parameter `words`, the formatter in the reader's language."""
+"""Option ``--lang``. The command gets the parameter `words`, a formatter in the reader's language."""
 
 
 def filter_option(kind: RecordKind) -> Callable[[F], F]:
-    """Return the option ``--filter`` for records of `kind`; its value is a compiled filter or None."""
+    """Return the option ``--filter`` for records of `kind`.
+
+    The value of the option is a compiled filter or None.
+    """
 
     def compile_it(context: click.Context, parameter: click.Parameter, value: str | None) -> Filter | None:
         try:
@@ -179,18 +183,21 @@ def filter_option(kind: RecordKind) -> Callable[[F], F]:
 
 
 def output_option(help_: str, allow_dash: bool = False) -> Callable[[F], F]:
-    """Return the option ``--output`` for the path that a command writes to; ``-`` can be standard output."""
+    """Return the option ``--output`` for the path of the output file.
+
+    With `allow_dash`, ``-`` is standard output.
+    """
     kind = click.Path(path_type=Path, allow_dash=allow_dash)
     return click.option("-o", "--output", required=True, metavar="FILE", type=kind, help=help_)
 
 
 def record_option(help_: str) -> Decorator:
-    """Return the option ``--record`` for a new capture."""
+    """Return the option ``--record`` for the path of a new capture."""
     kind = click.Path(dir_okay=False, path_type=Path)
     return click.option("--record", metavar="FILE.pcapng", type=kind, help=help_)
 
 
 def limit_option(help_: str) -> Decorator:
-    """Return the option ``--limit``, which may be repeated; its values are for `with_limits`."""
+    """Return the repeatable option ``--limit``, whose values `with_limits` parses."""
     examples = "may be repeated. Examples: J1=-170..170, J1..J3.speed=300, J1.acceleration=6000."
     return click.option("--limit", "limits", metavar="LIMIT", multiple=True, help=f"{help_}; {examples}")

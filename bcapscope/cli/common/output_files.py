@@ -1,4 +1,4 @@
-"""Output files: check the path, and write so that a failure leaves no partial file."""
+"""Output files: check the path before writing, and remove incomplete files after a failure."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ force_option = click.option("--force", is_flag=True, help="Overwrite existing fi
 
 
 def check_output_path(path: Path, overwrite: bool | None = None) -> None:
-    """Check that a file can be created at `path`; `overwrite` is None if the command has no `--force`.
+    """Check that a file can be created at `path`. `overwrite` is None if the command has no `--force`.
 
     Raises:
         FileWriteError: the file exists already, or the path is not a regular file.
     """
-    is_there = os.path.exists(path)  # Path.exists raises for a name that is too long
+    is_there = os.path.exists(path)  # `Path.exists` would raise an exception for a name that is too long
     if is_there and not path.is_file():
         raise FileWriteError(path, Message("file.not-regular"))
     if is_there and not overwrite:
@@ -31,10 +31,10 @@ def check_output_path(path: Path, overwrite: bool | None = None) -> None:
 
 
 class AtomicFile:
-    """A file that gets its name when it is complete; until then it has a temporary name in the same folder.
+    """A file with a temporary name in the same folder, which `commit` renames when the file is complete.
 
-    It is removed unless committed, also if a signal ends the command after `interrupt_on_end_signals`. The
-    file is open only during a write, so any number of them can exist.
+    A file that is not committed is removed, even if a signal ends the command after
+    `interrupt_on_end_signals`. The file is open only during a write, so any number of such files can exist.
     """
 
     def __init__(self, path: Path) -> None:
@@ -51,10 +51,10 @@ class AtomicFile:
             raise FileWriteError(self._path, os_reason(error)) from None
 
     def commit(self, path: Path | None = None, overwrite: bool = False) -> None:
-        """Rename the file to its name, or to `path` in the same directory; call it after the last write.
+        """Rename the complete file to its final name, or to `path` in the same folder.
 
         Raises:
-            FileWriteError: the file exists already, or cannot get that name.
+            FileWriteError: the final name exists already, or renaming failed.
         """
         path = self._path if path is None else path
         check_output_path(path, overwrite)
@@ -71,5 +71,5 @@ class AtomicFile:
 
     def discard(self) -> None:
         """Remove the file unless it was committed."""
-        with suppress(OSError):  # it was committed, or never created
+        with suppress(OSError):  # the file was committed, or never created
             self._temporary.unlink()

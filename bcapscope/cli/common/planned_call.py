@@ -1,4 +1,4 @@
-"""Calls given as words on a command line: the name of a function and its arguments."""
+"""Parse calls that the user types: the name of a function and its arguments."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from bcapscope.protocol.tables.function_table import FUNCTIONS, Function, Object
 from bcapscope.protocol.tables.variables import find_variable
 
 LONGEST_LINE = 65536
-"""Largest number of characters in a line of a script."""
+"""Maximum number of characters in a line of a script."""
 
 _OWNERS_OF_VARIABLES = (ObjectClass.CONTROLLER, ObjectClass.ROBOT, ObjectClass.TASK)
 _NAMELESS_OWNERS = (ObjectClass.SERVICE, ObjectClass.CONTROLLER, ObjectClass.MESSAGE)
@@ -26,7 +26,10 @@ _NAMELESS_OWNERS = (ObjectClass.SERVICE, ObjectClass.CONTROLLER, ObjectClass.MES
 
 @dataclass(frozen=True, slots=True)
 class PlannedCall:
-    """A call to make. If `opens_object`, the handle of the object goes before `values`."""
+    """A call to make.
+
+    If `opens_object`, the first argument is the handle of the object, then `values` follow.
+    """
 
     function: Function
     values: tuple[Variant, ...]
@@ -42,7 +45,10 @@ class PlannedCall:
 
 class PlannedCallParser:
     def __init__(self, target: ControllerTarget, variable_name: str | None) -> None:
-        """Parse calls to `target`. `variable_name` is the variable to open if a call needs one."""
+        """Parse calls to `target`.
+
+        `variable_name` is the name of the variable whose handle the calls use.
+        """
         self._target = target
         self._types = _variable_types(variable_name, _OWNERS_OF_VARIABLES) if variable_name else ()
 
@@ -81,7 +87,8 @@ class PlannedCallParser:
         return PlannedCall(function, values, takes_handle)
 
     def parse_script(self, lines: Iterable[str]) -> list[PlannedCall]:
-        """Parse one call per line, split as by a shell. Empty lines and comments after # are skipped.
+        """Parse one call per line. Lines are split into words as in a shell. Empty lines and # comments are
+        skipped.
 
         Raises:
             click.UsageError: a line is invalid, too long, or not UTF-8.
@@ -105,10 +112,10 @@ class PlannedCallParser:
 
 
 def check_owners(requests: Iterable[PlannedCall], named: Collection[ObjectClass]) -> None:
-    """Check, before anything is sent, that each call has an object to address.
+    """Check that the object that each call needs is named by an option or opened by an earlier call.
 
     Raises:
-        click.UsageError: the object of a call is not known.
+        click.UsageError: a call needs an object that is not known.
     """
     always = {*_NAMELESS_OWNERS, *named}
     known = set(always)
@@ -130,7 +137,7 @@ def _parameter_names(function: Function) -> str:
 
 
 def _variable_types(variable_name: str, owners: Iterable[ObjectClass]) -> tuple[str, ...]:
-    """Return the types that a variable of one of these classes can have; () if unknown."""
+    """Return the types that a variable of one of the `owners` can have, or () if the variable is unknown."""
     known = (find_variable(owner, variable_name) for owner in owners)
     return next((kind.types for kind in known if kind), ())
 

@@ -1,4 +1,4 @@
-"""Run a player for `play`: its output, prompts, keys and signals."""
+"""Run the player for `play`, with output, prompts, keys and signals."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ _TERMINAL_CLOSED = getattr(signal, "SIGHUP", None)
 
 
 class PlayOutput:
-    """Prints data to stdout, everything else to stderr."""
+    """Prints the output of `play`: data to stdout, all other text to stderr."""
 
     def __init__(
         self, as_json: bool, palette: Palette, width: int, words: MessageFormatter = ENGLISH_WORDS
@@ -78,7 +78,7 @@ class PlayOutput:
         self._is_closed = False
 
     def close(self) -> None:
-        """Stop all output, because the terminal was closed."""
+        """Stop all output after the terminal was closed."""
         self._is_closed = True
 
     def show_source(self, trajectory: Trajectory) -> None:
@@ -123,7 +123,7 @@ class PlayOutput:
 
 
 class PlayRunner:
-    """Runs a player to its end."""
+    """Runs a player process until it ends."""
 
     def __init__(self, plan: PlayPlan, trajectory: Trajectory, output: PlayOutput) -> None:
         self._plan = plan
@@ -136,7 +136,7 @@ class PlayRunner:
         self._can_prompt = can_prompt()
 
     def run(self) -> ExitCode:
-        """Run the player to its end; return the exit code."""
+        """Run the player until it ends, and return the exit code of the command."""
         connection = LoggedConnection.of_target(self._plan.target)
         with log_armed_calls("play", connection) as calls, PlayerProcess(self._plan) as player:
             self._player, self._log = player, ArmedMessageLogger(calls)
@@ -163,7 +163,7 @@ class PlayRunner:
         return _EXIT_CODES[ended.outcome]
 
     def _wait_for_messages(self) -> list[PlayerMessage]:
-        """Wait for messages of the player or keys; handle the keys, return the messages."""
+        """Wait for messages of the player and for keys. Handle the keys, and return the messages."""
         watched = [self._player.fileno(), *([0] if self._keys.is_on else [])]
         ready, _, _ = select.select(watched, (), (), _POLL_INTERVAL)
         if 0 in ready:
@@ -197,7 +197,7 @@ class PlayRunner:
         self._is_fit = found.is_playable
 
     def _answer_prompt(self, call_kind: PlayerQuestion) -> str:
-        """Answer a question of the player, or ask the user."""
+        """Answer a question of the player, if necessary by asking the user."""
         if call_kind.topic is QuestionTopic.BEGIN:
             if self._is_fit:
                 hint = "play.keys" if self._can_prompt else "play.keys.signals"
@@ -211,7 +211,7 @@ class PlayRunner:
         try:
             return self._prompt_user(call_kind)
         except (KeyboardInterrupt, click.Abort, EOFError):
-            self._output.print_line("")  # end the line that the user typed on
+            self._output.print_line("")  # end the line on which the user typed
             self._player.stop()
             return call_kind.choices[0]
         finally:
@@ -230,7 +230,7 @@ class PlayRunner:
         return choice
 
     def _on_signal(self, number: int, frame: FrameType | None) -> None:
-        """Stop at the first signal, halt at the second."""
+        """Stop the robot at the first signal, and halt it at the second signal."""
         if number == _TERMINAL_CLOSED:
             self._output.close()
         again, self._stop_requested = self._stop_requested, True

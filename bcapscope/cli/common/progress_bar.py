@@ -12,13 +12,11 @@ if TYPE_CHECKING:
     from rich.progress import Progress as Bar
 
 _SHOWN_AFTER = 1.0
-"""Seconds before the bar appears."""
+"""Seconds of reading before the progress bar appears."""
 
 
 class ReadProgressBar:
-    """Shows on a terminal how much of a file was read, after one second, unless the output goes there as
-    well.
-    """
+    """Shows after one second how much of a file was read, if stderr is a terminal and stdout is not."""
 
     def __init__(self) -> None:
         self._began_at = time.monotonic()
@@ -26,13 +24,13 @@ class ReadProgressBar:
         self._bar: Bar | None = None
 
     def show(self, position: int, size: int | None) -> None:
-        """Show that `position` bytes of `size` were read; the end of the command removes the bar."""
+        """Show that `position` of `size` bytes were read. The bar is removed when the command ends."""
         if not self._is_wanted or size is None or time.monotonic() - self._began_at < _SHOWN_AFTER:
             return
         if self._bar is None:
             self._bar = _make_bar()
             self._bar.start()
-            # Otherwise Ctrl-C or a closed pipe would leave the cursor hidden.
+            # If the bar is not removed after Ctrl-C or a closed pipe, the cursor stays hidden.
             click.get_current_context().call_on_close(self.remove)
             self._bar.add_task("reading")
         self._bar.update(self._bar.task_ids[0], completed=position, total=size)

@@ -1,4 +1,4 @@
-"""The rule options of ``bcapscope proxy``, and the rules that they create."""
+"""Options of ``bcapscope proxy`` that define rules."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from bcapscope.cli.common.data_output import echo
 from bcapscope.messages import Message
 from bcapscope.messages.places import Count
 
-if TYPE_CHECKING:  # imported where needed: `tui` has these options too, and must open a capture fast
+if TYPE_CHECKING:  # local imports, because `tui` also has these options and must open a capture fast
     from bcapscope.faults.fault import AnyFault
     from bcapscope.faults.quantities import DurationQuantity, FrameCondition
     from bcapscope.proxy.control_socket import ControlServer
@@ -30,12 +30,13 @@ if TYPE_CHECKING:  # imported where needed: `tui` has these options too, and mus
 
 @dataclass(frozen=True, slots=True)
 class RuleOptions:
-    """The values of the options; None where the default of the proxy applies.
+    """The values of the rule options. A value of None means the default of the proxy.
 
     Attributes:
-        faults: faults of the command line, then those of the files.
-        control: address of the control socket; "" for none.
-        command_line: the options as typed, to start another process with them; without --control.
+        faults: Faults from the command line, then faults from the files.
+        control: Address of the control socket; "" means no control socket.
+        command_line: The rule options as typed, without --control, to start another process with the same
+            rules.
     """
 
     faults: tuple[AnyFault, ...]
@@ -50,7 +51,7 @@ class RuleOptions:
     script_memory_mb: int | None = None
 
     def start_scripts(self, exit_stack: ExitStack) -> ScriptProcess | None:
-        """Start the process that loads and runs the scripts; return None without scripts.
+        """Start the process that loads and runs the scripts. Without scripts, return None.
 
         Raises:
             ScriptError: the process cannot be started.
@@ -64,7 +65,10 @@ class RuleOptions:
         )
 
     def build_rules(self, scripts: ScriptProcess | None = None) -> RulePolicy | None:
-        """Create the rules, which begin now; return None if no option needs rules."""
+        """Create the rules, or return None if no option needs rules.
+
+        The times of faults count from this call.
+        """
         if not (self.faults or self.guard or self.intercept or self.scripts or self.control):
             return None
         from bcapscope.faults.fault_injector import FaultInjector
@@ -89,9 +93,10 @@ class RuleOptions:
     def attach_rules(
         self, rules: RulePolicy, relay: Relay, state: Mapping[str, object]
     ) -> ControlServer | None:
-        """Let the rules report through the relay; return the control socket, or None without --control.
+        """Let the rules report through the relay, and open the control socket. Without --control, return
+        None.
 
-        `state` has more figures for the control socket, read at each request.
+        The control socket also reports the figures in `state`, which it reads again for each request.
 
         Raises:
             ControlError: the control socket cannot be created.
@@ -119,7 +124,7 @@ class RuleOptions:
         return ControlServer(self.control, ControlApi(rules, figures, upstream), relay)
 
     def summary(self) -> list[Message]:
-        """Describe the rules, one line each."""
+        """Return one message per kind of rule that is active."""
         lines = []
         if self.faults:
             lines.append(Message("rules.faults", count=Count(len(self.faults), "fault"), seed=self.seed))
@@ -180,11 +185,11 @@ def _build_options(
 
 
 _TYPED = f"{__name__}.typed"
-"""Key in click's context for the rule options as typed."""
+"""Key in the `meta` of click's context under which the typed rule options are stored."""
 
 
 def _parsing_callback(read: Callable[[Any], Any]) -> Callable[[click.Context, click.Parameter, Any], Any]:
-    """Return a click callback that parses the value of an option, or each value of a repeated one."""
+    """Return a click callback that parses the value of an option, or each value of a repeatable option."""
 
     def convert(context: click.Context, parameter: click.Parameter, value: Any) -> Any:
         if context.get_parameter_source(parameter.name or "") is not ParameterSource.DEFAULT:
@@ -290,15 +295,15 @@ _OPTIONS = (
     click.option(
         "--seed",
         type=options.IntegerRange(0, options.LARGEST_SEED),
-        help="Random seed (default: a new one each time). The same seed and traffic give the same faults.",
+        help="Random seed (default: a new seed each time). The same seed and traffic give the same faults.",
     ),
     click.option(
         "--read-only",
         is_flag=True,
-        help="Refuse requests that energise or move the robot or change its state, and unknown ones, with "
-        "E_ACCESSDENIED. Stops always pass: Robot_Halt, Robot_Hold, Task_Stop, Command_Cancel, HandStop, "
-        "TwofgStop, slvChangeMode 0, releases, Controller_Disconnect and Service_Stop. Controller_Connect "
-        "also passes: nothing can be read without its handles.",
+        help="Refuse requests that energise or move the robot or change its state, and unknown requests, "
+        "with E_ACCESSDENIED. Stops always pass: Robot_Halt, Robot_Hold, Task_Stop, Command_Cancel, "
+        "HandStop, TwofgStop, slvChangeMode 0, releases, Controller_Disconnect and Service_Stop. "
+        "Controller_Connect also passes: without its handle, a client could not even read.",
     ),
     click.option(
         "--block",
@@ -335,18 +340,18 @@ _OPTIONS = (
         metavar="FILE.py",
         multiple=True,
         type=click.Path(exists=True, dir_okay=False),
-        help="Run this Python file on the traffic; may be repeated. Its classes have one or more of the "
-        "methods request(message), reply(message), settled(call), connected(client), gone(client) and "
-        "done(). Scripts run in a separate process, with your rights.",
+        help="Run this script on the traffic; may be repeated. The classes of the file have one or more "
+        "of the methods request(message), reply(message), settled(call), connected(client), gone(client) "
+        "and done(). Scripts run in a separate process, with your rights.",
     ),
     click.option(
         "--script-timeout",
         "script_limit",
         metavar="TIME",
         callback=_parsing_callback(_script_limit),
-        help="Give the scripts this much time for one message, 1ms to 10s (default: 100ms). If one takes "
-        "longer, all are switched off. Then stops pass, motion is refused with E_ACCESSDENIED, and "
-        "everything else passes unchanged.",
+        help="Give the scripts this much time for one message, 1ms to 10s (default: 100ms). If a script "
+        "takes longer, all scripts are switched off. Stops then pass, motion is refused with "
+        "E_ACCESSDENIED, and everything else passes unchanged.",
     ),
     click.option(
         "--script-memory",
@@ -357,8 +362,8 @@ _OPTIONS = (
     click.option(
         "--control",
         metavar="PATH|127.0.0.1:PORT",
-        help="Listen for `bcapscope proxy ctl` on this socket. Anyone who can open it can do what you can do "
-        "with the robot.",
+        help="Listen for `bcapscope proxy ctl` on this socket. Anyone who can open this socket "
+        "can do what you can do with the robot.",
     ),
     click.option(
         "--help-faults",
@@ -371,4 +376,7 @@ _OPTIONS = (
 )
 
 rule_options = options.bundled("rules", _build_options, _OPTIONS)
-"""Adds the options; the command gets one argument `rules`, a `RuleOptions`."""
+"""Decorator that adds the rule options.
+
+The command gets the options as one argument `rules`, a `RuleOptions`.
+"""

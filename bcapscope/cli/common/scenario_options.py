@@ -1,4 +1,4 @@
-"""Choose a scenario for the simulator; list the included ones, and what is simulated."""
+"""Options of the simulator that choose a scenario, list all scenarios, or list the simulated behaviours."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _SESSION_TEXTS = {
 
 
 def choose_scenario(context: click.Context, param: click.Parameter, named: str | None) -> Scenario | None:
-    """Read an included scenario by its name, or a YAML file."""
+    """Return the scenario with this name, either an included scenario or a YAML file."""
     if named is None:
         return None
     try:
@@ -45,7 +45,7 @@ def choose_scenario(context: click.Context, param: click.Parameter, named: str |
 
 
 def list_scenarios(context: click.Context, param: click.Parameter, wanted: bool) -> None:
-    """Print each scenario with what it shows and exit, if `wanted`."""
+    """If `wanted`, print each included scenario with the rule that it demonstrates, then exit."""
     if not wanted or context.resilient_parsing:
         return
     read = {name: read_scenario(text) for name, text in bundled_scenarios().items()}
@@ -57,7 +57,7 @@ def list_scenarios(context: click.Context, param: click.Parameter, wanted: bool)
 
 
 def list_behaviours(context: click.Context, param: click.Parameter, wanted: bool) -> None:
-    """Print each behaviour with its source and exit, if `wanted`."""
+    """If `wanted`, print each simulated behaviour with its source, then exit."""
     if not wanted or context.resilient_parsing:
         return
     head = ("BEHAVIOUR", "CERTAINTY", "WHAT THE SIMULATOR DOES, OR WHEN IT RETURNS THE RESULT", "SOURCE")
@@ -67,7 +67,7 @@ def list_behaviours(context: click.Context, param: click.Parameter, wanted: bool
 
 
 def scenario_introduction(scenario: Scenario) -> str:
-    """Return the lines that introduce a scenario when the simulator starts."""
+    """Return the text about the scenario that the simulator prints when it starts."""
     client = scenario.client
     lines = [f"scenario: {scenario.title}", *textwrap.wrap(scenario.story, _WIDTH)]
     session = _SESSION_TEXTS[client.session].format(client.mode)

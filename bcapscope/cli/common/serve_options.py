@@ -23,7 +23,7 @@ _MAX_VIEWERS = 16
 
 @dataclass(frozen=True, slots=True)
 class ServeOptions:
-    """Whether and how to serve the screen: on loopback, to so many browser pages at a time."""
+    """Options for the screen in a browser. `viewers` is the maximum number of browser pages at a time."""
 
     is_wanted: bool
     address: Endpoint
@@ -31,9 +31,10 @@ class ServeOptions:
 
 
 def serve_screen(options: ServeOptions) -> None:
-    """Serve the running command in a browser until Ctrl-C, then exit.
+    """Serve the screen of the running command to browsers until Ctrl-C, then exit.
 
-    Each viewer gets a process with the same command, in which this function returns at once.
+    Each browser page gets a process that runs the same command. In the process of a browser page,
+    `serve_screen` returns at once.
     """
     if "TEXTUAL_DRIVER" in os.environ:
         return
@@ -63,7 +64,7 @@ def serve_screen(options: ServeOptions) -> None:
             "Anyone with this address can do what you can do here. Keep it secret. Press Ctrl-C to end."
         )
 
-    with suppress(KeyboardInterrupt):  # raised where the event loop cannot handle signals
+    with suppress(KeyboardInterrupt):  # Ctrl-C, if the event loop cannot handle signals
         asyncio.run(server.run(greet))
     sys.exit(ExitCode.OK)
 
@@ -108,7 +109,7 @@ _OPTIONS = (
         type=IntegerRange(1, _MAX_VIEWERS),
         default=1,
         show_default=True,
-        help="Let this many browser pages watch at a time, each with a screen of its own.",
+        help="Allow this many browser pages at a time, each with its own screen.",
     ),
 )
 
@@ -121,4 +122,7 @@ def _make_serve_options(serve: bool, serve_at: Endpoint, viewers: int) -> ServeO
 
 
 serve_options = bundled("serve", _make_serve_options, _OPTIONS)
-"""Adds the options; the command gets one argument `serve`, a `ServeOptions`."""
+"""Decorator that adds the serve options.
+
+The command gets the options as one argument `serve`, a `ServeOptions`.
+"""

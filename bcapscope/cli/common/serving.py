@@ -1,4 +1,4 @@
-"""Exit codes of commands that answer clients."""
+"""Error handling of commands that listen for clients."""
 
 from __future__ import annotations
 

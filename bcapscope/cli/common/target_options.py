@@ -1,4 +1,4 @@
-"""Options for reaching a controller, for all commands that connect to one."""
+"""Options of all commands that connect to a controller."""
 
 from __future__ import annotations
 
@@ -58,8 +58,9 @@ _OPTIONS = (
         type=options.IntegerRange(0, 100),
         default=DEFAULT_RETRY_POLICIES.others.retries,
         show_default=True,
-        help="Retry a request at most this often on UDP. In an Async mode, 4 means 3, as DENSO recommends. "
-        "On TCP there are no retries: the one attempt waits as long as all attempts together.",
+        help="Retry a request at most this often on UDP. In an Async mode, the value 4 means 3 "
+        "retries, as DENSO recommends. On TCP there are no retries: the only attempt waits as long "
+        "as all UDP attempts together.",
     ),
     click.option(
         "--convention",
@@ -84,7 +85,8 @@ _OPTIONS = (
         "--provider",
         default="CaoProv.DENSO.VRC",
         show_default=True,
-        help="Connect with this provider. RC9 and COBOTTA PRO need CaoProv.DENSO.VRC9; RC7 accepts any.",
+        help="Connect with this provider. RC9 and COBOTTA PRO need CaoProv.DENSO.VRC9; RC7 accepts "
+        "any provider.",
     ),
     click.option(
         "--machine", default="localhost", show_default=True, help="Send this machine name to the provider."
@@ -112,17 +114,21 @@ def _target_options(host: options.Decorator, port_help: str) -> options.Decorato
 target_options = _target_options(
     click.argument("host", callback=_nonempty_host), "Connect to this port of the controller."
 )
-"""Adds the argument HOST and the options; the command gets one argument `target`, a `ControllerTarget`."""
+"""Decorator that adds the argument HOST and the connection options, passed as one argument `target`."""
 
 optional_target_options = _target_options(
     click.argument("host", required=False, default=""),
     "Connect to this port of the controller; as server, listen on this port.",
 )
-"""Adds the same for a command that can run without a controller; the host is then empty."""
+"""Decorator like `target_options` for commands that can run without a controller.
+
+Without HOST, `target.host` is empty.
+"""
 
 
 def _host_and_port(text: str, port: int) -> tuple[str, int]:
-    """Return host and port; the host can contain a port: ``192.168.0.1:5007``, ``[::1]:5007``.
+    """Return the host and the port. The text can contain a port, as in ``192.168.0.1:5007`` or
+    ``[::1]:5007``.
 
     Raises:
         click.BadParameter: the text is not a valid host, or the port is not valid.
@@ -146,14 +152,14 @@ def _host_and_port(text: str, port: int) -> tuple[str, int]:
 
 def _can_be_resolved(host: str) -> bool:
     try:
-        return bool(host.encode("idna"))  # as the system's resolver encodes it
+        return bool(host.encode("idna"))  # the resolver of the system encodes the name in the same way
     except UnicodeError:
         return False
 
 
 @contextmanager
 def exit_on_failure(target: ControllerTarget, words: MessageFormatter) -> Iterator[None]:
-    """Print errors of the connection to the controller, and exit with the matching `ExitCode`."""
+    """Print an error of the connection or of a call, and exit with the matching `ExitCode`."""
     name = words.text(target.message)
     try:
         yield

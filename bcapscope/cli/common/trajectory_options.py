@@ -1,4 +1,4 @@
-"""Options that choose a trajectory in a file, and how fast to play it."""
+"""Options that choose a trajectory in a file, and the speed of playing it."""
 
 from __future__ import annotations
 
@@ -22,7 +22,10 @@ from bcapscope.render.preflight_text import trajectory_line
 
 @dataclass(frozen=True, slots=True)
 class TrajectoryOptions:
-    """Which trajectory to play, and how fast. Intervals are in ms; 0 rounds repeat until stopped."""
+    """The trajectory to play and its speed.
+
+    Intervals are in ms. With `rounds` 0, the trajectory repeats until stopped.
+    """
 
     file: Path
     index: int | None
@@ -38,11 +41,12 @@ class TrajectoryOptions:
     limits: tuple[str, ...]
 
     def read_trajectory(self) -> Trajectory:
-        """Read the trajectory, resampled if wanted.
+        """Read the trajectory, and resample it if the options ask for that.
 
         Raises:
             click.ClickException: the options are invalid.
-            SystemExit: the file cannot be read, or not be resampled; the reason was printed.
+            SystemExit: the file cannot be read, or the trajectory cannot be resampled; the reason was
+                printed.
         """
         try:
             with_limits(UNKNOWN_ARM, self.limits)
@@ -129,4 +133,5 @@ _OPTIONS = (
 )
 
 trajectory_options = options.bundled("way", TrajectoryOptions, _OPTIONS)
-"""Adds the argument FILE and the options; the command gets one argument `way`, a `TrajectoryOptions`."""
+"""Decorator that adds the argument FILE and the options, passed as one argument `way`, a `TrajectoryOptions`.
+"""

@@ -1,4 +1,4 @@
-"""Sources of ``bcapscope tui`` that are commands: a proxy or a simulator, started here or running."""
+"""Proxies and simulators as sources of traffic for ``bcapscope tui``."""
 
 from __future__ import annotations
 
@@ -28,12 +28,15 @@ if TYPE_CHECKING:
     from bcapscope.tui.traffic_processes.traffic_feed import TrafficFeed
 
 _CLIENT_SIDE = "clients of "
-"""Start of the names of interfaces in a proxy's recording that belong to the clients' side."""
+"""Prefix of interface names in a proxy's recording.
+
+Interfaces with this prefix carry the clients' traffic.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class ProxyScreenOptions:
-    """The proxy to show: that with the control socket `address`, or one to start if it is ""."""
+    """The proxy to show. `address` is the control socket of a running proxy, or "" to start a new proxy."""
 
     address: str
     listen: tuple[str, ...]
@@ -43,7 +46,7 @@ class ProxyScreenOptions:
 
 
 def choose_language(context: click.Context, words: MessageFormatter) -> None:
-    """Choose the language of the screen and its processes: that of --lang, else of the settings."""
+    """Set the language of the screen and its processes, from --lang if given, else from the settings."""
     from bcapscope.tui.reader_language import apply_saved_language, fix_language
     from bcapscope.tui.settings import default_settings_path, read_settings
 
@@ -54,7 +57,7 @@ def choose_language(context: click.Context, words: MessageFormatter) -> None:
 
 
 def show_proxy(options: ProxyScreenOptions) -> None:
-    """Show a running proxy, or start one and show it."""
+    """Show a running proxy, or start a new proxy and show it."""
     own = (
         options.listen or options.to or options.record or options.rules.command_line or options.rules.control
     )
@@ -115,7 +118,10 @@ def _show_own_proxy(options: ProxyScreenOptions) -> None:
 
 
 def show_simulator(port: int, words: Sequence[str]) -> None:
-    """Start a simulator on loopback, with further options of ``bcapscope sim``, and show its traffic."""
+    """Start a simulator on loopback and show its traffic.
+
+    `words` are further options of ``bcapscope sim``.
+    """
     from bcapscope.tui.app import BcapApp, ScreenEntry
     from bcapscope.tui.screens.simulator_screen import SimulatorScreen
     from bcapscope.tui.traffic_processes.temporary_folder import TemporaryFolder
@@ -161,7 +167,7 @@ def _show_screens(feed: TrafficFeed | None, screen: ProxyScreen) -> None:
 
 
 def _read_figures(address: str) -> ProxyStats:
-    """Return the figures of a proxy; exit if there is none."""
+    """Return the figures of the proxy at this control address. If no proxy answers, exit."""
     from bcapscope.errors import BcapError
     from bcapscope.proxy.control_client import ControlClient
     from bcapscope.proxy.control_messages import GetStats, ProxyStats
@@ -178,7 +184,7 @@ def _read_figures(address: str) -> ProxyStats:
 
 @contextmanager
 def _running_command(*words: str) -> Iterator[ChildProcess]:
-    """Run a command during a block; print what it prints at its end."""
+    """Run a bcapscope command as a child process during the block, then print the rest of its output."""
     from bcapscope.live.child_process import ChildProcess, ChildStartError
     from bcapscope.tui.reader_language import current_language, full_error_text
 
@@ -196,11 +202,14 @@ def _running_command(*words: str) -> Iterator[ChildProcess]:
 
 
 def _control_address(folder: Path) -> str:
-    """Choose the control address: a socket that only this user can open, if the system has such sockets."""
+    """Return an address for the control socket.
+
+    A Unix socket is preferred, because only this user can open it.
+    """
     import socket
 
     path = str(folder / "control")
-    longest = 100  # bytes; the limit for the path of a socket is 103 on macOS and 107 on Linux
+    longest = 100  # bytes; the path of a socket is limited to 103 bytes on macOS and 107 on Linux
     if not hasattr(socket, "AF_UNIX"):
         return "127.0.0.1:0"
     if len(os.fsencode(path)) <= longest:
