@@ -78,7 +78,7 @@ def test_a_rule_file_is_read() -> None:
         ("faults:\n  - action: drop\n    times: 0\n", "line 3: faults[0].times: Expected int >= 1"),
         (
             "faults:\n  - action: drop\n    direction: reply\n",
-            "line 3: faults[0].direction: 'reply' is none of request, response",
+            "line 3: faults[0].direction: 'reply' is not one of request, response",
         ),
         (
             "faults:\n  - action: drop\n    if: comand == 1\n",
@@ -91,7 +91,7 @@ def test_a_rule_file_is_read() -> None:
         ("", "line 1: Expected object, got null"),
         ("faults: [\n", "line 2: "),
         ("faults: &a []\nb: *a\n", "line 2: YAML anchors are not supported"),
-        ("faults: []\nfaults: []\n", "line 2: 'faults' stands here twice"),
+        ("faults: []\nfaults: []\n", "line 2: 'faults' is given twice"),
         ("? [a]\n: 1\n", "line 1: a key is one word"),
         ("faults: []\n---\nfaults: []\n", "line 2: but found another document"),
         ("\x00", "this is not YAML: "),

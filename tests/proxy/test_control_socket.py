@@ -124,7 +124,7 @@ def test_lines_are_answered_one_by_one(address: str) -> None:
         assert second == {"ok": True, "name": "drop"}
         one.sendall(b'{"do": ')
         assert (
-            ask(other, b'\n{"do": "on", "name": "x"}\n'.lstrip())[0]["error"] == "there is no fault 'x': drop"
+            ask(other, b'\n{"do": "on", "name": "x"}\n'.lstrip())[0]["error"] == "no fault is named 'x': drop"
         )
         assert ask(one, b'"stats"}\n')[0]["struck"] == {"drop": 0}
 

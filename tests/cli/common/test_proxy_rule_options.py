@@ -257,7 +257,7 @@ def test_a_script_that_goes_wrong_is_told_once_and_all_passes(tmp_path: Path) ->
         (("--fault", "drop if comand == 1"), 2, "did you mean 'command'?"),
         (("--fault", "drop name x", "--fault", "drop name x"), 2, "two faults have the name x"),
         (("--block", "slvMve"), 2, "did you mean 'slvMove'?"),
-        (("--intercept", "serial >"), 2, "a value to compare serial with is missing"),
+        (("--intercept", "serial >"), 2, "the value to compare serial with is missing"),
         (("--hold", "5"), 2, "'5' is no duration"),
         (("--script", "none.py"), 2, "does not exist"),
         (("--rules", "none.yaml"), 2, "cannot read none.yaml: No such file or directory"),

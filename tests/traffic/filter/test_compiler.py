@@ -336,7 +336,7 @@ def test_arguments_are_taken_out_of_their_variants() -> None:
         ("serial = 5", 7, "write =="),
         ("serial == 5 & frame == 2", 12, "write &&"),
         ("serial == 5 | frame == 2", 12, "write ||"),
-        ("serial ==", 9, "a value to compare serial with is missing"),
+        ("serial ==", 9, "the value to compare serial with is missing"),
         ("serial == == 5", 10, "expected a value, not '=='"),
         ("command == and", 11, "put it in quotes"),
         ("serial == 5 frame", 12, "expected and, or, or the end"),
@@ -346,10 +346,10 @@ def test_arguments_are_taken_out_of_their_variants() -> None:
         ("5 == serial", 0, "expected a field, not '5'"),
         ("serial == 5 and", 15, "expected a field"),
         ("and serial", 0, "there is no field 'and'"),
-        ("serial ~ 5", 0, "serial is a number, a regular expression needs text"),
-        ("serial == five", 10, "serial is a number, 'five' is none"),
-        ('serial == "5"', 10, "serial is a number, '5' is none"),
-        ("serial == 5ms", 11, "'ms' means nothing here"),
+        ("serial ~ 5", 0, "serial is a number, but a regular expression needs text"),
+        ("serial == five", 10, "serial is a number, but 'five' is not"),
+        ('serial == "5"', 10, "serial is a number, but '5' is not"),
+        ("serial == 5ms", 11, "'ms' has no meaning here"),
         ("serial == 10.0.0.2", 10, "'10.0.0.2' is none"),
         ("serial == command", 10, "'command' is none"),
         ("serial == 1e999", 10, "too large"),
@@ -381,7 +381,7 @@ def test_arguments_are_taken_out_of_their_variants() -> None:
         ("time > 5min", 8, "'min' is no unit"),
         ('time > "yesterday"', 7, "is no time such as"),
         ('time > "2023-02-31"', 7, "is no time"),
-        ("time > 10.0.0.2", 7, "time is a time, '10.0.0.2' is none"),
+        ("time > 10.0.0.2", 7, "time is a time, but '10.0.0.2' is not"),
         ("problems == eot", 12, "use problems contains"),
         ("arg == 5", 7, "use arg contains ..., or arg[0]"),
         ("arg > 5", 0, "which has no order"),
@@ -390,7 +390,7 @@ def test_arguments_are_taken_out_of_their_variants() -> None:
         ("arg[1ms] == 5", 4, "the number of an element"),
         ("arg[1 == 5", 6, "expected ]"),
         ("arg[0] > high", 9, "'high' is none"),
-        ("arg contains true", 13, "contains takes a text or a number"),
+        ("arg contains true", 13, "contains needs a text or a number"),
         ("serial in 5", 10, "expected a list in parentheses"),
         ("serial in (5", 12, "expected a comma or )"),
         ("serial in [5)", 12, "expected a comma or ]"),
@@ -405,7 +405,7 @@ def test_arguments_are_taken_out_of_their_variants() -> None:
         ("command ~", 9, "is missing"),
         ('command == "slv', 11, "no closing quote"),
         ("command == 'slv", 11, "no closing quote"),
-        ("serial == 5 # note", 12, "'#' means nothing here"),
+        ("serial == 5 # note", 12, "'#' has no meaning here"),
         ("serial == " + "9" * 41, 10, "more than 40 characters"),
     ],
 )
@@ -432,7 +432,7 @@ def test_nesting_is_bounded_and_length_alone_is_not_depth() -> None:
     deepest = "(" * DEEPEST_PARENTHESES + "serial == 7" + ")" * DEEPEST_PARENTHESES
     assert holds(deepest, FRAME)
     error = error_of("not (" * 1300 + "serial" + ")" * 1300)
-    assert "parentheses inside each other" in str(error.reason)
+    assert "levels of parentheses" in str(error.reason)
     assert error.position == 5 * DEEPEST_PARENTHESES + 4
     assert holds("not " * 2000 + "true", {})
     assert holds(" or ".join(["false"] * 800 + ["true"]), {})
