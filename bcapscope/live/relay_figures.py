@@ -99,7 +99,7 @@ def rates(counts: Sequence[int], before: Sequence[int], seconds: float) -> Messa
 
 
 def losses(counts: Sequence[int]) -> Iterator[Message]:
-    """Yield a line for each kind of traffic that was lost, denied, changed by rules or not watched."""
+    """Yield a line for each kind of traffic that was lost, denied, affected by rules or not watched."""
     for counter in _LOSSES:
         if counts[counter]:
             yield Message(f"relay.{counter.name.lower()}", count=counts[counter])

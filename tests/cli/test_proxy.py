@@ -230,7 +230,7 @@ def test_a_kill_leaves_a_recording_that_can_be_read(
         for pid in victims[whom]:
             os.kill(pid, signal.SIGKILL)
         if whom == "watcher":
-            process.wait_for("watching has ended; the relay goes on")
+            process.wait_for("the recorder ended. The proxy still forwards traffic")
             assert flood(process.port, 0.2)[0]
             told = process.end(signal.SIGINT, ExitCode.UNWRITABLE)
             assert f"{path} is incomplete, because the recorder ended early" in told

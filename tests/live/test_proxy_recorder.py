@@ -261,8 +261,7 @@ def test_a_disk_that_is_full_while_things_pass_is_told_once(
     recorder.flush()
     recorder.add_records(passing[9:])
     assert not recorder.close()
-    assert len(told) == 1
-    assert told[0].endswith("stopped: no space left on device")
+    assert told == [f"recording to {tmp_path}/r.pcapng stopped: no space left on device"]
 
 
 def test_a_ring_on_a_full_disk_goes_on_and_that_is_told_once(

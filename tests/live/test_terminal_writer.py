@@ -83,7 +83,7 @@ def test_a_pipe_that_does_not_wait_is_waited_for() -> None:
 def test_what_there_was_no_time_for_is_counted() -> None:
     out, err = ran('it.write_lines(["x"] * 30)', "terminal_writer.MAX_WAITING = 20")
     assert out == "x\n" * 20
-    assert err == "10 lines are not shown: there was not enough time to write them\n"
+    assert err == "10 lines are not shown: there was no time to write them\n"
 
 
 def test_the_line_at_the_bottom_is_for_terminals_only() -> None:

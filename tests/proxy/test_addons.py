@@ -73,7 +73,7 @@ def test_a_script_that_cannot_be_used_is_told(script: Callable[[str], str], text
 def test_a_script_that_is_not_there_is_told(tmp_path: Path) -> None:
     with pytest.raises(ScriptError, match="cannot be read: No such file"):
         load_addons(str(tmp_path / "none.py"))
-    with pytest.raises(ScriptError, match="is no Python file"):
+    with pytest.raises(ScriptError, match="is not a Python file"):
         load_addons(str(tmp_path / "none.txt"))
 
 

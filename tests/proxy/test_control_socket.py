@@ -168,7 +168,7 @@ def test_who_does_not_speak_json_is_sent_away(address: str) -> None:
     with server(address) as made, connect_control(made.address) as sock:
         sock.sendall(b'POST / HTTP/1.1\r\nHost: x\r\n\r\n{"do": "remove", "name": "drop"}\n')
         with sock.makefile("rb") as answers:
-            assert b"no JSON" in answers.readline()
+            assert b"this is not JSON" in answers.readline()
             assert answers.read() == b""
         with connect_control(made.address) as again:
             assert ask(again, b'{"do": "rules"}\n')[0]["rules"] != []

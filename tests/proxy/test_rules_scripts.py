@@ -251,7 +251,7 @@ def test_a_script_that_takes_too_long_is_switched_off() -> None:
     assert (here.ended, made.due()) == (1, None)
     assert told == [
         "script mine.py is switched off: it took longer than 100 ms for request (Robot_Execute slvMove); "
-        "mine.py line 7 in request; stops pass, motion is refused, everything else passes unchanged; restart "
+        "mine.py line 7 in request. Stops pass, motion is refused, everything else passes unchanged. Restart "
         "the proxy to let motion pass"
     ]
 
@@ -390,7 +390,7 @@ def test_the_end_of_its_process_switches_a_script_off() -> None:
     assert sent(made.pop_due_actions(MS)) == request(2, "CurJnt")
     made.pop_due_actions(51 * MS)
     why = "its process ended during request (Robot_Execute slvMove); exit code 3"
-    assert told[0].startswith(f"script mine.py is switched off: {why}; stops pass")
+    assert told[0].startswith(f"script mine.py is switched off: {why}. Stops pass")
     assert "scripts: switched off, its process ended during request" in str(made.report()[-1])
 
 

@@ -119,7 +119,7 @@ def _in(what: str) -> str:
             _in("start: {mode: auto}"),
             "line 2: start.mode: 'auto' is not one of manual, teach-check, automatic",
         ),
-        (_in("start:\n  motor_time: 3"), "line 3: start.motor_time: 3 is no duration"),
+        (_in("start:\n  motor_time: 3"), "line 3: start.motor_time: 3 is not a duration"),
         (_in("start: {speed: 0}"), "line 2: start.speed: Expected float >= 0.1"),
         (_in("start: {udp_clients: 21}"), "line 2: start.udp_clients: Expected int <= 20"),
         (_in("start:\n  errors: [E_FAIL,\n   S_OK]"), "line 4: start.errors[1]: S_OK is not an error"),
@@ -134,7 +134,7 @@ def _in(what: str) -> str:
             "line 3: start.joints[4]: J5 is beyond its limits",
         ),
         (_in("variables:\n  Q1: 3"), "line 3: variables.Q1: there is no such variable"),
-        (_in("variables:\n  I100: 3"), "line 3: variables.I100: there is none of that number"),
+        (_in("variables:\n  I100: 3"), "line 3: variables.I100: no variable has that number"),
         (_in("variables:\n  I1: [1, 2]"), "line 3: variables.I1: the value does not fit"),
         (_in("variables:\n  P1: [.nan]"), "line 2: variables: Expected float"),
         (_in("tasks: {running: [Pro9]}"), "line 2: tasks.running[0]: Pro9 is not loaded"),
@@ -163,7 +163,7 @@ def _in(what: str) -> str:
         ),
         (
             _in("faults: [{action: drop, name: a}]\nin_slave_mode:\n- {action: drop, name: a}"),
-            "another entry is also named line 4: in_slave_mode[0].name: a",
+            "line 4: in_slave_mode[0].name: another entry is also named a",
         ),
         (_in("seed: x"), "line 2: seed: Expected int, got str"),
     ],
@@ -180,7 +180,7 @@ def test_scenarios_by_name_and_from_files(tmp_path: Path) -> None:
     path.write_text("title: Täglich", encoding="utf-8")
     assert load_scenario(str(path)).title == "Täglich"
     path.write_bytes(b"title: \xff")
-    with pytest.raises(DocumentError, match="no text in UTF-8"):
+    with pytest.raises(DocumentError, match="this is not text in UTF-8"):
         load_scenario(str(path))
     with pytest.raises(LookupError, match="did you mean 'emergency-stop'"):
         load_scenario("emergency-step")
@@ -202,5 +202,5 @@ def test_the_examples_in_the_documentation_can_be_read() -> None:
 def test_a_file_without_an_end_is_not_read_to_its_end(tmp_path: Path) -> None:
     path = tmp_path / "endless.yaml"
     path.symlink_to("/dev/zero")
-    with pytest.raises(DocumentError, match="longer than 1048576 characters"):
+    with pytest.raises(DocumentError, match="longer than the limit of 1048576 characters"):
         load_scenario(str(path))

@@ -41,7 +41,7 @@ def test_what_is_typed_is_done(text: str, made: bytes) -> None:
         ("set arg[2]=many", "changes nothing"),
         ("set arg[2]", "expected an argument"),
         ("drop", "has no meaning here"),
-        ("limit arg[x]=1..2", "is no argument"),
+        ("limit arg[x]=1..2", "is not an argument"),
         ("[/foo]\x1b[31m", "has no meaning here"),
     ],
 )
