@@ -315,7 +315,7 @@ def test_hex() -> None:
         (("Robot_Mov",), "Robot_Move?"),
         (("Robot_Move",), "lComp is missing"),
         (("Robot_GoHome", "1", "2"), "Robot_GoHome takes hRobot"),
-        (("Robot_Speed", "x", "1"), "Robot_Speed, lAxis: 'x' is no VT_I4"),
+        (("Robot_Speed", "x", "1"), "Robot_Speed, lAxis: 'x' is not a VT_I4"),
         (("--exec", "Robot_Mov"), "line 1: unknown function"),
         (("--tcp", "--convention", "seed", "Service_Start"), "seed does not exist on TCP"),
         (("--hex", "--json", "Service_Start"), "exclude each other"),

@@ -124,7 +124,7 @@ def test_a_script_that_takes_for_ever_is_switched_off_and_all_but_motion_passes(
         assert stats["scripts"].startswith(f"off: {why}")
         said = proxy.end()
     assert f"script mine.py is switched off: {why}" in said
-    assert "; stops pass, motion is refused, everything else passes unchanged; " in said
+    assert ". Stops pass, motion is refused, everything else passes unchanged. " in said
     assert "guard" not in said
 
 
@@ -245,7 +245,7 @@ def test_a_script_that_cannot_be_used_ends_it_before_anything_is_recorded(tmp_pa
     [
         (("--script-timeout", "20s"), "20s is not a time from 1ms to 10s"),
         (("--script-timeout", "1us"), "1us is not a time from 1ms to 10s"),
-        (("--script-timeout", "9" * 400), "is no duration"),
+        (("--script-timeout", "9" * 400), "is not a duration"),
         (("--script-memory", "9" * 400), "is not a number of megabytes from 64 to 65536"),
         (("--script-memory", "1.5"), "is not a number of megabytes"),
     ],

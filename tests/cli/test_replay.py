@@ -34,7 +34,7 @@ def recorded_controller(*words: str | Path) -> Iterator[tuple[subprocess.Popen[s
         assert process.stderr is not None
         try:
             assert re.match(r"\d+ frames", process.stderr.readline())
-            assert "only this machine reaches it" in process.stderr.readline()
+            assert "only this machine can connect" in process.stderr.readline()
             yield process, port
         finally:
             process.kill()

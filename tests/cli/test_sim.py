@@ -170,7 +170,7 @@ def test_who_reaches_it_is_said() -> None:
     argv = [sys.executable, "-m", "bcapscope", "sim", "--port", "0", "--listen", "0.0.0.0"]
     done = subprocess.run(argv, input="quit\n", capture_output=True, text=True, check=False, timeout=60)
     assert done.returncode == 0
-    assert "everyone on every network of this machine reaches it" in done.stderr
+    assert "every machine on every network of this machine can connect" in done.stderr
 
 
 def test_the_detector_of_rc7_is_switched_as_on_its_pendant() -> None:

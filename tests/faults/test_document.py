@@ -59,7 +59,7 @@ def test_a_rule_file_is_read() -> None:
     [
         (
             "faults:\n  - action: delay\n    time: 3\n",
-            "line 3: faults[0].time: 3 is no duration, such as 3ms",
+            "line 3: faults[0].time: 3 is not a duration such as 3ms",
         ),
         ("faults:\n  - action: delay\n", "line 2: faults[0]: time is missing"),
         (
@@ -78,20 +78,20 @@ def test_a_rule_file_is_read() -> None:
         ("faults:\n  - action: drop\n    times: 0\n", "line 3: faults[0].times: Expected int >= 1"),
         (
             "faults:\n  - action: drop\n    direction: reply\n",
-            "line 3: faults[0].direction: 'reply' is none of request, response",
+            "line 3: faults[0].direction: 'reply' is not one of request, response",
         ),
         (
             "faults:\n  - action: drop\n    if: comand == 1\n",
             "line 3: faults[0].if: there is no field 'comand', did you mean 'command'?\n  comand == 1\n  ^",
         ),
-        ("faults:\n  - action: rewrite\n    set: {arg: 1}\n", "line 2: faults[0]: 'arg' is no argument"),
+        ("faults:\n  - action: rewrite\n    set: {arg: 1}\n", "line 2: faults[0]: 'arg' is not an argument"),
         ("fault: []\n", "line 1: there is no field 'fault', did you mean 'faults'?"),
         ("faults: 5\n", "line 1: faults: Expected array, got int"),
         ("5\n", "line 1: Expected object, got int"),
         ("", "line 1: Expected object, got null"),
         ("faults: [\n", "line 2: "),
         ("faults: &a []\nb: *a\n", "line 2: YAML anchors are not supported"),
-        ("faults: []\nfaults: []\n", "line 2: 'faults' stands here twice"),
+        ("faults: []\nfaults: []\n", "line 2: 'faults' is given twice"),
         ("? [a]\n: 1\n", "line 1: a key is one word"),
         ("faults: []\n---\nfaults: []\n", "line 2: but found another document"),
         ("\x00", "this is not YAML: "),
@@ -100,7 +100,7 @@ def test_a_rule_file_is_read() -> None:
         ("faults:\n" + "- " * 65, "line 2: more than 64 levels"),
         ("faults: 2001-99-99", "this is not YAML: month must be in 1..12"),
         (f"faults: {'9' * 5000}", "line 1: a number of more than 40 characters"),
-        ("x" * (1 << 20) + "x", "longer than 1048576 characters"),
+        ("x" * (1 << 20) + "x", "longer than the limit of 1048576 characters"),
     ],
 )
 def test_errors_name_line_and_field(text: str, error: str) -> None:
@@ -119,7 +119,7 @@ class Scene(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 def test_other_documents_have_faults_and_quantities_too() -> None:
     scene = read_document("wait: 5ms\nfaults: [{action: pass}]", Scene)
     assert (scene.wait, scene.faults[0].action) == (5_000_000, "pass")
-    with pytest.raises(DocumentError, match=r"line 2: wait: 'x' is no duration"):
+    with pytest.raises(DocumentError, match=r"line 2: wait: 'x' is not a duration"):
         read_document("faults: []\nwait: x", Scene)
 
 

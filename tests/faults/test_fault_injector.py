@@ -307,7 +307,7 @@ def test_a_half_open_conversation_is_dead_both_ways_and_others_live() -> None:
     assert machine.process_message(flows.up, request(1), 0).forwarded is False
     taken = machine.process_message(flows.down, reply(1), 0)
     assert (taken.outputs, taken.forwarded) == ([], False)
-    assert notes_of(taken) == ("half-open: dropped, the conversation is dead",)
+    assert notes_of(taken) == ("half-open: dropped, because the conversation is half-open",)
     assert machine.process_message(other.up, request(1), 0).forwarded is True
     assert machine.holds(flows.down)
     assert not machine.passes_close(flows.up.conversation)
@@ -328,7 +328,7 @@ def test_faults_are_added_switched_and_removed() -> None:
     flows, machine = talk(), shaper()
     assert machine.add(read_fault("drop"), 0) == "drop"
     assert machine.add(read_fault("drop"), 0) == "drop-2"
-    with pytest.raises(ValueError, match="there is a fault x already"):
+    with pytest.raises(ValueError, match="a fault named x exists already"):
         [machine.add(read_fault("drop name x"), 0) for _ in range(2)]
     for name in ("drop", "drop-2", "x"):
         assert notes_of(machine.process_message(flows.up, request(1), 0)) == (f"{name}: dropped",)
@@ -359,7 +359,7 @@ def test_no_more_copies_are_held_than_fit() -> None:
     taken = machine.process_message(flows.up, raw, 0)
     assert notes_of(taken) == (
         "duplicate: duplicated 1000 times",
-        "copies dropped, too much is held already",
+        "copies dropped, because too many messages are held",
     )
     assert [output.data for output in taken.outputs if isinstance(output, SendBytes)] == [raw]
 
@@ -371,7 +371,7 @@ def test_no_more_is_held_than_fits() -> None:
     while not machine.is_full:
         assert machine.process_message(flows.up, raw, 0).forwarded
     taken = machine.process_message(flows.up, raw, 0)
-    assert notes_of(taken) == ("delay: delayed by 10000 ms", "dropped, too much is held already")
+    assert notes_of(taken) == ("delay: delayed by 10000 ms", "dropped, because too many messages are held")
     assert not taken.forwarded
     assert machine.process_message(stream.up, raw, 0).forwarded
     count = len(run_dry(machine, 0))

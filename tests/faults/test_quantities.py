@@ -54,30 +54,30 @@ def test_reading(kind: Any, written: object, value: float) -> None:
 @pytest.mark.parametrize(
     ("kind", "written", "reason"),
     [
-        (DurationQuantity, 3, "3 is no duration, such as 3ms"),
-        (DurationQuantity, True, "True is no duration"),
-        (DurationQuantity, "3", "is no duration"),
-        (DurationQuantity, "3 min", "is no duration"),
-        (DurationQuantity, "-3ms", "is no duration"),
+        (DurationQuantity, 3, "3 is not a duration such as 3ms"),
+        (DurationQuantity, True, "True is not a duration"),
+        (DurationQuantity, "3", "is not a duration"),
+        (DurationQuantity, "3 min", "is not a duration"),
+        (DurationQuantity, "-3ms", "is not a duration"),
         (DurationQuantity, "99999999999s", "is longer than a year"),
-        (DurationQuantity, None, "is no duration"),
-        (Share, "5", "is no percentage"),
-        (Share, "101%", "is not within 0% and 100%"),
-        (Share, math.nan, "is not within 0% and 100%"),
-        (Share, True, "is no percentage"),
-        (Rate, "64", "is no rate"),
-        (Rate, "0B/s", "less than a byte a second"),
-        (Rate, 64, "is no rate"),
+        (DurationQuantity, None, "is not a duration"),
+        (Share, "5", "is not a percentage"),
+        (Share, "101%", "is not between 0% and 100%"),
+        (Share, math.nan, "is not between 0% and 100%"),
+        (Share, True, "is not a percentage"),
+        (Rate, "64", "is not a rate"),
+        (Rate, "0B/s", "less than one byte per second"),
+        (Rate, 64, "is not a rate"),
         (HresultQuantity, "E_FAL", "did you mean 'E_FAIL'"),
-        (HresultQuantity, 1 << 32, "is no HRESULT"),
-        (HresultQuantity, 1.5, "is no HRESULT"),
-        (FrameCondition, 5, "is no filter"),
+        (HresultQuantity, 1 << 32, "is not an HRESULT"),
+        (HresultQuantity, 1.5, "is not an HRESULT"),
+        (FrameCondition, 5, "is not a filter"),
         (FrameCondition, "comand == 1", "did you mean 'command'"),
-        (Span, "5", "is no span"),
-        (Span, "..", "is no span"),
-        (Span, "9..1", "nothing is within"),
-        (Span, "a..b", "is no span"),
-        (Span, "e..", "is no span"),
+        (Span, "5", "is not a range"),
+        (Span, "..", "is not a range"),
+        (Span, "9..1", "the range '9..1' is empty"),
+        (Span, "a..b", "is not a range"),
+        (Span, "e..", "is not a range"),
         (DurationQuantity, "x" * 1000, "…"),
     ],
 )
@@ -107,7 +107,7 @@ def test_a_path_is_read(path: str, indexes: tuple[int, ...]) -> None:
 
 @pytest.mark.parametrize("path", ["arg", "arg[]", "arg[-1]", "arg[1", "x[1]", "arg[1]x", "arg" + "[1]" * 9])
 def test_what_is_no_path_is_refused(path: str) -> None:
-    with pytest.raises(ValueError, match="is no argument, such as"):
+    with pytest.raises(ValueError, match="is not an argument such as"):
         read_path(path)
 
 

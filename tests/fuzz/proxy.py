@@ -126,7 +126,7 @@ def end(process: Process) -> str:
     process.popen.send_signal(signal.SIGINT)
     code = process.popen.wait(PATIENCE)
     process.close()
-    wanted = ExitCode.UNWRITABLE if "passed unseen and unrecorded" in process.err else ExitCode.OK
+    wanted = ExitCode.UNWRITABLE if "forwarded but neither shown nor recorded" in process.err else ExitCode.OK
     assert code == wanted, process.err[-3000:]
     return process.err
 

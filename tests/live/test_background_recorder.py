@@ -120,13 +120,13 @@ def test_a_stuck_disk_holds_nobody_up_and_what_is_missing_is_told_and_noted(
         recorder.on_datagram(CLIENT, SERVER, REQUEST, TIME + number)
         recorder.on_idle()
     assert time.monotonic() - began < 5
-    assert told == ["a.pcapng is not written fast enough: packets are missing in it from now on"]
+    assert told == ["the disk is too slow for a.pcapng: from now on, packets are missing in it"]
     kept = 1000 - recorder._skipped
     assert 50 < kept < 120
     catch_up(disk, recorder)
     recorder.on_datagram(SERVER, CLIENT, REPLY, TIME + 1000)
     assert not recorder.close()
-    assert told[1:] == [f"a.pcapng lacks {1000 - kept} packets: it was not written fast enough"]
+    assert told[1:] == [f"a.pcapng lacks {1000 - kept} packets, because the disk was too slow"]
     code, _, lines = frames(tmp_path / "a.pcapng", disk.taken.getvalue())
     assert (code, len(lines)) == (0, kept + 1)
     comment = f"{1000 - kept} packets before this one could not be written in time"
@@ -191,7 +191,7 @@ def test_a_disk_that_is_stuck_for_good_does_not_hold_up_the_end(
         recorder.on_datagram(CLIENT, SERVER, REQUEST, TIME)
         recorder.on_idle()
     assert not recorder.close()
-    assert told == ["a.pcapng lacks 3 packets: it was not written fast enough"]
+    assert told == ["a.pcapng lacks 3 packets, because the disk was too slow"]
     disk.runs.set()
 
 
@@ -223,7 +223,7 @@ def test_a_full_disk_is_told_once_and_the_rest_goes_on(tmp_path: Path, record_on
     assert not recorder._steps
     assert not recorder._recorder.bytes_pending
     assert not recorder.close()
-    assert told == ["a\\x1b.pcapng is not written any more: no space left on device"]
+    assert told == ["recording to a\\x1b.pcapng stopped: no space left on device"]
 
 
 def test_a_capture_on_a_full_disk_ends_with_a_whole_packet(tmp_path: Path, record_on: MakeRecorder) -> None:

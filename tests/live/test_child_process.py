@@ -53,7 +53,7 @@ def test_a_command_that_is_killed_is_noticed_and_what_it_said_before_is_told() -
 
     try:
         child.subscribe_output(lines.append)
-        assert any("only this machine reaches it" in line for line in lines)
+        assert any("only this machine can connect" in line for line in lines)
         child.subscribe_end(ended)
         os.kill(child.pid, signal.SIGKILL)
         assert over.wait(LIMIT)

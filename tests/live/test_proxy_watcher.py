@@ -195,7 +195,7 @@ def test_what_there_is_no_time_for_at_the_end_is_recorded_and_what_is_told_is_to
     chain.ring.write_required(RingRecordKind.NOTICE, 0, encoded("fault loss: injected 7 times"), chain.now)
     chain.end()
     assert "fault loss: injected 7 times" in chain.screen.told
-    assert any("what passed last was not looked at" in text for text in chain.screen.told)
+    assert any("the latest traffic was not shown, because" in text for text in chain.screen.told)
     with open_capture(str(tmp_path / "all.pcapng")) as capture:
         assert sum(1 for _ in capture) == 20 * (2 * 18 + 2)
 

@@ -42,7 +42,7 @@ def test_a_disk_that_fails_is_reported_once_and_packets_are_dropped(
     write(recorder, 100)
     recorder.close()
     recorder.packets.write_datagram(CLIENT, SERVER, b"x", 1)
-    assert told == [f"{tmp_path}/a.pcapng is not written any more: no space left on device"]
+    assert told == [f"recording to {tmp_path}/a.pcapng stopped: no space left on device"]
     assert not recorder.is_complete
     assert not recorder.bytes_pending
     (path,) = tmp_path.iterdir()
@@ -60,5 +60,5 @@ def test_a_ring_whose_next_file_cannot_be_created_is_reported(tmp_path: Path) ->
     folder.rmdir()
     write(recorder, 100)
     recorder.close()
-    assert told == [f"{folder}/a.pcapng is not written any more: no such file or directory"]
+    assert told == [f"recording to {folder}/a.pcapng stopped: no such file or directory"]
     assert not recorder.is_complete

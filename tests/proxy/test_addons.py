@@ -59,7 +59,7 @@ def test_each_class_with_a_hook_is_made(script: Callable[[str], str]) -> None:
         ("1 / 0", r"division by zero \(mine.py line 1\)"),
         ("import sys; sys.exit(5)", "SystemExit: 5"),
         ("open('settings.none')", r"^\S+: FileNotFoundError.*'settings.none' \(mine.py line 1\)"),
-        ("class A:\n  async def done(self): pass", r"A.done is async; nobody would wait for it"),
+        ("class A:\n  async def done(self): pass", r"A.done is async, but the proxy does not await it"),
         ("import asyncio; raise asyncio.CancelledError", r"CancelledError \(mine.py line 1\)"),
         ("raise ValueError('one\\ntwo')", r"ValueError: one \(mine.py line 1\)"),
         ("class A:\n  def __init__(self, x): pass\n  def done(self): pass", "missing 1 required positional"),
@@ -73,7 +73,7 @@ def test_a_script_that_cannot_be_used_is_told(script: Callable[[str], str], text
 def test_a_script_that_is_not_there_is_told(tmp_path: Path) -> None:
     with pytest.raises(ScriptError, match="cannot be read: No such file"):
         load_addons(str(tmp_path / "none.py"))
-    with pytest.raises(ScriptError, match="is no Python file"):
+    with pytest.raises(ScriptError, match="is not a Python file"):
         load_addons(str(tmp_path / "none.txt"))
 
 
@@ -124,7 +124,7 @@ def test_what_goes_wrong_is_told_once_and_stops_nothing() -> None:
     addons.proxy_ended()
     assert [text.split(" (test_addons")[0] for text in told] == [
         "Broken.request: SystemExit",
-        "request: data is to be bytes; the message goes on as it came (reported once)",
+        "request: data must be bytes; the message passes unchanged (reported once)",
         "Broken.connected: RuntimeError: [/red]\x1b[2J",
         "Broken.done: KeyError: 'x'",
     ]

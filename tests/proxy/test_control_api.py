@@ -81,7 +81,7 @@ def test_messages_are_held_listed_sent_on_edited_and_dropped() -> None:
         "command": "slvMove",
         "waited_s": 1.5,
         "left_s": 3.5,
-        "given_up": "its client has asked for something else since",
+        "given_up": "its client has sent another request since",
         "retries": 0,
         "more": 0,
         "hex": request(1).hex(),
@@ -159,20 +159,26 @@ def test_a_request_is_written_as_documented() -> None:
         ([], "Expected object, got array"),
         ({"do": "rules", "x": 1}, "there is no field 'x'"),
         ({"do": "on"}, "name is missing"),
-        ({"do": "on", "name": "x"}, "there is no fault 'x': drop"),
+        ({"do": "on", "name": "x"}, "no fault is named 'x': drop"),
         ({"do": "add"}, "add takes a rule in one line, or a fault as in a file"),
         ({"do": "add", "rule": "drp"}, "there is no action 'drp', did you mean 'drop'?\n  drp\n  ^"),
-        ({"do": "add", "rule": "drop name drop"}, "there is a fault drop already"),
-        ({"do": "add", "fault": {"action": "delay", "time": 5}}, "time: 5 is no duration"),
+        ({"do": "add", "rule": "drop name drop"}, "a fault named drop exists already"),
+        ({"do": "add", "fault": {"action": "delay", "time": 5}}, "time: 5 is not a duration"),
         ({"do": "intercept", "if": "x == 1"}, "if: there is no field 'x'"),
-        ({"do": "intercept", "patience": "5"}, "patience: '5' is no duration"),
+        ({"do": "intercept", "patience": "5"}, "patience: '5' is not a duration"),
         ({"do": "forward", "number": 8}, "no message 8 is held"),
         ({"do": "edit", "number": 8, "hex": "00"}, "no message 8 is held"),
-        ({"do": "edit", "number": 1}, "edit takes the bytes in hex, or what to rewrite"),
+        ({"do": "edit", "number": 1}, "edit takes all bytes in hex, or changes such as set arg[2]=0"),
         ({"do": "edit", "number": 1, "hex": "0"}, "non-hexadecimal number found"),
-        ({"do": "edit", "number": 1, "rewrite": "sett"}, "'sett' means nothing here"),
-        ({"do": "edit", "number": 1, "rewrite": "set arg[9]=1"}, "that changes nothing: no such argument"),
-        ({"do": "edit", "number": 1, "rewrite": "set arg[2][0]=x"}, "that changes nothing: no such argument"),
+        ({"do": "edit", "number": 1, "rewrite": "sett"}, "'sett' has no meaning here"),
+        (
+            {"do": "edit", "number": 1, "rewrite": "set arg[9]=1"},
+            "changes nothing: the argument does not exist",
+        ),
+        (
+            {"do": "edit", "number": 1, "rewrite": "set arg[2][0]=x"},
+            "changes nothing: the argument does not exist",
+        ),
         ({"do": "drop", "number": 8}, "no message 8 is held"),
     ],
     ids=str,
@@ -192,7 +198,7 @@ def test_what_makes_no_sense_is_refused_and_changes_nothing(question: object, er
 def test_who_does_not_speak_json_is_no_client_of_ours() -> None:
     reply = ControlApi(rules()).handle_line(b"GET / HTTP/1.1", 0)
     assert not reply.is_json
-    assert json.loads(reply.line)["error"].startswith("no JSON: ")
+    assert json.loads(reply.line)["error"].startswith("this is not JSON: ")
 
 
 @given(

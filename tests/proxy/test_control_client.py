@@ -30,7 +30,7 @@ def test_one_connection_serves_all_questions() -> None:
         assert [rule.name for rule in client.request(control.ListFaults(), control.FaultsResponse).rules] == [
             "drop"
         ]
-        with pytest.raises(ControlRefused, match="there is no fault 'x': drop") as refused:
+        with pytest.raises(ControlRefused, match="no fault is named 'x': drop") as refused:
             client.request(control.EnableFault("x"), control.FaultResponse)
         assert orjson.loads(refused.value.line)["ok"] is False
         assert client.request(control.DisableFault("drop"), control.FaultResponse).name == "drop"

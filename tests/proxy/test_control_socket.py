@@ -124,7 +124,7 @@ def test_lines_are_answered_one_by_one(address: str) -> None:
         assert second == {"ok": True, "name": "drop"}
         one.sendall(b'{"do": ')
         assert (
-            ask(other, b'\n{"do": "on", "name": "x"}\n'.lstrip())[0]["error"] == "there is no fault 'x': drop"
+            ask(other, b'\n{"do": "on", "name": "x"}\n'.lstrip())[0]["error"] == "no fault is named 'x': drop"
         )
         assert ask(one, b'"stats"}\n')[0]["struck"] == {"drop": 0}
 
@@ -168,7 +168,7 @@ def test_who_does_not_speak_json_is_sent_away(address: str) -> None:
     with server(address) as made, connect_control(made.address) as sock:
         sock.sendall(b'POST / HTTP/1.1\r\nHost: x\r\n\r\n{"do": "remove", "name": "drop"}\n')
         with sock.makefile("rb") as answers:
-            assert b"no JSON" in answers.readline()
+            assert b"this is not JSON" in answers.readline()
             assert answers.read() == b""
         with connect_control(made.address) as again:
             assert ask(again, b'{"do": "rules"}\n')[0]["rules"] != []

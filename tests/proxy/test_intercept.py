@@ -106,7 +106,7 @@ def test_retries_are_held_with_their_call(tries: list[tuple[int, int]]) -> None:
 def test_a_copy_of_what_is_held_is_held_with_it() -> None:
     intercept = Intercept(FrameCondition.read("serial == 5"))
     consider(intercept, request(5))
-    note = "intercept: held with 1, of which it is another try"
+    note = "intercept: held with 1, because it is a retry of it"
     assert with_english(consider(intercept, request(5))) == (InterceptResult, note, None)
 
 
@@ -149,8 +149,7 @@ def test_a_datagram_is_given_up_when_its_client_asks_no_more(tries: list[tuple[i
     (held,) = intercept.held
     assert english(held.abandonment_reason(5 * RETRY_WITHIN_NS)) == ""
     assert (
-        english(held.abandonment_reason(5 * RETRY_WITHIN_NS + 1))
-        == "its client has not asked again for 5.0 s"
+        english(held.abandonment_reason(5 * RETRY_WITHIN_NS + 1)) == "its client has sent no retry for 5.0 s"
     )
 
 
@@ -167,7 +166,7 @@ def test_packets_of_earlier_calls_and_of_other_clients_give_nothing_up() -> None
     assert english(held.abandonment_reason(0)) == ""
     consider(intercept, request(6))
     (held,) = intercept.held
-    assert english(held.abandonment_reason(0)) == "its client has asked for something else since"
+    assert english(held.abandonment_reason(0)) == "its client has sent another request since"
 
 
 def test_on_tcp_who_is_silent_may_wait() -> None:

@@ -90,7 +90,7 @@ def test_the_oldest_silent_client_makes_room_and_who_speaks_is_served() -> None:
         silent = [connect(proxy, stack) for _ in range(MAX_PENDING)]
         client = admit(door, proxy, stack)
         assert is_cut_off(silent[0])
-        told = "was silent, and others want to connect; its connection is closed"
+        told = "was silent, and other clients wanted to connect; its connection is closed"
         eventually(lambda: told in proxy.told())
         assert proxy.relay.counts[RelayCounter.DENIED] == 1
         silent[1].sendall(START)
@@ -169,7 +169,7 @@ def test_a_silent_client_can_be_dropped_for_its_file_descriptor() -> None:
         client = scene.come(stack)
         assert scene.entrance.drop_lowest_priority()
         assert is_cut_off(client)
-        assert scene.denied == ["was silent, and there are no file descriptors left"]
+        assert scene.denied == ["was silent, and no file descriptors were left"]
         assert not scene.entrance.drop_lowest_priority()
 
 

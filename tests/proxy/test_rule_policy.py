@@ -346,7 +346,7 @@ def test_a_message_is_held_and_sent_on() -> None:
     made.forward_held(1, 2000 * MS)
     assert made.due() == 0
     (action,) = made.pop_due_actions(2000 * MS)
-    assert with_english(action) == (SendAction, 1, UP, request(1), "intercept: sent on after 2.0 s")
+    assert with_english(action) == (SendAction, 1, UP, request(1), "intercept: sent after 2.0 s")
     assert not made.holds(1, UP)
     with pytest.raises(KeyError):
         made.forward_held(1, 0)
@@ -372,7 +372,7 @@ def test_what_waits_too_long_goes_on_unchanged_and_says_so() -> None:
     assert made.due() == 5000 * MS
     assert made.pop_due_actions(4999 * MS) == []
     (action,) = made.pop_due_actions(5000 * MS)
-    note = "intercept: nobody decided in 5 s, sent on unchanged"
+    note = "intercept: no decision within 5 s: sent unchanged"
     assert with_english(action) == (SendAction, 1, UP, request(1), note)
     assert told == [f"message 1: {note}"]
 
@@ -388,8 +388,8 @@ def test_what_waits_too_long_is_dropped_when_its_client_has_gone_on(
     made.receive(1, UP, request(1), 0)
     assert sent(made.receive(1, UP, later, 1000 * MS).actions) == later
     assert made.pop_due_actions(2000 * MS) == []
-    why = "its client has asked for something else since"
-    assert told == [f"message 1: intercept: nobody decided in 2 s and {why}, dropped"]
+    why = "its client has sent another request since"
+    assert told == [f"message 1: intercept: no decision within 2 s, and {why}: dropped"]
     assert "held requests dropped because their client no longer waited: 1" in map(str, made.report())
     if transport is Transport.UDP:
         assert made.receive(1, UP, request(3, reserved=1), 3000 * MS).actions == []
@@ -402,7 +402,7 @@ def test_what_waits_too_long_is_dropped_when_its_clients_stream_has_ended() -> N
     made.on_stream_end(1, UP, MS)
     assert made.holds(1, UP)
     (action,) = made.pop_due_actions(2000 * MS)
-    note = "intercept: nobody decided in 2 s, sent on unchanged"
+    note = "intercept: no decision within 2 s: sent unchanged"
     assert with_english(action) == (SendAction, 1, DOWN, reply(1), note)
     assert not made.holds(1, UP)
 
@@ -437,7 +437,7 @@ def test_no_more_is_held_than_fits() -> None:
         made.receive(1, UP, request(serial), 0)
     decision = made.receive(1, UP, request(5000), 0)
     assert sent(decision.actions) == request(5000)
-    assert english(decision.note) == f"intercept: not held, {MAX_HELD} are held already"
+    assert english(decision.note) == f"intercept: not held, because {MAX_HELD} messages are held already"
 
 
 EVENTS = st.lists(

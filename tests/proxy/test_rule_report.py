@@ -24,7 +24,7 @@ def test_each_rule_has_its_line() -> None:
 def test_lost_requests_are_named_the_most_frequent_first() -> None:
     move, halt = Frame(request(1)), Frame(encode_frame(1, 0, 70))
     assert str(names_with_counts([halt, move, b"x", move])) == (
-        "2 Robot_Execute slvMove, 1 Robot_Halt, 1 piece of a stream, or bytes that are no frame"
+        "2 Robot_Execute slvMove, 1 Robot_Halt, 1 piece of a stream, or bytes that are not a frame"
     )
 
 

@@ -55,7 +55,7 @@ def test_scripts_change_drop_and_answer() -> None:
     assert (english(unchanged.note), unchanged.actions) == ("", [SendAction(1, UP, request(4))])
     decided(UP, request(5, "CurJnt"))
     assert english(decided(DOWN, reply(5)).note) == "addon: dropped"
-    assert list(map(str, made.report())) == ["scripts: went wrong once"]
+    assert list(map(str, made.report())) == ["scripts: failed once"]
 
 
 def test_the_guard_sees_what_a_script_has_made() -> None:
@@ -243,7 +243,7 @@ def test_a_script_that_takes_too_long_is_switched_off() -> None:
     actions = made.pop_due_actions(100 * MS)
     assert sent(actions) == request(2, "CurJnt")
     answers = [each for each in actions if isinstance(each, LateDecision) and each.note]
-    assert [english(each.note) for each in answers] == ["script is off: motion is refused"] * 2
+    assert [english(each.note) for each in answers] == ["the script is switched off: motion is refused"] * 2
     assert [Frame(sent(each.actions, DOWN)).code for each in answers] == [E_ACCESSDENIED] * 2
     assert (here.located, here.ended, told) == (1, 0, [])
     assert made.due() == 150 * MS
@@ -251,7 +251,7 @@ def test_a_script_that_takes_too_long_is_switched_off() -> None:
     assert (here.ended, made.due()) == (1, None)
     assert told == [
         "script mine.py is switched off: it took longer than 100 ms for request (Robot_Execute slvMove); "
-        "mine.py line 7 in request; stops pass, motion is refused, everything else passes unchanged; restart "
+        "mine.py line 7 in request. Stops pass, motion is refused, everything else passes unchanged. Restart "
         "the proxy to let motion pass"
     ]
 
@@ -273,7 +273,7 @@ def test_without_its_script_all_but_motion_passes(transport: Transport) -> None:
     moving = made.receive(1, UP, request(3) + request(4, "CurJnt"), now)
     assert sent(moving.actions) == request(4, "CurJnt")
     assert Frame(sent(moving.actions, DOWN)).code == E_ACCESSDENIED
-    assert english(moving.note) == "script is off: motion is refused"
+    assert english(moving.note) == "the script is switched off: motion is refused"
 
 
 def test_each_message_has_the_whole_time() -> None:
@@ -300,7 +300,7 @@ def test_a_message_does_not_wait_behind_others_for_ever() -> None:
         made.pop_due_actions(now)
         if not here.queue.is_on:
             break
-    assert english(here.queue.off_because) == "it cannot keep up, messages have waited for 1 s"
+    assert english(here.queue.off_because) == "it cannot keep up: messages have waited for 1 s"
     assert not made.holds(1, UP)
 
 
@@ -390,7 +390,7 @@ def test_the_end_of_its_process_switches_a_script_off() -> None:
     assert sent(made.pop_due_actions(MS)) == request(2, "CurJnt")
     made.pop_due_actions(51 * MS)
     why = "its process ended during request (Robot_Execute slvMove); exit code 3"
-    assert told[0].startswith(f"script mine.py is switched off: {why}; stops pass")
+    assert told[0].startswith(f"script mine.py is switched off: {why}. Stops pass")
     assert "scripts: switched off, its process ended during request" in str(made.report()[-1])
 
 

@@ -118,7 +118,8 @@ def test_reset_passes_through(up: bool) -> None:
             second.recv(1)
         eventually(lambda: proxy.of(RingRecordKind.CLIENT_CLOSED))
         who = "the client" if up else "the controller"
-        assert decoded(proxy.of(RingRecordKind.CLIENT_CLOSED)[0].data) == f"{who}: connection reset by peer"
+        reason = f"the connection to {who} failed: connection reset by peer"
+        assert decoded(proxy.of(RingRecordKind.CLIENT_CLOSED)[0].data) == reason
         came, left = proxy.of(RingRecordKind.RESET)
         assert (came.up, bool(came.received_at), came.sent_at, came.data) == (up, True, 0, b"")
         assert (left.up, left.received_at, bool(left.sent_at), left.data) == (up, 0, True, b"")
@@ -322,7 +323,7 @@ def test_what_is_not_taken_at_the_end_is_told(monkeypatch: pytest.MonkeyPatch, u
         proxy.relay.close()
         whose = "the controller" if up else "the client"
         proxy.look()
-        assert f"5 bytes were not taken by {whose} any more" in proxy.told()
+        assert f"5 bytes could not be delivered to {whose}" in proxy.told()
         assert [each.data for each in proxy.of(RingRecordKind.DATA) if each.up is up][-1] == b"the"
 
 

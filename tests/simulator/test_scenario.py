@@ -110,28 +110,31 @@ def _in(what: str) -> str:
         ("shows: retried", "line 1: title is missing"),
         ("title: ''", "line 1: title: Expected str of length >= 1"),
         (_in("titel: y"), "line 2: there is no field 'titel', did you mean 'title'?"),
-        (_in("profile: rc6"), "line 2: profile: 'rc6' is none of rc7, rc8, rc9, cserver"),
-        (_in("defects: [all]"), "line 2: defects[0]: 'all' is none of forgets-first, serial-zero"),
-        (_in("client: {over: tpc}"), "line 2: client.over: 'tpc' is none of udp, tcp"),
+        (_in("profile: rc6"), "line 2: profile: 'rc6' is not one of rc7, rc8, rc9, cserver"),
+        (_in("defects: [all]"), "line 2: defects[0]: 'all' is not one of forgets-first, serial-zero"),
+        (_in("client: {over: tpc}"), "line 2: client.over: 'tpc' is not one of udp, tcp"),
         (_in("start:\n  motr: true"), "line 3: start: there is no field 'motr', did you mean 'motor'?"),
         (_in("start:\n  motor: 1"), "line 3: start.motor: Expected bool, got int"),
-        (_in("start: {mode: auto}"), "line 2: start.mode: 'auto' is none of manual, teach-check, automatic"),
-        (_in("start:\n  motor_time: 3"), "line 3: start.motor_time: 3 is no duration"),
+        (
+            _in("start: {mode: auto}"),
+            "line 2: start.mode: 'auto' is not one of manual, teach-check, automatic",
+        ),
+        (_in("start:\n  motor_time: 3"), "line 3: start.motor_time: 3 is not a duration"),
         (_in("start: {speed: 0}"), "line 2: start.speed: Expected float >= 0.1"),
         (_in("start: {udp_clients: 21}"), "line 2: start.udp_clients: Expected int <= 20"),
-        (_in("start:\n  errors: [E_FAIL,\n   S_OK]"), "line 4: start.errors[1]: S_OK is no error"),
+        (_in("start:\n  errors: [E_FAIL,\n   S_OK]"), "line 4: start.errors[1]: S_OK is not an error"),
         (
             _in("start: {empty: ['@CURRENT_ANGEL']}"),
             "line 2: start.empty[0]: the robot has no variable @CURRENT_ANGEL",
         ),
-        (_in("start: {errors: [E_FIAL]}"), "line 2: start.errors[0]: 'E_FIAL' is no HRESULT"),
+        (_in("start: {errors: [E_FIAL]}"), "line 2: start.errors[0]: 'E_FIAL' is not an HRESULT"),
         (_in("start: {joints: [1, 2]}"), "line 2: start.joints: Expected array of length >= 6"),
         (
             _in("start:\n  joints: [0, 0, 0, 0, 130, 0]"),
             "line 3: start.joints[4]: J5 is beyond its limits",
         ),
         (_in("variables:\n  Q1: 3"), "line 3: variables.Q1: there is no such variable"),
-        (_in("variables:\n  I100: 3"), "line 3: variables.I100: there is no variable of that number"),
+        (_in("variables:\n  I100: 3"), "line 3: variables.I100: no variable has that number"),
         (_in("variables:\n  I1: [1, 2]"), "line 3: variables.I1: the value does not fit"),
         (_in("variables:\n  P1: [.nan]"), "line 2: variables: Expected float"),
         (_in("tasks: {running: [Pro9]}"), "line 2: tasks.running[0]: Pro9 is not loaded"),
@@ -148,8 +151,8 @@ def _in(what: str) -> str:
             "line 3: faults[0].if: there is no field 'comand'",
         ),
         (_in("faults: [{action: error}]"), "line 2: faults[0]: code is missing"),
-        (_in("faults: [{action: error, code: S_OK}]"), "line 2: faults[0].code: S_OK is no error"),
-        (_in("faults: [{action: mode, to: auto}]"), "line 2: faults[0].to: 'auto' is none of manual,"),
+        (_in("faults: [{action: error, code: S_OK}]"), "line 2: faults[0].code: S_OK is not an error"),
+        (_in("faults: [{action: mode, to: auto}]"), "line 2: faults[0].to: 'auto' is not one of manual,"),
         (_in("faults: [{action: reset, times: 2}]"), "line 2: faults[0].times: needs if or try"),
         (_in("faults: [{action: error, code: E_FAIL, for: 2s}]"), "line 2: faults[0].for: needs if or try"),
         (_in("faults: [{action: reset, probability: 5%}]"), "line 2: faults[0].probability: needs if or try"),
@@ -160,7 +163,7 @@ def _in(what: str) -> str:
         ),
         (
             _in("faults: [{action: drop, name: a}]\nin_slave_mode:\n- {action: drop, name: a}"),
-            "line 4: in_slave_mode[0].name: a is the name of another fault or event",
+            "line 4: in_slave_mode[0].name: another entry is also named a",
         ),
         (_in("seed: x"), "line 2: seed: Expected int, got str"),
     ],
@@ -177,7 +180,7 @@ def test_scenarios_by_name_and_from_files(tmp_path: Path) -> None:
     path.write_text("title: Täglich", encoding="utf-8")
     assert load_scenario(str(path)).title == "Täglich"
     path.write_bytes(b"title: \xff")
-    with pytest.raises(DocumentError, match="the file is not UTF-8 text"):
+    with pytest.raises(DocumentError, match="this is not text in UTF-8"):
         load_scenario(str(path))
     with pytest.raises(LookupError, match="did you mean 'emergency-stop'"):
         load_scenario("emergency-step")
@@ -199,5 +202,5 @@ def test_the_examples_in_the_documentation_can_be_read() -> None:
 def test_a_file_without_an_end_is_not_read_to_its_end(tmp_path: Path) -> None:
     path = tmp_path / "endless.yaml"
     path.symlink_to("/dev/zero")
-    with pytest.raises(DocumentError, match="longer than 1048576 characters"):
+    with pytest.raises(DocumentError, match="longer than the limit of 1048576 characters"):
         load_scenario(str(path))

@@ -257,8 +257,8 @@ def test_a_script_that_goes_wrong_is_told_once_and_all_passes(tmp_path: Path) ->
         (("--fault", "drop if comand == 1"), 2, "did you mean 'command'?"),
         (("--fault", "drop name x", "--fault", "drop name x"), 2, "two faults have the name x"),
         (("--block", "slvMve"), 2, "did you mean 'slvMove'?"),
-        (("--intercept", "serial >"), 2, "a value to compare serial with is missing"),
-        (("--hold", "5"), 2, "'5' is no duration"),
+        (("--intercept", "serial >"), 2, "the value to compare serial with is missing"),
+        (("--hold", "5"), 2, "'5' is not a duration"),
         (("--script", "none.py"), 2, "does not exist"),
         (("--rules", "none.yaml"), 2, "cannot read none.yaml: No such file or directory"),
         pytest.param(
@@ -281,7 +281,7 @@ def test_a_rule_file_is_read_and_its_error_has_a_line(tmp_path: Path) -> None:
     path.write_text("faults:\n  - action: delay\n    time: 3\n")
     ran = run_here("proxy", "--listen", "127.0.0.1:0", "--to", "127.0.0.1:9", "--rules", path)
     assert ran.code == 2
-    assert "rules.yaml: line 3: faults[0].time: 3 is no duration" in ran.err
+    assert "rules.yaml: line 3: faults[0].time: 3 is not a duration" in ran.err
 
 
 def test_a_script_that_cannot_be_used_ends_it(tmp_path: Path) -> None:

@@ -53,14 +53,14 @@ def test_values(text: str, variant: Variant) -> None:
 @pytest.mark.parametrize(
     ("text", "reason"),
     [
-        ("i2:70000", "'70000' is no VT_I2"),
-        ("ui1:-1", "'-1' is no VT_UI1"),
-        ("ui1:0x100", "'0x100' is no VT_UI1"),
-        ("i2:0x10000", "'0x10000' is no VT_I2"),
-        ("r4[]:1,,2", "'' is no VT_R4"),
-        ("bool:2", "'2' is no VT_BOOL"),
+        ("i2:70000", "'70000' is not a VT_I2"),
+        ("ui1:-1", "'-1' is not a VT_UI1"),
+        ("ui1:0x100", "'0x100' is not a VT_UI1"),
+        ("i2:0x10000", "'0x10000' is not a VT_I2"),
+        ("r4[]:1,,2", "'' is not a VT_R4"),
+        ("bool:2", "'2' is not a VT_BOOL"),
         ("empty:1", "VT_EMPTY has no value"),
-        ("empty[]:1", "no arrays of VT_EMPTY"),
+        ("empty[]:1", "arrays of VT_EMPTY do not exist"),
         ("variant:1", "always an array"),
     ],
 )
@@ -87,7 +87,7 @@ def test_the_ends_of_each_integer_type(vt: VT, low: int, high: int) -> None:
     for value in (low, high):
         assert parse_variant(f"{vt.name}:{value}") == Variant(vt, value)
     for value in (low - 1, high + 1):
-        with pytest.raises(ValueError, match=f"'{value}' is no VT_{vt.name}"):
+        with pytest.raises(ValueError, match=f"'{value}' is not a VT_{vt.name}"):
             parse_variant(f"{vt.name}:{value}")
 
 
@@ -110,7 +110,7 @@ def test_types_that_are_known(text: str, types: list[str], variant: Variant) -> 
 
 
 def test_none_of_the_known_types() -> None:
-    with pytest.raises(ValueError, match="'x' is no VT_I2"):
+    with pytest.raises(ValueError, match="'x' is not a VT_I2"):
         parse_variant_as("x", ["VT_I2", "VT_I4"])
 
 

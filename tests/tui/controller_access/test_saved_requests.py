@@ -45,7 +45,7 @@ def test_numbers_may_stand_bare(tmp_path: Path) -> None:
     [
         ("function: Robot_Exec\n", "no function 'Robot_Exec'"),
         ("function: Robot_Speed\narguments: [1]\n", "expected: lAxis, fSpeed"),
-        ("function: Robot_Speed\narguments: [x, 1]\n", "lAxis: 'x' is no VT_I4"),
+        ("function: Robot_Speed\narguments: [x, 1]\n", "lAxis: 'x' is not a VT_I4"),
         ("function: Robot_Speed\nspeed: 3\n", "speed"),
         ("- 1\n", "array"),
         ("{", "yaml"),
