@@ -173,11 +173,11 @@ def test_a_request_is_written_as_documented() -> None:
         ({"do": "edit", "number": 1, "rewrite": "sett"}, "'sett' has no meaning here"),
         (
             {"do": "edit", "number": 1, "rewrite": "set arg[9]=1"},
-            "changes nothing: the argument does not exist",
+            "this changes nothing: the argument does not exist",
         ),
         (
             {"do": "edit", "number": 1, "rewrite": "set arg[2][0]=x"},
-            "changes nothing: the argument does not exist",
+            "this changes nothing: the argument does not exist",
         ),
         ({"do": "drop", "number": 8}, "no message 8 is held"),
     ],
