@@ -18,7 +18,7 @@ _LONGEST_KEPT = 512  # bytes of a request's content; real sessions contain few l
 
 
 class AttemptedCall:
-    """A call. Two objects are equal only if they are the same object.
+    """A call. Two `AttemptedCall` objects are equal only if they are the same object.
 
     Attributes:
         content: Bytes of each request of the call from the function id on, or their hash if there are many.

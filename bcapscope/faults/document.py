@@ -30,7 +30,7 @@ from bcapscope.protocol.text_format import shortened
 from bcapscope.traffic.filter.tokens import with_nearest
 
 LONGEST_DOCUMENT = 1 << 20
-"""Maximum number of characters of a document. The longest documents that people write have ten thousand."""
+"""Maximum number of characters of a document; documents that people write have at most ten thousand."""
 
 T = TypeVar("T")
 

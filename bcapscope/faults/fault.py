@@ -74,13 +74,13 @@ class Fault(
     Attributes:
         name: Name for reports, and seed of the random numbers: letters, digits and ``_ . + -``. An empty name
             is replaced by a generated one.
-        when: Filter that a message must match; written as ``if``.
+        when: Filter that a message must match; `when` is written as ``if``.
         direction: Direction of the messages to hit; None for both directions.
         probability: Share of the messages to hit, among those that fulfil all other conditions.
         times: Number of hits after which the fault ends; None for no limit.
         after: Time from the setup of the fault to its start.
-        lasts: Time from the start to the end of the fault; None for no end. It is written as ``for``.
-        attempt: Attempt of a call to hit, or whose response to hit; 1 is the first, None is any. It is
+        lasts: Time from the start to the end of the fault; None for no end; `lasts` is written as ``for``.
+        attempt: Attempt of a call to hit, or whose response to hit; 1 is the first, None is any; `attempt` is
             written as ``try``.
     """
 
@@ -226,8 +226,8 @@ class RewriteFault(Fault, frozen=True, kw_only=True, tag="rewrite"):
         code: New function id of a request, or new HRESULT of a response.
         set: New values of arguments or elements: ``{"arg[2][0]": 10}``. A value keeps its type unless the
             text names another: ``r4:10``.
-        limit: Spans for numbers. A number outside its span becomes the nearest end of the span. For an array,
-            this applies to every element.
+        limit: Spans for numbers. A number outside its span becomes the nearest end of the span. The span of
+            an array applies to every element.
         step: Largest change of a number from one message to the next similar message of the conversation.
     """
 

@@ -34,8 +34,8 @@ from bcapscope.traffic.observation import Conversation, Direction, Flow, Transpo
 MAX_WAITING = 16 << 20
 """Maximum number of bytes that faults hold, with `_OUTPUT_COST` bytes added per message.
 
-That is a second of traffic on a full line of 100 Mbit/s. Beyond it, datagrams that would be held are dropped,
-as in a queue of tc-netem(8).
+This maximum is a second of traffic on a full line of 100 Mbit/s. Beyond it, datagrams that would be held are
+dropped, as in a queue of tc-netem(8).
 """
 
 _OUTPUT_COST = 300

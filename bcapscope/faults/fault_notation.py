@@ -1,6 +1,6 @@
 """A fault is written in one line: ``delay=3ms±1ms request times 5 if command == slvMove``.
 
-First the action, with its main value after ``=``:
+Write the action first, with its main value after ``=``:
 
     loss=5%                 lose this share of messages
     drop                    lose all messages
@@ -22,8 +22,8 @@ First the action, with its main value after ``=``:
     rewrite                 change serial, reserved or code, or arguments with
                             set, limit or step
 
-Then, in any order, which messages the fault applies to, and other fields of
-the action by name:
+Then write, in any order, which messages the fault applies to, and other
+fields of the action by name:
 
     request  response       only this direction; reply means response
     5%                      with this probability
@@ -34,9 +34,9 @@ the action by name:
     distribution normal     of the jitter: uniform, normal, pareto
     set arg[2][0]=10        limit arg[2]=-90..90   step arg[2]=0.5
 
-Last ``if`` with a filter. `bcapscope fields` explains filters.
+Write ``if`` with a filter last. `bcapscope fields` explains filters.
 
-In a YAML file, every field has its name, also those after ``=``:
+In a YAML file, every field has its name, also the fields after ``=``:
 
     faults:
       - {action: drop, probability: 5%, direction: response, try: 1}

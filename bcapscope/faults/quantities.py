@@ -226,7 +226,6 @@ class Span:
 
     @property
     def text(self) -> str:
-        """The span in its written form."""
         low, high = (
             repr(limit).removesuffix(".0") if math.isfinite(limit) else "" for limit in (self.low, self.high)
         )

@@ -21,7 +21,7 @@ MAX_REMEMBERED = 4096
 """Maximum number of messages remembered for a `step`, oldest forgotten first; a session has a few dozen."""
 
 MAX_BYTES = 1 << 20
-"""Maximum number of decompressed bytes of these messages; their values may take a hundred times as much."""
+"""Maximum number of decompressed bytes of remembered messages; values may take a hundred times as much."""
 
 _Key: TypeAlias = tuple[Conversation, Direction, tuple[int, str | None]]
 

@@ -40,9 +40,7 @@ from bcapscope.traffic.pipeline import Pipeline, PipelineSubscriber
 HOOKS = ("request", "reply", "settled", "connected", "gone", "done")
 
 SLOW_HOOK_NS = 2_000_000
-"""Time in ns after which a hook is slow: the time of a set point (DENSO Wave 2009, How to use the Slave
-mode).
-"""
+"""Time in ns after which a hook is slow (DENSO Wave 2009, How to use the Slave mode: time of a set point)."""
 
 
 class AddonClient(NamedTuple):
@@ -194,7 +192,7 @@ class AddonRunner(PipelineSubscriber):
         try:
             hook(*arguments)
         except BaseException as error:  # even SystemExit, because the process must continue
-            if self._is_new(addon, name, "error"):  # formatting the place of an error takes long
+            if self._is_new(addon, name, "error"):  # finding the place of an error takes long
                 self.notify(
                     Message("addon.error", hook=f"{type(addon).__name__}.{name}", error=_where(error))
                 )
@@ -203,7 +201,7 @@ class AddonRunner(PipelineSubscriber):
             self.notify(Message("addon.slow", hook=hook_name, time=f"{took / 1e6:.1f} ms"))
 
     def _is_new(self, addon: object, name: str, kind: str) -> bool:
-        """Count an error. Return whether it is the first of its kind, which the user must see."""
+        """Count an error. Return whether the error is the first of its kind, so that the user must see it."""
         self.errors += kind != "slow"
         key = (id(addon), name, kind)
         is_new = key not in self._reported

@@ -18,10 +18,13 @@ MAX_CLIENTS = 256
 """Maximum number of clients per transport; DENSO's C server has 20 (orin_bcap C/src/bcap_server.c)."""
 
 MAX_PER_SOURCE = 192
-"""Maximum number of clients per address, which may be a whole plant's. The rest serves three controllers."""
+"""Maximum number of clients per address, since one address may stand for a whole plant.
+
+The other slots are enough for three controllers.
+"""
 
 RESERVED_SLOTS = 4
-"""Number of additional slots per transport for stops. A new client in them replaces the oldest."""
+"""Number of additional slots per transport for stops. A new client replaces the oldest in these slots."""
 
 REPLACE_INTERVAL_NS = 5_000_000
 """Time in ns between two evictions of fresh clients, which limits the cost of a flood from new UDP ports."""

@@ -35,8 +35,6 @@ class ControlResponse(NamedTuple):
 
 
 class ControlApi:
-    """Executes the requests that the control socket receives."""
-
     def __init__(
         self,
         rules: RulePolicy,
@@ -45,10 +43,8 @@ class ControlApi:
     ) -> None:
         """Use the rules of a proxy.
 
-        Args:
-            figures: Function that returns the relay's figures, by their names in `ProxyStats`.
-            upstream: Function that returns the state of a client's connection to the controller, by client
-                number.
+        `figures` returns the relay's figures, by their names in `ProxyStats`. `upstream` returns the state of
+        a client's connection to the controller, by client number.
         """
         self._rules = rules
         self._figures = figures

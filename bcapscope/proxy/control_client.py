@@ -1,4 +1,4 @@
-"""The client of the control socket. It sends requests to a proxy and reads the responses.
+"""The client of the control socket, which sends requests to a proxy and reads the responses.
 
 Any program may listen on the address. So the client limits the size and the time of a response. The values in
 a response are strings from the wire: escape them before you print them.
@@ -45,7 +45,7 @@ class ControlRefused(BcapError):
 
 
 class ControlClient:
-    """A control connection to a proxy. It opens with the first request, and opens again after it broke."""
+    """A control connection to a proxy, which opens with the first request and again after a failure."""
 
     def __init__(self, address: str) -> None:
         """Set the address, which is the one that the proxy got with ``--control``."""

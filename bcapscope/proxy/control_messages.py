@@ -12,8 +12,8 @@
     {"do": "clients"}                            clients, and their connections to the controller
     {"do": "stats"}
 
-A response has "ok": true and the result, or "ok": false and "error". The client checks its types and bounds,
-since any program may listen on the address.
+A response has "ok": true and the result, or "ok": false and "error". The client checks the types and bounds
+of a response, because any program may listen on the address.
 """
 
 from __future__ import annotations

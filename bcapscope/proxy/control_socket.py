@@ -22,7 +22,7 @@ MAX_CONNECTIONS = 16
 _BACKLOG = 128
 
 IDLE_AFTER = 10.0
-"""Time in seconds after its last command in which a connection is not closed in favour of a new one."""
+"""Idle time in seconds after which a new control connection may replace an old one."""
 
 
 class ControlError(BcapError):

@@ -84,7 +84,7 @@ class Policy(Protocol):
         """Register a client by its number, which is never used twice, and its conversation."""
 
     def receive(self, client: int, direction: Direction, data: bytes, now: int) -> PolicyDecision:
-        """Decide about a datagram, or about the next bytes of a stream. Calls come in order of arrival."""
+        """Decide about a datagram, or about the next bytes of a stream. Data comes in order of arrival."""
 
     def holds(self, client: int, direction: Direction) -> bool:
         """Return whether rules hold data of this direction. The end of a stream is forwarded after that data.

@@ -65,11 +65,7 @@ class _Client:
 
 
 class RecordDecoder:
-    """Decodes the records of all clients.
-
-    Attributes:
-        observation_count: Number of observations yielded so far.
-    """
+    """Decodes the records of all clients."""
 
     def __init__(self) -> None:
         self.observation_count = 0

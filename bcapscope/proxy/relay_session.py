@@ -26,7 +26,7 @@ class RelaySession(Occupant, Protocol):
         """State of the connection to the controller: open, connecting, connected, half-open or refused."""
 
     def send(self, up: bool, data: bytes) -> int:
-        """Send data up or down. Return when, in ns since 1970; 0 if some of the data was not sent yet."""
+        """Send data up or down. Return the time in ns since 1970; 0 if some of the data was not sent yet."""
 
     def on_nothing_held(self, up: bool) -> None:
         """Continue after rules have released all data of a direction."""

@@ -273,7 +273,7 @@ class RingWriter(_Ring):
             )
 
     def _write_holes(self, client: int, size: int) -> bool:
-        """Write the holes of a client's streams. Return whether they and the next record found room.
+        """Write the holes of a client's streams. Return whether the holes and the next record found room.
 
         If only the holes found room, many short holes would follow instead of one long hole.
         """
@@ -374,7 +374,7 @@ class RingReader(_Ring):
     """
 
     def __init__(self, memory: memoryview, *, ahead: bool = False) -> None:
-        """Read from the beginning. If `ahead` is True, only another reader that follows frees memory."""
+        """Read from the beginning. If `ahead` is True, another reader follows, which frees the memory."""
         super().__init__(memory)
         self.position = self._ready = 0
         self._position_field = _AHEAD if ahead else _READ

@@ -1,4 +1,4 @@
-"""The process in which the scripts run. It receives orders from the proxy, calls the hooks and answers."""
+"""The process in which the scripts run: it receives orders from the proxy, calls the hooks and answers."""
 
 from __future__ import annotations
 

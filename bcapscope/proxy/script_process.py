@@ -305,7 +305,7 @@ class ScriptProcess:
 
 
 def _exit_message(code: int) -> Message:
-    """Return why a process ended that nobody ended: its exit code or the name of a signal."""
+    """Return how a process ended on its own: its exit code, or the name of a signal."""
     if code >= 0:
         return Message("script.exit-code", code=code)
     try:

@@ -42,20 +42,19 @@ no longer waits.
 """
 
 LONGEST_WAIT = 1_000_000_000
-"""Maximum total time in ns that a message waits, behind other messages too. A longer time limit replaces it.
+"""Maximum total time in ns that a message waits, behind other messages too, unless the time limit is longer.
 """
 
 MAX_WAITING = 64
-"""Maximum number of waiting datagrams of one client, which makes one call at a time in eight attempts."""
+"""Maximum number of waiting datagrams of one client, which sends at most eight attempts of one call."""
 
 MAX_BYTES = 1 << 16
-"""Maximum number of waiting bytes of one client. Beyond it, datagrams are dropped and streams are not read.
-"""
+"""Maximum number of waiting bytes per client, beyond which streams are not read and datagrams are dropped."""
 
 MAX_BYTES_IN_ALL = 1 << 22
 """Maximum number of waiting bytes of all clients.
 
-Beyond it, messages that need no decision are not shown to the scripts.
+Beyond this maximum, messages that need no decision are not shown to the scripts.
 """
 
 _LATE = 20_000_000

@@ -27,8 +27,8 @@ _MEMINFO_DROPS = 8  # linux/sock_diag.h, SK_MEMINFO_DROPS
 _BACKLOG = 1024
 """Maximum number of connections that wait to be accepted.
 
-Beyond it, the system drops the packets of new clients. Such a client tries again after a second, which is too
-late for a stop.
+Beyond this maximum, the system drops the packets of new clients. Such a client tries again after a second,
+which is too late for a stop.
 """
 
 

@@ -53,7 +53,6 @@ class _HalfConnection:
     """One direction of a connection.
 
     Attributes:
-        up: True from client to controller.
         source: Socket from which the bytes are read.
         sink: Socket to which the bytes are written.
         pending: Bytes that the sink has not accepted yet.
@@ -214,7 +213,7 @@ class TcpSession:
         return quiet if is_stuck and quiet > STUCK_AFTER_NS else None
 
     def sweep(self, now: int) -> None:
-        """End the session if it does not connect or stays half closed; else continue what rules delayed."""
+        """End a session that does not connect or stays half closed; else forward ends that rules delayed."""
         if not self._connected and now - self.last_heard > CONNECT_TIMEOUT_NS:
             self.fail(errno.ETIMEDOUT)
         elif not self._is_half_open and self._is_expired(now - self._last_activity):
@@ -317,7 +316,7 @@ class TcpSession:
                 ring.write_record(half.up, self.number, 0, left, data[:sent])
 
     def _write(self, half: _HalfConnection, data: memoryview) -> tuple[int, int]:
-        """Write bytes that the sink accepts, and keep the rest. Return the time and the number of bytes."""
+        """Write bytes that the sink accepts. Return the time of writing and the number of bytes written."""
         sent = 0
         left = time.time_ns()
         if not half.pending:
@@ -375,7 +374,7 @@ class TcpSession:
         self._close(True, why, b"" if was_reset else encode_note(why))
 
     def _may_read(self, half: _HalfConnection) -> bool:
-        """Return whether to read more bytes of a direction. Pending bytes of a slow receiver prevent that."""
+        """Return whether to read more bytes of a direction: not while its receiver is too slow."""
         policy = self._relay.policy
         if self._relay.pauses_reading(self):
             return False

@@ -1,4 +1,4 @@
-"""UDP clients of the proxy. Each has a socket toward the controller, which distinguishes clients by port."""
+"""UDP clients. Each client has a socket toward the controller, which distinguishes clients by port."""
 
 from __future__ import annotations
 
@@ -221,14 +221,14 @@ class UdpSession:
         return "refused" if self._listener.refused else "open"
 
     def send(self, up: bool, data: bytes) -> int:
-        """Send and count a datagram. Return when, in ns since 1970; 0 if the system refused the datagram."""
+        """Send and count a datagram. Return the time in ns since 1970; 0 if the system refused to send."""
         left = self.forward(up, data)
         if left:
             self._relay.counts[RelayCounter.LEFT_UP if up else RelayCounter.LEFT_DOWN] += 1
         return left
 
     def forward(self, up: bool, data: bytes) -> int:
-        """Send a datagram. Return when, in ns since 1970; 0 if the system refused the datagram."""
+        """Send a datagram. Return the time in ns since 1970; 0 if the system refused to send."""
         left = time.time_ns()
         try:
             if up:
@@ -249,7 +249,8 @@ class UdpSession:
     def send_closing_requests(self, requests: Sequence[bytes], until: float) -> int:
         """Send requests in the client's place, each after the previous reply. Return how many were answered.
 
-        This method blocks the relay. It sends nothing after the time `until`, in seconds of `time.monotonic`.
+        This method blocks the relay. No request is sent after the time `until`, in seconds of
+        `time.monotonic`.
         """
         for count, request in enumerate(requests):
             if not any(time.monotonic() < until and self._request(request) for _ in range(_TRIES)):

@@ -23,10 +23,9 @@ def open_upstream(
     relay: Relay, transport: Transport, host: str, is_stop: bool, open_socket: Callable[[], socket.socket]
 ) -> tuple[socket.socket, ClientSlot]:
     """Find a slot for a new client, and open a socket toward the controller. Other clients may be ended for
-    it.
+    the new client.
 
     Args:
-        host: Address of the client.
         is_stop: True if the client's first frame is a stop, for which other clients end to free a file
             descriptor.
         open_socket: Function that opens the socket toward the controller.
