@@ -98,7 +98,7 @@ def test_a_rule_file_is_read() -> None:
         ("faults: !!python/object:os.system []\n", "line 1: could not determine a constructor"),
         ("faults: " + "[" * 200_000, "line 1: more than 64 levels"),
         ("faults:\n" + "- " * 65, "line 2: more than 64 levels"),
-        ("faults: 2001-99-99", "this is no YAML: month must be in 1..12"),
+        ("faults: 2001-99-99", "this is not YAML: month must be in 1..12"),
         (f"faults: {'9' * 5000}", "line 1: a number of more than 40 characters"),
         ("x" * (1 << 20) + "x", "longer than 1048576 characters"),
     ],
