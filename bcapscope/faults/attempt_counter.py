@@ -1,4 +1,4 @@
-"""Attempt numbers: which attempt of its call a request is, and which attempt a response answers."""
+"""Counts attempts: which attempt of its call a request is, and which attempt a response answers."""
 
 from __future__ import annotations
 
@@ -10,19 +10,18 @@ from bcapscope.traffic.call_kind import MAX_CONVERSATIONS, MAX_SERIALS
 from bcapscope.traffic.observation import Conversation, Direction, Flow, Transport
 
 MAX_ATTEMPTS = 16
-"""Twice the number of attempts that any client sends for one call, except the client that retries without
-end."""
+"""Maximum attempt number that serials can imply: twice the number of attempts that clients send for one call.
+"""
 
 
-_LONGEST_KEPT = 512  # bytes of a request's content; nearly all requests of real sessions are shorter
+_LONGEST_KEPT = 512  # bytes of a request's content; real sessions contain few longer requests
 
 
 class AttemptedCall:
-    """A call, compared by identity.
+    """A call. Two `AttemptedCall` objects are equal only if they are the same object.
 
     Attributes:
-        content: Content of each of its requests from the function id on, or its digest if the content is
-            long.
+        content: Bytes of each request of the call from the function id on, or their hash if there are many.
         attempts: Number of attempts so far.
     """
 
@@ -37,8 +36,7 @@ class CallAttempt(NamedTuple):
     """One attempt of a call.
 
     Attributes:
-        call: Call that the attempt belongs to.
-        number: Number of the attempt; 1 is the first.
+        number: Number of the attempt; 1 is the first attempt.
     """
 
     call: AttemptedCall
@@ -46,7 +44,7 @@ class CallAttempt(NamedTuple):
 
 
 def _content_key(request: Frame) -> bytes:
-    """Return the bytes that all attempts of a call share, or their hash if there are more than 512."""
+    """Return the bytes that all attempts of a call share, or the hash of more than 512 such bytes."""
     content = request.raw[9:]
     return content if len(content) <= _LONGEST_KEPT else blake2b(content).digest()
 
@@ -54,7 +52,7 @@ def _content_key(request: Frame) -> bytes:
 class AttemptCounter:
     """Counts attempts by the serials that retries name, in every convention of the reserved field.
 
-    On TCP every request counts as a first attempt, since clients do not retry there.
+    On TCP every request is a first attempt, because clients do not retry on TCP.
     """
 
     def __init__(self) -> None:
@@ -63,8 +61,7 @@ class AttemptCounter:
     def attempt_number(self, flow: Flow, frame: Frame) -> int | None:
         """Return the attempt number of a request, or of the attempt that a response answers; 1 is the first.
 
-        Returns:
-            None for a response to an unknown or old request.
+        A response to an unknown or old request gives None.
         """
         if flow.conversation.transport is Transport.TCP:
             return 1
@@ -72,10 +69,9 @@ class AttemptCounter:
         return None if found is None else found.number
 
     def add_frame(self, flow: Flow, frame: Frame) -> CallAttempt | None:
-        """Add the next frame of a UDP conversation; return the attempt that it is or answers.
+        """Add the next frame of a UDP conversation. Return the attempt that the frame is or answers.
 
-        Returns:
-            None for a response to an unknown or old request.
+        A response to an unknown or old request gives None.
         """
         serials = self._conversations.pop(flow.conversation, None) or _AttemptsBySerial()
         while len(self._conversations) >= MAX_CONVERSATIONS:
@@ -86,7 +82,7 @@ class AttemptCounter:
         )
 
     def find_same_request(self, flow: Flow, request: Frame) -> AttemptedCall | None:
-        """Return the call with the same serial and the same request content. The counter does not change."""
+        """Return the call with the same serial and the same request content, without counting an attempt."""
         serials = self._conversations.get(flow.conversation)
         known = serials.find(request.serial) if serials else None
         return known.call if known and known.call.content == _content_key(request) else None
@@ -97,7 +93,7 @@ class AttemptCounter:
 
 
 class _AttemptsBySerial:
-    """Attempts of one conversation by serial. Two generations let old ones expire without a search."""
+    """Attempts of one conversation by serial. Of two generations, the older one expires as a whole."""
 
     __slots__ = ("earlier", "latest")
 
@@ -112,7 +108,7 @@ class _AttemptsBySerial:
         serial, reserved, content = frame.serial, frame.reserved, _content_key(frame)
         known = self.find(serial)
         if known and known.call.content == content and reserved not in (0, serial):
-            return known  # a copy made by the network
+            return known  # the network has duplicated this request
         found = self._new_attempt(serial, reserved, content)
         found.call.attempts = max(found.call.attempts, found.number)
         self.latest[serial] = found
@@ -126,7 +122,7 @@ class _AttemptsBySerial:
         origin = self.find(reserved)
         if origin and origin.call.content == content:
             return CallAttempt(origin.call, origin.call.attempts + 1)
-        # The first attempt was lost before it arrived here. Later serials count up from its serial.
+        # The first attempt was lost on the way. The serials of later attempts count up from its serial.
         behind = (serial - reserved) & 0xFFFF
         found = CallAttempt(AttemptedCall(content, 1), behind + 1 if behind < MAX_ATTEMPTS else 2)
         self.latest[reserved] = CallAttempt(found.call, 1)

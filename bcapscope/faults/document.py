@@ -1,4 +1,4 @@
-"""Read faults from YAML, in the vocabulary that rule files and scenarios share.
+"""Reads faults from YAML, in the vocabulary that rule files and scenarios share.
 
 A document is checked against a `msgspec.Struct`. A struct for a document with faults has a field ``faults:
 tuple[AnyFault, ...]``. An error names the line and the field.
@@ -30,7 +30,7 @@ from bcapscope.protocol.text_format import shortened
 from bcapscope.traffic.filter.tokens import with_nearest
 
 LONGEST_DOCUMENT = 1 << 20
-"""Limit in characters; the longest documents that people write have about ten thousand."""
+"""Maximum number of characters of a document; documents that people write have at most ten thousand."""
 
 T = TypeVar("T")
 
@@ -41,12 +41,12 @@ _FIELD = re.compile(r"field `([^`]*)`")
 
 
 class DocumentError(InputError):
-    """An invalid document; `message` has line, field and reason.
+    """A document is invalid; `message` contains line, field and reason.
 
     Attributes:
-        path: Names and indexes that lead to the error.
-        line: Line of the error, from 1; 0 without a text.
-        reason: What is wrong there.
+        path: Names and indexes that lead from the document to the error.
+        line: Line of the error, counted from 1; 0 if there is no text.
+        reason: Reason of the error, without its line and field.
     """
 
     def __init__(self, path: tuple[str | int, ...], line: int, reason: Message) -> None:
@@ -63,7 +63,7 @@ class DocumentError(InputError):
 
 
 class FieldError(InputError):
-    """Raised by a struct whose fields contradict each other; names the field to change.
+    """The fields of a struct contradict each other; the error names the field to change.
 
     Attributes:
         path: Names and indexes that lead from the struct to the field.
@@ -75,22 +75,15 @@ class FieldError(InputError):
 
 
 class RuleFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Contents of a rule file.
-
-    Attributes:
-        faults: Faults in the order in which they apply.
-    """
+    """Contents of a rule file: faults in the order in which they apply."""
 
     faults: tuple[AnyFault, ...]
 
 
 def read_document(text: str, kind: type[T]) -> T:
-    """Read a YAML document into a struct.
+    """Read a YAML document, without anchors and with each key once, into a struct of type `kind`.
 
-    Args:
-        text: One document, without anchors and with each key once.
-        kind: Type of the whole document. Its fields may have the types of `bcapscope.faults.quantities` as
-            well.
+    The fields of the struct may have the types in `bcapscope.faults.quantities`.
 
     Raises:
         DocumentError: The text is no valid YAML, or does not match `kind`.
@@ -121,21 +114,21 @@ def fault_from(data: object) -> AnyFault:
     """Convert plain data into a fault.
 
     Raises:
-        DocumentError: The data is no valid fault.
+        DocumentError: The data does not describe a valid fault.
     """
     found: AnyFault = convert_data(data, AnyFault)
     return found
 
 
 def to_plain_data(value: object) -> Any:
-    """Convert a struct into plain data, as written in a document, without fields at their default."""
+    """Convert a struct into plain data as in a document, without the fields that have their default value."""
     return msgspec.to_builtins(value, enc_hook=lambda quantity: quantity.text)
 
 
 def _read_quantity(kind: type, written: object) -> object:
     if kind in QUANTITIES:
         return kind.read(written)
-    raise NotImplementedError(f"{kind} is no quantity")  # msgspec expects this for an unknown type
+    raise NotImplementedError(f"{kind} is no quantity")  # msgspec expects this error for an unknown type
 
 
 class _Loader(SafeLoader):
@@ -170,7 +163,7 @@ def _check_number(node: yaml.ScalarNode) -> None:
 
 
 def _check_events(text: str) -> None:
-    """Check the nesting, and reject aliases, before anything is built."""
+    """Check the levels of nesting, and reject aliases, before any object is built."""
     for event in yaml_events(text):
         if isinstance(event, yaml.AliasEvent):
             raise YamlError(Message("yaml.anchors"), event.start_mark)
@@ -198,8 +191,8 @@ class _ErrorPlace(NamedTuple):
     """Location of an error in the data.
 
     Attributes:
-        path: Names and indexes that lead to the error.
-        kinds: Type of the enclosing struct, or all candidates if the type is unknown.
+        path: Names and indexes that lead from the document to the error.
+        kinds: Type of the struct that contains the error, or all candidates if the type is unknown.
     """
 
     path: tuple[str | int, ...]
@@ -260,7 +253,7 @@ def _actions(kinds: Iterable[type[msgspec.Struct]]) -> list[str]:
 
 
 def _kinds_at(path: Iterable[str | int], data: object, kind: Any) -> tuple[type[msgspec.Struct], ...]:
-    """List the possible types of the struct that a path leads into."""
+    """Return the possible types of the struct into which a path leads."""
     found = _matching_structs(_structs(kind), data)
     inside = found
     for step in path:
@@ -273,7 +266,7 @@ def _kinds_at(path: Iterable[str | int], data: object, kind: Any) -> tuple[type[
 
 
 def _structs(hint: Any) -> tuple[type[msgspec.Struct], ...]:
-    """List the structs in a type hint, such as the members of a union or the element types of a tuple."""
+    """Return the structs in a type hint, such as the members of a union or the element types of a tuple."""
     return tuple(_types(hint, msgspec.Struct))
 
 
@@ -287,14 +280,14 @@ def _types(hint: Any, base: type[T]) -> Iterator[type[T]]:
 def _matching_structs(
     structs: tuple[type[msgspec.Struct], ...], data: object
 ) -> tuple[type[msgspec.Struct], ...]:
-    """Choose the struct that the data's ``action`` names; all structs if it names none."""
+    """Return the struct that the data's ``action`` names; all structs if the data names none."""
     action = data.get("action") if isinstance(data, dict) else None
     named = tuple(each for each in structs if each.__struct_config__.tag == action)
     return named or structs
 
 
 def _field_type(kind: type[msgspec.Struct], written: str) -> Any:
-    """Return the type of a field by its name in documents; None if there is no such field."""
+    """Return the type of a field by its name in documents; None for an unknown field."""
     names = dict(zip(kind.__struct_encode_fields__, kind.__struct_fields__, strict=True))
     return get_type_hints(kind).get(names.get(written, ""))
 

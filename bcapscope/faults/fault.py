@@ -1,8 +1,8 @@
 """The faults, as validated immutable data.
 
-Names are those of Linux tc-netem(8) and of Shopify's toxiproxy where they have one. A fault specifies which
-messages it hits and what happens to them. Each fault has its own stream of random numbers. A message is a
-datagram. On TCP it is a frame, or a run of bytes that are no frame.
+Names are those of Linux tc-netem(8) and of Shopify's toxiproxy, if these programs have one. A fault specifies
+which messages it hits and what happens to them. Each fault has its own stream of random numbers. A message is
+a datagram. On TCP, a message is a frame, or a run of bytes that are not a frame.
 """
 
 from __future__ import annotations
@@ -41,23 +41,23 @@ ALWAYS, NEVER = Share(1), Share(0)
 
 
 class JitterDistribution(StrEnum):
-    """How the jitter spreads around the delay."""
+    """Distribution of the jitter of a delay."""
 
     UNIFORM = "uniform"
     """Evenly within ± the jitter."""
     NORMAL = "normal"
     """The jitter is the standard deviation."""
     PARETO = "pareto"
-    """Mostly short and rarely very long: the jitter is the scale of a tail with exponent 3."""
+    """The jitter is the scale of a tail with exponent 3: most delays are short, and a few are very long."""
 
 
 class CloseMode(StrEnum):
     """How a TCP connection is closed."""
 
     RESET = "reset"
-    """At once, with RST."""
+    """Close with RST, at once."""
     FIN = "fin"
-    """In order, with FIN."""
+    """Close with FIN, after all bytes were sent."""
 
 
 class Fault(
@@ -69,18 +69,19 @@ class Fault(
     tag_field="action",
     rename={"when": "if", "lasts": "for", "attempt": "try"},
 ):
-    """Fields of all faults, which select the messages to hit.
+    """Fields of all faults, which select the messages that the fault hits.
 
     Attributes:
-        name: Name for reports, and seed of the random numbers: letters, digits and ``_ . + -``. If empty, a
-            name is generated.
-        when: Filter that the message must match; written ``if``.
-        direction: Only requests or only responses; None for both.
-        probability: Share of the otherwise matching messages to hit.
+        name: Name for reports, and seed of the random numbers: letters, digits and ``_ . + -``. An empty name
+            is replaced by a generated one.
+        when: Filter that a message must match; `when` is written as ``if``.
+        direction: Direction of the messages to hit; None for both directions.
+        probability: Share of the messages to hit, among those that fulfil all other conditions.
         times: Number of hits after which the fault ends; None for no limit.
-        after: Time from setup to the start of the fault.
-        lasts: Time from the start to the end of the fault; None for no end. Written ``for``.
-        attempt: Only the n-th attempt of a call, or the response to it; 1 is the first. Written ``try``.
+        after: Time from the setup of the fault to its start.
+        lasts: Time from the start to the end of the fault; None for no end; `lasts` is written as ``for``.
+        attempt: Attempt of a call to hit, or whose response to hit; 1 is the first, None is any; `attempt` is
+            written as ``try``.
     """
 
     name: Annotated[str, Meta(pattern=r"^[\w.+-]{0,60}$")] = ""
@@ -93,11 +94,10 @@ class Fault(
     attempt: Count | None = None
 
     needs_whole_frame: ClassVar[bool] = False
-    """Whether the action itself needs whole frames, regardless of the conditions."""
+    """Whether the action needs whole frames, regardless of the conditions."""
 
     @property
     def action(self) -> str:
-        """Name of the action in files and on the command line."""
         return str(self.__struct_config__.tag)
 
     @property
@@ -116,19 +116,19 @@ class PassFault(Fault, frozen=True, kw_only=True, tag="pass"):
 
 
 class DropFault(Fault, frozen=True, kw_only=True, tag="drop"):
-    """Lose the message."""
+    """Drop the message."""
 
     needs_whole_frame: ClassVar[bool] = True
 
 
 class BurstFault(Fault, frozen=True, kw_only=True, tag="burst"):
-    """Lose messages in bursts, with the Gilbert-Elliott model, separately for each direction.
+    """Drop messages in bursts, with the Gilbert-Elliott model, separately for each direction.
 
     Attributes:
-        enter: Probability, per message, that the good state turns bad.
-        leave: Probability, per message, that the bad state turns good.
-        bad: Share of messages lost in the bad state.
-        good: Share of messages lost in the good state.
+        enter: Probability per message of a change from the good state to the bad state.
+        leave: Probability per message of a change from the bad state to the good state.
+        bad: Share of the messages that are dropped in the bad state.
+        good: Share of the messages that are dropped in the good state.
     """
 
     enter: Share
@@ -140,12 +140,11 @@ class BurstFault(Fault, frozen=True, kw_only=True, tag="burst"):
 
 
 class DelayFault(Fault, frozen=True, kw_only=True, tag="delay"):
-    """Forward the message later. Datagrams may overtake it; bytes of a stream never do.
+    """Forward the message later. Other datagrams may overtake a datagram; bytes of a stream stay in order.
 
     Attributes:
         time: Delay without jitter.
-        jitter: Variation of the delay; the result is never negative.
-        distribution: Distribution of the jitter.
+        jitter: Variation of the delay. The sum of delay and jitter is never negative.
     """
 
     time: DurationQuantity
@@ -157,8 +156,8 @@ class DuplicateFault(Fault, frozen=True, kw_only=True, tag="duplicate"):
     """Send the message several times.
 
     Attributes:
-        copies: Number of copies besides the message itself.
-        time: Time between one copy and the next.
+        copies: Number of copies that are sent besides the message itself.
+        time: Time between a copy and the next copy.
     """
 
     copies: Annotated[int, Meta(ge=1, le=1000)] = 1
@@ -168,11 +167,11 @@ class DuplicateFault(Fault, frozen=True, kw_only=True, tag="duplicate"):
 
 
 class ReorderFault(Fault, frozen=True, kw_only=True, tag="reorder"):
-    """Let later messages overtake this one. On TCP too: the controller then appears to reply out of order.
+    """Let later messages overtake the message. On TCP, the controller then seems to reply out of order.
 
     Attributes:
-        by: Number of messages that go before it.
-        time: Longest wait for them; then the message is sent.
+        by: Number of messages that overtake this message.
+        time: Maximum time that the message waits for these messages.
     """
 
     by: Annotated[int, Meta(ge=1, le=1000)] = 1
@@ -182,11 +181,11 @@ class ReorderFault(Fault, frozen=True, kw_only=True, tag="reorder"):
 
 
 class CorruptFault(Fault, frozen=True, kw_only=True, tag="corrupt"):
-    """Flip bits.
+    """Flip bits of the message.
 
     Attributes:
-        bits: Number of random flips. Two flips may hit the same bit and restore it.
-        offset: Offset of the byte to hit; None for any byte.
+        bits: Number of random flips. Two flips may hit the same bit and so restore it.
+        offset: Offset of the byte whose bits are flipped; None for any byte.
     """
 
     bits: Annotated[int, Meta(ge=1, le=10_000)] = 1
@@ -196,10 +195,10 @@ class CorruptFault(Fault, frozen=True, kw_only=True, tag="corrupt"):
 
 
 class TruncateFault(Fault, frozen=True, kw_only=True, tag="truncate"):
-    """Cut off the end.
+    """Cut off the end of the message.
 
     Attributes:
-        keep: Bytes to keep; None for a random number.
+        keep: Number of bytes to keep; None for a random number.
     """
 
     keep: Annotated[int, Meta(ge=0, le=LARGEST_FRAME)] | None = None
@@ -208,10 +207,10 @@ class TruncateFault(Fault, frozen=True, kw_only=True, tag="truncate"):
 
 
 class GarbageFault(Fault, frozen=True, kw_only=True, tag="garbage"):
-    """Replace the message by random bytes; by default only responses.
+    """Replace the message by random bytes. By default, only responses are hit.
 
     Attributes:
-        size: Bytes to send; None for the size of the message.
+        size: Number of bytes to send; None for the size of the message.
     """
 
     direction: Direction | None = Direction.RESPONSE
@@ -224,14 +223,12 @@ class RewriteFault(Fault, frozen=True, kw_only=True, tag="rewrite"):
     """Change numbers in the frame. If nothing changes, the bytes stay as received.
 
     Attributes:
-        serial: New serial.
-        reserved: New reserved field.
         code: New function id of a request, or new HRESULT of a response.
-        set: New values of arguments or elements: ``{"arg[2][0]": 10}``. A value keeps its type, unless the
-            text names one: ``r4:10``.
-        limit: Spans for numbers. A number outside its span is set to the nearest end; in an array, every
-            element.
-        step: Largest change of a number from one such message of a conversation to the next.
+        set: New values of arguments or elements: ``{"arg[2][0]": 10}``. A value keeps its type unless the
+            text names another: ``r4:10``.
+        limit: Spans for numbers. A number outside its span becomes the nearest end of the span. The span of
+            an array applies to every element.
+        step: Largest change of a number from one message to the next similar message of the conversation.
     """
 
     serial: UInt16 | None = None
@@ -251,10 +248,10 @@ class RewriteFault(Fault, frozen=True, kw_only=True, tag="rewrite"):
 
 
 class SerialFault(Fault, frozen=True, kw_only=True, tag="serial"):
-    """Change the serial of the frame; by default only of responses.
+    """Add a number to the serial of the frame. By default, only responses are hit.
 
     Attributes:
-        by: Number added to the serial.
+        by: Number that is added to the serial.
     """
 
     direction: Direction | None = Direction.RESPONSE
@@ -264,12 +261,9 @@ class SerialFault(Fault, frozen=True, kw_only=True, tag="serial"):
 
 
 class AnswerFault(Fault, frozen=True, kw_only=True, tag="answer"):
-    """Answer the client with a result code and no value, and do not forward its request.
+    """Answer a request with the result code `hresult` and no value, and do not forward the request.
 
     With direction `response`, the request is forwarded, and the result code replaces the controller's reply.
-
-    Attributes:
-        hresult: Result code.
     """
 
     direction: Direction | None = Direction.REQUEST
@@ -279,11 +273,12 @@ class AnswerFault(Fault, frozen=True, kw_only=True, tag="answer"):
 
 
 class ExecutingFault(Fault, frozen=True, kw_only=True, tag="executing"):
-    """Send S_EXECUTING to the client for a while, then forward the message; by default only a response.
+    """Send S_EXECUTING to the client for a while, then forward the message. By default, only responses are
+    hit.
 
     Attributes:
-        time: Duration of the notices.
-        every: Interval between two notices; the first is sent at once.
+        time: Time during which the notices are sent.
+        every: Time between two notices. The first notice is sent at once.
     """
 
     direction: Direction | None = Direction.RESPONSE
@@ -300,10 +295,10 @@ class ExecutingFault(Fault, frozen=True, kw_only=True, tag="executing"):
 
 
 class CloseFault(Fault, frozen=True, kw_only=True, tag="close"):
-    """Close the client's TCP connection on both sides and lose the message. UDP is not affected.
+    """Close both sides of the client's TCP connection, and drop the message. UDP is not affected.
 
     Attributes:
-        how: Reset at once, or close in order after the messages that other faults hold.
+        how: Close with RST at once, or with FIN after the messages that other faults hold.
     """
 
     how: CloseMode = CloseMode.RESET
@@ -315,8 +310,8 @@ class BandwidthFault(Fault, frozen=True, kw_only=True, tag="bandwidth"):
     """Limit the bandwidth, separately for each direction.
 
     Attributes:
-        rate: Bandwidth of the line.
-        queue: Bytes that may wait; beyond them datagrams are lost. Bytes of a stream wait without limit.
+        queue: Number of bytes that may wait. Beyond it, datagrams are dropped. Bytes of a stream wait without
+            limit.
     """
 
     rate: Rate
@@ -324,14 +319,14 @@ class BandwidthFault(Fault, frozen=True, kw_only=True, tag="bandwidth"):
 
 
 class PartitionFault(Fault, frozen=True, kw_only=True, tag="partition"):
-    """Let nothing through. Datagrams are lost; bytes of a stream arrive when the partition ends.
+    """Let no message pass. Datagrams are dropped. Bytes of a stream arrive when the partition ends.
 
-    They arrive as if sent again. If the partition has no end, they are lost too.
+    The bytes of the stream arrive as if sent again. If the partition has no end, the bytes are dropped too.
     """
 
 
 class HalfOpenFault(Fault, frozen=True, kw_only=True, tag="half-open"):
-    """Block this conversation in both directions for good, including its end."""
+    """Block the conversation in both directions for good, and hide its end from both sides."""
 
 
 AnyFault: TypeAlias = (
@@ -353,12 +348,11 @@ AnyFault: TypeAlias = (
     | PartitionFault
     | HalfOpenFault
 )
-"""Every fault; `action` identifies its class in a document."""
+"""Union of all faults. In a document, `action` selects the class."""
 
 ACTIONS: Mapping[str, type[Fault]] = MappingProxyType(
     {str(kind.__struct_config__.tag): kind for kind in get_args(AnyFault)}
 )
-"""Fault class by action."""
 
 ALIASES: Mapping[str, str] = MappingProxyType({"loss": "drop"})
-"""Other names of actions, as in netem. A fault written with an alias needs its main value."""
+"""Other names of actions, as in tc-netem(8). A fault with such a name needs its main value."""

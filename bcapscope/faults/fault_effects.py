@@ -1,8 +1,8 @@
-"""What each fault does to a message that it hits.
+"""The effects of the faults on the messages that they hit.
 
 An effect has two parts. `draw` takes random numbers from the fault's own stream, for every message that the
-fault might hit. So other faults that act on the same messages do not change the draws. `apply` changes the
-message.
+fault might hit. Therefore other faults that act on the same messages do not change the numbers. `apply`
+changes the message.
 """
 
 from __future__ import annotations
@@ -44,26 +44,29 @@ from bcapscope.traffic.observation import Conversation, Direction
 F = TypeVar("F", bound=Fault)
 
 PARETO_SHAPE = 3.0
-"""Shape as in tc-netem's pareto table. The mean of the draws is subtracted, so that the mean delay stays as
-set."""
+"""Shape of the Pareto distribution, as in the pareto table of tc-netem(8).
+
+The mean of the draws is subtracted, so that the mean delay stays as set.
+"""
 
 _PARETO_MEAN = PARETO_SHAPE / (PARETO_SHAPE - 1)
 
 
 class FaultedMessage:
-    """A message while faults are applied to it.
+    """A message and what faults have done to it so far.
 
     Attributes:
         original: Message as received.
-        data: Current bytes.
-        delay: Delay so far, ns.
-        is_lost: Whether the message is not forwarded.
-        is_final: Whether later faults are skipped.
-        copy_delays: Delay of each copy after the message, ns.
-        held_behind: Number of messages that go first, and longest wait for them, ns.
-        replies: Replies made here for the client: delay from now, ns, and the bytes.
-        close_mode: How to close the connection; None to keep it.
-        half_open: Whether the conversation is dead from now on.
+        data: Current bytes of the message.
+        delay: Sum of all delays, in ns.
+        is_lost: True if the message is not forwarded.
+        is_final: True if later faults are skipped.
+        copy_delays: Time of each copy after the message itself, in ns.
+        held_behind: Number of messages that overtake this one, and the maximum wait for them in ns; None for
+            none.
+        replies: Replies for the client that faults have made: delay from now in ns, and the bytes.
+        close_mode: How to close the connection; None to keep it open.
+        half_open: True if the conversation is blocked from now on.
     """
 
     __slots__ = (
@@ -95,7 +98,7 @@ class FaultedMessage:
 
     @property
     def frames(self) -> tuple[Frame, ...]:
-        """The current frames; empty if the bytes contain anything else."""
+        """Frames in the current bytes; empty if the bytes contain anything else."""
         if self.data is self.original.data:
             return self.original.frames
         items = parse_datagram(self.data)
@@ -103,30 +106,24 @@ class FaultedMessage:
         return frames if len(frames) == len(items) else ()
 
     def drop(self) -> None:
-        """Lose the message and skip later faults."""
+        """Drop the message and skip later faults."""
         self.is_lost = self.is_final = True
 
 
 class FaultEffect(Generic[F]):
-    """Effect of a fault. This base class passes the message unchanged."""
+    """Effect of a fault on a message. This base class forwards the message unchanged."""
 
     def __init__(self, fault: F) -> None:
         self.fault = fault
 
     def draw(self, rng: random.Random, message: WireMessage) -> Any:
-        """Draw the random part of the effect; None if the message is not hit."""
+        """Return the random numbers that `apply` needs; None if the fault does not hit the message."""
         return True
 
     def apply(self, faulted: FaultedMessage, drawn: Any, ends_at: int | None) -> Message | None:
-        """Apply the effect.
+        """Change the message, with the result of `draw`. Return what was done; None if nothing changed.
 
-        Args:
-            faulted: Message to change.
-            drawn: Result of `draw`.
-            ends_at: Time at which the fault ends, ns; None for never.
-
-        Returns:
-            What was done; None if nothing.
+        `ends_at` is the time in ns at which the fault ends, or None if it never ends.
         """
         faulted.is_final = True
         return Message("fault.passed")
@@ -358,7 +355,6 @@ EFFECTS: Mapping[type[Fault], type[FaultEffect[Any]]] = {
     PartitionFault: _PartitionEffect,
     HalfOpenFault: _HalfOpenEffect,
 }
-"""Effect of each fault class."""
 
 
 def _delayed(duration: int) -> Message:
@@ -366,5 +362,4 @@ def _delayed(duration: int) -> Message:
 
 
 def _milliseconds(duration: int) -> str:
-    """Return a duration of ns as text in ms."""
     return f"{duration / 1e6:.3f}".rstrip("0").rstrip(".") + " ms"

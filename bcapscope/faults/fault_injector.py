@@ -1,4 +1,4 @@
-"""Decide what happens to each message: seeded, without sockets or clocks.
+"""Decides what happens to each message, with seeded random numbers. This module uses no socket and no clock.
 
     injector = FaultInjector(faults, seed=7, now=now)
     result = injector.process_message(flow, data, now)  # one message; carry out all of result.outputs
@@ -6,11 +6,11 @@
     injector.advance(now)                                # outputs that are due
 
 The same seed and the same messages at the same times give the same decisions. The random numbers of a fault
-depend only on the seed and its name. A fault draws for each message that it might hit, whatever other faults
-do to that message. So adding a fault does not change the decisions of the others.
+depend only on the seed and on the fault's name. A fault draws numbers for each message that it might hit,
+whatever other faults do to that message. So an added fault does not change the decisions of the others.
 
-Faults apply in their order, each to the result of the previous one. Once a message is lost, answered or let
-through by a `pass`, later faults do not see it.
+Faults apply in their order, each to the result of the previous fault. After a fault has dropped or answered a
+message, or `pass` has let it through, later faults do not see the message.
 """
 
 from __future__ import annotations
@@ -32,8 +32,11 @@ from bcapscope.traffic.call_kind import RecentRequests
 from bcapscope.traffic.observation import Conversation, Direction, Flow, Transport
 
 MAX_WAITING = 16 << 20
-"""Limit of the bytes that faults hold, plus `_OUTPUT_COST` per message: a second of traffic on a full 100
-Mbit/s line. Beyond it, datagrams that would be held are lost, as in a queue of tc-netem(8)."""
+"""Maximum number of bytes that faults hold, with `_OUTPUT_COST` bytes added per message.
+
+This maximum is a second of traffic on a full line of 100 Mbit/s. Beyond it, datagrams that would be held are
+dropped, as in a queue of tc-netem(8).
+"""
 
 _OUTPUT_COST = 300
 _RESPONSE = Direction.RESPONSE
@@ -42,11 +45,11 @@ _FlowKey: TypeAlias = tuple[Conversation, Direction]
 
 
 class ActiveFault:
-    """A fault in use.
+    """A fault that the injector applies.
 
     Attributes:
-        matcher: Decides which messages the fault hits; has its name, switch and count.
-        effect: Applies the fault.
+        matcher: Decides which messages the fault hits; has the fault's name, switch and count.
+        effect: Changes the messages that the fault hits.
     """
 
     __slots__ = ("effect", "matcher")
@@ -60,9 +63,10 @@ class _QueuedOutput:
     """An output that waits for its time.
 
     Attributes:
-        output: The output; None once another queue entry has taken it over.
-        behind: Number of messages of its flow still to go first; 0 if it waits only for its time.
-        size: Bytes that it counts for.
+        output: Output that waits; None if another entry of the queue has taken the output over.
+        behind: Number of messages of the flow that must overtake first; 0 if the output waits only for its
+            time.
+        size: Number of bytes by which the output fills the queue.
     """
 
     __slots__ = ("behind", "output", "size")
@@ -74,20 +78,19 @@ class _QueuedOutput:
 
 
 class FaultInjector:
-    """Applies faults to messages: datagrams as received, streams split into frames.
+    """Applies faults to messages. Datagrams come as received, and streams come split into frames.
 
     Attributes:
-        active_faults: Faults in use, in order of application.
+        active_faults: Faults in the order in which they apply.
     """
 
     def __init__(self, faults: Iterable[AnyFault] = (), *, seed: int = 0, now: int, epoch: int = 0) -> None:
-        """Set up faults.
+        """Set up the faults.
 
         Args:
-            faults: Faults in order of application.
-            seed: Seed of all random numbers.
-            now: Current time on the clock of all methods, ns; `after` of the faults counts from here.
-            epoch: Offset of that clock from 1970-01-01 UTC, ns, for filters on the time.
+            faults: Faults in the order in which they apply.
+            now: Current time in ns, on the clock of all methods. `after` of each fault starts at this time.
+            epoch: Number of ns to add to that clock to get ns since 1970-01-01 UTC, which filters compare.
 
         Raises:
             InputError: Two faults have the same name.
@@ -115,10 +118,10 @@ class FaultInjector:
     # faults
 
     def add(self, fault: AnyFault, now: int) -> str:
-        """Append a fault and return its name.
+        """Append a fault. Return its name.
 
         Raises:
-            InputError: Another fault has this name.
+            InputError: Another fault has the same name.
         """
         names = {rule.matcher.name for rule in self.active_faults}
         if fault.name in names:
@@ -129,7 +132,7 @@ class FaultInjector:
         return name
 
     def remove(self, name: str) -> None:
-        """Remove a fault. Messages that it holds are sent at their time.
+        """Remove a fault. Messages that the fault holds are still sent at their time.
 
         Raises:
             KeyError: There is no fault of this name.
@@ -159,11 +162,10 @@ class FaultInjector:
 
     @property
     def hit_counts(self) -> dict[str, int]:
-        """Number of hits of each fault, by name."""
         return {rule.matcher.name: rule.matcher.hit_count for rule in self.active_faults}
 
     def is_idle(self, now: int) -> bool:
-        """Tell whether nothing is held and no fault can hit, so that messages may bypass the injector."""
+        """Return whether messages may bypass the injector: no message is held and no fault can hit."""
         return (
             not self._queue
             and not self._half_open
@@ -171,7 +173,7 @@ class FaultInjector:
         )
 
     def needs_frames(self, now: int) -> bool:
-        """Tell whether a stream must be split into frames; otherwise its bytes may come in any pieces."""
+        """Return whether streams must be split into frames. Otherwise the bytes may come in any pieces."""
         return any(
             rule.matcher.fault.needs_frames
             for rule in self.active_faults
@@ -189,9 +191,9 @@ class FaultInjector:
         """Decide what happens to a message that has just arrived.
 
         Args:
-            flow: Conversation and direction; the same object for all messages of one direction.
-            data: A datagram, or one piece of a stream: a frame, or bytes that are no frame.
-            now: Current time, ns; never less than before.
+            flow: Conversation and direction. All messages of a direction need the same object.
+            data: A datagram, or one piece of a stream: a frame, or bytes that are not a frame.
+            now: Current time in ns, which is never less than in the previous call.
         """
         outputs = self.advance(now) if self._queue else []
         if flow.conversation in self._half_open:
@@ -218,17 +220,16 @@ class FaultInjector:
         return FaultResult(outputs + self.advance(now), touched, not work.is_lost)
 
     def due(self) -> int | None:
-        """Return the time of the next held output, ns; None if nothing is held."""
+        """Return the time in ns at which the next held output is due; None if nothing is held."""
         return self._queue[0][0] if self._queue else None
 
     @property
     def is_full(self) -> bool:
-        """Whether the held bytes exceed `MAX_WAITING`. No stream should then be read until `advance` has
-        released some."""
+        """Whether faults hold more than `MAX_WAITING` bytes, so that no stream should be read for now."""
         return self._queued_bytes > MAX_WAITING
 
     def advance(self, now: int) -> list[FaultOutput]:
-        """Return the outputs that are due at `now`, in order."""
+        """Return the outputs that are due at `now`, in the order in which to send them."""
         outputs: list[FaultOutput] = []
         while self._queue and self._queue[0][0] <= now:
             parcel = heapq.heappop(self._queue)[2]
@@ -240,22 +241,22 @@ class FaultInjector:
         return outputs
 
     def holds(self, flow: Flow) -> bool:
-        """Tell whether the end of this flow must not be forwarded.
+        """Return whether the end of this flow must not be forwarded.
 
-        This is so while messages of the flow are held, and always if the conversation is half-open.
+        This is so while faults hold messages of the flow, and always if the conversation is half-open.
         """
         return not self.passes_close(flow.conversation) or any(
             _is_of(parcel.output, _flow_key(flow)) for _, _, parcel in self._queue
         )
 
     def passes_close(self, conversation: Conversation) -> bool:
-        """Tell whether the close of one side of a connection is forwarded; not if it is half-open."""
+        """Return whether one side's end of a connection is forwarded. A half-open fault hides the end."""
         return conversation not in self._half_open
 
     def pop_held(self, flow: Flow) -> list[bytes]:
-        """Remove all held messages of one direction; return their bytes in sending order.
+        """Remove all held messages of one direction. Return their bytes in the order of sending.
 
-        A half-open conversation returns none.
+        A half-open conversation returns no messages.
         """
         way = _flow_key(flow)
         found = [entry for entry in self._queue if _is_of(entry[2].output, way)]
@@ -269,7 +270,7 @@ class FaultInjector:
         return [output.data for output in outputs if isinstance(output, SendBytes)]
 
     def close_conversation(self, conversation: Conversation) -> None:
-        """Forget a conversation that has ended; its held messages are lost."""
+        """Forget a conversation that has ended, and drop its held messages."""
         self._half_open.pop(conversation, None)
         self._reply_factory.close_conversation(conversation)
         self._recent_requests.close_conversation(conversation)
@@ -337,8 +338,10 @@ class FaultInjector:
             self._enqueue_send(flow, send, now + faulted.delay + late)
 
     def _close_time(self, closing: CloseConnection, when: int) -> int:
-        """Return when a connection closes that should close at `when`: in order, only after its held
-        messages."""
+        """Return when to close a connection whose close is due at `when`.
+
+        A close with FIN waits until the held messages of the connection are sent.
+        """
         if closing.how is CloseMode.RESET:
             return when
         conversation = closing.conversation
@@ -350,8 +353,7 @@ class FaultInjector:
         return max((when, *held))
 
     def _enqueue_send(self, flow: Flow, send: SendBytes, due: int) -> None:
-        """Queue bytes for a time, and count them for messages held behind. Bytes of a stream keep their
-        order."""
+        """Queue bytes for the time `due`, or after earlier bytes of a stream. Release overtaken messages."""
         way = _flow_key(flow)
         if flow.conversation.transport is Transport.TCP:
             self._stream_busy_until[way] = due = max(due, self._stream_busy_until.get(way, due))
@@ -369,7 +371,6 @@ class FaultInjector:
         heapq.heappush(self._queue, (due, self._sequence, queued))
 
     def _remove_held_behind(self, queued: _QueuedOutput) -> None:
-        """Remove an output from those that wait to be overtaken."""
         assert isinstance(queued.output, SendBytes)
         way = _flow_key(queued.output.flow)
         waiting = self._held_behind[way]
@@ -379,7 +380,7 @@ class FaultInjector:
 
 
 def _drop_beyond_limit(faulted: FaultedMessage) -> Iterable[Message]:
-    """Drop a datagram, or its copies, that would be held beyond the limit."""
+    """Drop a datagram or its copies, because faults already hold too many bytes."""
     if faulted.delay or faulted.held_behind:
         faulted.drop()
         yield Message("fault.dropped.too-much")

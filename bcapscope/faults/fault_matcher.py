@@ -1,4 +1,4 @@
-"""Decide whether a fault hits a message: by time, direction, condition, attempt and probability."""
+"""Decides whether a fault hits a message: by time, direction, condition, attempt and probability."""
 
 from __future__ import annotations
 
@@ -11,15 +11,13 @@ from bcapscope.traffic.filter.getters import FRAME_GETTERS, AnnotatedFrame
 
 
 class FaultMatcher:
-    """Decides for one fault. Only the messages, the clock and the fault's own random numbers matter.
+    """Decides which messages one fault hits, only from the messages, the time and random numbers.
 
     Attributes:
-        fault: Fault that it decides for.
-        name: Name of the fault.
-        rng: Random numbers of this fault alone.
-        enabled: Whether the fault can hit; may be switched.
-        hit_count: Number of hits so far.
-        ends_at: Time at which the fault ends, ns; None for never.
+        rng: Random numbers that only this fault draws.
+        enabled: Whether the fault can hit; the user may switch this.
+        hit_count: Number of messages hit so far.
+        ends_at: Time at which the fault ends, in ns; None if it never ends.
     """
 
     def __init__(self, fault: Fault, name: str, seed: int, now: int) -> None:
@@ -37,17 +35,17 @@ class FaultMatcher:
 
     @property
     def needs_pairing(self) -> bool:
-        """Whether it needs to know earlier requests, or the attempt number of a frame."""
+        """Whether the fault needs earlier requests, or the attempt number of a frame."""
         when = self.fault.when
         asks = when is not None and not when.filter.getter_names.isdisjoint(_NEEDS_REQUEST)
         return asks or self.fault.attempt is not None
 
     def is_over(self, now: int) -> bool:
-        """Tell whether the fault can no longer hit."""
+        """Return whether the fault cannot hit any more."""
         return self._hits_left == 0 or (self.ends_at is not None and now >= self.ends_at)
 
     def matches(self, message: WireMessage) -> bool:
-        """Tell whether the message fulfils every condition except the probability."""
+        """Return whether the message fulfils every condition except the probability."""
         if not self.enabled or self._hits_left == 0 or not self._begins_at <= message.now:
             return False
         fault = self.fault
@@ -60,7 +58,7 @@ class FaultMatcher:
         return any(self._fits_frame(message, index) for index in range(len(message.annotated_frames)))
 
     def draw(self) -> bool:
-        """Draw a random number if needed; return whether the fault hits by its probability."""
+        """Return whether the fault hits by its probability. Draw a random number only if one is needed."""
         share = self.fault.probability
         return share >= 1 or self.rng.random() < share
 

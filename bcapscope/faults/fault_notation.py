@@ -1,6 +1,6 @@
 """A fault is written in one line: ``delay=3ms±1ms request times 5 if command == slvMove``.
 
-First the action, with its main value after ``=``:
+Write the action first, with its main value after ``=``:
 
     loss=5%                 lose this share of messages
     drop                    lose all messages
@@ -22,8 +22,8 @@ First the action, with its main value after ``=``:
     rewrite                 change serial, reserved or code, or arguments with
                             set, limit or step
 
-Then, in any order, which messages the fault applies to, and other fields of
-the action by name:
+Then write, in any order, which messages the fault applies to, and other
+fields of the action by name:
 
     request  response       only this direction; reply means response
     5%                      with this probability
@@ -34,9 +34,9 @@ the action by name:
     distribution normal     of the jitter: uniform, normal, pareto
     set arg[2][0]=10        limit arg[2]=-90..90   step arg[2]=0.5
 
-Last ``if`` with a filter. `bcapscope fields` explains filters.
+Write ``if`` with a filter last. `bcapscope fields` explains filters.
 
-In a YAML file, every field has its name, also those after ``=``:
+In a YAML file, every field has its name, also the fields after ``=``:
 
     faults:
       - {action: drop, probability: 5%, direction: response, try: 1}
@@ -81,7 +81,7 @@ _MAIN_FIELDS: dict[str, tuple[str, ...]] = {
     "burst": ("enter", "leave"),
     "bandwidth": ("rate",),
 }
-"""Fields that the value after the action sets."""
+"""Fields that are set by the value after the action, by action."""
 
 _SEPARATORS = {"delay": "±", "burst": "/"}
 _DIRECTIONS = {"request": "request", "response": "response", "reply": "response"}
@@ -89,11 +89,11 @@ _MAPPINGS = ("set", "limit", "step")
 
 
 class NotationError(FilterError):
-    """An invalid fault. Its text shows the reason, the line and a caret."""
+    """The text is not a valid fault. The error shows the reason, the line and a caret."""
 
 
 class _Word(NamedTuple):
-    """A word of the line and the index of its first character."""
+    """A word of the text, and the index of its first character."""
 
     text: str
     start: int
@@ -103,13 +103,13 @@ def read_fault(text: str) -> AnyFault:
     """Parse a fault.
 
     Raises:
-        NotationError: The text is no valid fault.
+        NotationError: The text is not a valid fault.
     """
     return _FaultParser(text).read()
 
 
 def write_fault(fault: Fault) -> str:
-    """Write a fault as text; `read_fault` returns an equal one."""
+    """Return a fault as text, from which `read_fault` makes an equal fault."""
     fields = to_plain_data(fault)
     action = fields.pop("action")
     main = [fields.pop(name) for name in _MAIN_FIELDS.get(action, ()) if name in fields]
@@ -135,7 +135,7 @@ def _format_value(value: object) -> str:
 
 
 class _FaultParser:
-    """Collects the fields of one fault and the position of each."""
+    """Collects the fields of one fault, and the position of each field in the text."""
 
     def __init__(self, text: str) -> None:
         self.text = text
@@ -222,7 +222,7 @@ class _FaultParser:
         mapping[path] = self.parse_value(value, word.start + len(path) + 1)
 
     def parse_value(self, text: str, start: int, is_text: bool = False) -> object:
-        """Convert a word to a number, a boolean, None or text."""
+        """Convert a word of the text to a number, a boolean, None or text."""
         if text.startswith('"'):
             try:
                 return json.loads(text)
@@ -246,7 +246,7 @@ class _FaultParser:
         raise NotationError(self.text, start, reason)
 
     def locate_error(self, error: DocumentError) -> NotationError:
-        """Convert an error of a field into an error with a position in the line."""
+        """Convert an error of a field into an error with a position in the text."""
         cause = error.__cause__.__cause__ if error.__cause__ else None
         if isinstance(cause, FilterError):
             shift = self.text.index(cause.expression, self.starts["if"] + len("if"))

@@ -1,6 +1,7 @@
-"""Quantities in a fault, as people write them: durations, shares, rates, result codes, conditions and spans.
+"""The quantities in a fault, as people write them: durations, shares, rates, result codes, conditions, spans.
 
-Each class has `read`, which parses a value from YAML or the command line, and `text`, which writes it back.
+Each class has `read`, which parses a value from YAML or from the command line, and `text`, which writes the
+value as text.
 """
 
 from __future__ import annotations
@@ -20,15 +21,15 @@ from bcapscope.traffic.filter.operands import UNITS
 from bcapscope.traffic.filter.tokens import with_nearest
 
 LONGEST_DURATION = 10**9 * 86_400 * 365
-"""A year, in ns: far beyond any test, and sums stay exact."""
+"""Maximum duration in ns: a year, so that sums of durations stay exact."""
 
 LARGEST_END = 1e19
-"""Limit of a span's ends, either side of 0; no integer type of b-CAP is larger."""
+"""Maximum distance of a span's end from 0; no integer type of b-CAP holds a larger number."""
 
 MAX_INDEXES = 8
-"""Limit of an argument's indexes; controllers nest two deep."""
+"""Maximum number of indexes of an argument; controllers nest arrays two deep."""
 
-_LONGEST_SHOWN = 150  # bits; Python refuses to write out integers of some 14,000
+_LONGEST_SHOWN = 150  # bits; Python refuses to write out an integer of about 14,000 bits
 _NUMBER = r"[0-9]{1,18}(?:\.[0-9]{1,18})?"
 _DURATION = re.compile(rf"({_NUMBER})\s*([a-zµμ]+)")
 _SHARE = re.compile(rf"({_NUMBER})\s*%")
@@ -42,14 +43,14 @@ _FOLDED_CODES = {name.casefold(): code for name, code in _CODES.items()}
 
 
 class DurationQuantity(int):
-    """Nanoseconds; written with a unit: ``3ms``, ``1.5 s``, ``200us``."""
+    """A duration in ns; written with a unit: ``3ms``, ``1.5 s``, ``200us``."""
 
     @classmethod
     def read(cls, written: object) -> Self:
         """Read a duration.
 
         Raises:
-            InputError: It is no duration, or longer than a year.
+            InputError: The value is not a duration, or is longer than a year.
         """
         if written == 0 and not isinstance(written, bool):
             return cls(0)
@@ -63,7 +64,7 @@ class DurationQuantity(int):
 
     @property
     def text(self) -> str:
-        """The duration in the largest unit that gives a whole number."""
+        """Duration in the largest unit that gives a whole number."""
         unit = next(unit for unit in ("s", "ms", "us", "ns") if self % UNITS[unit] == 0)
         return f"{self // UNITS[unit]}{unit}"
 
@@ -76,7 +77,7 @@ class Share(float):
         """Read a share.
 
         Raises:
-            InputError: It is no share, or not between 0 and 1.
+            InputError: The value is not a share, or not between 0 and 1.
         """
         match = _SHARE.fullmatch(written.strip()) if isinstance(written, str) else None
         value: float
@@ -86,25 +87,25 @@ class Share(float):
             value = written
         else:
             raise _invalid("share", written)
-        if not 0 <= value <= 1:  # before the conversion: a float cannot hold every integer
+        if not 0 <= value <= 1:  # checked before the conversion, because a float cannot hold every integer
             raise _invalid("share.outside", written)
         return cls(value)
 
     @property
     def text(self) -> str:
-        """The share as a percentage, with at most fifteen decimal places."""
+        """Share as a percentage, with at most fifteen decimal places."""
         return f"{self * 100:.15f}".rstrip("0").rstrip(".") + "%"
 
 
 class Rate(float):
-    """Bytes per second; written as ``64kbit/s`` or ``8kB/s``."""
+    """A bandwidth in bytes per second; written as ``64kbit/s`` or ``8kB/s``."""
 
     @classmethod
     def read(cls, written: object) -> Self:
         """Read a rate.
 
         Raises:
-            InputError: It is no rate, or less than one byte per second.
+            InputError: The value is not a rate, or is less than one byte per second.
         """
         match = _RATE.fullmatch(written.strip()) if isinstance(written, str) else None
         if match is None:
@@ -116,7 +117,7 @@ class Rate(float):
 
     @property
     def text(self) -> str:
-        """The rate in Mbit/s, kbit/s or bit/s: the largest unit that gives a whole number."""
+        """Bandwidth in Mbit/s, kbit/s or bit/s: the largest unit that gives a whole number."""
         for letter, multiple in (("M", 1_000_000), ("k", 1000)):
             if self * 8 % multiple == 0:
                 return f"{self * 8 / multiple:.15g}{letter}bit/s"
@@ -124,7 +125,7 @@ class Rate(float):
 
 
 class HresultQuantity(int):
-    """An HRESULT, unsigned; written by name or as a number, signed or unsigned."""
+    """An unsigned HRESULT; written by its name, or as a signed or unsigned number."""
 
     @classmethod
     def read(cls, written: object) -> Self:
@@ -147,17 +148,13 @@ class HresultQuantity(int):
 
     @property
     def text(self) -> str:
-        """Name of the code, or hexadecimal digits."""
+        """Name of the result code, or its hexadecimal digits."""
         name = hresult_name(self)
         return name if _CODES.get(name) == self else f"0x{self:08X}"
 
 
 class FrameCondition:
-    """A filter that selects requests and replies. A reply has the function and command of its request.
-
-    Attributes:
-        filter: The compiled filter.
-    """
+    """A filter that selects requests and replies. A reply has the function and command of its request."""
 
     __slots__ = ("filter",)
 
@@ -166,10 +163,10 @@ class FrameCondition:
 
     @classmethod
     def read(cls, written: object) -> Self:
-        """Compile an expression.
+        """Compile the expression of a filter.
 
         Raises:
-            InputError: The expression is invalid (a `FilterError`), or no text.
+            InputError: The expression is invalid (a `FilterError`), or is not text.
         """
         if isinstance(written, bool):  # YAML reads the words true and false as booleans
             written = str(written).lower()
@@ -193,11 +190,11 @@ class FrameCondition:
 
 
 class Span:
-    """A lowest and a highest number; written as ``-90..90``, ``..90`` or ``0..``.
+    """Lowest and highest number of a range; written as ``-90..90``, ``..90`` or ``0..``.
 
     Attributes:
-        low: Lowest number; minus infinity for no limit.
-        high: Highest number; infinity for no limit.
+        low: Lowest number; minus infinity if there is no lowest number.
+        high: Highest number; infinity if there is no highest number.
     """
 
     __slots__ = ("high", "low")
@@ -211,7 +208,7 @@ class Span:
         """Read a span.
 
         Raises:
-            InputError: It is no span, is empty, or an end exceeds `LARGEST_END`.
+            InputError: The value is not a span, is empty, or has an end beyond `LARGEST_END`.
         """
         match = _SPAN.fullmatch(written.strip()) if isinstance(written, str) else None
         try:
@@ -229,14 +226,13 @@ class Span:
 
     @property
     def text(self) -> str:
-        """The span in its written form."""
         low, high = (
             repr(limit).removesuffix(".0") if math.isfinite(limit) else "" for limit in (self.low, self.high)
         )
         return f"{low}..{high}"
 
     def clamp(self, number: float) -> float:
-        """Return the number, or the nearest end if it is outside. For NaN, return a finite end."""
+        """Return the number, or the nearest end if the number is outside the span. NaN gives a finite end."""
         if math.isnan(number):
             return self.low if math.isfinite(self.low) else self.high
         return min(max(number, self.low), self.high)
@@ -259,7 +255,7 @@ def read_path(written: str) -> tuple[int, ...]:
     """Read the indexes of an argument or of an element in it, written as in filters: ``arg[2][0]``.
 
     Raises:
-        InputError: It is no such path.
+        InputError: The text is not such a path.
     """
     match = _PATH.fullmatch(written)
     indexes = tuple(map(int, re.findall("[0-9]+", match[1]))) if match else ()

@@ -1,4 +1,4 @@
-"""Replies made in the controller's place, with the serial and reserved field that the client expects."""
+"""Makes replies in the controller's place, with the serial and reserved field that the client expects."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ _COMPRESSED = {Framing.VERSION_1_ZLIB: Framing.VERSION_1}
 
 
 def encode_reply(frame: Frame, reserved: int, code: int) -> bytes:
-    """Encode a reply with a result code and no value, with the serial and framing of `frame`."""
+    """Encode a reply with a result code and no value. The reply has the serial and framing of `frame`."""
     framing = _COMPRESSED.get(frame.framing, frame.framing)
     return encode_frame(frame.serial, 1 if framing is Framing.VERSION_1 else reserved, code, framing=framing)
 
 
 class ReplyFactory:
-    """Learns how a controller fills the reserved field of its replies, and makes replies likewise.
+    """Learns how a controller fills the reserved field of its replies, and makes replies in the same way.
 
-    The factory assumes 0 until the controller replies to a request with a non-zero reserved field. This is
-    what orin_bcap C/src/bCAPServer/bcap_server.c sends.
+    The factory uses 0 until the controller replies to a request with a non-zero reserved field. The value 0
+    is what orin_bcap C/src/bCAPServer/bcap_server.c sends.
     """
 
     def __init__(self) -> None:
@@ -34,7 +34,7 @@ class ReplyFactory:
         self._reply_reserved: dict[Conversation, ReplyReserved] = {}
 
     def on_message(self, flow: Flow, data: bytes) -> None:
-        """Learn from a forwarded message."""
+        """Learn from a request or reply that the proxy forwards."""
         if len(data) < SMALLEST_FRAME or data[0] != 1:
             return
         numbers: tuple[int, int] = _SERIAL_RESERVED(data)

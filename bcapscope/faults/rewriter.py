@@ -1,4 +1,4 @@
-"""Change numbers in a frame; all other bytes stay as they came."""
+"""Changes numbers in a frame; all other bytes stay as received."""
 
 from __future__ import annotations
 
@@ -18,32 +18,31 @@ from bcapscope.protocol.codec.variant_notation import parse_variant_as
 from bcapscope.traffic.observation import Conversation, Direction, Flow, Transport
 
 MAX_REMEMBERED = 4096
-"""Limit of messages remembered as the base of a `step`; the oldest is forgotten first. A session has a few
-dozen."""
+"""Maximum number of messages remembered for a `step`, oldest forgotten first; a session has a few dozen."""
 
 MAX_BYTES = 1 << 20
-"""Limit of the bytes of these messages, decompressed; their values may take a hundred times as many."""
+"""Maximum number of decompressed bytes of remembered messages; values may take a hundred times as much."""
 
 _Key: TypeAlias = tuple[Conversation, Direction, tuple[int, str | None]]
 
 ValueChange: TypeAlias = Callable[[Variant], Variant]
-"""Returns the changed value, or the same object if nothing changes."""
+"""Function that returns the changed value, or the same object if nothing changes."""
 
 
 class _Adjust(Protocol):
-    """Returns the changed number; `index` is its index in the array."""
+    """Function that returns the changed number; `index` is the number's index in its array."""
 
     def __call__(self, number: float, index: int) -> float: ...
 
 
 class _LastMessage(NamedTuple):
-    """The last message of a series.
+    """The last message of a series of similar messages.
 
     Attributes:
-        raw: Bytes as received.
-        values: Arguments as forwarded.
-        step_base: Value that the next message is limited against, by index of the step.
-        size: Bytes of the frame, decompressed.
+        raw: Bytes of the message as received.
+        values: Arguments of the message as forwarded.
+        step_base: Values that limit those of the next message, by index of the step.
+        size: Number of bytes of the frame, decompressed.
     """
 
     raw: bytes
@@ -62,8 +61,8 @@ def with_header(
 ) -> bytes:
     """Return a frame's bytes with other header numbers; None leaves a number unchanged.
 
-    All other bytes stay, damaged or not. An undamaged frame with a checksum or compressed contents is
-    encoded again.
+    All other bytes stay as they are, damaged or not. An undamaged frame with a checksum or compressed
+    contents is encoded again.
     """
     numbers = (
         frame.serial if serial is None else serial,
@@ -80,7 +79,7 @@ def with_header(
 def _encode_or_keep(frame: Frame, numbers: tuple[int, int, int], values: Sequence[Variant]) -> bytes:
     try:
         return encode_frame(*numbers, values, frame.framing)
-    except LocalProtocolError:  # reserved is fixed in version 1, and a value may not fit its type
+    except LocalProtocolError:  # version 1 has a fixed reserved field, and a value may not fit its type
         return frame.raw
 
 
@@ -100,7 +99,7 @@ class Rewriter:
         self._size = 0
 
     def rewrite(self, frame: Frame, flow: Flow) -> bytes:
-        """Return the bytes of `frame` after the change. Arguments change only in an undamaged frame."""
+        """Return the bytes of `frame` after the change. The arguments of a damaged frame do not change."""
         fault = self._fault
         raw = with_header(frame, serial=fault.serial, reserved=fault.reserved, code=fault.code)
         if frame.problems or not (self._set or self._limit or self._step):
@@ -119,10 +118,10 @@ class Rewriter:
         return _encode_or_keep(frame, (head.serial, head.reserved, head.code), values)
 
     def _stepped(self, frame: Frame, flow: Flow, values: list[Variant]) -> list[Variant]:
-        """Limit the change of numbers against the previous message.
+        """Limit the change of numbers against the previous message of the series.
 
-        A retry gets the same values as the first attempt. If it differed, a controller would take it for a
-        new call and execute it.
+        A retry gets the same values as the first attempt. Otherwise a controller would execute the retry as a
+        new call.
         """
         key = flow.conversation, flow.direction, _series_key(frame)
         last = self._last_messages.get(key)
@@ -145,7 +144,7 @@ class Rewriter:
         return values
 
     def _remember(self, key: _Key, last: _LastMessage) -> None:
-        """Store a message as the latest of its series, and forget the oldest ones beyond the limits."""
+        """Store a message as the latest of its series, and forget the oldest messages beyond the limits."""
         known = self._last_messages.pop(key, None)
         self._last_messages[key] = last
         self._size += last.size - (0 if known is None else known.size)
@@ -163,19 +162,17 @@ class Rewriter:
 
 
 def _is_attempt_of(frame: Frame, raw: bytes) -> bool:
-    """Tell whether a frame is another attempt of the call in `raw`, or a copy of it."""
     is_retry = frame.reserved not in (0, frame.serial)
     return frame.raw == raw or (is_retry and frame.raw[9:] == raw[9:])
 
 
 def _series_key(frame: Frame) -> tuple[int, str | None]:
-    """Return what identifies a series of messages: the code and, for a request, the command."""
+    """Return the key of a series of similar messages: the code and, for a request, the command."""
     values = [argument.variant.value for argument in frame.arguments[:2]]
     return frame.code, values[1] if len(values) > 1 and isinstance(values[1], str) else None
 
 
 def _edit(values: list[Variant], path: tuple[int, ...], change: ValueChange) -> None:
-    """Change the argument or element at a path, if there is one."""
     index, *rest = path
     if index < len(values):
         values[index] = _edited(values[index], tuple(rest), change)
@@ -196,7 +193,7 @@ def _edited(value: Variant, path: tuple[int, ...], change: ValueChange) -> Varia
 
 
 def _elements(value: Variant) -> list[Variant]:
-    """Return the elements of an array, each with its type; an empty list for any other value."""
+    """Return the elements of an array, each with its type. Any other value has no elements."""
     base = value.vt & ~ARRAY
     if not value.vt & ARRAY or not isinstance(value.value, tuple | bytes):
         return []
@@ -215,7 +212,7 @@ def _with_elements(value: Variant, elements: list[Variant]) -> Variant:
 
 
 def _with_setting(value: Variant, setting: RewriteValue) -> Variant:
-    """Return a value of the same type, or of the type that the text names; the old value if parsing fails."""
+    """Return `setting` in the type of `value`, or in the type that it names; `value` if it is invalid."""
     text = str(setting).lower() if isinstance(setting, bool) else str(setting)
     try:
         new = parse_variant_as(text, [vt_name(value.vt)])
@@ -242,7 +239,7 @@ def _step_limited(value: Variant, last: Variant, step: float) -> Variant:
 
 
 def _each_number(value: Variant, change: _Adjust) -> Variant:
-    """Change a number, or every number of an array. Integer types stay integers."""
+    """Change a number, or every number of an array. Integer types keep integers."""
     elements = _elements(value)
     if not elements:
         return _with_number(value, partial(change, index=0))
@@ -265,7 +262,7 @@ def _with_number(value: Variant, change: Callable[[float], float]) -> Variant:
 
 
 def rewrite_message(data: bytes, flow: Flow, changes: str) -> bytes:
-    """Return a message with changes such as ``set arg[2]=0 serial 7``; the same bytes if none fits.
+    """Return a message with changes such as ``set arg[2]=0 serial 7``; the same bytes if nothing changes.
 
     Raises:
         ValueError: The notation is invalid.

@@ -1,4 +1,4 @@
-"""One message in transit, decoded only if a fault needs it, and the possible results."""
+"""A message in transit, which is decoded only if a fault needs it, and the possible results."""
 
 from __future__ import annotations
 
@@ -17,15 +17,16 @@ from bcapscope.traffic.filter.getters import AnnotatedFrame
 from bcapscope.traffic.observation import Conversation, Flow, Observation, Transport
 
 
-# Each message creates some of these. A struct compares by its type, unlike a named tuple. Creating one takes
-# 0.1 µs (named tuple 0.4, frozen dataclass 0.9).
+# Each message creates some of these structs. A struct compares by its type, unlike a named tuple, and takes
+# 0.1 µs to create (named tuple 0.4, frozen dataclass 0.9).
 class SendBytes(msgspec.Struct, frozen=True):
     """Bytes to send now.
 
     Attributes:
-        flow: Direction of the bytes: a request goes to the controller, a response to the client.
+        flow: Conversation and direction of the bytes. A request goes to the controller, a response to the
+            client.
         data: A datagram, or the next bytes of a stream.
-        fault_notes: What faults did to the bytes; empty if nothing.
+        fault_notes: What faults did to the bytes; empty if no fault acted.
     """
 
     flow: Flow
@@ -37,9 +38,8 @@ class CloseConnection(msgspec.Struct, frozen=True):
     """A TCP connection to close now, on both sides.
 
     Attributes:
-        conversation: Conversation to close.
-        how: Reset, or closed in order.
-        fault_notes: Reason.
+        how: Close with RST or with FIN.
+        fault_notes: Faults that close the connection.
     """
 
     conversation: Conversation
@@ -51,12 +51,12 @@ FaultOutput: TypeAlias = SendBytes | CloseConnection
 
 
 class FaultResult(msgspec.Struct, frozen=True):
-    """What happened to one message.
+    """What the faults did to one message.
 
     Attributes:
-        outputs: Outputs to carry out now, in order; held messages that are due come first.
-        fault_notes: What faults did to this message, such as ``loss: dropped``.
-        forwarded: Whether the message is sent on, now or later; False if it is lost or was answered.
+        outputs: Outputs to carry out now, in order. Held messages that are due come first.
+        fault_notes: What each fault did to this message, such as ``loss: dropped``.
+        forwarded: True if the message is forwarded, now or later; False if it is lost or was answered.
     """
 
     outputs: list[FaultOutput]
@@ -68,12 +68,11 @@ class WireMessage:
     """A datagram, or a piece of a stream.
 
     Attributes:
-        number: Number from 1, over all messages.
-        flow: Conversation and direction.
-        data: Bytes as received.
-        now: Time on the clock for durations, ns.
-        time: The same time, ns since 1970-01-01 UTC.
-        attempt_numbers: Attempt number of each frame, or of the attempt that it answers; empty before
+        number: Number of the message, counted from 1 over all messages.
+        data: Bytes of the message as received.
+        now: Time of receipt in ns, on the clock for durations.
+        time: Time of receipt in ns since 1970-01-01 UTC.
+        attempt_numbers: For each frame, the number of the attempt that it is or answers; empty before
             `annotate_with_attempts`.
     """
 
@@ -89,7 +88,6 @@ class WireMessage:
         *,
         templates: FrameTemplates | None = None,
     ) -> None:
-        """Create a message without decoding it."""
         self.number = number
         self.flow = flow
         self.data = data
@@ -101,26 +99,25 @@ class WireMessage:
 
     @property
     def is_datagram(self) -> bool:
-        """Whether the transport keeps message boundaries and may lose messages."""
+        """Whether the transport keeps the boundaries of messages and may lose messages, as UDP does."""
         return self.flow.conversation.transport is not Transport.TCP
 
     @property
     def annotated_frames(self) -> tuple[AnnotatedFrame, ...]:
-        """The frames of the message, and bytes that are no frame, with what is known about each."""
+        """Frames of the message, and bytes that are no frame, with function and command where known."""
         if self._annotated is None:
             self._annotated = tuple(AnnotatedFrame(seen, None) for seen in self._observations())
         return self._annotated
 
     @property
     def frames(self) -> tuple[Frame, ...]:
-        """The frames of the message; empty if it contains anything else."""
+        """Frames of the message; empty if the message contains anything else."""
         items = [told.observation.item for told in self.annotated_frames]
         frames = tuple(item for item in items if isinstance(item, Frame))
         return frames if len(frames) == len(items) else ()
 
     def annotate_with_attempts(self, requests: RecentRequests, counter: AttemptCounter) -> None:
-        """Find function, command and attempt number of each frame. The caller passes every message, in
-        order."""
+        """Find function, command and attempt of each frame. The caller passes every message in order."""
         self.annotate(requests)
         self.attempt_numbers = tuple(
             counter.attempt_number(self.flow, told.observation.item)
@@ -130,7 +127,7 @@ class WireMessage:
         )
 
     def annotate(self, requests: RecentRequests) -> None:
-        """Find function and command of each frame. The caller passes every message, in order."""
+        """Find function and command of each frame. The caller passes every message in order."""
         self._annotated = tuple(AnnotatedFrame(seen, requests.kind_of(seen)) for seen in self._observations())
 
     def _observations(self) -> Iterator[Observation]:

@@ -1,8 +1,8 @@
-"""YAML as a sequence of events. All YAML input of bcapscope is read here.
+"""Reads YAML as a sequence of events. All YAML input of bcapscope is read here.
 
-PyYAML's composers call themselves for each level. The one in C, which `msgspec.yaml` also uses, overflows
-the stack on deep input and crashes the process. Events come without recursion, so input nested too deep is
-rejected before anything is built from it.
+PyYAML's composers call themselves for each level of nesting. The composer in C, which `msgspec.yaml` also
+uses, overflows the stack on deep input and crashes the process. Events need no recursion, so this module
+rejects input that is nested too deep before anything is built.
 """
 
 from __future__ import annotations
@@ -16,17 +16,17 @@ from bcapscope.errors import InputError
 from bcapscope.messages import Message
 
 MAX_LEVELS = 64
-"""Limit of nesting levels."""
+"""Maximum number of nesting levels."""
 
 _LOADER: type[yaml.BaseLoader] = getattr(yaml, "CBaseLoader", yaml.BaseLoader)
 
 
 class YamlError(InputError):
-    """The text is no YAML, or nested too deep.
+    """The text is not YAML, or is nested too deep.
 
     Attributes:
-        line: Line from 1; 0 if unknown.
-        column: Column from 1; 0 if unknown.
+        line: Line of the error, counted from 1; 0 if it is unknown.
+        column: Column of the error, counted from 1; 0 if it is unknown.
     """
 
     def __init__(self, reason: Message, mark: Any = None) -> None:
@@ -36,10 +36,10 @@ class YamlError(InputError):
 
 
 def yaml_events(data: bytes | str) -> Iterator[yaml.Event]:
-    """Yield the events of a stream of documents; all scalars are text.
+    """Yield the events of a stream of YAML documents, in which all scalars are text.
 
     Raises:
-        YamlError: The data is no YAML, or has more than `MAX_LEVELS` levels.
+        YamlError: The data is not YAML, or has more than `MAX_LEVELS` levels.
     """
     depth = 0
     try:

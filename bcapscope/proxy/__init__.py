@@ -1,1 +1,1 @@
-"""The proxy: forwards traffic between clients and controllers; rules can change it."""
+"""The proxy forwards traffic between clients and controllers. Rules can change the traffic."""

@@ -1,7 +1,7 @@
-"""Add-ons: the user's own classes that see each message and may change, drop or answer it.
+"""Add-ons: classes of the user that see each message and may change, drop or answer it.
 
-A script is a Python file. The proxy creates one object, without arguments, of each class in it that has a
-method with one of these names, and calls its methods:
+A script is a Python file. The proxy creates one object of each class in the file that has a method with one
+of these names, and calls its methods. The class needs a constructor without arguments.
 
     request(message)      a request arrived from a client
     reply(message)        a reply arrived from the controller
@@ -10,7 +10,7 @@ method with one of these names, and calls its methods:
     gone(client)          a client is gone
     done()                the proxy ends
 
-Add-ons run in their own process. A message waits until they have decided about it.
+Add-ons run in a process of their own. A message waits until the add-ons have decided about it.
 """
 
 from __future__ import annotations
@@ -40,9 +40,7 @@ from bcapscope.traffic.pipeline import Pipeline, PipelineSubscriber
 HOOKS = ("request", "reply", "settled", "connected", "gone", "done")
 
 SLOW_HOOK_NS = 2_000_000
-"""ns. A hook that takes longer is reported. The whole time-out of a set point is no longer (DENSO Wave 2009,
-How to use the Slave mode).
-"""
+"""Time in ns after which a hook is slow (DENSO Wave 2009, How to use the Slave mode: time of a set point)."""
 
 
 class AddonClient(NamedTuple):
@@ -50,9 +48,6 @@ class AddonClient(NamedTuple):
 
     Attributes:
         number: Number of the client, never used twice.
-        address: Address of the client.
-        controller: Address of the controller.
-        transport: UDP or TCP.
     """
 
     number: int
@@ -65,10 +60,10 @@ class PassingMessage:
     """A message in transit, which hooks can read and change.
 
     Attributes:
-        client: The client of the message.
-        data: The bytes. Assign other bytes to replace the message.
-        dropped: True if the message does not go on.
-        call_kind: The call that it requests or answers, if known.
+        client: Client that sent the message, or that receives it.
+        data: Bytes of the message. Assign other bytes to replace the message.
+        dropped: True if the message is not forwarded.
+        call_kind: Call that the message requests or answers; None if it is unknown.
     """
 
     def __init__(self, client: AddonClient, message: WireMessage) -> None:
@@ -83,22 +78,22 @@ class PassingMessage:
 
     @property
     def frame(self) -> Frame | None:
-        """The frame as received; None for bytes that are not a frame."""
+        """The frame of the message as received; None for bytes that are not a frame."""
         return self._frames[0] if self._frames else None
 
     @property
     def function(self) -> str | None:
-        """Name of the function that it calls or answers; None if unknown."""
+        """Name of the function that the message calls or answers; None if the function is unknown."""
         return None if self.call_kind is None else function_name(self.call_kind.function_id)
 
     @property
     def command(self) -> str | None:
-        """Command of an ..._Execute function."""
+        """Command of an `..._Execute` function; None for other functions."""
         return None if self.call_kind is None else self.call_kind.command
 
     @property
     def values(self) -> list[Any]:
-        """The values of the arguments."""
+        """Values of the frame's arguments."""
         return [argument.variant.value for argument in self.frame.arguments] if self.frame else []
 
     @property
@@ -107,11 +102,10 @@ class PassingMessage:
         return tuple(self._answers)
 
     def drop(self) -> None:
-        """Drop the message."""
         self.dropped = True
 
     def answer(self, hresult: int | str) -> None:
-        """Answer a request with a result code, by name or number, and drop the request.
+        """Drop a request, and answer it with a result code, given by name or number.
 
         Raises:
             ValueError: There is no such result code.
@@ -121,19 +115,14 @@ class PassingMessage:
 
 
 class AddonRunner(PipelineSubscriber):
-    """Calls the hooks of all add-ons. An error in one is reported once and affects nothing else.
+    """Calls the hooks of all add-ons. Each hook's first error is reported, and the other hooks still run.
 
     Attributes:
-        notify: Called with a message for the user.
+        notify: Called with each message for the user.
     """
 
     def __init__(self, addons: Sequence[object], clock: Callable[[], int] = time.perf_counter_ns) -> None:
-        """Use these add-ons, in the order in which they are called.
-
-        Args:
-            addons: Objects with methods named as in `HOOKS`.
-            clock: Returns ns; measures slow hooks.
-        """
+        """Call the add-ons in this order. `clock` returns ns and measures slow hooks."""
         self.notify: Callable[[Message], None] = lambda message: None
         self.errors = 0
         self._clock = clock
@@ -146,11 +135,10 @@ class AddonRunner(PipelineSubscriber):
 
     @property
     def hooks(self) -> frozenset[str]:
-        """Names of the hooks that at least one add-on has."""
         return frozenset(name for name, found in self._hooks.items() if found)
 
     def run_message_hooks(self, client: AddonClient, message: WireMessage) -> PassingMessage:
-        """Show a message to all add-ons, to each as the previous one left it. Return the result."""
+        """Show a message to all add-ons, each as the previous add-on left it. Return the result."""
         passing = PassingMessage(client, message)
         name = "request" if message.flow.direction is Direction.REQUEST else "reply"
         for addon, hook in self._hooks[name]:
@@ -167,33 +155,31 @@ class AddonRunner(PipelineSubscriber):
         return passing
 
     def client_connected(self, client: AddonClient) -> None:
-        """Report a new client."""
         self._call_all("connected", client)
 
     def client_gone(self, client: AddonClient, conversation: Conversation) -> None:
-        """Complete the open calls of a client that is gone, report its end, and forget it."""
+        """Complete the open calls of a client that is gone, and report the client's end to the add-ons."""
         if self._pipeline is not None:
             self._pipeline.close_conversation(conversation)
         self._call_all("gone", client)
 
     def expire_calls(self, since_1970: int) -> None:
-        """Report calls that have completed by time alone."""
+        """Report the calls that are complete because no reply arrived in time."""
         if self._pipeline is not None:
             self._pipeline.expire(since_1970)
 
     @property
     def has_open_calls(self) -> bool:
-        """Whether to call `expire_calls` from time to time."""
+        """Whether `expire_calls` must be called from time to time."""
         return self._pipeline is not None and self._pipeline.has_open_calls
 
     def proxy_ended(self) -> None:
-        """Complete the open calls, and report the end of the proxy."""
+        """Complete the open calls, and report the end of the proxy to the add-ons."""
         if self._pipeline is not None:
             self._pipeline.finish()
         self._call_all("done")
 
     def on_call(self, call: Call, target: TrackedObject | None) -> None:
-        """Report a completed call."""
         self._call_all("settled", call)
 
     def _call_all(self, name: str, *arguments: object) -> None:
@@ -205,8 +191,8 @@ class AddonRunner(PipelineSubscriber):
         began = self._clock()
         try:
             hook(*arguments)
-        except BaseException as error:  # even SystemExit: the process must continue
-            if self._is_new(addon, name, "error"):  # else finding the place costs more than all the rest
+        except BaseException as error:  # even SystemExit, because the process must continue
+            if self._is_new(addon, name, "error"):  # finding the place of an error takes long
                 self.notify(
                     Message("addon.error", hook=f"{type(addon).__name__}.{name}", error=_where(error))
                 )
@@ -215,7 +201,7 @@ class AddonRunner(PipelineSubscriber):
             self.notify(Message("addon.slow", hook=hook_name, time=f"{took / 1e6:.1f} ms"))
 
     def _is_new(self, addon: object, name: str, kind: str) -> bool:
-        """Count an error. Return whether the user does not know it yet."""
+        """Count an error. Return whether the error is the first of its kind, so that the user must see it."""
         self.errors += kind != "slow"
         key = (id(addon), name, kind)
         is_new = key not in self._reported
@@ -224,7 +210,7 @@ class AddonRunner(PipelineSubscriber):
 
 
 def load_addons(path: str) -> list[object]:
-    """Run a script and create its add-ons.
+    """Run a script, and return one object of each add-on class in the script.
 
     Raises:
         ScriptError: The script cannot be read, fails, or contains no add-on.
@@ -255,7 +241,7 @@ def _load_module(path: str) -> ModuleType:
     if spec is None or spec.loader is None:
         raise ScriptError(Message("script.no-python", path=path))
     module = importlib.util.module_from_spec(spec)
-    sys.modules[name] = module  # dataclasses look their module up there
+    sys.modules[name] = module  # dataclasses look up their module in sys.modules
     try:
         spec.loader.exec_module(module)
     except BaseException as error:
@@ -267,7 +253,7 @@ def _load_module(path: str) -> ModuleType:
 
 
 def _where(error: BaseException) -> str:
-    """Return what failed and where, on one line."""
+    """Return what failed in a script and where, on one line."""
     if isinstance(error, SyntaxError):
         return f"{error.msg} (line {error.lineno})"
     frames = traceback.extract_tb(error.__traceback__)

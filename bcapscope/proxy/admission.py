@@ -1,7 +1,7 @@
-"""Decides which clients the proxy admits when there are too many. It does no I/O and reads no clock.
+"""Decides which clients the proxy admits when there are too many. This module uses no socket and no clock.
 
-Each transport has its own slots, and no address may take all of them. A new client whose first frame is a
-stop always gets a slot: some are reserved for that.
+Each transport has its own slots, and no client address may take all of them. A new client whose first frame
+is a stop always gets a slot, because some slots are reserved for stops.
 """
 
 from __future__ import annotations
@@ -15,26 +15,29 @@ from bcapscope.messages import Message
 from bcapscope.transport.first_frame_queue import source_network
 
 MAX_CLIENTS = 256
-"""Clients of each transport, on all listeners; DENSO's C server has 20 (orin_bcap C/src/bcap_server.c)."""
+"""Maximum number of clients per transport; DENSO's C server has 20 (orin_bcap C/src/bcap_server.c)."""
 
 MAX_PER_SOURCE = 192
-"""Clients of one address, which may stand for a whole plant. The rest is enough for three controllers."""
+"""Maximum number of clients per address, since one address may stand for a whole plant.
+
+The other slots are enough for three controllers.
+"""
 
 RESERVED_SLOTS = 4
-"""More slots of each transport, for clients whose first frame is a stop. The newest of them stay."""
+"""Number of additional slots per transport for stops. A new client replaces the oldest in these slots."""
 
 REPLACE_INTERVAL_NS = 5_000_000
-"""ns between two evictions when all slots are taken: limits the cost of a flood from ever new UDP ports."""
+"""Time in ns between two evictions of fresh clients, which limits the cost of a flood from new UDP ports."""
 
 REPLACE_BURST = 64
-"""Evictions without that delay, after a quiet time."""
+"""Number of evictions of fresh clients without that delay, after a quiet time."""
 
 TOO_MANY_CLIENTS = Message("client.silent.too-many")
-"""Reason for ending a client that is evicted for another."""
+"""Reason that the user sees when a client is evicted for another client."""
 
 
 class Occupant(Protocol):
-    """A client that has a slot."""
+    """A client that has one of the slots."""
 
     @property
     def number(self) -> int:
@@ -42,13 +45,13 @@ class Occupant(Protocol):
 
     @property
     def source(self) -> str:
-        """Network of the client; see `source_network`."""
+        """Network of the client, as `source_network` returns it."""
 
     def evictable_idle_ns(self, now: int) -> int | None:
-        """Return for how many ns the client was idle, if it may be evicted for another; else None."""
+        """Return how many ns the client has been idle, if it may be evicted for another client; else None."""
 
     def close(self, reset: bool, why: Message) -> None:
-        """End the client."""
+        """End the client's session."""
 
 
 class ClientSlot(Enum):
@@ -76,12 +79,10 @@ class ClientSlots:
         return len(self._regular) + len(self._reserved)
 
     def find_slot(self, host: str, now: int, is_stop: bool) -> ClientSlot:
-        """Find a slot for a new client. Others may be evicted for it.
+        """Find a slot for a new client at the address `host`. Other clients may be evicted for the new
+        client.
 
-        Args:
-            host: Address of the client.
-            now: ns of a monotonic clock.
-            is_stop: True if its first frame is a stop.
+        `is_stop` is True if the client's first frame is a stop. `now` is in ns of a monotonic clock.
         """
         source = source_network(host)
         if self._sources[source] >= MAX_PER_SOURCE:
@@ -97,12 +98,11 @@ class ClientSlots:
         return ClientSlot.RESERVED
 
     def occupy(self, occupant: Occupant, slot: ClientSlot, is_fresh: bool) -> None:
-        """Give a client its slot.
+        """Give a client the slot that `find_slot` found.
 
         Args:
-            occupant: The client.
-            slot: Result of `find_slot`, or `ClientSlot.RESERVED` for a client that must not stay long.
-            is_fresh: True if the client has sent one datagram and may never send another.
+            slot: Kind of slot; a client with `ClientSlot.RESERVED` must not stay long.
+            is_fresh: True if the client has sent one datagram so far and may never send another.
         """
         number = occupant.number
         if slot is ClientSlot.RESERVED:
@@ -114,11 +114,10 @@ class ClientSlots:
             self._fresh[number] = occupant
 
     def mark_established(self, number: int) -> None:
-        """Note that a fresh client has sent again."""
+        """Protect a fresh client from early eviction, because it has sent a second datagram."""
         self._fresh.pop(number, None)
 
     def release(self, number: int) -> None:
-        """Free the slot of a client that has ended."""
         self._fresh.pop(number, None)
         self._reserved.pop(number, None)
         occupant = self._regular.pop(number, None)
@@ -129,7 +128,7 @@ class ClientSlots:
                 del self._sources[source]
 
     def end_oldest_stop(self) -> bool:
-        """End the client that has held a reserved slot longest. Return whether there was one."""
+        """End the client that has held a reserved slot longest. Return whether there was such a client."""
         oldest = next(iter(self._reserved.values()), None)
         if oldest is None:
             return False
@@ -138,7 +137,7 @@ class ClientSlots:
         return True
 
     def _evict_one(self, source: str | None, now: int) -> bool:
-        """Evict a client, of one source or of any, that may be evicted. Return whether there was one."""
+        """Evict a client of one source, or of any source, if one may be evicted. Return whether one was."""
         victim = self._oldest_replaceable(source, now) or self._longest_idle(source, now)
         if victim is None:
             return False
@@ -147,9 +146,10 @@ class ClientSlots:
         return True
 
     def _longest_idle(self, source: str | None, now: int) -> Occupant | None:
-        """Return the client that was idle longest, None if there is none.
+        """Return the client that has been idle longest among those that may be evicted; None if there is
+        none.
 
-        A search without result is not repeated for the same `now`.
+        A search without a result is not repeated for the same `now`.
         """
         if now != self._exhausted_at:
             self._exhausted_at = now
@@ -165,7 +165,7 @@ class ClientSlots:
         return None
 
     def _oldest_replaceable(self, source: str | None, now: int) -> Occupant | None:
-        """Return the oldest fresh client, of one source or any; None if no eviction is allowed now."""
+        """Return the oldest fresh client of one source or of any; None if none may be evicted now."""
         earned = (now - self._replaced_at) // REPLACE_INTERVAL_NS
         if earned:
             self._replacements_left = min(self._replacements_left + earned, REPLACE_BURST)

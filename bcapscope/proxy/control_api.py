@@ -1,4 +1,4 @@
-"""Executes requests to a running proxy, without sockets or clocks."""
+"""Executes control requests to a running proxy. This module uses no socket and no clock."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ Q = TypeVar("Q", DurationQuantity, FrameCondition)
 
 
 class ControlResponse(NamedTuple):
-    """A response.
+    """Response to one line of a control client.
 
     Attributes:
-        line: JSON and a line feed.
+        line: Response as JSON, with a line feed.
         is_json: True if the request was JSON. A program that sends anything else is not a control client.
     """
 
@@ -35,8 +35,6 @@ class ControlResponse(NamedTuple):
 
 
 class ControlApi:
-    """Executes requests from the control socket."""
-
     def __init__(
         self,
         rules: RulePolicy,
@@ -45,17 +43,15 @@ class ControlApi:
     ) -> None:
         """Use the rules of a proxy.
 
-        Args:
-            rules: Rules of the proxy.
-            figures: Returns the figures of the relay, by their names in `ProxyStats`.
-            upstream: Returns the state of the connection to the controller, by number of the client.
+        `figures` returns the relay's figures, by their names in `ProxyStats`. `upstream` returns the state of
+        a client's connection to the controller, by client number.
         """
         self._rules = rules
         self._figures = figures
         self._upstream = upstream
 
     def handle_line(self, line: bytes, now: int) -> ControlResponse:
-        """Execute a line of JSON. Return the response; errors become responses as well."""
+        """Execute a request, given as a line of JSON. Return the response, also if the request is invalid."""
         is_json = True
         try:
             return ControlResponse(
@@ -91,7 +87,7 @@ class ControlApi:
                 return control.FaultResponse(name=self._change_fault(request, now))
 
     def _change_fault(self, request: control.FaultChange, now: int) -> str:
-        """Add or change a fault. Return its name."""
+        """Add, remove or switch a fault. Return the name of the fault."""
         shaper = self._rules.shaper
         if isinstance(request, control.AddFault):
             if bool(request.rule) == bool(request.fault):
@@ -122,7 +118,6 @@ class ControlApi:
                 rules.drop_held(request.number, now)
 
     def _edited_bytes(self, request: control.EditHeld) -> bytes:
-        """Return the bytes that replace a held message."""
         held = next((each for each in self._rules.intercept.held if each.number == request.number), None)
         if held is None:
             raise KeyError(request.number)
@@ -131,7 +126,7 @@ class ControlApi:
         if request.hex:
             return bytes.fromhex(request.hex)
         data = rewrite_message(held.data, held.flow, request.rewrite)
-        if data == held.data:  # a typing error must not let a motion pass unchanged
+        if data == held.data:  # after a typing error, a motion must not pass unchanged
             raise InputError(Message("control.no-change"))
         return data
 
@@ -189,7 +184,6 @@ def _client_status(client: ClientActivity, upstream: str, now: int) -> control.C
 
 
 def _seconds_ago(then: int, now: int) -> float | None:
-    """Return how many seconds ago something happened; None for never."""
     return round((now - then) / 1e9, 3) if then else None
 
 

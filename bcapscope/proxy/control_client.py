@@ -1,7 +1,7 @@
-"""The client of the control socket: sends requests to the proxy and reads its responses.
+"""The client of the control socket, which sends requests to a proxy and reads the responses.
 
-Any program may listen on the address. The size and time of a response are bounded before it is read. Its
-values are strings from the wire: escape them before you print them.
+Any program may listen on the address. So the client limits the size and the time of a response. The values in
+a response are strings from the wire: escape them before you print them.
 """
 
 from __future__ import annotations
@@ -18,10 +18,12 @@ from bcapscope.proxy import control_messages as control
 from bcapscope.proxy.control_socket import ControlError, connect_control
 
 ANSWERS_WITHIN = 10.0
-"""Seconds that a whole response may take."""
+"""Maximum time in seconds that a whole response may take."""
 
 LARGEST_LIST = 16 << 20
-"""Bytes of a list of held messages: a thousand of 8,000 bytes each fit. Others have `LONGEST_LINE`."""
+"""Maximum number of bytes of a list of held messages, enough for a thousand messages of 8,000 bytes. Other
+responses have `LONGEST_LINE`.
+"""
 
 _LONGEST_REASON = 1000
 
@@ -29,10 +31,10 @@ R = TypeVar("R", bound=control.DoneResponse)
 
 
 class ControlRefused(BcapError):
-    """The proxy refused a request; the text is its reason.
+    """The proxy rejected a request; the text of the error is the proxy's reason.
 
     Attributes:
-        line: The response as received, JSON.
+        line: Response as received, in JSON.
     """
 
     def __init__(self, reason: Message, line: bytes) -> None:
@@ -43,19 +45,20 @@ class ControlRefused(BcapError):
 
 
 class ControlClient:
-    """A connection to a proxy. It opens with the first request, and again after it broke."""
+    """A control connection to a proxy, which opens with the first request and again after a failure."""
 
     def __init__(self, address: str) -> None:
-        """Use the address that the proxy got with ``--control``."""
+        """Set the address, which is the one that the proxy got with ``--control``."""
         self._address = address
         self._socket: socket.socket | None = None
 
     def request(self, request: control.ControlRequest, kind: type[R]) -> R:
-        """Send a request and return the response, of the given kind. Takes at most `ANSWERS_WITHIN` seconds.
+        """Send a request and return the response as an object of type `kind`, within `ANSWERS_WITHIN`
+        seconds.
 
         Raises:
-            ControlError: No program listens there, or it does not respond as a proxy of this version does.
-            ControlRefused: The proxy refused the request.
+            ControlError: No program listens on the address, or the program is no proxy of this version.
+            ControlRefused: The proxy rejected the request.
         """
         line = self.request_raw(request)
         try:
@@ -65,7 +68,7 @@ class ControlClient:
             raise ControlError(Message("control.other-version", address=self._address)) from error
 
     def request_raw(self, request: control.ControlRequest) -> bytes:
-        """Send a request and return the response as received, one line of JSON.
+        """Send a request and return the response as received, as one line of JSON.
 
         Raises:
             ControlError, ControlRefused: as `request`.
@@ -74,7 +77,9 @@ class ControlClient:
         try:
             line = self._send_and_receive(control.encode_line(request), limit)
             head = control.decode_response(line, control.ErrorResponse)
-        except ConnectionError as error:  # during the request; a failure to connect is a ControlError
+        except (
+            ConnectionError
+        ) as error:  # the connection broke during the request; connecting raises ControlError
             self.close()
             raise ControlError(Message("control.ended", address=self._address)) from error
         except OSError as error:

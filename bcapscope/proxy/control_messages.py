@@ -12,8 +12,8 @@
     {"do": "clients"}                            clients, and their connections to the controller
     {"do": "stats"}
 
-A response has "ok": true and the result, or "ok": false and "error". The client checks its types and bounds,
-since any program may listen on the address.
+A response has "ok": true and the result, or "ok": false and "error". The client checks the types and bounds
+of a response, because any program may listen on the address.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ JsonHex: TypeAlias = Annotated[str, Meta(pattern=r"^([0-9A-Fa-f]{2} ?)*\Z")]
 Seconds: TypeAlias = Annotated[float, Meta(ge=-1e9, le=1e9)]
 
 LONGEST_LINE = 1 << 20
-"""Bytes. A message in hexadecimal has 1006 digits on UDP, and seldom more than 20,000 on TCP."""
+"""Maximum size of a line in bytes. Held messages have up to 1006 hexadecimal digits on UDP, more on TCP."""
 
 
 class _Request(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True, tag_field="do"):
@@ -51,38 +51,38 @@ class _Request(msgspec.Struct, frozen=True, forbid_unknown_fields=True, omit_def
 
 
 class ListFaults(_Request, frozen=True, tag="rules"):
-    """List the faults: `FaultsResponse`."""
+    """Request for the list of faults; the response is a `FaultsResponse`."""
 
 
 class AddFault(_Request, frozen=True, tag="add"):
-    """Add a fault, given as one line (`rule`) or as in a file (`fault`): `FaultResponse`."""
+    """Request to add a fault, as one line (`rule`) or as in a file (`fault`); answered by `FaultResponse`."""
 
     rule: str = ""
     fault: dict[str, Any] = {}
 
 
 class RemoveFault(_Request, frozen=True, tag="remove"):
-    """Remove a fault: `FaultResponse`."""
+    """Request to remove a fault."""
 
     name: str
 
 
 class EnableFault(_Request, frozen=True, tag="on"):
-    """Switch a fault on: `FaultResponse`."""
+    """Request to switch a fault on."""
 
     name: str
 
 
 class DisableFault(_Request, frozen=True, tag="off"):
-    """Switch a fault off: `FaultResponse`."""
+    """Request to switch a fault off."""
 
     name: str
 
 
 class SetIntercept(_Request, frozen=True, tag="intercept", rename={"condition": "if"}):
-    """Hold messages that match another filter from now on, or none: `DoneResponse`.
+    """Request to hold messages that match another filter from now on; without a filter, hold none.
 
-    Without `patience`, the longest time to hold a message stays as it is.
+    Without `patience`, the maximum time that a message is held stays as it is.
     """
 
     condition: str | None = None
@@ -90,17 +90,17 @@ class SetIntercept(_Request, frozen=True, tag="intercept", rename={"condition": 
 
 
 class ListHeld(_Request, frozen=True, tag="held"):
-    """List the held messages: `HeldResponse`."""
+    """Request for the list of held messages."""
 
 
 class ForwardHeld(_Request, frozen=True, tag="forward"):
-    """Send a held message on unchanged: `DoneResponse`."""
+    """Request to forward a held message unchanged."""
 
     number: int
 
 
 class EditHeld(_Request, frozen=True, tag="edit"):
-    """Send a held message on with other bytes, or rewritten as by a fault: `DoneResponse`."""
+    """Request to forward a held message with other bytes, or changed as by a rewrite fault."""
 
     number: int
     hex: str = ""
@@ -108,17 +108,17 @@ class EditHeld(_Request, frozen=True, tag="edit"):
 
 
 class DropHeld(_Request, frozen=True, tag="drop"):
-    """Drop a held message: `DoneResponse`."""
+    """Request to drop a held message."""
 
     number: int
 
 
 class ListClients(_Request, frozen=True, tag="clients"):
-    """List the clients: `ClientsResponse`."""
+    """Request for the list of clients."""
 
 
 class GetStats(_Request, frozen=True, tag="stats"):
-    """Return the figures: `ProxyStats`."""
+    """Request for the figures of the proxy."""
 
 
 FaultChange: TypeAlias = AddFault | RemoveFault | EnableFault | DisableFault
@@ -127,9 +127,9 @@ ControlRequest: TypeAlias = FaultChange | HoldChange | ListFaults | ListHeld | L
 
 
 class ErrorResponse(msgspec.Struct, frozen=True):
-    """The proxy refused a request; `error` is the reason in English, `message` that of `message_to_data`.
+    """Response to a rejected request: the reason in English, and as the data of `message_to_data`.
 
-    The client reads every response as one first.
+    The client first decodes every response as an `ErrorResponse`.
     """
 
     ok: bool
@@ -138,7 +138,7 @@ class ErrorResponse(msgspec.Struct, frozen=True):
 
     @property
     def reason(self) -> Message:
-        """The reason. A program that is no proxy of this version may give none, or an invalid one."""
+        """Reason of the rejection. Another program than a proxy may send no reason, or an invalid one."""
         try:
             if self.message is not None:
                 return message_from_data(self.message)
@@ -148,19 +148,19 @@ class ErrorResponse(msgspec.Struct, frozen=True):
 
 
 class DoneResponse(msgspec.Struct, frozen=True, kw_only=True):
-    """A request was carried out."""
+    """Response to a request that was carried out."""
 
     ok: bool = True
 
 
 class FaultResponse(DoneResponse, frozen=True, kw_only=True):
-    """A fault was added or changed."""
+    """Response to the change of a fault."""
 
     name: str
 
 
 class FaultStatus(msgspec.Struct, frozen=True):
-    """A fault, and how often it was injected. `struck` is the old name of `injected`."""
+    """A fault, and how often the proxy injected it. `struck` is the old name of `injected`."""
 
     name: str
     on: bool
@@ -178,7 +178,7 @@ class FaultsResponse(DoneResponse, frozen=True, kw_only=True):
 
 
 class ClientStatus(msgspec.Struct, frozen=True):
-    """A client: `up` and `down` count datagrams, or reads of a stream. Times are None for never."""
+    """A client of the proxy. `up` and `down` count datagrams, or reads of a stream; None means never."""
 
     number: JsonCount
     client: str
@@ -197,7 +197,7 @@ class ClientsResponse(DoneResponse, frozen=True, kw_only=True):
 
 
 class HeldStatus(msgspec.Struct, frozen=True):
-    """A held message. `given_up` says why its client no longer waits. `more` is the old name of `retries`."""
+    """A held message. `given_up` is why the client no longer waits. `more` is the old name of `retries`."""
 
     number: JsonCount
     client: JsonEndpoint
@@ -223,13 +223,12 @@ class HeldStatus(msgspec.Struct, frozen=True):
 
     @property
     def flow(self) -> Flow:
-        """Sender and receiver."""
         ends = _endpoint(self.client), _endpoint(self.server)
         return Flow(Conversation(*ends, self.transport, "the proxy"), self.direction)
 
     @property
     def call_kind(self) -> CallKind | None:
-        """The call that it requests or answers; None if unknown."""
+        """Call that the held message requests or answers; None if it is unknown."""
         return None if self.function_id is None else CallKind(self.function_id, self.command)
 
 
@@ -238,7 +237,7 @@ class HeldResponse(DoneResponse, frozen=True, kw_only=True):
 
 
 class RelayDelays(msgspec.Struct, frozen=True):
-    """Delays in the relay of data forwarded unchanged, in ns; `slow` counts delays that are too long."""
+    """Delays in ns of data that the relay forwards unchanged; `slow` is the number of excessive delays."""
 
     p50_up: JsonCount = 0
     p99_up: JsonCount = 0
@@ -252,9 +251,9 @@ class RelayDelays(msgspec.Struct, frozen=True):
 
 
 class ProxyStats(DoneResponse, frozen=True, kw_only=True):
-    """Figures of the proxy; those of the relay are described in `RelayCounter`.
+    """Figures of the proxy; `RelayCounter` describes the counters of the relay.
 
-    `injected` counts how often each fault was injected. `struck` and `held_up_ns` are the old names of
+    `injected` is the number of injections of each fault. `struck` and `held_up_ns` are the old names of
     `injected` and `delays_ns`.
     """
 
@@ -299,30 +298,30 @@ class ProxyStats(DoneResponse, frozen=True, kw_only=True):
 
 
 def encode_line(message: ControlRequest | DoneResponse | ErrorResponse) -> bytes:
-    """Return a request or a response as a line."""
+    """Return a request or a response as one line of JSON."""
     try:
         return msgspec.json.encode(message) + b"\n"
-    except UnicodeEncodeError:  # lone surrogate, from the wire or a file name, which UTF-8 cannot encode
+    except UnicodeEncodeError:  # UTF-8 cannot encode a lone surrogate from the wire or a file name
         text = json.dumps(msgspec.to_builtins(message), ensure_ascii=False)
         return text.encode("utf-8", "replace") + b"\n"
 
 
 def decode_request(line: bytes) -> ControlRequest:
-    """Read a request.
+    """Decode a request from a line.
 
     Raises:
         JSONDecodeError: The line is no JSON. A program that sends such a line is not a control client.
-        DocumentError: It is no request; names the field.
+        DocumentError: The JSON is no valid request; the error names the field.
     """
     request: ControlRequest = convert_data(orjson.loads(line), ControlRequest)
     return request
 
 
 def decode_response(line: bytes, kind: type[T]) -> T:
-    """Read a response of a kind.
+    """Decode a response of the given type from a line.
 
     Raises:
-        ValueError: The line is no such response.
+        ValueError: The line is no response of this type.
     """
     try:
         return msgspec.json.decode(line, type=kind)

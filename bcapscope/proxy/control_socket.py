@@ -1,4 +1,4 @@
-"""The socket of the `ControlApi`: a path with mode 0600, or a port on loopback."""
+"""The socket on which the proxy receives control requests: a path with mode 0600, or a port on loopback."""
 
 from __future__ import annotations
 
@@ -22,27 +22,22 @@ MAX_CONNECTIONS = 16
 _BACKLOG = 128
 
 IDLE_AFTER = 10.0
-"""Seconds after its last command for which a connection is not closed in favour of a new one."""
+"""Idle time in seconds after which a new control connection may replace an old one."""
 
 
 class ControlError(BcapError):
-    """A control socket cannot be opened at this address, or no proxy listens on it."""
+    """The control socket cannot be opened at this address, or no proxy listens on the address."""
 
 
 class ControlServer:
-    """Listens, and passes lines to the `ControlApi`.
+    """Accepts control connections, and passes each received line to the `ControlApi`.
 
     Attributes:
-        address: Path, or host and port.
+        address: Path of the socket, or its host and port.
     """
 
     def __init__(self, address: str, api: ControlApi, watcher: DescriptorWatcher) -> None:
-        """Listen.
-
-        Args:
-            address: ``HOST:PORT`` on loopback; anything else is a path.
-            api: Executes the commands.
-            watcher: Waits for the sockets.
+        """Listen at `HOST:PORT` on loopback; any other address is a path.
 
         Raises:
             ControlError: The address cannot be listened on.
@@ -61,7 +56,7 @@ class ControlServer:
         watcher.watch(self._socket.fileno(), self._on_acceptable)
 
     def close(self) -> None:
-        """Close all connections, and remove the path."""
+        """Close all control connections, and remove the path of the socket."""
         for connection in list(self._connections.values()):
             connection.close()
         self._watcher.unwatch(self._socket.fileno())
@@ -75,7 +70,7 @@ class ControlServer:
             sock, _address = self._socket.accept()
         except (BlockingIOError, ConnectionError):
             return
-        except OSError:  # for example, no file descriptors: the client has to wait
+        except OSError:  # for example, no free file descriptor, so the client has to wait
             self._watcher.pause(self._socket.fileno())
             return
         if len(self._connections) >= MAX_CONNECTIONS and not self._close_idle_connection():
@@ -85,7 +80,7 @@ class ControlServer:
         self._connections[sock.fileno()] = _Connection(sock, self._api, self._watcher, self._connections)
 
     def _close_idle_connection(self) -> bool:
-        """Close the longest idle connection, first one without a command. Return False if none is idle."""
+        """Close the longest idle connection, or one that sent no command. Return False if none is idle."""
         idle = min(self._connections.values(), key=lambda each: each.last_command_at)
         if time.monotonic() - idle.last_command_at < IDLE_AFTER:
             return False
@@ -97,7 +92,8 @@ class _Connection:
     """A connected control client.
 
     Attributes:
-        last_command_at: Time of the last command, seconds of `time.monotonic`; minus infinity for never.
+        last_command_at: Time of the last command in seconds of `time.monotonic`; minus infinity before the
+            first.
     """
 
     def __init__(
@@ -124,7 +120,7 @@ class _Connection:
             self._socket.close()
 
     def _on_ready(self, _: int) -> None:
-        """Give at most one answer per event, to keep traffic moving and memory bounded."""
+        """Answer at most one line per event, so that traffic keeps moving and memory stays limited."""
         try:
             if not self._backlog and (b"\n" in self._received or self._read()):
                 self._answer_next_line()
@@ -135,7 +131,7 @@ class _Connection:
             self.close()
 
     def _read(self) -> bool:
-        """Read more. Return whether there is a complete line now."""
+        """Read bytes from the control client. Return whether a line is complete now."""
         data = self._socket.recv(1 << 16)
         self._received += data
         if not data or (b"\n" not in data and len(self._received) > LONGEST_LINE):
@@ -150,11 +146,11 @@ class _Connection:
             self.last_command_at = time.monotonic()
             reply = self._api.handle_line(line, time.monotonic_ns())
             self._backlog += reply.line
-            # A web page can make a browser connect here. It sends HTTP, then JSON of the page's choice.
+            # A web page can make a browser connect here and send HTTP, then JSON of the page's choice.
             self._closes_after_send = not reply.is_json
 
     def _send(self) -> None:
-        """Send what the client accepts. Then close, or wait for the next event."""
+        """Send the bytes that the client accepts. Then close the connection, or wait for the next event."""
         with suppress(BlockingIOError):
             while self._backlog:
                 del self._backlog[: self._socket.send(self._backlog)]
@@ -166,13 +162,13 @@ class _Connection:
 
 
 def is_tcp_address(address: str) -> bool:
-    """Return whether an address is ``HOST:PORT`` and not a path."""
+    """Return whether an address has the form ``HOST:PORT`` and is not a path."""
     host, colon, port = address.rpartition(":")
     return bool(colon) and port.isdecimal() and "/" not in host and os.sep not in host
 
 
 def connect_control(address: str, timeout: float = 5.0) -> socket.socket:
-    """Connect to a control socket.
+    """Connect to the control socket of a proxy.
 
     Raises:
         ControlError: No proxy listens on the address.

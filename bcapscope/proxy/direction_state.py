@@ -1,4 +1,4 @@
-"""State of one direction of a client, and how its data is split into messages."""
+"""The state of each direction of a client's traffic, and how its data is split into messages."""
 
 from __future__ import annotations
 
@@ -18,17 +18,15 @@ from bcapscope.traffic.observation import Conversation, Direction, Flow, Transpo
 
 
 class DirectionState:
-    """One direction of a client.
+    """State of one direction of a client's traffic.
 
     Attributes:
-        flow: Sender and receiver, for filters and faults.
-        client: Number of the client.
-        splitter: Splitter of a stream; None while no rule needs its frames.
-        has_begun: True once bytes have passed.
-        piece_count: Number of datagrams, or of reads of a stream.
-        last_piece_at: Time of the last of them, ns.
-        has_ended: True once the stream has ended.
-        overtaken_by: Number of the latest message that stops the motions before it; 0 for none.
+        splitter: Splitter of a TCP stream into frames; None while no rule needs frames.
+        has_begun: True after bytes of this direction were forwarded.
+        piece_count: Number of datagrams received, or of reads of a stream.
+        last_piece_at: Time of the last datagram or read, in ns.
+        has_ended: True after the stream has ended.
+        overtaken_by: Number of the latest stop that overtook earlier motions of this direction; 0 for none.
     """
 
     __slots__ = (
@@ -44,7 +42,7 @@ class DirectionState:
     )
 
     def __init__(self, client: int, flow: Flow, budget: ByteBudget | None = None) -> None:
-        """Set up the direction; `budget` counts the bytes of unfinished frames of all streams."""
+        """Set up the state. `budget` limits the bytes of unfinished frames of all streams together."""
         self._budget = budget
         self.client = client
         self.flow = flow
@@ -54,11 +52,11 @@ class DirectionState:
 
     @property
     def is_stream(self) -> bool:
-        """Whether it is a stream that must be split into frames."""
+        """Whether the messages of this direction are a stream, which has no boundaries."""
         return self.flow.conversation.transport is Transport.TCP
 
     def cut_messages(self, data: bytes, into_frames: bool) -> Iterator[bytes]:
-        """Yield the messages in received data. A stream whose frames no rule needs is not split."""
+        """Yield the messages in received data. Split a stream into frames only if `into_frames` is True."""
         if not self.is_stream:
             yield data
             return
@@ -73,22 +71,20 @@ class DirectionState:
             yield whole
 
     def take_incomplete(self) -> list[bytes]:
-        """Stop splitting. Return the bytes kept of an incomplete frame."""
+        """Stop splitting the stream. Return the bytes kept of an incomplete frame."""
         splitter, self.splitter = self.splitter, None
         return [piece.item.raw for piece in splitter.close()] if splitter else []
 
 
 class ClientActivity(NamedTuple):
-    """Activity of a connected client.
+    """Activity of a connected client; times are in ns.
 
     Attributes:
-        number: Number of the client.
-        conversation: Conversation between the client and the controller.
-        since: Time of its first bytes, ns.
-        up: Datagrams, or reads of a stream, from the client.
-        last_request_at: Time of the last of them, ns; 0 for never.
-        down: Datagrams, or reads of a stream, from the controller.
-        last_reply_at: Time of the last of them, ns; 0 for never.
+        since: Time of the client's first bytes.
+        up: Number of datagrams, or of reads of a stream, from the client.
+        last_request_at: Time of the last bytes from the client; 0 for never.
+        down: Number of datagrams, or of reads of a stream, from the controller.
+        last_reply_at: Time of the last bytes from the controller; 0 for never.
     """
 
     number: int
@@ -121,11 +117,10 @@ class ClientStates:
         del self._directions[client], self._connected_at[client]
 
     def directions(self, client: int) -> Mapping[Direction, DirectionState]:
-        """Return the states of a client; {} for one that is gone."""
+        """Return the states of both directions of a client; {} for a client that is gone."""
         return self._directions.get(client, {})
 
     def number_of(self, conversation: Conversation) -> int:
-        """Return the number of the client of a conversation."""
         return self._numbers[conversation]
 
     def requests(self) -> Iterator[DirectionState]:
@@ -144,13 +139,12 @@ class ClientStates:
 
 
 class DecisionBuilder:
-    """Collects the decision about received data: actions in order, and notes.
+    """Collects the rules' decision about received data: actions in order, and notes.
 
     Attributes:
-        actions: Actions in order, without those already returned.
-        notes: Notes for the user.
-        waiting: Number of messages in the data that wait for the scripts.
-        ticket: Identifies the data while a message waits; 0 for none so far.
+        actions: Actions to do, without those already returned.
+        waiting: Number of messages in the data that wait for a decision of the scripts.
+        ticket: Number that identifies the data while a message in it waits; 0 if none has waited.
     """
 
     __slots__ = ("actions", "notes", "ticket", "waiting")
@@ -162,7 +156,7 @@ class DecisionBuilder:
 
     @property
     def note(self) -> Message | None:
-        """All notes as one message, each once; None if there are none."""
+        """All different notes as one message; None if there are no notes."""
         return joined_clauses(self.notes)
 
 
@@ -170,8 +164,8 @@ class UndecidedMessage(NamedTuple):
     """A message that the scripts have to decide about.
 
     Attributes:
-        state: Direction of the message.
-        builder: Decision about all data that arrived with it.
+        state: State of the message's direction.
+        builder: Decision about all data that arrived together with the message.
     """
 
     state: DirectionState
@@ -182,8 +176,8 @@ class SplitRequests(NamedTuple):
     """Requests that were held when their client or the proxy ended.
 
     Attributes:
-        forwarded: Datagrams or pieces of a stream that are still sent.
-        dropped: Frames that are not sent, and bytes that are not a frame.
+        forwarded: Datagrams or pieces of a stream that are still sent to the controller.
+        dropped: Frames that are not sent any more, and bytes that are not a frame.
     """
 
     forwarded: list[bytes]
@@ -191,10 +185,11 @@ class SplitRequests(NamedTuple):
 
 
 def split_held_requests(state: DirectionState, held: Iterable[bytes]) -> SplitRequests:
-    """Choose which held requests are still sent: those that stop the robot or release something.
+    """Choose the held requests that are still sent: those that stop the robot or release something.
 
-    A motion that starts when its client no longer waits does harm; a stop never does. On a stream, the rest
-    of a partly sent frame goes first. Otherwise the controller would take the stop for that rest.
+    A motion that starts when its client no longer waits does harm. A stop never does harm. On a stream, the
+    rest of a partly sent frame is sent first, because the controller would otherwise take the stop for that
+    rest.
     """
     if not state.is_stream:
         split = [_split_frames(parse_datagram(data)) for data in held]
@@ -225,7 +220,7 @@ def _split_frames(items: Iterable[Frame | Malformed]) -> SplitRequests:
 def join_untouched_bytes(
     actions: list[SendAction | CloseAction], state: DirectionState
 ) -> Sequence[SendAction | CloseAction]:
-    """Join consecutive bytes of a stream that no rule touched into one piece again."""
+    """Join consecutive bytes of a stream that no rule touched, so that the relay sends them as one piece."""
     if not state.is_stream or len(actions) < 2:
         return actions
     found: list[SendAction | CloseAction] = []

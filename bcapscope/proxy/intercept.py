@@ -1,4 +1,4 @@
-"""Messages that are held until the user sends them on, edited or not, or drops them."""
+"""The intercept: it holds messages until the user forwards them, edited or not, or drops them."""
 
 from __future__ import annotations
 
@@ -19,33 +19,33 @@ from bcapscope.traffic.filter.getters import FRAME_GETTERS, AnnotatedFrame
 from bcapscope.traffic.observation import Conversation, Direction, Flow, Transport
 
 MAX_HELD = 1000
-"""Messages that may be held. Further ones pass, with a note."""
+"""Maximum number of held messages. Further messages pass, with a note for the user."""
 
 MAX_BYTES = 16 << 20
-"""Bytes of held messages."""
+"""Maximum number of bytes of all held messages."""
 
 HOLD_TIME_NS = 60_000_000_000
-"""ns that a message is held by default: long enough to edit it, short enough not to leave a robot waiting."""
+"""Default time in ns that a message is held: long enough to edit it, short enough for a waiting robot."""
 
 _Subject: TypeAlias = tuple[AttemptedCall, Direction]
-"""Subject of a decision: a UDP call or its reply, whichever attempt carries it."""
+"""A UDP call or its reply. The user's decision applies to every attempt that carries it."""
 
 
 class HeldMessage(NamedTuple):
     """A held message.
 
     Attributes:
-        number: Name of the message for the user, never used twice.
-        client: Number of the client.
-        flow: Sender and receiver.
-        data: The message; of a retried call the latest attempt, since its client accepts no other reply.
-        call_kind: The call that it requests or answers, if known.
-        since: Start of the hold, ns.
-        until: End of the hold, ns. Then the message goes on unchanged, unless its client has abandoned it.
-        last_attempt_at: Time of the latest attempt, ns.
-        repeats: Number of later packets of the same call. They are not held separately.
-        subject: Subject of the decision, if there may be retries.
-        abandoned_because: What the client did that shows that it no longer waits; None for nothing.
+        number: Number that identifies the message to the user, never used twice.
+        data: Bytes of the message. For a retried call, those of the latest attempt, because the client
+            accepts no other reply.
+        call_kind: Call that the message requests or answers; None if it is unknown.
+        since: Start of the hold, in ns.
+        until: End of the hold, in ns. The message is then forwarded unchanged, or dropped if it is abandoned.
+        last_attempt_at: Time of the latest attempt, in ns.
+        repeats: Number of later packets of the same call, which are not held separately.
+        subject: Call or reply that the decision applies to; None if there are no retries.
+        abandoned_because: Reason why the client no longer waits, as far as the client's traffic shows; None
+            otherwise.
     """
 
     number: int
@@ -64,9 +64,9 @@ class HeldMessage(NamedTuple):
         """Return how bcapscope knows that the client no longer waits for a reply; None if it may wait.
 
         A motion that starts long after the client reported a failure to its user does harm. A client makes
-        one call at a time, so it no longer waits once its stream has ended or it has sent another request. On
-        UDP, it no longer waits if it has not retried within `RETRY_WITHIN_NS`. On TCP, where there are no
-        retries, a silent client may wait.
+        one call at a time. So it no longer waits after it has sent another request, or after its stream has
+        ended. On UDP, a client that has not retried within `RETRY_WITHIN_NS` no longer waits. On TCP there
+        are no retries, so a silent client may wait.
         """
         if self.abandoned_because is not None or self.flow.direction is Direction.RESPONSE:
             return self.abandoned_because
@@ -77,11 +77,11 @@ class HeldMessage(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class InterceptResult:
-    """What happens to a message that concerns the intercept.
+    """What the intercept does with a message.
 
     Attributes:
-        note: Description for the user.
-        data: Bytes that go on now in its place; None for nothing.
+        note: Description of the decision, for the user.
+        data: Bytes to forward now in place of the message; None if nothing is forwarded.
     """
 
     note: Message
@@ -90,12 +90,11 @@ class InterceptResult:
 
 @dataclass(frozen=True, slots=True)
 class _PastDecision:
-    """A decision about a message whose retries may still come.
+    """A decision of the user about a message whose retries may still arrive.
 
     Attributes:
-        number: Number of the message.
-        data: Bytes that replaced the message; None if it was unchanged, empty if it was dropped.
-        until: Time in ns after which no retry is expected.
+        data: Bytes that replace the message; None if it is unchanged, empty if it is dropped.
+        until: Time in ns after which no retry can arrive any more.
     """
 
     number: int
@@ -104,15 +103,15 @@ class _PastDecision:
 
 
 class Intercept:
-    """Holds the messages that match a filter. Each call is held once, and the decision applies to its
-    retries.
+    """Holds the messages that match a filter.
 
-    Requests that stop the robot or release something are never held.
+    Each call is held once, and the decision applies to its retries. Requests that stop the robot or release
+    something are never held.
 
     Attributes:
-        condition: The filter; None to hold nothing.
-        hold_time: Time that a message is held, ns.
-        held_so_far: Number of messages held so far.
+        condition: Filter for the messages to hold; None to hold nothing.
+        hold_time: Maximum time that a message is held, in ns.
+        held_so_far: Number of messages held since the start.
     """
 
     def __init__(self, condition: FrameCondition | None = None, hold_time: int = HOLD_TIME_NS) -> None:
@@ -125,7 +124,7 @@ class Intercept:
         self.set_condition(condition)
 
     def set_condition(self, condition: FrameCondition | None) -> None:
-        """Hold messages that match another filter from now on. Messages already held stay."""
+        """Hold messages that match another filter from now on. Messages that are already held stay held."""
         self.condition = condition
         self._matches_frame: Callable[[AnnotatedFrame], bool] | None = None
         if condition is not None:
@@ -133,7 +132,7 @@ class Intercept:
 
     @property
     def is_idle(self) -> bool:
-        """Whether the intercept has nothing to do with any message."""
+        """Whether the intercept ignores every message: it has no filter and no open decision."""
         return self.condition is None and not self._held and not self._past_decisions
 
     @property
@@ -142,14 +141,14 @@ class Intercept:
 
     @property
     def is_full(self) -> bool:
-        """Whether nothing more can be held."""
+        """Whether the intercept can hold no further message."""
         held = sum(len(held.data) for held in self._held.values())
         return len(self._held) >= MAX_HELD or held >= MAX_BYTES
 
     def hold_or_pass(self, client: int, message: WireMessage) -> InterceptResult | None:
-        """Hold a message or let it pass. Return None if it does not concern the intercept.
+        """Hold a message or let it pass. Return None if the message does not concern the intercept.
 
-        The caller must show all messages to this method, in order.
+        The caller must pass all messages to this method, in order.
         """
         while self._past_decisions and next(iter(self._past_decisions.values())).until < message.now:
             del self._past_decisions[next(iter(self._past_decisions))]
@@ -174,11 +173,9 @@ class Intercept:
         return InterceptResult(Message("held.as", number=number), None)
 
     def release(self, number: int, now: int, data: bytes | None = None) -> HeldMessage:
-        """Release a message and return it. The decision also applies to its retries.
+        """Stop holding a message and return it. The decision also applies to the message's retries.
 
         Args:
-            number: Number of the message.
-            now: ns.
             data: Bytes that replace the message; None to leave it unchanged, empty to drop it.
 
         Raises:
@@ -191,11 +188,11 @@ class Intercept:
         return held
 
     def due(self) -> int | None:
-        """Return when the next hold ends, in ns; None if nothing is held."""
+        """Return the time in ns when the next hold ends; None if nothing is held."""
         return min((held.until for held in self._held.values()), default=None)
 
     def pop_expired(self, now: int) -> list[HeldMessage]:
-        """Release messages whose hold has ended. Abandoned messages are dropped, with their retries."""
+        """Return the messages whose hold has ended. Retries of abandoned messages will be dropped."""
         return [
             self.release(held.number, now, None if held.abandonment_reason(now) is None else b"")
             for held in self.held
@@ -203,7 +200,7 @@ class Intercept:
         ]
 
     def mark_abandoned(self, flow: Flow, why: Message) -> None:
-        """Mark the held messages of a flow as abandoned by their client, with the reason."""
+        """Note `why` the client no longer waits for the held messages of a flow."""
         for held in self.held:
             if held.flow is flow and held.abandoned_because is None:
                 self._held[held.number] = held._replace(abandoned_because=why)
@@ -224,7 +221,7 @@ class Intercept:
         self._attempts.close_conversation(conversation)
 
     def _subject(self, message: WireMessage) -> tuple[_Subject | None, bool]:
-        """Return the subject of a message, None without retries, and whether it is a first attempt."""
+        """Return the call or reply in a message, None without retries, and whether it is a first attempt."""
         if self.is_idle or not message.is_datagram or len(message.frames) != 1:
             return None, bool(message.frames)
         (frame,), flow = message.frames, message.flow
@@ -241,7 +238,6 @@ class Intercept:
     def _repeat_decision(
         self, message: WireMessage, subject: _Subject, decided: _PastDecision
     ) -> InterceptResult:
-        """Apply the decision about a message to its retry."""
         self._remember_decision(subject, replace(decided, until=message.now + RETRY_WITHIN_NS))
         (frame,), number = message.frames, decided.number
         if decided.data is None:
@@ -253,7 +249,7 @@ class Intercept:
         return InterceptResult(Message("held.dropped-as", number=number), None)
 
     def _remember_decision(self, subject: _Subject, decided: _PastDecision) -> None:
-        """Store a decision at the end, so that the order is that of expiry."""
+        """Store a decision as the newest one, so that decisions expire in the stored order."""
         self._past_decisions.pop(subject, None)
         self._past_decisions[subject] = decided
         if len(self._past_decisions) > MAX_HELD:
@@ -269,7 +265,6 @@ class Intercept:
         return not any(always_passes(item.code, item.variants) for item in items if isinstance(item, Frame))
 
     def _hold(self, client: int, message: WireMessage, subject: _Subject | None) -> int:
-        """Hold a message. Return its number."""
         self.held_so_far += 1
         held = HeldMessage(
             self.held_so_far,

@@ -1,4 +1,4 @@
-"""Where a proxy listens, which controller it forwards to, and which clients it accepts."""
+"""The addresses on which a proxy listens, the controllers it forwards to, and the clients it accepts."""
 
 from __future__ import annotations
 
@@ -22,18 +22,18 @@ _IPV6 = frozenset("0123456789abcdefABCDEF:.")
 
 
 class ListenerSpecError(BcapError):
-    """The description of a listener is invalid; the message names the part."""
+    """The options of a listener are invalid; the error names the wrong part."""
 
 
 @dataclass(frozen=True, slots=True)
 class ListenerSpec:
-    """One address to listen on for one controller.
+    """Address on which the proxy listens for the clients of one controller.
 
     Attributes:
-        listen: IP address of this machine; port 0 takes a free port.
-        to: Controller, by address or name.
-        transports: Transports to listen on.
-        allow: Networks that clients may connect from; () for any.
+        listen: IP address and port of this machine; port 0 takes a free port.
+        to: Address or name of the controller, and its port.
+        transports: Transports on which the proxy listens.
+        allow: Networks from which clients may connect; () for all networks.
     """
 
     listen: Endpoint
@@ -42,7 +42,7 @@ class ListenerSpec:
     allow: tuple[Network, ...] = ()
 
     def allows(self, host: str) -> bool:
-        """Return whether a client with this IP address may connect."""
+        """Return whether a client with this IP address is allowed to connect."""
         if not self.allow:
             return True
         address = ipaddress.ip_address(host.partition("%")[0])
@@ -52,17 +52,17 @@ class ListenerSpec:
 def parse_listener_specs(
     listen: Sequence[str], to: Sequence[str], transport: str = "both", allow: Sequence[str] = ()
 ) -> tuple[ListenerSpec, ...]:
-    """Combine the options of each listener.
+    """Return one specification per listener, combined from the options of the command line.
 
     Args:
-        listen: ``HOST:PORT`` each, ``[HOST]:PORT`` for IPv6; a prefix ``udp:`` or ``tcp:`` selects a
+        listen: `HOST:PORT` of each listener, `[HOST]:PORT` for IPv6. The prefix `udp:` or `tcp:` selects a
             transport.
-        to: The same number of controllers, in the same order and notation, without transport.
-        transport: ``udp``, ``tcp`` or ``both`` for listeners without a prefix.
-        allow: Addresses or networks in CIDR notation.
+        to: `HOST:PORT` of each listener's controller, in the order of the listeners.
+        transport: Transport of listeners without a prefix: `udp`, `tcp` or `both`.
+        allow: Addresses or networks in CIDR notation from which clients may connect.
 
     Raises:
-        ListenerSpecError: Something is missing, duplicated, or not an address.
+        ListenerSpecError: An option is missing, duplicated or invalid.
     """
     if not listen:
         raise ListenerSpecError(Message("listener.none"))
@@ -94,7 +94,6 @@ def _check_conflicts(listeners: Sequence[ListenerSpec]) -> None:
 
 
 def _address(text: str, transport: str) -> tuple[Endpoint, tuple[Transport, ...]]:
-    """Read what to listen on."""
     word, colon, rest = text.partition(":")
     if colon and word.lower() in _TRANSPORTS:
         transport, text = word.lower(), rest
@@ -108,7 +107,6 @@ def _address(text: str, transport: str) -> tuple[Endpoint, tuple[Transport, ...]
 
 
 def _endpoint(text: str, option: str) -> Endpoint:
-    """Read ``HOST:PORT``."""
     host, colon, number = text.rpartition(":")
     if not colon:
         example = f"127.0.0.1:{text}" if text.isdecimal() else f"{text or '192.168.0.1'}:5007"

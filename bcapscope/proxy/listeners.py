@@ -1,4 +1,4 @@
-"""Opens the listeners of a specification."""
+"""Opens the listeners that a specification asks for."""
 
 from __future__ import annotations
 
@@ -17,9 +17,10 @@ _TRIES = 20
 def open_listeners(
     relay: Relay, spec: ListenerSpec, forget_after: int = EXPIRE_AFTER_NS
 ) -> tuple[Endpoint, list[TcpListener | UdpListener]]:
-    """Listen. Return the address, and the listeners, which accept clients once the relay has them.
+    """Open the listeners. Return their address, and the listeners.
 
-    Port 0 takes a free port, the same one for both transports.
+    Port 0 takes a free port, the same one for both transports. The listeners accept clients when the relay
+    opens them.
 
     Raises:
         ProxyListenError: The address cannot be listened on.

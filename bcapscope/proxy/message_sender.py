@@ -1,4 +1,4 @@
-"""The last step of the rules: the guard, and replies in the controller's place."""
+"""The last step of the rules: the guard, and replies that the proxy makes in the controller's place."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from bcapscope.traffic.observation import Conversation, Direction, Flow
 
 
 class MessageSender:
-    """Sends messages on, and refuses requests.
+    """Forwards messages, refuses requests and answers them.
 
     Attributes:
-        guard: Refuses requests; None without a guard.
-        refused_requests: Number of requests refused by the guard or by `refuse_motion`.
+        guard: Guard that refuses requests; None without a guard.
+        refused_requests: Number of requests that the guard or `refuse_motion` refused.
     """
 
     def __init__(self, guard: RequestGuard | None) -> None:
@@ -30,14 +30,14 @@ class MessageSender:
         self._replies = ReplyFactory()
 
     def on_message(self, flow: Flow, data: bytes) -> None:
-        """Learn from a message what replies look like."""
+        """Learn from a message how the controller fills in its replies."""
         self._replies.on_message(flow, data)
 
     def close_conversation(self, conversation: Conversation) -> None:
         self._replies.close_conversation(conversation)
 
     def send(self, state: DirectionState, data: bytes, note: Message | None, work: DecisionBuilder) -> None:
-        """Send a message. A request goes through the guard first."""
+        """Forward a message. A request passes the guard first."""
         direction = state.flow.direction
         if self.guard is not None and direction is Direction.REQUEST:
             data = self._apply_guard(self.guard, state, data, work)
@@ -48,7 +48,7 @@ class MessageSender:
     def refuse_motion(
         self, state: DirectionState, message: WireMessage, note: Message, work: DecisionBuilder
     ) -> bytes:
-        """Refuse the motions in a request. Return the bytes of the rest."""
+        """Refuse the motions in a request. Return the bytes of the other frames."""
         passing, refused = remove_motion(each.observation.item for each in message.annotated_frames)
         if not refused:
             return message.data
@@ -65,7 +65,7 @@ class MessageSender:
         note: Message,
         work: DecisionBuilder,
     ) -> None:
-        """Send the client a reply with a result code to each request."""
+        """Reply to each request in the controller's place, with a result code and no value."""
         for request in requests:
             raw = self._replies.make_reply(state.flow.conversation, request, code)
             work.actions.append(SendAction(state.client, Direction.RESPONSE, raw, note))
@@ -73,7 +73,7 @@ class MessageSender:
     def _apply_guard(
         self, guard: RequestGuard, state: DirectionState, data: bytes, work: DecisionBuilder
     ) -> bytes:
-        """Return what the guard lets pass of a request; the proxy answers the rest itself."""
+        """Return the part of a request that the guard passes, and answer the other frames."""
         passing, refused, dropped = guard.filter_frames(data)
         for frame, why in refused:
             self.refused_requests += 1

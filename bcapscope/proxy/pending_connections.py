@@ -1,4 +1,4 @@
-"""TCP clients between their connection and their first frame, which decides whether they get a slot."""
+"""TCP clients that have connected but not sent their first frame, which decides about their slot."""
 
 from __future__ import annotations
 
@@ -14,14 +14,15 @@ from bcapscope.transport.first_frame_queue import FirstFrameQueue
 from bcapscope.transport.tcp_link import close_with_reset
 
 Admit: TypeAlias = Callable[[socket.socket, SocketAddress, bytes, int], None]
-"""Admits a client: socket, address, bytes sent so far, and receipt of the last of them in ns since 1970."""
+"""Function that admits a client: socket, address, bytes so far, and time of the last ones in ns since 1970.
+"""
 
 _AT_ONCE = 4096
-"""Bytes of one read."""
+"""Maximum number of bytes of one read."""
 
 
 class ConnectionHost(Protocol):
-    """The part of the relay that pending connections need."""
+    """Methods of the relay that pending connections need."""
 
     now: int
 
@@ -32,11 +33,11 @@ class ConnectionHost(Protocol):
         """Stop waiting for a file descriptor."""
 
     def deny(self, client: Endpoint, why: Message) -> None:
-        """Count a client that is not admitted, and report some of them to the user."""
+        """Count a rejected client, and report some of the rejected clients to the user."""
 
 
 class PendingConnections:
-    """Connected clients without a complete frame so far. The controller does not know them."""
+    """Connected clients that have not sent a complete frame yet, and are unknown to the controller."""
 
     def __init__(self, host: ConnectionHost) -> None:
         self._host = host
@@ -47,7 +48,7 @@ class PendingConnections:
         return len(self._clients)
 
     def add(self, client: socket.socket, address: SocketAddress, admit: Admit) -> None:
-        """Add a client that has just connected; `admit` is called once its first frame is complete."""
+        """Add a client that has just connected. When its first frame is complete, call `admit`."""
         client.setblocking(False)
         descriptor = client.fileno()
         dropped = self._lobby.add(descriptor, address[0])
@@ -58,7 +59,7 @@ class PendingConnections:
         self._read(descriptor)
 
     def drop_lowest_priority(self) -> bool:
-        """End the client with the lowest priority. Return whether there was one."""
+        """End the pending client with the lowest priority. Return whether there was one."""
         dropped = self._lobby.drop_one()
         if dropped is None:
             return False
@@ -66,7 +67,7 @@ class PendingConnections:
         return True
 
     def sweep(self, now: int) -> None:
-        """End clients whose first frame takes too long."""
+        """End the clients whose first frame takes too long."""
         for descriptor in self._lobby.drop_overdue(now):
             self._refuse(descriptor, Message("client.slow-first-frame"))
 

@@ -1,6 +1,6 @@
 """The interface between the relay and its rules. Without rules, the relay inspects nothing.
 
-Nothing here reads a clock or a socket. Times are ns of a monotonic clock.
+This module uses no clock and no socket. Times are in ns of a monotonic clock.
 """
 
 from __future__ import annotations
@@ -14,16 +14,16 @@ from bcapscope.messages import Message
 from bcapscope.traffic.observation import Conversation, Direction
 
 
-# Every message creates some of these. A struct compares by its type, which a named tuple does not, and takes
+# Each message creates some of these structs. A struct compares by its type, unlike a named tuple, and takes
 # 0.1 µs to create (named tuple 0.4, frozen dataclass 0.9).
 class SendAction(msgspec.Struct, frozen=True):
     """Bytes to send now.
 
     Attributes:
-        client: Number of the client whose connection is used.
-        toward: REQUEST sends to the controller, RESPONSE to the client.
+        client: Number of the client over whose connection the bytes are sent.
+        toward: `Direction.REQUEST` sends the bytes to the controller, `Direction.RESPONSE` to the client.
         data: A datagram, or the next bytes of a stream.
-        note: What a rule did to it, for the recording and the screen; None if it is unchanged.
+        note: What a rule did to the bytes, for the recording and the screen; None if no rule changed them.
     """
 
     client: int
@@ -33,12 +33,11 @@ class SendAction(msgspec.Struct, frozen=True):
 
 
 class CloseAction(msgspec.Struct, frozen=True):
-    """The end of a client's connection, on both sides.
+    """Both connections of a client must be closed.
 
     Attributes:
-        client: Number of the client.
-        reset: True to reset a stream, which loses unsent bytes. False to send them first.
-        note: The rule, for the screen.
+        reset: True to reset a stream, which loses unsent bytes; False to send these bytes first.
+        note: Rule that closes the connections, for the screen.
     """
 
     client: int
@@ -47,11 +46,10 @@ class CloseAction(msgspec.Struct, frozen=True):
 
 
 class LateDecision(msgspec.Struct, frozen=True):
-    """A decision about data that arrived earlier and waited.
+    """Decision about data that arrived earlier and has waited since.
 
     Attributes:
-        client: Number of the client.
-        ticket: `PolicyDecision.ticket` of the data.
+        ticket: `PolicyDecision.ticket` that identifies the data.
         note: As in `PolicyDecision`.
         actions: As in `PolicyDecision`, after the actions returned while the data waited.
     """
@@ -66,12 +64,12 @@ PolicyAction: TypeAlias = SendAction | CloseAction | LateDecision
 
 
 class PolicyDecision(msgspec.Struct, frozen=True):
-    """A decision about received data.
+    """Decision about data that the relay has just received.
 
     Attributes:
         note: What a rule did, such as "loss=5%: dropped"; None if no rule touched the data.
-        actions: Actions to do at once, in order. `Policy.pop_due_actions` returns later ones.
-        ticket: Identifies data that waits for a `LateDecision`; 0 if all is decided.
+        actions: Actions to do at once, in order. `Policy.pop_due_actions` returns further actions later.
+        ticket: Number that identifies data that waits for a `LateDecision`; 0 if everything is decided.
     """
 
     note: Message | None
@@ -80,45 +78,45 @@ class PolicyDecision(msgspec.Struct, frozen=True):
 
 
 class Policy(Protocol):
-    """Decides which messages pass. No method raises, and only `close` may block."""
+    """Decides which messages pass the relay. No method raises an exception, and only `close` may block."""
 
     def add_client(self, client: int, conversation: Conversation, now: int) -> None:
-        """Register a client: its number, never used twice, and its conversation with the controller."""
+        """Register a client by its number, which is never used twice, and its conversation."""
 
     def receive(self, client: int, direction: Direction, data: bytes, now: int) -> PolicyDecision:
-        """Decide about a datagram, or the next bytes of a stream, in the order of arrival."""
+        """Decide about a datagram, or about the next bytes of a stream. Data comes in order of arrival."""
 
     def holds(self, client: int, direction: Direction) -> bool:
-        """Return whether data of this direction is still to be sent. Its end is forwarded after that.
+        """Return whether rules hold data of this direction. The end of a stream is forwarded after that data.
 
         The client may be gone by now.
         """
 
     def is_full(self, client: int) -> bool:
-        """Return whether so much is held that a client's streams must wait for `pop_due_actions`."""
+        """Return whether so much data is held that a client's streams must wait for `pop_due_actions`."""
 
     def on_stream_end(
         self, client: int, direction: Direction, now: int
     ) -> Sequence[SendAction | CloseAction]:
-        """Handle the end of a stream in one direction. Return the actions for its incomplete rest."""
+        """Handle the end of a stream in one direction. Return the actions for its incomplete last frame."""
 
     def hides_end(self, client: int) -> bool:
-        """Return whether each side of a client must not learn of the other's end, by FIN or RST."""
+        """Return whether the FIN or RST of either side must be hidden from the other side."""
 
     def release_held(self, client: int, now: int) -> Sequence[SendAction | CloseAction]:
-        """Return the actions to do before a client ends. The client is still registered."""
+        """Return the actions to do before a client's end. The client is still registered."""
 
     def remove_client(self, client: int, now: int) -> None:
         """Forget a client."""
 
     def due(self) -> int | None:
-        """Return when to call `pop_due_actions`; None while nothing waits."""
+        """Return the time at which to call `pop_due_actions`; None while nothing waits."""
 
     def pop_due_actions(self, now: int) -> Sequence[PolicyAction]:
         """Return the actions that are due by `now`."""
 
     def close(self, now: int) -> None:
-        """End the rules: no more data arrives."""
+        """End the rules, because no more data arrives."""
 
     def report(self) -> Sequence[Message]:
-        """Return a summary of what the rules did, in a few lines."""
+        """Return a summary of what the rules did, one message per line."""

@@ -1,4 +1,4 @@
-"""Waiting for sockets: with epoll where available, else with select."""
+"""Waits for sockets: with epoll where the system has it, otherwise with select."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from collections.abc import Callable
 from typing import Protocol
 
 READ, WRITE, ERROR, HANG_UP = 1, 4, 8, 16
-"""Bits of events, with the values of epoll."""
+"""Bits of the events of a file descriptor, with the values of epoll."""
 
 
 class Poller(Protocol):
-    """Waits for events of file descriptors."""
+    """Returns events of file descriptors."""
 
     def register(self, descriptor: int, mask: int, /) -> object:
         """Start to wait for events of a descriptor."""
@@ -28,14 +28,14 @@ class Poller(Protocol):
         """Stop waiting for a descriptor."""
 
     def poll(self, seconds: float | None, /) -> list[tuple[int, int]]:
-        """Return descriptors with their events, after `seconds` at the latest. None waits without limit."""
+        """Return descriptors with their events, within `seconds`. With None, wait without a limit."""
 
     def close(self) -> object:
         """Release the poller."""
 
 
 class DescriptorWatcher(Protocol):
-    """Waits for events of file descriptors."""
+    """Calls handlers for events of file descriptors."""
 
     def watch(self, descriptor: int, handler: Callable[[int], None], mask: int = READ) -> None:
         """Call `handler` for every event of a descriptor."""
@@ -65,7 +65,7 @@ class SelectPoller:
         self._masks.pop(descriptor, None)
 
     def poll(self, seconds: float | None) -> list[tuple[int, int]]:
-        """Return descriptors with their events. A socket's error shows when it is read or written."""
+        """Return descriptors with their events. An error of a socket appears when it is read or written."""
         readers = [each for each, mask in self._masks.items() if mask & READ]
         writers = [each for each, mask in self._masks.items() if mask & WRITE]
         readable, writable, broken = select.select(readers, writers, writers, seconds)
@@ -84,7 +84,7 @@ def make_poller() -> Poller:
 
 
 def wait_precisely(poller: Poller, seconds: float) -> list[tuple[int, int]]:
-    """Wait as `poll` does, to the microsecond. epoll alone counts milliseconds."""
+    """Wait as `poller.poll` does, but with a resolution of microseconds; epoll alone has milliseconds."""
     if isinstance(poller, SelectPoller):
         return poller.poll(seconds)
     assert isinstance(poller, select.epoll)
@@ -95,7 +95,7 @@ def wait_precisely(poller: Poller, seconds: float) -> list[tuple[int, int]]:
 def open_ticker(seconds: float) -> int | None:
     """Open a file descriptor that becomes readable every `seconds`; None where the system has no such timer.
 
-    Waiting with a limit sets a timer each time, which costs microseconds. This timer is set once.
+    Waiting with a time limit sets a timer for each wait, which costs microseconds. This timer is set once.
     """
     if sys.platform != "linux":
         return None

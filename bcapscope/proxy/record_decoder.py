@@ -1,7 +1,7 @@
-"""Decodes the relay's records into observations: the requests and replies of each client.
+"""Decodes the records in the relay's ring into observations: the requests and replies of each client.
 
-Observations show the clients' side: requests as received, replies as sent on. A request that a rule dropped
-on the way to the controller is observed; a reply that a rule dropped is not.
+Observations show the client's side: requests as the proxy received them, and replies as it sent them to the
+client. A request that a rule dropped is observed; a reply that a rule dropped is not.
 """
 
 from __future__ import annotations
@@ -22,19 +22,19 @@ from bcapscope.proxy.ring_buffer import RingRecord, RingRecordKind, hole_sizes
 from bcapscope.traffic.observation import Conversation, Direction, Flow, Observation, Transport
 
 NotedObservation: TypeAlias = tuple[Observation, Message | None]
-"""An observation, and what a rule did to it (None for nothing)."""
+"""An observation, and a note of what a rule did to the message (None for nothing)."""
 
 _MAX_MARKS = 256
-"""Pieces of one unfinished frame whose times are kept separately."""
+"""Maximum number of pieces of one unfinished frame whose times are kept separately."""
 
 
 class _DirectionStream:
     """One direction of a client's conversation.
 
     Attributes:
-        size: Bytes so far.
-        arrival_times: Offsets in the stream, each with the time of receipt of the bytes from there on.
-        packet: Number of the last packet with bytes of the stream; 0 for none.
+        size: Number of bytes of the stream so far.
+        arrival_times: Offsets in the stream, each with the time of the bytes that start there, in ns.
+        packet: Number of the last packet in the recording with bytes of the stream; 0 for none.
     """
 
     def __init__(self, flow: Flow, splitter: StreamSplitter) -> None:
@@ -60,16 +60,12 @@ class _Client:
         )
 
     def on_end(self, up: bool, reset: bool, time: int) -> None:
-        """Note that one end closed the connection."""
+        """Record in the conversation that one end closed the connection."""
         self.conversation.record_end(self.directions[up].flow.direction, reset, time)
 
 
 class RecordDecoder:
-    """Decodes the records of all clients.
-
-    Attributes:
-        observation_count: Number of observations so far.
-    """
+    """Decodes the records of all clients."""
 
     def __init__(self) -> None:
         self.observation_count = 0
@@ -80,27 +76,27 @@ class RecordDecoder:
 
     @property
     def client_numbers(self) -> dict[Conversation, int]:
-        """The relay's number of each connected client."""
+        """Number that the relay gave each connected client, by conversation."""
         return {client.conversation: number for number, client in self._clients.items()}
 
     @property
     def last_heard(self) -> dict[Conversation, int]:
-        """Time of the last request of each connected client, ns since 1970."""
+        """Time of the last request of each connected client, in ns since 1970."""
         return {client.conversation: client.last_heard for client in self._clients.values()}
 
     def pop_closed_clients(self) -> list[tuple[Conversation, Message]]:
-        """Return the clients that have gone since the last call, each with the relay's reason."""
+        """Return the clients that are gone since the previous call, each with the relay's reason."""
         gone, self._closed_clients = self._closed_clients, []
         return gone
 
     def decode(
         self, records: Iterable[RingRecord], packets: Iterable[int] | None = None
     ) -> Iterator[NotedObservation]:
-        """Yield each observation, with a note of what a rule did to it (None for nothing).
+        """Yield each observation, with a note of what a rule did to the message (None for nothing).
 
         Args:
-            records: The records.
-            packets: Number of each record's packet in the recording, 0 for none. None if none has one.
+            packets: For each record, the number of its packet in the recording, or 0. None without a
+                recording.
         """
         clients = self._clients
         for record, packet in zip(records, packets or repeat(0), strict=False):
@@ -130,7 +126,7 @@ class RecordDecoder:
                 yield from self._decode_event(client, record)
 
     def _decode_event(self, client: _Client, record: RingRecord) -> Iterator[NotedObservation]:
-        """Yield the observations that result from a record without data."""
+        """Yield the observations that result from a record of another kind than `DATA`."""
         kind = record.kind
         if kind is RingRecordKind.HOLE:
             if record.up and record.received_at:
@@ -148,7 +144,7 @@ class RecordDecoder:
         self, way: _DirectionStream, data: bytes, time: int, note: Message | None
     ) -> Iterator[NotedObservation]:
         if not way.splitter.pending_bytes:
-            way.arrival_times.clear()  # so that the first time kept is that of the first byte of a frame
+            way.arrival_times.clear()  # the first time that is kept belongs to the first byte of a frame
         way.arrival_times.append((way.size, time))
         way.size += len(data)
         yield from self._make_observations(way, way.splitter.feed(data), time, note)
@@ -165,7 +161,7 @@ class RecordDecoder:
 
     def _decode_end(self, client: _Client, record: RingRecord) -> Iterator[NotedObservation]:
         _, up, _, came, left, *_ = record
-        if came:  # else the proxy ended it
+        if came:  # otherwise the proxy itself ended the connection
             client.on_end(up, record.kind is RingRecordKind.RESET, came)
         if time := came if up else left:
             yield from self._flush_direction(client.directions[up], time)

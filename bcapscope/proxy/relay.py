@@ -1,6 +1,7 @@
 """The relay: one thread that moves bytes between clients and controllers without inspecting them.
 
-It writes its traffic into a ring that another process reads. If there are rules, it asks them first.
+The relay writes its traffic into a ring buffer that another process reads. If there are rules, the relay
+forwards only what they allow.
 """
 
 from __future__ import annotations
@@ -24,23 +25,23 @@ from bcapscope.traffic.observation import Conversation, Direction, Endpoint, Tra
 from bcapscope.transport.descriptors import SpareDescriptors
 
 Handler: TypeAlias = Callable[[int], None]
-"""Called with the events of a file descriptor, as bits."""
+"""Function that is called with the events of a file descriptor, as bits such as `READ`."""
 
 POLL_INTERVAL = 0.05
-"""Longest wait in seconds. After it, pending records are written and a request to end is noticed."""
+"""Maximum time in seconds that the relay waits for events. Then it writes pending records and may stop."""
 
 _SWEEP_EVERY = 20
-"""Ticks between two sweeps, which check what causes no event: silent clients, full buffers."""
+"""Number of ticks between two checks for silent clients and full buffers, which cause no event."""
 
 _LONGEST_NOTE = 4096
-"""Longest note of a rule, in bytes."""
+"""Maximum size of a rule's note, in bytes."""
 
 _LONGEST_CUT_NOTE = 600
-"""Characters that are kept of a note that is too long; each takes six bytes at most."""
+"""Number of characters kept of a note that is too long. Each character takes six bytes at most."""
 
 _SPARE_DESCRIPTORS = 4
-"""File descriptors kept for stops when there are no others: two for a TCP client, one for a UDP client, and
-one for a client that has not sent a complete frame yet.
+"""Number of file descriptors kept for clients that send a stop when no others are free: two for a TCP client,
+one for a UDP client, and one for a client that has not sent a complete frame yet.
 """
 
 
@@ -48,19 +49,18 @@ class Relay:
     """Moves bytes between clients and controllers.
 
     Attributes:
-        ring: Traffic, for the watching process.
-        counts: Counts in the ring.
-        policy: The rules; None without rules.
-        sessions: Open sessions by number.
-        slots: Admitted clients of each transport, and the admission of new ones.
+        ring: Ring buffer that passes the traffic to the watcher process.
+        counts: Counters in the ring, indexed by `RelayCounter`.
+        policy: Rules that decide about each message; None without rules.
+        sessions: Open sessions by client number.
+        slots: Admission of clients, by transport.
         pending_connections: TCP clients that have not sent a complete frame yet.
-        spares: File descriptors kept for stops.
-        buffer: Receive buffer; one suffices for one thread.
-        now: ns of a monotonic clock, at most about `POLL_INTERVAL` old.
+        spares: File descriptors kept for clients that send a stop.
+        buffer: Receive buffer, which all streams share because one thread reads them.
+        now: Time of a monotonic clock in ns, at most about `POLL_INTERVAL` old.
     """
 
     def __init__(self, ring: RingWriter, policy: Policy | None = None) -> None:
-        """Start without listeners."""
         self.ring = ring
         self.counts = ring.counts
         self.policy = policy
@@ -95,15 +95,11 @@ class Relay:
             listener.open()
 
     def stop(self) -> None:
-        """Let `run` return soon. Call it from a signal handler, or from code that `run` calls."""
+        """Make `run` return soon. A signal handler, or code that `run` calls, may call this method."""
         self._is_stopped = True
 
     def run(self, idle: Callable[[], None] = lambda: None) -> None:
-        """Move bytes until `stop` is called.
-
-        Args:
-            idle: Called about twenty times per second. It must not block.
-        """
+        """Move bytes until `stop` is called, and call `idle`, which must not block, every `POLL_INTERVAL`."""
         self._is_stopped, self._idle = False, idle
         handler_of, poll, policy = self._handlers.get, self._poller.poll, self.policy
         patience = POLL_INTERVAL if self._ticker is None else None
@@ -121,7 +117,7 @@ class Relay:
                 self._tick()
 
     def release_all_held(self) -> None:
-        """Send what rules release of the messages that they hold, because the proxy is about to end."""
+        """Send the held messages that the rules release when the proxy ends."""
         for session in list(self.sessions.values()):
             self.release_held(session)
 
@@ -140,7 +136,7 @@ class Relay:
         self._poller.close()
 
     def close_listeners(self) -> None:
-        """Accept no more clients, and receive no more datagrams from UDP clients."""
+        """Stop accepting clients, and stop receiving datagrams from UDP clients."""
         if not self._is_closed:
             self._is_closed = True
             self.pending_connections.close()
@@ -152,8 +148,8 @@ class Relay:
     def watch(self, descriptor: int, handler: Handler, mask: int = READ) -> None:
         """Call `handler` for every event of a file descriptor.
 
-        If the number belonged to another file a moment ago, calls start with the next poll. Events that the
-        poller has already returned belong to the other file.
+        The system may reuse the number of a descriptor closed a moment ago. Then calls start with the next
+        poll, because the events of this poll belong to the closed descriptor.
         """
         handlers = self._new_handlers if descriptor in self._just_unwatched else self._handlers
         handlers[descriptor] = handler
@@ -174,7 +170,7 @@ class Relay:
         self._paused.add(descriptor)
 
     def deny(self, client: Endpoint, why: Message, is_datagram: bool = False) -> None:
-        """Count a client that is not admitted. Report the 1st, 2nd, 4th, 8th … of them to the user."""
+        """Count a rejected client. Report the 1st, 2nd, 4th, 8th … rejected client to the user."""
         self.counts[RelayCounter.DENIED] += 1
         self._denied += 1
         if should_report(self._denied):
@@ -202,13 +198,7 @@ class Relay:
         return any(places.end_oldest_stop() for places in self.slots.values())
 
     def add_client(self, session: RelaySession, ends: ClientEndpoints, received_at: int) -> None:
-        """Register a new client.
-
-        Args:
-            session: Its session.
-            ends: Its addresses.
-            received_at: Receipt of its first bytes, ns since 1970.
-        """
+        """Register a new client, whose first bytes arrived at `received_at` in ns since 1970."""
         self.counts[RelayCounter.CLIENTS] += 1
         self.sessions[session.number] = session
         if ends.transport is Transport.TCP:
@@ -221,7 +211,7 @@ class Relay:
         return self.counts[RelayCounter.CLIENTS] + 1
 
     def remove_client(self, session: RelaySession, why: Message) -> None:
-        """Forget a client. The ring gets this soon, after the client's last data that was not forwarded."""
+        """Forget a client. The next tick writes its `CLIENT_CLOSED` record, after the client's last data."""
         self._paused_sessions.pop(session.number, None)
         if self.sessions.pop(session.number, None) is not None:
             self.slots[session.conversation.transport].release(session.number)
@@ -244,11 +234,11 @@ class Relay:
             self._undecided[decision.ticket] = arrival
             self._perform(decision.actions)
         else:
-            self.record_undecided(session, up)  # the earlier data of this direction
+            self.record_undecided(session, up)  # keeps the order of this direction
             self._record_and_perform(arrival, decision.note, decision.actions)
 
     def record_undecided(self, session: RelaySession, up: bool) -> None:
-        """Record data of a direction that still waits, so that later notes follow it in the ring."""
+        """Record the undecided data of a direction, so that later records follow that data in the ring."""
         for ticket, each in list(self._undecided.items()) if self._undecided else ():
             if each.session is session and each.up is up:
                 del self._undecided[ticket]
@@ -264,34 +254,34 @@ class Relay:
                 left = session.send(up, data)
                 self.ring.write_record(up, session.number, came, left, data)
                 return
-        self.counts[RelayCounter.RULED] += note is not None  # data that is only split into frames has no note
+        self.counts[RelayCounter.RULED] += note is not None  # without a note, no rule changed the data
         self.ring.write_record(up, session.number, came, 0, data, note=encode_note(note))
         self._perform(actions)
 
     def on_stream_end(self, session: RelaySession, up: bool) -> bool:
-        """Tell the rules that a direction has ended. Return whether the end may be forwarded."""
+        """Report the end of a stream to the rules. Return whether to forward that end to the receiver now."""
         if self.policy is None:
             return True
         self._perform(self.policy.on_stream_end(session.number, direction_of(up), time.monotonic_ns()))
         return not self.holds(session, up)
 
     def holds(self, session: RelaySession, up: bool) -> bool:
-        """Return whether rules hold data of a direction, so that its end may not be forwarded yet."""
+        """Return whether rules hold data of a direction. If so, the end of the stream has to wait."""
         return self.policy is not None and self.policy.holds(session.number, direction_of(up))
 
     def hides_end(self, session: RelaySession) -> bool:
-        """Return whether each side of a client must not learn of the other's end."""
+        """Return whether rules hide the end of a client's connection from the other side."""
         return self.policy is not None and self.policy.hides_end(session.number)
 
     def pauses_reading(self, session: RelaySession) -> bool:
-        """Return whether rules hold too much to read a stream. If so, `resume_reading` is called later."""
+        """Return whether rules hold too much data to read more. If so, `resume_reading` is called later."""
         if self.policy is None or not self.policy.is_full(session.number):
             return False
         self._paused_sessions[session.number] = session
         return True
 
     def release_held(self, session: RelaySession) -> bool:
-        """Send what rules release for a client that is about to end. Return whether there was anything."""
+        """Send the held messages that rules release when a client ends. Return whether there were any."""
         if self.policy is None or session.number not in self.sessions:
             return False
         actions = self.policy.release_held(session.number, time.monotonic_ns())
@@ -305,7 +295,7 @@ class Relay:
                 continue
             if isinstance(action, LateDecision):
                 arrival = self._undecided.pop(action.ticket, None)
-                if arrival is None:  # it is in the ring already, without the decision
+                if arrival is None:  # the ring already has the data, without the decision
                     self.counts[RelayCounter.RULED] += action.note is not None
                     self._perform(action.actions)
                 else:
@@ -356,14 +346,14 @@ class Relay:
             self.ring.streams.discard(number)
 
     def _tick(self) -> None:
-        """Write pending records and call `idle`; every `_SWEEP_EVERY` ticks, sweep."""
+        """Write pending records and call `idle`. Every `_SWEEP_EVERY` ticks, sweep all sessions."""
         self.ring.flush()
         self._record_removed_clients()
         self._idle()
         self._tick_count += 1
         if self._tick_count % _SWEEP_EVERY == 0:
             self._sweep()
-        # Not earlier: after a long standstill, waiting datagrams are read before a client counts as silent.
+        # Updated after the sweep, so that after a standstill no client seems silent before its data is read.
         self.now = time.monotonic_ns()
 
     def _sweep(self) -> None:
@@ -384,8 +374,6 @@ class Relay:
 
 
 class _Arrival(NamedTuple):
-    """Received data; `received_at` in ns since 1970."""
-
     session: RelaySession
     up: bool
     data: bytes
@@ -393,7 +381,7 @@ class _Arrival(NamedTuple):
 
 
 def encode_note(note: Message | None) -> bytes:
-    """Encode a note for the ring; b"" for none. A note that is too long is cut, in English."""
+    """Encode a note for the ring; None gives b"". A note that is too long becomes shortened English text."""
     if note is None:
         return b""
     data = encode_message(note)

@@ -1,4 +1,4 @@
-"""What the relay knows of its clients: their sessions, their addresses, and the sockets that accept them."""
+"""Interfaces and addresses of the relay's clients: sessions, listeners and endpoints."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from bcapscope.traffic.observation import Conversation, Endpoint, Transport
 
 
 class RelaySession(Occupant, Protocol):
-    """The forwarding for one client.
+    """The relay's session with one client: it forwards between the client and the controller.
 
     Attributes:
-        conversation: Conversation between the client and the controller, without the proxy.
-        last_heard: `Relay.now` when the client last sent something.
+        conversation: Conversation between the client and the controller, as if there were no proxy.
+        last_heard: Value of `Relay.now` when the client last sent something.
     """
 
     conversation: Conversation
@@ -23,19 +23,19 @@ class RelaySession(Occupant, Protocol):
 
     @property
     def upstream_state(self) -> str:
-        """State of the connection to the controller: open, connecting, connected, half-open, refused."""
+        """State of the connection to the controller: open, connecting, connected, half-open or refused."""
 
     def send(self, up: bool, data: bytes) -> int:
-        """Send data up or down. Return when, in ns since 1970; 0 if not all of it was sent yet."""
+        """Send data up or down. Return the time in ns since 1970; 0 if some of the data was not sent yet."""
 
     def on_nothing_held(self, up: bool) -> None:
-        """React to the fact that rules hold nothing of a direction any more."""
+        """Continue after rules have released all data of a direction."""
 
     def resume_reading(self) -> None:
-        """Read again after rules held too much."""
+        """Read from the client again, after rules held too much data."""
 
     def sweep(self, now: int) -> None:
-        """Do the periodic work; `now` as `Relay.now`."""
+        """Do the periodic work; `now` is the value of `Relay.now`."""
 
 
 class ClientListener(Protocol):
@@ -48,21 +48,18 @@ class ClientListener(Protocol):
         """Accept no more clients."""
 
     def release(self) -> None:
-        """Release the socket. Call `close` first; no session may be left."""
+        """Release the socket after `close`, when no session is left."""
 
     def sweep(self, now: int) -> None:
-        """Do the periodic work; `now` as `Relay.now`."""
+        """Do the periodic work; `now` is the value of `Relay.now`."""
 
 
 class ClientEndpoints(NamedTuple):
-    """Addresses of a client's two connections.
+    """Addresses of the two connections of a client: to the proxy, and from the proxy to the controller.
 
     Attributes:
-        transport: UDP or TCP.
-        client: Address of the client.
-        listen: Address that the client sends to.
-        upstream: Address of the proxy toward the controller.
-        controller: Address of the controller.
+        listen: Address of the proxy to which the client sends.
+        upstream: Address of the proxy from which it sends to the controller.
     """
 
     transport: Transport
@@ -72,7 +69,7 @@ class ClientEndpoints(NamedTuple):
     controller: Endpoint
 
     def to_json(self) -> bytes:
-        """Return the data of a record of the kind `CLIENT_OPENED`."""
+        """Return the data of a `CLIENT_OPENED` record."""
         return msgspec.json.encode(self)
 
 
@@ -80,5 +77,5 @@ _decoder = msgspec.json.Decoder(ClientEndpoints)
 
 
 def read_endpoints(data: bytes) -> ClientEndpoints:
-    """Read the data of a record of the kind `CLIENT_OPENED`."""
+    """Decode the data of a `CLIENT_OPENED` record."""
     return _decoder.decode(data)

@@ -1,4 +1,4 @@
-"""The guard: refuses requests that are not allowed, and always passes stops."""
+"""The guard of the proxy: it refuses requests that are not allowed, and always passes stops."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ _COMMANDS = {
 
 
 class GuardTarget(NamedTuple):
-    """A function, a command, or a command of one function.
+    """Requests to block or allow: those of a function, of a command, or of one command of a function.
 
     Attributes:
         function_id: Number of the function; None for any.
@@ -51,11 +51,10 @@ class GuardTarget(NamedTuple):
         return self.command is None or (kind.command or "").casefold() == self.command
 
     def may_match(self, function_id: int, command: str | None) -> bool:
-        """Return whether a controller may read a request as one that the target covers.
+        """Return whether a controller may read a request as one that the target names.
 
         Args:
-            function_id: Function of the request.
-            command: Command of the request; None if it cannot be read for certain. Text after a NUL, and
+            command: Command of the request; None if readers may disagree about it. Text after a NUL, and
                 blanks around the command, are ignored, as in orin_bcap's C.
         """
         if self.function_id not in (None, function_id):
@@ -90,12 +89,12 @@ def read_target(text: str) -> GuardTarget:
 
 
 class GuardResult(NamedTuple):
-    """Result of the guard for one message.
+    """Result of the guard for one datagram, or one piece of a stream.
 
     Attributes:
-        passing: Bytes that may go on: whole frames.
-        refused: The other frames, each with the reason.
-        dropped: Number of bytes that are not a frame.
+        passing: Bytes of the frames that pass.
+        refused: Frames that do not pass, each with the reason.
+        dropped: Number of bytes that do not belong to a frame.
     """
 
     passing: bytes
@@ -106,18 +105,19 @@ class GuardResult(NamedTuple):
 class RequestGuard:
     """Refuses requests. Requests that stop something or release a handle always pass.
 
-    Only whole frames pass. So a controller that skips rejected bytes finds no frame unknown to the guard.
+    Only whole frames pass. Therefore a controller that skips rejected bytes finds no frame that the guard has
+    not seen.
     """
 
     def __init__(
         self, read_only: bool = False, block: Iterable[GuardTarget] = (), allow: Iterable[GuardTarget] = ()
     ) -> None:
-        """Set up the guard.
+        """Set up the guard with the requests to refuse.
 
         Args:
-            read_only: Refuse requests that move the robot or change its state, and unknown requests.
-            block: Refuse these requests.
-            allow: Pass these despite `read_only`. `block` has precedence.
+            read_only: If True, refuse unknown requests, and requests that move the robot or change its state.
+            block: Requests to refuse.
+            allow: Requests that pass despite `read_only`. `block` has precedence.
         """
         self.read_only = read_only
         self._block = tuple(block)
@@ -126,7 +126,7 @@ class RequestGuard:
         self._kinds = CallKinds()
 
     def filter_frames(self, data: bytes) -> GuardResult:
-        """Judge each frame in a datagram, or in a piece of a stream that was split into frames."""
+        """Separate the frames of a datagram, or of a piece of a stream, into passing and refused ones."""
         passing, refused, dropped = [], [], 0
         for item in parse_datagram(data, self._templates):
             if not isinstance(item, Frame):
@@ -138,12 +138,12 @@ class RequestGuard:
         return GuardResult(b"".join(passing), tuple(refused), dropped)
 
     def refusal_reason(self, request: Frame) -> Message | None:
-        """Return why a request is refused; None if it passes.
+        """Return the reason why the guard refuses a request; None if the request passes.
 
-        Controllers read a damaged frame in different ways. Some read it by the values of its arguments, as
-        orin_bcap's C, C#, Java and Python do; others by their lengths, as the older C client does. The guard
-        refuses the frame if any of these readings might be refused. A frame inside the value of an argument
-        is data: all readers skip it.
+        Controllers read a damaged frame in different ways. Some read the values of its arguments one after
+        the other, as orin_bcap's C, C#, Java and Python do. Others use the lengths of the arguments, as the
+        older C client does. The guard refuses the frame if any reading might be refused. A frame inside the
+        value of an argument is data, which all readers skip.
         """
         if _only_stops(request):
             return None
@@ -178,7 +178,7 @@ def _only_stops(request: Frame) -> bool:
         return False
     if not request.problems:
         return True
-    # The function number alone decides what it does, so errors in the arguments do not matter.
+    # The function number alone decides what the request does, so errors in the arguments do not matter.
     by_number = request.body is request.raw and always_passes(request.code, ())
     return by_number and not _hides_frame(request.raw)
 
@@ -190,10 +190,10 @@ def _is_whole(frame: Frame) -> bool:
 
 
 def _reads_one_way(frame: Frame) -> bool:
-    """Return whether a frame cannot be both compressed and plain.
+    """Return whether a frame cannot be read both as compressed and as plain.
 
-    A frame that looks compressed must be valid as a compressed frame. As a plain frame it would have 376
-    arguments or more, which must not fit into it.
+    A frame that looks compressed must be valid as a compressed frame. As a plain frame it would have at least
+    376 arguments, which must not fit into the frame.
     """
     raw = frame.raw
     if not has_zlib_header(raw):
@@ -204,7 +204,7 @@ def _reads_one_way(frame: Frame) -> bool:
 
 
 def _hides_frame(raw: bytes) -> bool:
-    """Return whether another frame may be found in these bytes, or may start in them and continue beyond."""
+    """Return whether readers may find another frame in these bytes, or one that starts in the bytes."""
     place = raw.find(SOH, 1)
     while place > 0:
         length = int.from_bytes(raw[place + 1 : place + 5], "little")

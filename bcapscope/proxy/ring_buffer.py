@@ -1,8 +1,8 @@
-"""A ring in shared memory, through which the relay passes its traffic to the watcher.
+"""A ring buffer in shared memory, through which the relay passes its traffic to the watcher process.
 
-A write costs the relay about a microsecond and no system call, and never waits. Records without room are
-counted. There is one writer and one reader. The reader reads what was written before its previous poll, so
-that the order in which processors store data does not matter.
+A write takes about a microsecond, makes no system call and never waits. A record that finds no room is lost
+and counted. One process writes and one process reads. A poll of the reader returns only what was written
+before the previous poll, because a processor may store the data after the position that announces it.
 """
 
 from __future__ import annotations
@@ -15,19 +15,19 @@ from typing import NamedTuple, TypeAlias
 from bcapscope.transport.receive_timestamps import AncillaryData, kernel_timestamp
 
 HEADER_SIZE = 4096
-"""Bytes before the records: the positions of writer and reader, and the counts."""
+"""Number of bytes before the records: positions of writer and reader, urgency, counters and figures."""
 
 SET_POINT_DEADLINE_NS = 2_000_000
-"""ns within which a set point must be answered (DENSO Wave 2009, How to use the Slave mode)."""
+"""Time in ns in which a set point must be answered (DENSO Wave 2009, How to use the Slave mode)."""
 
 BATCH_SIZE = 16
-"""Datagrams that are collected before they are written together. Other datagrams may wait during a write."""
+"""Number of datagrams that are written to the ring together. Other datagrams may wait during a write."""
 
 DELAY_FIGURES = 9
-"""Figures that the watcher leaves for the relay: the fields of `control_messages.RelayDelays`, in order."""
+"""Number of figures that the watcher writes for the relay: the fields of `RelayDelays`, in order."""
 
 MAX_WAITING_NOTICES = 1024
-"""Messages for the user that may wait for room. Further ones are lost and counted."""
+"""Maximum number of messages for the user that wait for room. Further messages are lost and counted."""
 
 _HEAD = struct.Struct("=IBBHIIqq")
 _PAD = struct.Struct("=IB3x")
@@ -37,30 +37,28 @@ _PADDING = tuple(bytes(-length % 8) for length in range(8))
 
 
 class RingRecordKind(IntEnum):
-    """What a record describes."""
+    """Kind of event that a record describes."""
 
     PAD = 0
-    """Nothing: the rest of the memory is too small for the next record."""
+    """Padding: the rest of the memory is too small for the next record."""
     DATA = 1
-    """A datagram or bytes of a stream that were received, sent, or both."""
+    """A datagram, or bytes of a stream, that the relay received, sent, or both."""
     CLIENT_OPENED = 2
-    """A new client; `data` is JSON."""
+    """A new client; `data` holds its `ClientEndpoints` as JSON."""
     END = 3
-    """A FIN for one direction of a stream, received or sent. `data` is the reason if none was received."""
+    """A FIN that the relay received or sent. `data` is the reason if the relay sent it on its own."""
     CLIENT_CLOSED = 4
-    """A client was removed; `data` is the reason."""
+    """The relay removed a client; `data` is the encoded reason."""
     NOTICE = 5
-    """A message for the user, as text."""
+    """A message for the user, encoded with `encode_message`."""
     RESET = 6
-    """Like `END`, but by RST, which ends the other direction as well."""
+    """An RST, which ends both directions of the connection; otherwise like `END`."""
     HOLE = 7
-    """Bytes of a stream that found no room, before the client's next record.
-    `hole_sizes` returns how many.
-    """
+    """Bytes of a stream that found no room in the ring before the client's next record; see `hole_sizes`."""
 
 
 class RelayCounter(IntEnum):
-    """What the relay counts."""
+    """Index of a counter of the relay."""
 
     CAME_UP = 0
     """Datagrams received from clients."""
@@ -72,17 +70,17 @@ class RelayCounter(IntEnum):
     """Bytes of streams sent to controllers."""
     BYTES_DOWN = 5
     FULL = 6
-    """Datagrams that the system refused to send."""
+    """Datagrams that the operating system refused to send."""
     LOST = 7
-    """Datagrams that found no room in a socket's buffer."""
+    """Datagrams that the operating system dropped because a socket's receive buffer was full."""
     DENIED = 8
-    """Datagrams and connections of clients that are not allowed, or too many."""
+    """Datagrams and connections that were rejected: clients that are not allowed, or too many clients."""
     CLIENTS = 9
     """Clients since the start."""
     UNWATCHED = 10
-    """Records that found no room in the ring."""
+    """Records that were lost because the ring was full."""
     RULED = 11
-    """Datagrams and pieces of streams that a rule touched."""
+    """Datagrams and pieces of streams on which a rule acted."""
 
 
 _CAME, _LEFT = (
@@ -97,14 +95,13 @@ class RingRecord(NamedTuple):
     """One event in the relay.
 
     Attributes:
-        kind: Kind of event.
         up: True from client to controller, False from controller to client.
-        client: Number of the client; 0 if the event concerns none.
-        received_at: Time of receipt or of the event, ns since 1970; 0 for data that was only sent.
-        sent_at: Time just before sending, ns since 1970, so that no reply is older; 0 if not sent, or not
+        client: Number of the client; 0 if the event concerns no client.
+        received_at: Time of the receipt or the event, in ns since 1970; 0 for data that was only sent.
+        sent_at: Time just before sending, in ns since 1970, so that no reply is older; 0 for data not sent
             yet.
-        data: Data; its meaning depends on `kind`.
-        note: What a rule did, as of `encode_message`; b"" for nothing.
+        data: Content of the record, as `kind` defines it.
+        note: What a rule did, encoded with `encode_message`; b"" if no rule acted.
     """
 
     kind: RingRecordKind
@@ -117,13 +114,13 @@ class RingRecord(NamedTuple):
 
 
 def hole_sizes(record: RingRecord) -> tuple[int, int]:
-    """Return how many bytes a record of the kind `HOLE` stands for: bytes received, bytes sent."""
+    """Return how many bytes a record of the kind `HOLE` stands for: bytes received and bytes sent."""
     came, left = _HOLE.unpack(record.data)
     return came, left
 
 
 class _Hole(NamedTuple):
-    """Bytes of one direction of a stream that found no room: how many, and when the last were; 0 for none."""
+    """Numbers of bytes of one direction that found no room, and the times of the last ones in ns."""
 
     received: int = 0
     sent: int = 0
@@ -133,7 +130,7 @@ class _Hole(NamedTuple):
 
 class _Ring:
     def __init__(self, memory: memoryview) -> None:
-        """Use shared memory of `HEADER_SIZE` bytes plus a multiple of 8 bytes, initially zero."""
+        """Use shared memory of `HEADER_SIZE` bytes plus a multiple of 8 bytes, all of them initially zero."""
         self._marks = memory[:HEADER_SIZE].cast("Q")
         self._space = memory[HEADER_SIZE:]
         self._size = len(self._space)
@@ -146,12 +143,12 @@ class _Ring:
 
     @property
     def fill_ratio(self) -> float:
-        """Occupied share of the memory, 0 to 1."""
+        """Share of the ring that holds unread records, from 0 to 1."""
         return (self._marks[_WRITTEN] - self._marks[_READ]) / self._size
 
     @property
     def urgency(self) -> int:
-        """Urgency that the writer asks of the reader, as a number that both know."""
+        """Urgency of the watcher process, as a `WatcherUrgency` number that the relay sets."""
         return self._marks[_URGENCY]
 
     @urgency.setter
@@ -166,20 +163,21 @@ class _Ring:
 
 
 _Entry: TypeAlias = "tuple[RingRecordKind, bool, int, int, int, bytes | memoryview, bytes]"
-"""A record to be written: the fields of a `RingRecord`."""
+"""Fields of a `RingRecord` that will be written."""
 
 PendingDatagram: TypeAlias = tuple[bool, int, AncillaryData, int, bytes]
-"""A datagram: up, client, ancillary data from the system, time of sending (0 if not sent), bytes."""
+"""Pending datagram: up, client number, ancillary data, time of sending in ns (0 if not sent), bytes."""
 
 
 class RingWriter(_Ring):
     """The relay's end of the ring.
 
     Attributes:
-        counts: Counts of the relay, indexed by `RelayCounter`; add to them in place.
-        figures: Figures of the watcher; see `DELAY_FIGURES`.
-        pending_datagrams: Datagrams not written yet. A caller that appends one calls `flush` at `BATCH_SIZE`.
-        streams: Numbers of the clients whose bytes are streams, in which holes must be recorded.
+        counts: Counters of the relay, indexed by `RelayCounter`; the relay increases them in place.
+        figures: Delays that the watcher measured; see `DELAY_FIGURES`.
+        pending_datagrams: Datagrams not in the ring yet. After appending number `BATCH_SIZE`, the caller
+            calls `flush`.
+        streams: Numbers of the TCP clients; the ring records the holes in their streams.
     """
 
     def __init__(self, memory: memoryview) -> None:
@@ -192,7 +190,7 @@ class RingWriter(_Ring):
         self.streams: set[int] = set()
 
     def flush(self) -> None:
-        """Write and count the pending datagrams."""
+        """Write the pending datagrams to the ring, and count them."""
         notes = self.pending_datagrams
         if not notes:
             return
@@ -221,11 +219,11 @@ class RingWriter(_Ring):
 
     @property
     def bytes_read(self) -> int:
-        """Bytes read so far, by the reader that is ahead if there is one."""
+        """Number of bytes that the foremost reader has read so far."""
         return max(self._marks[_READ], self._marks[_AHEAD])
 
     def detach_reader(self) -> None:
-        """Continue without a reader."""
+        """Discard waiting records, because the reader is gone."""
         self._is_reader_detached = True
         self._required.clear()
         self._holes.clear()
@@ -241,7 +239,7 @@ class RingWriter(_Ring):
         note: bytes = b"",
         kind: RingRecordKind = RingRecordKind.DATA,
     ) -> bool:
-        """Write a record, or count it as unwatched. Return whether there was room."""
+        """Write a record if there is room, else count it as unwatched. Return whether there was room."""
         self.flush()
         return self._write_or_count((kind, up, client, received_at, sent_at, data, note))
 
@@ -275,9 +273,9 @@ class RingWriter(_Ring):
             )
 
     def _write_holes(self, client: int, size: int) -> bool:
-        """Write the holes of a client's streams. Return whether there was room for them and the next record.
+        """Write the holes of a client's streams. Return whether the holes and the next record found room.
 
-        Without room for both there would be many short holes instead of one long hole.
+        If only the holes found room, many short holes would follow instead of one long hole.
         """
         holes = [(up, hole) for up in (True, False) if (hole := self._holes.get((client, up)))]
         if not holes:
@@ -292,7 +290,7 @@ class RingWriter(_Ring):
         return True
 
     def _write(self, entry: _Entry) -> bool:
-        """Write a record. Return whether there was room for it."""
+        """Write a record to the ring. Return whether there was room for the record."""
         kind, up, client, came, left, data, note = entry
         length = len(data)
         need = 39 + length + len(note) & ~7
@@ -326,11 +324,10 @@ class RingWriter(_Ring):
         sent_at: int = 0,
         up: bool = False,
     ) -> None:
-        """Write a record that must not be lost, now or as soon as there is room. All other records wait for
-        it.
+        """Write a record that must not be lost, at once or when there is room. Later records wait behind it.
 
-        The waiting records are bounded even if the reader stands still. A client that opens and closes
-        meanwhile is left out, and excess notices are lost.
+        The number of waiting records is limited, even if the reader stops. Records of a client that opens and
+        closes meanwhile are discarded, and excess notices are lost.
         """
         self.flush()
         if self._is_reader_detached or (
@@ -344,7 +341,7 @@ class RingWriter(_Ring):
         self._write_waiting()
 
     def _remove_unseen_client(self, client: int) -> bool:
-        """Discard the waiting records of a client unknown to the reader. Return whether it was unknown."""
+        """Discard the waiting records of a client that is new to the reader. Return whether it is new."""
         if not any(
             kind is RingRecordKind.CLIENT_OPENED and number == client
             for kind, _, number, *_ in self._required
@@ -362,7 +359,7 @@ class RingWriter(_Ring):
         unwatched = self.counts[RelayCounter.UNWATCHED]
         while waiting:
             if not self._write_or_count(waiting[0]):
-                self.counts[RelayCounter.UNWATCHED] = unwatched  # it still waits and is not lost
+                self.counts[RelayCounter.UNWATCHED] = unwatched  # the record still waits and is not lost
                 break
             waiting.popleft()
         self._required = waiting
@@ -370,36 +367,29 @@ class RingWriter(_Ring):
 
 
 class RingReader(_Ring):
-    """The watcher's end of the ring, or a reader ahead of it.
+    """One of the watcher's two readers of the ring.
 
     Attributes:
-        counts: Counts of the relay, indexed by `RelayCounter`.
-        figures: Figures of the watcher; see `DELAY_FIGURES`.
-        position: Bytes read so far.
+        position: Number of bytes that this reader has read so far.
     """
 
     def __init__(self, memory: memoryview, *, ahead: bool = False) -> None:
-        """Read from the beginning.
-
-        Args:
-            memory: Memory shared with the writer.
-            ahead: True if another reader follows. Only what the other one has read is freed.
-        """
+        """Read from the beginning. If `ahead` is True, another reader follows, which frees the memory."""
         super().__init__(memory)
         self.position = self._ready = 0
         self._position_field = _AHEAD if ahead else _READ
 
     @property
     def bytes_waiting(self) -> int:
-        """Bytes written and not read yet."""
+        """Number of bytes in the ring that this reader has not read yet."""
         return self.bytes_written - self.position
 
     def read_records(self, limit: int = 8192, until: int | None = None) -> list[RingRecord]:
-        """Return records that were written before the previous call, and note what is written now.
+        """Return records that were written before the previous call. The next call returns newer records.
 
         Args:
-            limit: Highest number of records.
-            until: Position of the reader that is ahead; nothing beyond it is returned. None without one.
+            limit: Maximum number of records.
+            until: Position of the reader that is ahead, at which to stop; None without such a reader.
         """
         records: list[RingRecord] = []
         space, size, read = self._space, self._size, self.position

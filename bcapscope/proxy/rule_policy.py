@@ -1,9 +1,9 @@
 """The relay's policy: scripts, intercept, faults and guard, in this order.
 
-The guard comes last, right before the controller, so it sees each message as the other rules changed it.
+The guard comes last, so it checks the bytes that the controller receives.
 
-Nothing here reads a clock or a socket. A stream is split into frames only while a rule must see them.
-Otherwise its bytes pass unchanged.
+This module uses no clock and no socket. The policy splits a stream into frames only while a rule must see the
+frames. Otherwise the bytes of the stream pass unchanged.
 """
 
 from __future__ import annotations
@@ -45,11 +45,11 @@ class RulePolicy:
     """Decides what happens to each message.
 
     Attributes:
-        shaper: Applies the faults.
-        intercept: Holds messages.
+        shaper: Applies the faults to messages.
+        intercept: Holds messages until the user decides about them.
         scripts: Queue of messages that the user's scripts have yet to answer; None without scripts.
         dropped_held: Number of held requests that were dropped because their client no longer waited.
-        notify: Called with a message for the user.
+        notify: Called with each message for the user.
     """
 
     def __init__(
@@ -61,15 +61,7 @@ class RulePolicy:
         *,
         epoch: int = 0,
     ) -> None:
-        """Set up the rules.
-
-        Args:
-            shaper: Injects faults, if there are any.
-            guard: Refuses requests.
-            intercept: Holds messages.
-            scripts: Shows messages to the scripts.
-            epoch: ns to add to the relay's clock to get ns since 1970.
-        """
+        """Set up the rules; `epoch` is added to the relay's clock to get ns since 1970."""
         self.shaper = shaper
         self.intercept = intercept or Intercept()
         self.scripts = scripts
@@ -90,9 +82,7 @@ class RulePolicy:
 
     @property
     def refused_requests(self) -> int:
-        """Number of requests that the guard refused, of motions refused while the scripts are off, and of
-        motions that a stop overtook.
-        """
+        """Number of requests that the guard or `MessageSender.refuse_motion` refused."""
         return self._sender.refused_requests
 
     # methods of `Policy`
@@ -120,7 +110,7 @@ class RulePolicy:
         return PolicyDecision(work.note, actions)
 
     def holds(self, client: int, direction: Direction) -> bool:
-        """Return whether data of this direction is still to be sent; False for a client that is gone."""
+        """Return whether rules hold data of this direction; False for a client that is gone."""
         state = self._clients.directions(client).get(direction)
         return state is not None and (
             bool(state.splitter and state.splitter.pending_bytes)
@@ -131,13 +121,13 @@ class RulePolicy:
         )
 
     def is_full(self, client: int) -> bool:
-        """Return whether so much is held that the client's streams must not be read."""
+        """Return whether rules hold so much data that the client's streams must not be read."""
         return self.shaper.is_full or (self.scripts is not None and self.scripts.is_full(client))
 
     def on_stream_end(
         self, client: int, direction: Direction, now: int
     ) -> Sequence[SendAction | CloseAction]:
-        """Release an incomplete frame at the end of a stream."""
+        """Apply the rules to an incomplete frame at the end of a stream. Return the actions."""
         state, work = self._clients.directions(client)[direction], DecisionBuilder()
         state.has_ended = True
         for piece in state.take_incomplete():
@@ -150,10 +140,10 @@ class RulePolicy:
         return state is not None and not self.shaper.passes_close(state.flow.conversation)
 
     def release_held(self, client: int, now: int) -> Sequence[SendAction | CloseAction]:
-        """Return or discard what is held for a client that is about to end.
+        """Return the held messages that are still sent when a client ends, and discard the others.
 
-        Replies are sent on, and so are requests that stop the robot or release something. All others
-        are dropped. If the faults hide the end from the other side, nothing that rules held is sent.
+        Replies are still sent, and so are requests that stop the robot or release something. All other
+        requests are dropped. If the faults hide the end from the other side, no held message is sent.
         """
         work = DecisionBuilder()
         lost: list[Frame | bytes] = []
@@ -219,7 +209,7 @@ class RulePolicy:
         return [*outbox, *work.actions]
 
     def close(self, now: int) -> None:
-        """End the scripts and wait for them."""
+        """End the scripts, and wait for their process."""
         if self.scripts is not None:
             self.scripts.finish(now)
 
@@ -235,12 +225,12 @@ class RulePolicy:
     # called for the scripts' process
 
     def on_script_data(self, data: bytes, now: int) -> None:
-        """Apply what the scripts decided. `pop_due_actions` returns the resulting actions."""
+        """Apply decisions of the scripts. `pop_due_actions` returns the resulting actions."""
         if self.scripts is not None:
             self._apply_script_decisions(self.scripts.on_data(data, now), now)
 
     def on_scripts_ended(self, now: int) -> None:
-        """Handle the end of the scripts' process."""
+        """Apply the decisions that follow when the process of the scripts has ended."""
         if self.scripts is not None:
             self._apply_script_decisions(self.scripts.on_process_ended(now), now)
 
@@ -250,7 +240,7 @@ class RulePolicy:
         return self._clients.activities()
 
     def on_rules_changed(self, now: int) -> None:
-        """React to changed faults or a changed intercept: send on bytes that were kept only for them."""
+        """Handle changed faults or a changed intercept: forward incomplete frames that no rule needs."""
         if self._inspects_frames or self.shaper.needs_frames(now):
             return
         for state in self._clients.split_streams():
@@ -260,7 +250,7 @@ class RulePolicy:
             self._outbox += work.actions
 
     def forward_held(self, number: int, now: int, data: bytes | None = None) -> None:
-        """Send a held message on, unchanged or edited. The faults and the guard still apply to it.
+        """Forward a held message, unchanged or edited. The faults and the guard still apply to the message.
 
         Raises:
             KeyError: No message with this number is held.
@@ -305,7 +295,7 @@ class RulePolicy:
     def _show_to_scripts(
         self, state: DirectionState, message: WireMessage, work: DecisionBuilder
     ) -> WireMessage | None:
-        """Show a message to the scripts. Return what goes on now; None if it waits or is dropped."""
+        """Show a message to the scripts. Return the message to forward now, unless it waits or is dropped."""
         scripts = self.scripts
         if scripts is None or not scripts.inspects_frames:
             return message
@@ -330,7 +320,6 @@ class RulePolicy:
     def _apply_script_decisions(
         self, decisions: Iterable[ScriptDecision[UndecidedMessage]], now: int
     ) -> None:
-        """Forward messages that the scripts decided about, or did not decide about in time."""
         for decision in decisions:
             (state, builder), message, work = decision.token, decision.message, DecisionBuilder()
             if decision.answer is None:
@@ -352,7 +341,6 @@ class RulePolicy:
     def _apply_script_answer(
         self, state: DirectionState, message: WireMessage, answer: ScriptAnswer, work: DecisionBuilder
     ) -> WireMessage | None:
-        """Return what the scripts leave of a message; None for nothing."""
         for code in answer.results:
             self._sender.answer(state, message.frames, code, Message("addon.answered"), work)
         if answer.dropped:
@@ -366,7 +354,6 @@ class RulePolicy:
     def _pass_without_scripts(
         self, state: DirectionState, message: WireMessage, work: DecisionBuilder
     ) -> WireMessage | None:
-        """Return the part of a message that passes while the scripts are off: everything except motion."""
         if state.flow.direction is Direction.RESPONSE:
             return message
         return self._without_motion(state, message, Message("script.is-off"), work)
@@ -374,14 +361,13 @@ class RulePolicy:
     def _without_motion(
         self, state: DirectionState, message: WireMessage, note: Message, work: DecisionBuilder
     ) -> WireMessage | None:
-        """Refuse the motions in a request. Return the rest; None for nothing."""
+        """Refuse the motions in a request. Return the rest of the request; None if nothing is left."""
         passing = self._sender.refuse_motion(state, message, note, work)
         if passing == message.data:
             return message
         return self._message_with(message, passing) if passing else None
 
     def _message_with(self, message: WireMessage, data: bytes) -> WireMessage:
-        """Return a message with other bytes that replaces the original."""
         changed = WireMessage(
             message.number, message.flow, data, message.now, message.time, templates=self._templates
         )
@@ -398,7 +384,6 @@ class RulePolicy:
     def _apply_intercept(
         self, state: DirectionState, message: WireMessage, work: DecisionBuilder
     ) -> bytes | None:
-        """Return the bytes that the intercept lets pass now; None for nothing."""
         passed = self.intercept.hold_or_pass(state.client, message)
         self._mark_abandoned(state)
         if passed is None:
@@ -418,7 +403,7 @@ class RulePolicy:
         ]
 
     def _mark_abandoned(self, state: DirectionState) -> None:
-        """Tell the intercept that a client no longer waits for replies, once it has ended its connection."""
+        """Mark the held requests of a client as abandoned, if the client has ended its connection."""
         if state.has_ended and state.flow.direction is Direction.REQUEST:
             self.intercept.mark_abandoned(state.flow, Message("held.client-ended"))
 

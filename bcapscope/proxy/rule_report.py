@@ -23,14 +23,13 @@ def report_lines(
     dropped_held: int,
     scripts: ScriptQueue[Any] | None,
 ) -> list[Message]:
-    """Return a summary of what the rules did.
+    """Return a summary of what the rules did, one message per line.
 
     Args:
-        fault_counts: How often each fault was injected.
+        fault_counts: Number of injections of each fault, by the fault's name.
         refused: Number of refused requests; None without a guard.
-        held: Number of messages that were held.
         dropped_held: Number of held requests that were dropped because their client no longer waited.
-        scripts: The scripts; None without any.
+        scripts: Queue of the scripts; None without scripts.
     """
     lines = [
         Message("rules.injected", name=name, times=_times(count)) for name, count in fault_counts.items()
@@ -49,7 +48,7 @@ def report_lines(
 
 
 def names_with_counts(lost: Iterable[Frame | bytes]) -> Message:
-    """Name lost requests, or pieces of a stream, each name with its count."""
+    """Return the names of lost requests, or of lost pieces of a stream, each name with its count."""
     names = Counter(map(_named, lost))
     more = len(names) - _MAX_NAMED
     most = names.most_common(_MAX_NAMED)

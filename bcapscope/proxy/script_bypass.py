@@ -1,6 +1,7 @@
-"""What passes without the scripts: stops always, and everything except motion while the scripts are off.
+"""Messages that pass without the scripts: stops always, and all except motion while scripts are off.
 
-A stop overtakes messages that wait for the scripts. A motion that arrived before it must not start after it.
+A stop overtakes messages that wait for the scripts. A motion that arrived before the stop must not start
+after the stop.
 """
 
 from __future__ import annotations
@@ -20,10 +21,10 @@ _HALTS = frozenset((ID["Robot_Halt"], ID["Robot_Hold"]))
 
 
 class BypassResult(NamedTuple):
-    """The result of removing motion from a request that bypasses the scripts.
+    """Parts of a request from which motion was removed.
 
     Attributes:
-        passing: Bytes to forward.
+        passing: Bytes that are forwarded.
         refused: Frames that were removed because they may move something.
     """
 
@@ -41,15 +42,15 @@ def is_stop_request(message: WireMessage) -> bool:
 def mark_overtaken(
     stop: WireMessage, state: DirectionState, request_states: Iterable[DirectionState]
 ) -> None:
-    """Mark the waiting motions that must not start any more, because a later stop overtakes them.
+    """Mark the waiting motions that must not start any more, because a later stop has overtaken them.
 
-    A stop ends the motions of its own client. Robot_Halt and Robot_Hold end those of all clients of the
-    controller, because they may arrive over a separate connection. A release ends none.
+    A stop ends the motions of its own client. Robot_Halt and Robot_Hold end the motions of all clients of the
+    controller, because these calls may arrive over a separate connection. A release ends no motion.
 
     Args:
-        stop: The message that does not wait.
-        state: Request direction of its client.
-        request_states: Request directions of all clients.
+        stop: Message that does not wait for the scripts.
+        state: State of the request direction of the stop's client.
+        request_states: States of the request directions of all clients.
     """
     codes = {each.code for each in stop.frames}
     if not codes.isdisjoint(_HALTS):
@@ -62,7 +63,7 @@ def mark_overtaken(
 
 
 def remove_motion(items: Iterable[Frame | Malformed]) -> BypassResult:
-    """Separate the frames that move something, or may, from the rest of a request."""
+    """Separate the frames of a request that move something, or may move something, from the other frames."""
     passing, refused = [], []
     for item in items:
         if isinstance(item, Frame) and _moves(item):

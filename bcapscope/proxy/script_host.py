@@ -42,10 +42,10 @@ _READ = 1 << 16
 
 
 class ScriptHost:
-    """Carries out orders, without sockets or clocks of its own."""
+    """Carries out the orders of the proxy. This class uses no socket and no clock."""
 
     def __init__(self, addons: AddonRunner) -> None:
-        """Use these add-ons. Their `notify` is replaced."""
+        """Run these add-ons, and take over their messages for the user."""
         self._addons = addons
         self._clients: dict[int, tuple[AddonClient, Conversation]] = {}
         self._recent_requests = RecentRequests()
@@ -55,7 +55,7 @@ class ScriptHost:
         addons.notify = self._notices.append
 
     def execute(self, order: ScriptOrder) -> ScriptAnswer:
-        """Carry out an order. Return the answer.
+        """Carry out an order of the proxy. Return the answer of the scripts.
 
         Raises:
             KeyError: The order refers to an unknown client.
@@ -109,20 +109,20 @@ class ScriptHost:
 def main(
     descriptor: int | None, traces: int | None, parent: int, paths: Sequence[str], megabytes: int
 ) -> None:
-    """Run scripts until the proxy ends; the entry point of the process.
+    """Run scripts until the proxy ends. This is the entry point of the process.
 
     Args:
-        descriptor: Socket to the proxy; None if standard input describes it.
-        traces: File descriptor that receives the place in the scripts on SIGUSR1; None for none.
+        descriptor: Socket to the proxy; None if standard input describes the socket.
+        traces: File descriptor to which the process writes its place in the scripts on SIGUSR1; None for
+            none.
         parent: Process id of the proxy.
-        paths: Paths of the scripts.
-        megabytes: Memory that the process may allocate.
+        megabytes: Maximum memory that the process may allocate, in megabytes.
     """
     proxy = _shared_socket() if descriptor is None else socket.socket(fileno=descriptor)
     try:
         _isolate(traces, parent, megabytes)
         _run(proxy, paths)
-    except (OSError, MemoryError):  # a script closed the socket, or used all memory; the proxy reports it
+    except (OSError, MemoryError):  # a script closed the socket or used all memory, which the proxy reports
         proxy.detach()
         sys.exit(1)
 
@@ -135,12 +135,11 @@ def _run(proxy: socket.socket, paths: Sequence[str]) -> None:
         return
     _send_statement(proxy, ScriptsLoaded(addons.hooks))
     gc.collect()
-    gc.freeze()  # loaded objects stay: a search for garbage in them would delay messages
+    gc.freeze()  # searching loaded objects for garbage would delay messages
     _serve(proxy, ScriptHost(addons))
 
 
 def _serve(proxy: socket.socket, host: ScriptHost) -> None:
-    """Carry out orders until the proxy closes the connection."""
     orders: FrameUnpacker[ScriptOrder] = FrameUnpacker(ScriptOrder)
     while data := proxy.recv(_READ):
         orders.feed_bytes(data)
@@ -153,10 +152,10 @@ def _send_statement(proxy: socket.socket, statement: ScriptStatement) -> None:
 
 
 def _isolate(traces: int | None, parent: int, megabytes: int) -> None:
-    """Let the process end with the proxy, limit its memory, and let it report its place in the scripts."""
+    """Make the process end with the proxy, limit its memory, and let it report its place in the scripts."""
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
-        if os.getppid() != parent:  # the proxy ended before the signal was set up
+        if os.getppid() != parent:  # the proxy ended before prctl took effect
             sys.exit()
     _limit_memory(megabytes << 20)
     if traces is not None:
@@ -169,7 +168,7 @@ def _isolate(traces: int | None, parent: int, megabytes: int) -> None:
 
 
 def _limit_memory(size: int) -> None:
-    """Limit the memory that can be allocated. Some systems have no such limit."""
+    """Limit the memory that the process can allocate, if the system has such a limit."""
     if sys.platform == "win32":
         return
     import resource  # noqa: PLC0415 - there is none on Windows
@@ -181,5 +180,4 @@ def _limit_memory(size: int) -> None:
 
 
 def _shared_socket() -> socket.socket:
-    """Take over the socket that the proxy shares, on Windows."""
     return socket.fromshare(sys.stdin.buffer.read())  # type: ignore[attr-defined,no-any-return]  # there only

@@ -1,4 +1,4 @@
-"""The proxy's handle on the process of the scripts: starts it, reads from it, and ends it with the proxy."""
+"""Starts the process of the scripts, exchanges messages with it, and ends it with the proxy."""
 
 from __future__ import annotations
 
@@ -29,17 +29,18 @@ from bcapscope.proxy.script_protocol import (
 )
 
 DEFAULT_MEMORY_MB = 512
-"""Megabytes that the process may allocate by default. Python takes 20; NumPy takes 200 on 4 processors, and
-more on others, because its stacks count.
+"""Megabytes that the process of the scripts may allocate by default.
+
+Python takes 20. NumPy takes 200 on 4 processors, and more on others, because the stacks of its threads count.
 """
 
 LEAST_MEMORY, MAX_MEMORY = 64, 65536
 
 LOADS_WITHIN = 30.0
-"""Seconds that the scripts may take to load."""
+"""Maximum time in seconds in which the scripts must load."""
 
 FINISHES_WITHIN = 3.0
-"""Seconds at the end for messages that the scripts have not seen yet, and for the hook `done`."""
+"""Maximum time in seconds in which the scripts must process the last messages and the hook `done`."""
 
 _GLANCE = 0.05
 _LOOKS_BACK = 0.05
@@ -53,10 +54,10 @@ _START = (
 
 
 class ScriptProcess:
-    """A process that runs scripts.
+    """A process that runs the user's scripts, as the `ScriptLink` of the proxy.
 
     Attributes:
-        names: File names of the scripts, for the user.
+        names: File names of the scripts, for messages to the user.
     """
 
     def __init__(self, paths: Sequence[str], megabytes: int = DEFAULT_MEMORY_MB) -> None:
@@ -94,7 +95,7 @@ class ScriptProcess:
                 _START.format(path=sys.path, argv=sys.argv, arguments=arguments),
             ]
 
-        if sys.platform == "win32":  # a process inherits no sockets there, and cannot report its place
+        if sys.platform == "win32":  # on Windows, a process inherits no sockets and cannot report its place
             process = subprocess.Popen(words(None, None), stdin=subprocess.PIPE)
             assert process.stdin is not None
             with process.stdin:
@@ -107,13 +108,13 @@ class ScriptProcess:
                 words(other.fileno(), traces),
                 stdin=subprocess.DEVNULL,
                 pass_fds=(other.fileno(), traces),
-                start_new_session=True,  # Ctrl-C is for the proxy, which ends the scripts in order
+                start_new_session=True,  # Ctrl-C must reach only the proxy, which then ends the scripts
             )
         finally:
             os.close(traces)
 
     def load(self, seconds: float) -> bool:
-        """Wait until the scripts are loaded. Return False if that takes longer. Call `attach` first.
+        """Wait until the scripts are loaded. Return False after `seconds`. The caller has called `attach`.
 
         Raises:
             ScriptError: The scripts cannot be used.
@@ -141,7 +142,7 @@ class ScriptProcess:
         return ScriptError(Message("script.named-invalid", names=self.names, reason=what))
 
     def _load_error(self, what: Message) -> ScriptError:
-        """End the process, and return why its scripts cannot be used."""
+        """End the process, and return an error that says why its scripts cannot be used."""
         reason = joined_clauses((what, *self.end()))
         assert reason is not None
         return ScriptError(reason)
@@ -161,7 +162,7 @@ class ScriptProcess:
         if data is None:
             return
         if not data:
-            time.sleep(_LOOKS_BACK)  # until its exit code is known
+            time.sleep(_LOOKS_BACK)  # until the exit code of the process is known
             raise self._load_error(Message("script.ended-loading", names=self.names))
         self._statements.feed_bytes(data)
 
@@ -174,12 +175,9 @@ class ScriptProcess:
             )
 
     def attach(self, rules: RulePolicy, relay: DescriptorWatcher, is_interrupted: Callable[[], bool]) -> None:
-        """Connect the process to the rules and the relay, once it is loaded.
+        """Connect the process to the rules, which get the decisions, and to the relay.
 
-        Args:
-            rules: Rules that receive the decisions of the scripts.
-            relay: Waits for the socket.
-            is_interrupted: Returns, at the end, whether the user does not want to wait any longer.
+        `is_interrupted` returns whether the user no longer wants to wait for the end of the process.
         """
         self._rules = rules
         self._relay = relay
@@ -188,12 +186,12 @@ class ScriptProcess:
     # methods of `ScriptLink`
 
     def send(self, frame: bytes) -> None:
-        """Send an order, now or as soon as the process accepts it."""
+        """Send an order, at once or as soon as the process accepts it."""
         self._backlog += frame
         self._flush()
 
     def receive(self) -> bytes:
-        """Return bytes that were not read yet, b"" for none. The handler set by `attach` notices the end."""
+        """Return the bytes from the process that were not read yet; b"" for none or at the end."""
         return self._receive() or b""
 
     def locate(self) -> None:
@@ -201,18 +199,14 @@ class ScriptProcess:
             os.kill(self._process.pid, signal.SIGUSR1)
 
     def end(self) -> tuple[Message, ...]:
-        """End the process at once. Return how it ended and its place in the scripts, as far as known."""
+        """End the process at once. Return the exit reason and the place in the scripts, as far as known."""
         code = self._exit_code()
         self._kill()
         found = None if code is None else _exit_message(code), self._script_location()
         return tuple(each for each in found if each is not None)
 
     def finish(self, frame: bytes, is_done: Callable[[bytes], bool]) -> bool:
-        """Send the last order and wait until `is_done` returns True for received bytes.
-
-        Returns:
-            False if that takes too long.
-        """
+        """Send the last order and wait until `is_done` accepts received bytes. Return whether it did so."""
         self._unwatch()
         self.send(frame)
         until = time.monotonic() + FINISHES_WITHIN
@@ -229,7 +223,7 @@ class ScriptProcess:
         return False
 
     def close(self) -> None:
-        """End the process, if it still runs, and free its resources."""
+        """End the process of the scripts if it still runs, and release its file descriptors."""
         self._kill()
         with suppress(subprocess.TimeoutExpired):
             self._process.wait(_REAPED_WITHIN)
@@ -251,7 +245,7 @@ class ScriptProcess:
                 self._rules.on_scripts_ended(now)
 
     def _receive(self) -> bytes | None:
-        """Return the available bytes: b"" at the end, None if there are none yet."""
+        """Return the bytes available from the process: b"" at the end, None if there are none yet."""
         try:
             return self._socket.recv(1 << 16)
         except BlockingIOError:
@@ -260,13 +254,13 @@ class ScriptProcess:
             return b""
 
     def _flush(self) -> None:
-        """Write what the process accepts. Wait to write the rest."""
+        """Write the bytes that the process accepts, and write the rest when it accepts more."""
         try:
             while self._backlog:
                 del self._backlog[: self._socket.send(self._backlog)]
         except BlockingIOError:
             pass
-        except OSError:  # the process is gone; reading notices that
+        except OSError:  # the process is gone, which the next read notices
             self._backlog.clear()
         if self._watcher is not None and self._waits_to_write is not bool(self._backlog):
             self._waits_to_write = bool(self._backlog)
@@ -278,27 +272,26 @@ class ScriptProcess:
             self._watcher = None
 
     def _kill(self) -> None:
-        """End the process and all that it has started in its session."""
+        """End the process and all processes that it started in its session."""
         self._unwatch()
         self._socket.close()
-        if self._process.returncode is None:  # else its number may belong to another process
+        if self._process.returncode is None:  # otherwise the process id may belong to another process
             if hasattr(os, "killpg"):
-                with suppress(OSError):  # it has just started, or has moved to another group
+                with suppress(OSError):  # the process has just started, or is in another group
                     os.killpg(self._process.pid, signal.SIGKILL)
             self._process.kill()
 
     def _exit_code(self) -> int | None:
-        """Return the exit code as `subprocess` does; None while the process runs."""
         if not hasattr(os, "waitid") or self._process.returncode is not None:
             return self._process.poll()
-        # The process is not reaped, so its number is not reused.
+        # WNOWAIT does not reap the process, so the system does not reuse its process id.
         ended = os.waitid(os.P_PID, self._process.pid, os.WEXITED | os.WNOHANG | os.WNOWAIT)
         if ended is None:
             return None
         return ended.si_status if ended.si_code == os.CLD_EXITED else -ended.si_status
 
     def _script_location(self) -> Message | None:
-        """Return the process's place in the scripts when it was asked or crashed; None if unknown."""
+        """Return the place that the process last reported or crashed at; None if it is unknown."""
         if self._traces is None:
             return None
         try:
@@ -312,7 +305,7 @@ class ScriptProcess:
 
 
 def _exit_message(code: int) -> Message:
-    """Return how a process ended on its own."""
+    """Return how a process ended on its own: its exit code, or the name of a signal."""
     if code >= 0:
         return Message("script.exit-code", code=code)
     try:

@@ -1,7 +1,7 @@
-"""Messages between the proxy and the script process. Each is a length of four bytes, then MessagePack.
+"""Messages between the proxy and the process of the scripts: four bytes of length, then MessagePack.
 
-The process runs the user's code, so the proxy trusts nothing that it sends. Types and lengths are checked
-here, and nothing in a message can run code.
+The process runs the user's code, so the proxy does not trust what the process sends. This module checks types
+and lengths. Nothing in a message can run code.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ from bcapscope.messages.message import foreign_text
 T = TypeVar("T")
 
 LARGEST_FRAME_SIZE = 32 << 20
-"""Bytes of one frame: twice the size of the largest b-CAP frame that can be read."""
+"""Maximum number of bytes of one message: twice the size of the largest b-CAP frame that can be read."""
 
 MAX_SENTENCES, LONGEST_SENTENCE = 32, 2000
-"""Messages for the user in one answer, and characters of each of their places."""
+"""Maximum number of messages for the user in one answer, and of characters in each of their places."""
 
 _HEAD = 4
 
@@ -30,11 +30,11 @@ _Result = Annotated[int, msgspec.Meta(ge=0, le=0xFFFF_FFFF)]
 
 
 class ScriptError(BcapError):
-    """A script cannot be used; the message gives the file and the reason."""
+    """A script cannot be used; the error names the file and the reason."""
 
 
 class WireError(BcapError):
-    """The bytes are not a frame of this protocol; the message gives the reason."""
+    """The received bytes are not a message of this protocol; the error gives the reason."""
 
 
 class _WireFrame(msgspec.Struct, frozen=True, array_like=True, tag=True):
@@ -45,9 +45,7 @@ class ClientConnected(_WireFrame, frozen=True):
     """A client sent its first message.
 
     Attributes:
-        client: Number of the client.
-        ends: Host and port of the client and of the controller.
-        transport: Value of `Transport`.
+        ends: Host and port of the client, and host and port of the controller.
     """
 
     client: int
@@ -56,14 +54,13 @@ class ClientConnected(_WireFrame, frozen=True):
 
 
 class MessageShown(_WireFrame, frozen=True):
-    """A message in transit.
+    """A message in transit, which the scripts must see.
 
     Attributes:
-        client: Number of the client.
-        up: True toward the controller.
-        data: A datagram, or a frame or other bytes of a stream.
-        now: Time of receipt, ns of the relay's clock.
-        time: Time of receipt, ns since 1970.
+        up: True if the message goes to the controller, False if it goes to the client.
+        data: Bytes of a datagram, of a frame, or other bytes of a stream.
+        now: Time of receipt in ns of the relay's clock.
+        time: Time of receipt in ns since 1970.
     """
 
     client: int
@@ -80,7 +77,7 @@ class ClientGone(_WireFrame, frozen=True):
 
 
 class ExpireCalls(_WireFrame, frozen=True):
-    """The current time in ns since 1970: calls may have completed."""
+    """Order to report calls that are complete at `time`, in ns since 1970."""
 
     time: int
 
@@ -90,11 +87,11 @@ class FinishScripts(_WireFrame, frozen=True):
 
 
 ScriptOrder: TypeAlias = ClientConnected | MessageShown | ClientGone | ExpireCalls | FinishScripts
-"""What the proxy sends. Each order has one answer, in the same sequence."""
+"""Order from the proxy. Each order has one answer, and the answers come in the same sequence."""
 
 
 class WireSentence(_WireFrame, frozen=True):
-    """A message for the user: an id of the catalogue, and the text of its places."""
+    """A message for the user: an id of the catalogue, and the values of the message's places as text."""
 
     id: _Word
     places: Annotated[dict[_Word, _Text], msgspec.Meta(max_length=16)]
@@ -105,37 +102,32 @@ class WireSentence(_WireFrame, frozen=True):
 
 
 def wire_sentence(message: Message) -> WireSentence:
-    """Return a message for the wire; its places become text."""
+    """Return a message in the form for the wire, in which the places are text."""
     places = {name: str(value)[:LONGEST_SENTENCE] for name, value in message.places.items()}
     return WireSentence(message.id, places)
 
 
 class ScriptsLoaded(_WireFrame, frozen=True):
-    """The scripts can be used.
-
-    Attributes:
-        hooks: Names of the hooks that they have.
-    """
+    """The scripts are loaded and usable; `hooks` holds the names of the hooks in them."""
 
     hooks: frozenset[str]
 
 
 class ScriptsUnusable(_WireFrame, frozen=True):
-    """A script cannot be used; `reason` names it and the cause."""
+    """A script cannot be used; `reason` names the script and the cause."""
 
     reason: WireSentence
 
 
 class ScriptAnswer(_WireFrame, frozen=True):
-    """The answer to an order.
+    """Answer of the scripts to an order.
 
     Attributes:
-        notices: Messages for the user.
-        errors: Number of errors in the scripts so far.
-        has_open_calls: True if calls are open and `ExpireCalls` must be sent from time to time.
-        data: Bytes that replace the message; None if it is unchanged.
-        dropped: True if the message does not go on.
-        results: Result codes that the client gets in place of the controller's reply.
+        errors: Number of errors in the scripts since the start.
+        has_open_calls: True if calls are open, so that `ExpireCalls` must be sent from time to time.
+        data: Bytes that replace the message; None if the message is unchanged.
+        dropped: True if the message must not be forwarded.
+        results: Result codes that the client gets instead of the controller's reply.
     """
 
     notices: Annotated[tuple[WireSentence, ...], msgspec.Meta(max_length=MAX_SENTENCES)] = ()
@@ -147,7 +139,8 @@ class ScriptAnswer(_WireFrame, frozen=True):
 
 
 ScriptStatement: TypeAlias = ScriptsLoaded | ScriptsUnusable | ScriptAnswer
-"""A message from the script process: first whether the scripts are usable, then one answer after another."""
+"""Message from the process of the scripts: first whether the scripts are usable, then one answer per order.
+"""
 
 _encoder = msgspec.msgpack.Encoder()
 
@@ -159,10 +152,9 @@ def pack(frame: ScriptOrder | ScriptStatement) -> bytes:
 
 
 class FrameUnpacker(Generic[T]):
-    """Splits received bytes into frames."""
+    """Splits received bytes into messages of the types `kinds`, a union such as `ScriptOrder`."""
 
     def __init__(self, kinds: Any) -> None:
-        """Decode frames of these kinds: a union such as `ScriptOrder`."""
         self._decoder: msgspec.msgpack.Decoder[T] = msgspec.msgpack.Decoder(kinds)
         self._buffer = bytearray()
 
@@ -170,10 +162,10 @@ class FrameUnpacker(Generic[T]):
         self._buffer += data
 
     def next_frame(self) -> T | None:
-        """Return the next frame; None until more bytes arrive.
+        """Return the next message; None if more bytes must arrive first.
 
         Raises:
-            WireError: The bytes are not a frame.
+            WireError: The bytes are not a message of this protocol.
         """
         buffer = self._buffer
         if len(buffer) < _HEAD:

@@ -1,6 +1,6 @@
-"""Messages that wait for the scripts, and what happens to them if the scripts take too long.
+"""The queue of messages that wait for the scripts, and the time limit for the scripts.
 
-Nothing here reads a clock or a socket. Times are ns of a monotonic clock.
+This module uses no clock and no socket. Times are in ns of a monotonic clock.
 """
 
 from __future__ import annotations
@@ -32,59 +32,61 @@ from bcapscope.traffic.observation import Conversation, Direction, Flow
 T = TypeVar("T")
 
 TIME_LIMIT_NS = 100_000_000
-"""Time in ns that the scripts have for one message by default."""
+"""Default time limit in ns of the scripts for one message."""
 
 SHORTEST_LIMIT, LONGEST_LIMIT = 1_000_000, 10_000_000_000
-"""Bounds of the time limit, in ns. Waking a process takes a share of a millisecond. A motion that is seconds
-old does harm, because its client no longer waits.
+"""Shortest and longest time limit that a user may set, in ns.
+
+Waking a process takes part of a millisecond. A motion that starts seconds late does harm, because its client
+no longer waits.
 """
 
 LONGEST_WAIT = 1_000_000_000
-"""Longest total wait of a message in ns, including those before it. A longer time limit replaces it."""
+"""Maximum total time in ns that a message waits, behind other messages too, unless the time limit is longer.
+"""
 
 MAX_WAITING = 64
-"""Datagrams of one client that may wait. A client makes one call at a time, with at most eight attempts."""
+"""Maximum number of waiting datagrams of one client, which sends at most eight attempts of one call."""
 
 MAX_BYTES = 1 << 16
-"""Bytes of one client that may wait. Beyond it a stream is not read, and datagrams are dropped."""
+"""Maximum number of waiting bytes per client, beyond which streams are not read and datagrams are dropped."""
 
 MAX_BYTES_IN_ALL = 1 << 22
-"""Bytes of all clients that may wait. Beyond it, messages that the scripts only see are not shown."""
+"""Maximum number of waiting bytes of all clients.
+
+Beyond this maximum, messages that need no decision are not shown to the scripts.
+"""
 
 _LATE = 20_000_000
-"""ns. If the relay checks the time later than this, it was held up, and the scripts may have been as well."""
+"""Delay in ns of the relay's check of the time limit. A longer delay may have held up the scripts as well."""
 
 _LOOKS_BACK = 50_000_000
-"""ns from the decision to stop the scripts to the end of their process, which reports its place meanwhile."""
+"""Time in ns that the process of the scripts has to report its place in the scripts before it is killed."""
 
 _EXPIRE_INTERVAL_NS = 50_000_000
-"""ns between checks for calls that have completed by time; the tracker uses the same interval."""
+"""Time in ns between two checks for calls that expire, as in the tracker."""
 
 _MAX_NOTICES = 200
-"""Messages of the scripts that the proxy shows to the user."""
+"""Maximum number of messages from the scripts that the user gets."""
 
 
 class ScriptLink(Protocol):
-    """The process of the scripts. No method raises, and only `finish` blocks."""
+    """Connection to the process of the scripts. No method raises an exception, and only `finish` blocks."""
 
     def send(self, frame: bytes) -> None:
         """Send an order to the process."""
 
     def receive(self) -> bytes:
-        """Return the bytes that the process sent and that were not read yet, b"" for none."""
+        """Return the bytes from the process that were not read yet; b"" for none."""
 
     def locate(self) -> None:
-        """Ask the process for its place in the scripts."""
+        """Ask the process to report its place in the scripts."""
 
     def end(self) -> tuple[Message, ...]:
-        """End the process at once. Return how it ended and its place in the scripts, as far as known."""
+        """End the process at once. Return the exit reason and the place in the scripts, as far as known."""
 
     def finish(self, frame: bytes, is_done: Callable[[bytes], bool]) -> bool:
-        """Send the last order and wait until `is_done` returns True for received bytes.
-
-        Returns:
-            False if that takes too long.
-        """
+        """Send the last order and wait until `is_done` accepts received bytes. Return whether it did so."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,11 +95,10 @@ class PendingOrder(Generic[T]):
 
     Attributes:
         hook: Name of the hook that the order calls.
-        sent_at: Time of sending to the scripts, ns.
-        client: Number of the client.
-        size: Bytes that are kept for it.
-        message: The message shown; None if the order shows none.
-        token: The caller's token for the message; None if the message does not wait.
+        sent_at: Time at which the order was sent, in ns.
+        size: Number of bytes of the message; 0 without a message.
+        message: Message that the order shows to the scripts; None for other orders.
+        token: Token of the caller for the message; None if the message does not wait for a decision.
     """
 
     hook: str
@@ -108,7 +109,7 @@ class PendingOrder(Generic[T]):
     token: T | None = None
 
     def __str__(self) -> str:
-        """Return the hook, and the call that it was run for."""
+        """Return the name of the hook, and the call in the message that the hook received."""
         names = [call_name(each.code, each.variants) for each in self.message.frames] if self.message else []
         if self.hook != "request" or not names:
             return self.hook
@@ -120,9 +121,8 @@ class ScriptDecision(Generic[T]):
     """A decision about a message.
 
     Attributes:
-        message: The message.
-        token: The caller's token for the message.
-        answer: Answer of the scripts; None if they are off and gave none.
+        token: Token that the caller gave with the message.
+        answer: Answer of the scripts; None if the scripts were switched off before they answered.
     """
 
     message: WireMessage
@@ -133,25 +133,18 @@ class ScriptDecision(Generic[T]):
 class ScriptQueue(Generic[T]):
     """Shows messages to the scripts, in order, and returns their decisions.
 
-    Scripts that take longer than `limit` for one message are switched off. So are scripts whose process ends
+    The queue switches the scripts off if they exceed the time limit for one message, or if their process ends
     or sends invalid data.
 
     Attributes:
-        names: Names of the scripts, for messages to the user.
-        is_on: True while messages are shown.
+        is_on: True while the scripts see the messages.
         off_because: Reason why the scripts are off; None while they are on.
-        errors: Number of errors in the scripts.
-        notify: Called with a message for the user.
+        errors: Number of errors in the scripts so far.
+        notify: Called with each message for the user.
     """
 
     def __init__(self, names: str, link: ScriptLink, limit: int = TIME_LIMIT_NS) -> None:
-        """Create a queue that waits for `on_loaded`.
-
-        Args:
-            names: Names of the scripts.
-            link: Process of the scripts.
-            limit: Time for one message, ns.
-        """
+        """Create a queue with a time limit in ns per message. The caller then calls `on_loaded`."""
         self.names = names
         self.is_on = True
         self.off_because: Message | None = None
@@ -162,11 +155,11 @@ class ScriptQueue(Generic[T]):
         self._hooks: frozenset[str] = frozenset()
         self._queue: deque[PendingOrder[T]] = deque()
         self._answers: FrameUnpacker[ScriptStatement] = FrameUnpacker(ScriptStatement)
-        self._counts: Counter[int] = Counter()  # what waits for a decision, by client
+        self._counts: Counter[int] = Counter()  # number of messages that wait for a decision, by client
         self._sizes: Counter[int] = Counter()
         self._size = self._waiting_size = 0
         self._head_since = 0
-        self._relay_delay = 0  # ns by which the relay itself was held up
+        self._relay_delay = 0  # ns by which the relay was late
         self._was_late = False
         self._has_open_calls = False
         self._expire_at = 0
@@ -184,11 +177,11 @@ class ScriptQueue(Generic[T]):
 
     @property
     def inspects_frames(self) -> bool:
-        """Whether the queue needs frames: to show them, or to refuse motion while the scripts are off."""
+        """Whether streams must be split into frames: for hooks, or to refuse motion without scripts."""
         return not self.is_on or not self._hooks.isdisjoint(("request", "reply", "settled"))
 
     def decides(self, direction: Direction) -> bool:
-        """Return whether messages of a direction wait for the scripts."""
+        """Return whether messages of a direction wait for a decision of the scripts."""
         return self.is_on and ("request" if direction is Direction.REQUEST else "reply") in self._hooks
 
     # orders to the scripts
@@ -200,13 +193,7 @@ class ScriptQueue(Generic[T]):
         )
 
     def show_message(self, client: int, message: WireMessage, token: T | None) -> None:
-        """Show a message to the scripts.
-
-        Args:
-            client: Number of the client.
-            message: The message.
-            token: Returned with the decision; None if the message does not wait for it.
-        """
+        """Show a message to the scripts. A message with a token waits, and its decision returns the token."""
         up = message.flow.direction is Direction.REQUEST
         if token is None:
             unwanted = not up and self._hooks.isdisjoint(("reply", "settled"))
@@ -219,11 +206,11 @@ class ScriptQueue(Generic[T]):
         )
 
     def send_gone(self, client: int, now: int) -> None:
-        """Report to the scripts that a client is gone. Nothing of it waits any more."""
+        """Report to the scripts that a client is gone. No message of the client may wait any more."""
         self._send_order(ClientGone(client), PendingOrder("gone", now, client))
 
     def finish(self, now: int) -> None:
-        """Tell the scripts that the proxy ends, wait for their answers, and end their process."""
+        """Report the end of the proxy to the scripts, wait for their answers, and end their process."""
         self._is_ending = True
         if self.is_on:
             self._enqueue(PendingOrder("done", now))
@@ -234,7 +221,7 @@ class ScriptQueue(Generic[T]):
     # answers of the scripts
 
     def on_data(self, data: bytes, now: int) -> Iterator[ScriptDecision[T]]:
-        """Process bytes from the scripts' process. Yield the decisions."""
+        """Process bytes from the process of the scripts. Yield the decisions in them."""
         if not self.is_on:
             return
         self._answers.feed_bytes(data)
@@ -248,7 +235,7 @@ class ScriptQueue(Generic[T]):
             yield from self._flush_undecided()
 
     def on_process_ended(self, now: int) -> Iterator[ScriptDecision[T]]:
-        """Handle that the scripts' process ended, or closed its connection. Yield the decisions."""
+        """Switch the scripts off because their process ended or its connection broke. Yield the decisions."""
         if self.is_on:
             why = Message("script.ended-between")
             if self._queue:
@@ -265,11 +252,9 @@ class ScriptQueue(Generic[T]):
         return self._expire_at if self._has_open_calls else None
 
     def advance(self, now: int, time: int) -> Iterator[ScriptDecision[T]]:
-        """Do what is due. Yield the decisions.
+        """Check the time limit and the end of calls. Yield the decisions that result.
 
-        Args:
-            now: ns of the monotonic clock.
-            time: The same moment in ns since 1970.
+        `now` is in ns of the monotonic clock, and `time` is the same moment in ns since 1970.
         """
         due = self.due()
         if due is None or now < due:
@@ -280,12 +265,12 @@ class ScriptQueue(Generic[T]):
             self._expire_at = now + _EXPIRE_INTERVAL_NS
             self._send_order(ExpireCalls(time), PendingOrder("settled", now))
         else:
-            # An answer that arrived in time counts, even if the relay had no time to read it.
+            # An answer that arrived in time counts, even if the relay reads it too late.
             yield from self.on_data(self._link.receive(), now)
             yield from self._check_time_limit(now)
 
     def _check_time_limit(self, now: int) -> Iterator[ScriptDecision[T]]:
-        """Switch the scripts off if they take too long, unless the relay itself may have held them up."""
+        """Switch the scripts off if they take too long, unless the relay may have held them up once."""
         due = self.due()
         if not self.is_on or not self._queue or due is None or now < due:
             return
@@ -299,19 +284,19 @@ class ScriptQueue(Generic[T]):
     # queries of the policy
 
     def holds(self, flow: Flow) -> bool:
-        """Return whether a message of a flow waits."""
+        """Return whether a message of this flow waits for the scripts."""
         return any(_is_of(each, flow) for each in self._queue)
 
     def is_full(self, client: int) -> bool:
-        """Return whether so much of a client waits that its streams must not be read."""
+        """Return whether so many bytes of a client wait that its streams must not be read."""
         return self._sizes[client] > MAX_BYTES or self._waiting_size > MAX_BYTES_IN_ALL
 
     def has_room(self, client: int) -> bool:
-        """Return whether one more datagram of a client may wait."""
+        """Return whether the queue has room for one more datagram of a client."""
         return not self.is_full(client) and self._counts[client] < MAX_WAITING
 
     def remove_messages(self, flow: Flow) -> list[bytes]:
-        """Remove the messages of a flow and return them; later decisions about them are ignored."""
+        """Remove the waiting messages of a flow and return their bytes. Ignore later decisions about them."""
         found: list[bytes] = []
         for place, each in enumerate(self._queue):
             if each.message is not None and _is_of(each, flow):
@@ -353,7 +338,6 @@ class ScriptQueue(Generic[T]):
         yield from _decided(waiting, answer)
 
     def _release(self, waiting: PendingOrder[T]) -> None:
-        """Remove a message from the counts of those that wait for a decision."""
         if waiting.token is not None:
             self._counts[waiting.client] -= 1
             self._sizes[waiting.client] -= waiting.size
@@ -362,7 +346,6 @@ class ScriptQueue(Generic[T]):
                 del self._counts[waiting.client], self._sizes[waiting.client]
 
     def _flush_undecided(self) -> Iterator[ScriptDecision[T]]:
-        """Yield all waiting messages without an answer."""
         self._counts.clear()
         self._sizes.clear()
         self._size = self._waiting_size = 0
@@ -383,7 +366,7 @@ class ScriptQueue(Generic[T]):
         self._link.locate()
 
     def _end_process(self) -> None:
-        """End the process. Report the reason if the scripts were switched off."""
+        """End the process of the scripts. If the scripts were switched off, report the reason to the user."""
         self._end_at = None
         where = self._link.end()
         if self.off_because is not None and not self._is_end_reported:
@@ -395,12 +378,12 @@ class ScriptQueue(Generic[T]):
 
     def _is_finished(self, data: bytes) -> bool:
         for _ in self.on_data(data, self._head_since + self._relay_delay):
-            pass  # the clients are gone, so no decision matters
+            pass  # all clients are gone, so no decision matters
         return not self._queue
 
 
 def _is_of(waiting: PendingOrder[T], flow: Flow) -> bool:
-    """Return whether the order shows a waiting message of the flow."""
+    """Return whether an order shows a message of this flow that waits for a decision."""
     return waiting.token is not None and waiting.message is not None and waiting.message.flow is flow
 
 

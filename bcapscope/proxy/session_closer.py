@@ -1,8 +1,8 @@
-"""Tracks what clients have left open at a controller, and closes it when the proxy ends.
+"""Tracks what clients have left open at a controller, and makes the requests that close it.
 
-On UDP a controller cannot see that a client is gone: its handles, its arm and slave mode stay. The proxy
-sends only requests that give something back: slave mode off, the arm, handles, the service. None of them
-moves the robot.
+On UDP, a controller cannot see that a client is gone. The client's handles, its arm and slave mode stay open.
+The proxy sends only requests that give something back: slave mode off, the arm, handles, the service. No such
+request moves the robot.
 """
 
 from __future__ import annotations
@@ -31,12 +31,11 @@ _TAKE, _GIVE = "takearm", "givearm"
 
 
 class CloseSequence(NamedTuple):
-    """The requests that close a session in its client's place.
+    """Requests that close a session in its client's place.
 
     Attributes:
-        conversation: Conversation of the client.
-        open_state: What is open besides handles: slave mode, the arm; None for nothing.
-        requests: Frames to send in this order, each after the reply to the previous one.
+        open_state: What is open besides handles: slave mode, the arm or both; None for neither.
+        requests: Frames to send in this order, each after the reply to the previous frame.
     """
 
     conversation: Conversation
@@ -52,17 +51,16 @@ class _State:
 
 
 class SessionCloser(PipelineSubscriber):
-    """Follows the serials and the arm of each client."""
+    """Follows which serials each client has used and which arms it has taken."""
 
     def __init__(self, handles: HandleTracker, slave_mode: SlaveModeTracker) -> None:
-        """Use the trackers of the pipeline to which this object subscribes."""
+        """Use the handle and slave-mode trackers of the pipeline to which this object subscribes."""
         self._handles = handles
         self._slave_mode = slave_mode
         self._states: dict[Conversation, _State] = {}
         self._left_open: dict[Conversation, Message | None] = {}
 
     def on_call(self, call: Call, target: TrackedObject | None) -> None:
-        """Follow the next call."""
         state = self._states.get(call.conversation)
         if state is None:
             state = self._states[call.conversation] = _State()
@@ -79,20 +77,19 @@ class SessionCloser(PipelineSubscriber):
                 state.arm_handles.pop(handle, None)
 
     def on_set_points(self, calls: Sequence[Call]) -> None:
-        """Follow the serials of set points."""
         self.on_call(calls[-1], None)
 
     def on_conversation_closed(self, conversation: Conversation) -> None:
-        """Note what a client that is gone left open, and forget the client."""
+        """Remember what a client that is gone left open, and forget the rest of the client's state."""
         self._left_open[conversation] = self._open_state(conversation)
         self._states.pop(conversation, None)
 
     def pop_left_open(self, client: Conversation) -> Message | None:
-        """Return what a client that is gone left open besides handles; None if asked again."""
+        """Return what a client that is gone left open besides handles. A second call returns None."""
         return self._left_open.pop(client, None)
 
     def close_sequences(self) -> tuple[CloseSequence, ...]:
-        """Return how to close the open UDP sessions. TCP sessions end with their connections."""
+        """Return how to close each open UDP session. A TCP session ends with its connection."""
         return tuple(
             CloseSequence(
                 session.conversation,
@@ -114,7 +111,7 @@ class SessionCloser(PipelineSubscriber):
 
 
 def _closing_requests(session: ServiceSession, state: _State, robots: Iterable[int]) -> Iterator[bytes]:
-    """Yield the frames that close a session, with the next serials and the client's reserved convention."""
+    """Yield the frames that close a session, with serials and reserved fields as in the client's calls."""
     objects = [(each.kind, each.handle) for each in reversed(session.unreleased)]
     serial = state.serial
     for function_id, arguments in closing_calls(robots, state.arm_handles, objects):

@@ -1,4 +1,4 @@
-"""Detects clients that fall silent in slave mode: on UDP nothing else shows that they are gone."""
+"""Detects clients that fall silent in slave mode. On UDP, nothing else shows that a client is gone."""
 
 from __future__ import annotations
 
@@ -8,13 +8,15 @@ from bcapscope.messages import Message
 from bcapscope.traffic.observation import Conversation
 
 SILENT_AFTER_NS = 500_000_000
-"""ns without a request after which a client in slave mode counts as silent: about 60 set points at 8 ms
-(DENSO Wave 2009, How to use the Slave mode). That is longer than all eight attempts of one call.
+"""Time in ns without a request after which a client in slave mode is silent.
+
+That time is about 60 set points of 8 ms (DENSO Wave 2009, How to use the Slave mode), and longer than all
+eight attempts of a call.
 """
 
 
 class SilenceMonitor:
-    """Reports each silence and its end, once."""
+    """Reports once that a client falls silent, and once that the client sends again."""
 
     def __init__(self) -> None:
         self._silent_since: dict[Conversation, int] = {}
@@ -23,7 +25,7 @@ class SilenceMonitor:
         """Yield a message for each client that has fallen silent or sends again.
 
         Args:
-            clients: Clients in slave mode, each with the time of its last request, ns.
+            clients: Clients in slave mode, each with the time of its last request in ns.
             now: Time in ns up to which all requests are known.
         """
         here = dict(clients)

@@ -1,4 +1,4 @@
-"""Opening sockets, and other differences between operating systems."""
+"""Opens the sockets of the proxy, and hides differences between operating systems."""
 
 from __future__ import annotations
 
@@ -15,27 +15,29 @@ from bcapscope.traffic.observation import Endpoint, Transport
 from bcapscope.transport.receive_timestamps import enable_receive_timestamps
 
 SocketAddress: TypeAlias = tuple[Any, ...]
-"""An address of the socket module: host, port, and for IPv6 flow and scope."""
+"""Address as the socket module uses it: host and port, and for IPv6 also flow and scope."""
 
 LARGEST_DATAGRAM = 65535
-"""Bytes of the largest datagram."""
+"""Maximum size of a datagram in bytes."""
 
 _RECEIVE_BUFFER = 4 << 20
 _SO_RCVBUFFORCE, _SO_MEMINFO = 33, 55  # asm-generic/socket.h of Linux
 _MEMINFO = struct.Struct("=9I")
 _MEMINFO_DROPS = 8  # linux/sock_diag.h, SK_MEMINFO_DROPS
 _BACKLOG = 1024
-"""Connections that may wait to be accepted. Beyond that, the system drops the packets of new clients. Such a
-client tries again after a second: too late for a stop.
+"""Maximum number of connections that wait to be accepted.
+
+Beyond this maximum, the system drops the packets of new clients. Such a client tries again after a second,
+which is too late for a stop.
 """
 
 
 class ProxyListenError(BcapError):
-    """An address cannot be listened on."""
+    """The proxy cannot listen on an address."""
 
 
 class UnreachableError(BcapError):
-    """A controller's name cannot be resolved."""
+    """The name of a controller cannot be resolved."""
 
 
 def listen_on(endpoint: Endpoint, transport: Transport) -> socket.socket:
@@ -52,7 +54,7 @@ def listen_on(endpoint: Endpoint, transport: Transport) -> socket.socket:
         sock.setblocking(False)
         if family == socket.AF_INET6:
             sock.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 1)
-        if stream and sys.platform != "win32":  # on Windows it would let others take the port
+        if stream and sys.platform != "win32":  # on Windows, others could then take the port
             sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         sock.bind(_own_address(family, endpoint))
         if stream:
@@ -81,7 +83,7 @@ def _own_address(family: int, endpoint: Endpoint) -> SocketAddress:
 
 
 def resolve(endpoint: Endpoint, transport: Transport) -> tuple[int, SocketAddress]:
-    """Return the address family and the address.
+    """Return the address family and the socket address of a controller.
 
     Raises:
         UnreachableError: There is no such host.
@@ -97,7 +99,7 @@ def resolve(endpoint: Endpoint, transport: Transport) -> tuple[int, SocketAddres
 
 
 def connect_datagrams(family: int, address: SocketAddress) -> socket.socket:
-    """Open a UDP socket that receives from one address only.
+    """Open a UDP socket that receives datagrams from one address only.
 
     Raises:
         OSError: There is no route to the address.
@@ -114,16 +116,16 @@ def connect_datagrams(family: int, address: SocketAddress) -> socket.socket:
 
 
 def prepare_datagrams(sock: socket.socket) -> None:
-    """Request a large receive buffer and timestamps. The socket works without them as well."""
+    """Request a large receive buffer and receive timestamps, without which the socket also works."""
     sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BUFFER)
     if sys.platform == "linux":
-        with suppress(OSError):  # beyond the usual limit only for root
+        with suppress(OSError):  # only root may exceed the usual limit
             sock.setsockopt(socket.SOL_SOCKET, _SO_RCVBUFFORCE, _RECEIVE_BUFFER)
     enable_receive_timestamps(sock)
 
 
 def keep_alive(sock: socket.socket) -> None:
-    """Let the system end a connection two minutes after its peer vanished; the default takes hours."""
+    """Make the system end a connection two minutes after the other end vanished; the default takes hours."""
     sock.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
     for name, value in (("TCP_KEEPIDLE", 60), ("TCP_KEEPINTVL", 10), ("TCP_KEEPCNT", 6)):
         if hasattr(socket, name):
@@ -131,7 +133,7 @@ def keep_alive(sock: socket.socket) -> None:
 
 
 def dropped_datagrams(sock: socket.socket) -> int:
-    """Return how many datagrams found no room in a socket's buffer; 0 where the system does not report it."""
+    """Return how many datagrams found no room in a socket's buffer; 0 where the system counts none."""
     if sys.platform == "linux":
         with suppress(OSError, struct.error):
             found = sock.getsockopt(socket.SOL_SOCKET, _SO_MEMINFO, _MEMINFO.size)
@@ -146,7 +148,7 @@ def endpoint_of(address: SocketAddress) -> Endpoint:
 def local_address_for(sock: socket.socket, client: SocketAddress) -> Endpoint:
     """Return the address by which `client` reaches a UDP socket of this machine.
 
-    If the socket listens on all addresses, the system replies from this address.
+    The system sends replies from this address if the socket listens on all addresses.
     """
     own = sock.getsockname()
     if own[0] not in ("0.0.0.0", "::"):
@@ -158,5 +160,5 @@ def local_address_for(sock: socket.socket, client: SocketAddress) -> Endpoint:
 
 
 def should_report(count: int) -> bool:
-    """Return whether to report a frequent event: the 1st, 2nd, 4th, 8th … time."""
+    """Return whether to report a frequent event: True for its 1st, 2nd, 4th, 8th … occurrence."""
     return count & (count - 1) == 0

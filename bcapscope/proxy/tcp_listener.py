@@ -1,4 +1,4 @@
-"""The socket that TCP clients connect to, and their admission."""
+"""The socket to which TCP clients connect, and the admission of these clients."""
 
 from __future__ import annotations
 
@@ -18,21 +18,20 @@ from bcapscope.transport.descriptors import accept_connection
 from bcapscope.transport.tcp_link import close_with_reset
 
 _MAX_ACCEPTED = 16
-"""Clients that are accepted before other sockets are served."""
+"""Maximum number of clients that are accepted before other sockets are served."""
 
 
 class TcpListener:
-    """A socket that clients connect to.
+    """A socket to which TCP clients connect.
 
     Attributes:
-        relay: The relay that it belongs to.
-        address: Address that it listens on.
+        address: Host and port on which the socket listens.
         controller: Address family and address of the controller.
         to: Host and port of the controller.
     """
 
     def __init__(self, relay: Relay, spec: ListenerSpec) -> None:
-        """Listen.
+        """Open the socket for clients.
 
         Raises:
             ProxyListenError: The address cannot be listened on.
@@ -65,7 +64,7 @@ class TcpListener:
                 return
 
     def _accept(self) -> bool:
-        """Accept a client. Return whether another one may be waiting."""
+        """Accept a client. Return whether another client may be waiting."""
         relay = self.relay
         try:
             accepted = accept_connection(self._socket, relay.free_newcomer_descriptor)
@@ -84,7 +83,7 @@ class TcpListener:
         return True
 
     def _admit(self, client: socket.socket, address: SocketAddress, first: bytes, came: int) -> None:
-        """Give a client that has sent its first frame a slot and a connection to the controller."""
+        """Give a client a slot and a connection to the controller, after the client's first frame."""
         relay = self.relay
         try:
             server, slot = open_upstream(
@@ -113,7 +112,7 @@ class TcpListener:
         self.relay.deny(endpoint_of(address), why)
 
     def _pause_accepting(self, error: OSError) -> None:
-        """Accept no clients for a while. Report it once, until a client can be accepted again."""
+        """Stop accepting clients for a while. Report this once, until a client can be accepted again."""
         if not self._is_pause_reported:
             self._is_pause_reported = True
             self.relay.notify(

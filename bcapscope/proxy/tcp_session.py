@@ -1,4 +1,4 @@
-"""A TCP client and its connection to the controller. Half-close, reset and back-pressure are passed on."""
+"""TCP sessions of the proxy, which forward half-close, reset and back-pressure in both directions."""
 
 from __future__ import annotations
 
@@ -19,44 +19,45 @@ from bcapscope.transport.first_frame_queue import source_network
 from bcapscope.transport.tcp_link import close_with_reset
 
 CONNECT_TIMEOUT_NS = 10_000_000_000
-"""Longest time for connecting to the controller, in ns."""
+"""Maximum time in ns for connecting to the controller."""
 
 REPLY_TIMEOUT_NS = 200_000_000_000
-"""ns that a client may wait for a reply after it ended its side. A call may take 180 s, the default of
-InvokeTimeout (orin_bcap C/src/bCAPServer/bcap_server.c).
+"""Time in ns that a client may wait for a reply after the client ended its side.
+
+A call may take 180 s, the default of InvokeTimeout (orin_bcap C/src/bCAPServer/bcap_server.c).
 """
 
 STUCK_AFTER_NS = 10_000_000_000
-"""Idle time in ns after which the session ends if only the controller has ended its side.
+"""Idle time in ns after which a session ends if only the controller has ended its side.
 
-After the same time a new client may evict a connection that is half closed, or whose client or controller
+After the same idle time, a new client may evict a session that is half closed, or whose client or controller
 does not read.
 """
 
 ANSWERED_IDLE_NS = 1_000_000_000
-"""Idle time in ns for eviction, if the client has ended its side and has received something since."""
+"""Idle time in ns for eviction of a session whose client ended its side and has received bytes since."""
 
 MAX_PENDING = 1 << 18
-"""Bytes from rules that may wait for a receiver that does not read, before reading stops. Without rules, the
-result of one read may wait.
+"""Number of bytes from rules that wait for a slow receiver before the session stops reading.
+
+Without rules, the session stops reading as soon as any bytes wait.
 """
 
 _AT_ONCE = 1 << 16
 
 _RESETS = errno.ECONNRESET, errno.EPIPE
-"""Errors of a connection that its peer has reset."""
+"""Error numbers of a connection that the other end has reset."""
 
 
 class _HalfConnection:
     """One direction of a connection.
 
     Attributes:
-        up: True from client to controller.
-        source: Socket that is read.
-        sink: Socket that is written.
-        pending: Bytes that could not be written yet.
-        source_ended: True once the source has ended.
-        sink_shut: True once that end is forwarded to the sink.
+        source: Socket from which the bytes are read.
+        sink: Socket to which the bytes are written.
+        pending: Bytes that the sink has not accepted yet.
+        source_ended: True after the end of the bytes was read from the source.
+        sink_shut: True after that end was forwarded to the sink.
     """
 
     __slots__ = ("pending", "sink", "sink_shut", "source", "source_ended", "up")
@@ -70,14 +71,7 @@ class _HalfConnection:
 
 
 class TcpSession:
-    """A client and its connection to the controller.
-
-    Attributes:
-        number: Number of the client.
-        conversation: Conversation between the client and the controller.
-        source: Network of the client; see `source_network`.
-        last_heard: `Relay.now` when the client last sent something.
-    """
+    """A TCP client and its connection to the controller; `RelaySession` describes the attributes."""
 
     def __init__(
         self,
@@ -87,19 +81,15 @@ class TcpSession:
         address: SocketAddress,
         first: tuple[bytes, int],
     ) -> None:
-        """Register a client.
+        """Register a client whose connection to the controller is being opened.
 
-        Args:
-            relay: The relay that the session belongs to.
-            to: Host and port of the controller.
-            ends: Socket of the client, and socket that is connecting to the controller.
-            address: Address of the client.
-            first: Bytes that the client has sent so far, and their receipt in ns since 1970.
+        `ends` holds the sockets toward the client and the controller. `first` holds the bytes that the client
+        has sent so far, and their receipt in ns since 1970.
         """
         client, server = ends
         for sock in ends:
             sock.setblocking(False)
-            with suppress(OSError):  # on macOS a connection that the client closed has no options any more
+            with suppress(OSError):  # macOS refuses options for a connection that the client has closed
                 sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
                 keep_alive(sock)
         self.number = relay.next_number()
@@ -127,11 +117,7 @@ class TcpSession:
         return "connected" if self._connected else "connecting"
 
     def fail(self, problem: int) -> None:
-        """End the session because the controller cannot be reached.
-
-        Args:
-            problem: Error number of the system.
-        """
+        """End the session because of the error number `problem`: the controller cannot be reached."""
         client, reason = str(self.conversation.client), os_reason(OSError(problem, ""))
         self._relay.notify(
             Message("client.no-connection", client=client, controller=str(self._to), reason=reason)
@@ -139,7 +125,7 @@ class TcpSession:
         self.close(True, Message("client.unreachable"))
 
     def send(self, up: bool, data: bytes) -> int:
-        """Send data from the rules. Return when, in ns since 1970; 0 if not all of it was sent yet."""
+        """Send data from the rules. Return the time of sending in ns since 1970; 0 if some bytes wait."""
         if self._closed:
             return 0
         half = self._up if up else self._down
@@ -149,7 +135,7 @@ class TcpSession:
         return left if sent == len(data) else 0
 
     def on_nothing_held(self, up: bool) -> None:
-        """Forward the end of a direction if it has ended, and resume reading."""
+        """Forward the end of a direction whose source has ended, and resume reading."""
         self._shut_sink_when_flushed(self._up if up else self._down)
         self._update_masks()
 
@@ -157,11 +143,11 @@ class TcpSession:
         self._update_masks()
 
     def close(self, reset_both: bool, why: Message) -> None:
-        """Send what rules release for the client, then close both connections."""
+        """Send the held messages that rules release, then close both connections."""
         self._close(reset_both, why, encode_note(why))
 
     def _close(self, reset_both: bool, why: Message, cause: bytes = b"") -> None:
-        """Close both connections. `cause` is recorded with each direction that its source had not ended."""
+        """Close both connections. Record `cause` as the reason for each direction that was still open."""
         if self._is_ending:
             return
         self._is_ending = True
@@ -175,7 +161,6 @@ class TcpSession:
         self._relay.remove_client(self, why)
 
     def _close_sink(self, half: _HalfConnection, by_reset: bool, cause: bytes) -> None:
-        """Close the sink of a direction, unless it broke and is closed already."""
         sock = half.sink
         if sock.fileno() < 0:
             return
@@ -214,7 +199,7 @@ class TcpSession:
             self._relay.notify(Message(case, client=str(self.conversation.client), size=left))
 
     def evictable_idle_ns(self, now: int) -> int | None:
-        """Return the idle time in ns, if it is long enough to evict a stuck connection; else None."""
+        """Return the idle time in ns if it is long enough to evict the session, else None."""
         quiet = now - self._last_activity
         if self._up.source_ended and self._is_answered:
             return quiet if quiet > ANSWERED_IDLE_NS else None
@@ -228,7 +213,7 @@ class TcpSession:
         return quiet if is_stuck and quiet > STUCK_AFTER_NS else None
 
     def sweep(self, now: int) -> None:
-        """End a session that does not connect or was half closed too long; else resume what rules delayed."""
+        """End a session that does not connect or stays half closed; else forward ends that rules delayed."""
         if not self._connected and now - self.last_heard > CONNECT_TIMEOUT_NS:
             self.fail(errno.ETIMEDOUT)
         elif not self._is_half_open and self._is_expired(now - self._last_activity):
@@ -240,7 +225,6 @@ class TcpSession:
             self._update_masks()
 
     def _is_expired(self, quiet: int) -> bool:
-        """Return whether one side has ended and the other was idle for longer than any call takes."""
         if any(self._relay.holds(self, half.up) for half in (self._up, self._down)):
             return False
         if self._down.sink_shut:
@@ -268,7 +252,7 @@ class TcpSession:
     def _handle(
         self, happened: int, sock: socket.socket, incoming: _HalfConnection, outgoing: _HalfConnection
     ) -> None:
-        """Handle events of one socket: read the direction that starts there, write the other."""
+        """Handle events of one socket: read bytes of the direction `incoming`, write bytes of `outgoing`."""
         problem = sock.getsockopt(socket.SOL_SOCKET, socket.SO_ERROR) if happened & ERROR else 0
         if problem:
             self._on_source_broken(incoming, problem)
@@ -278,7 +262,7 @@ class TcpSession:
         if happened & (READ | HANG_UP) and not self._closed:
             if self._may_read(incoming):
                 self._read(incoming)
-            elif happened & HANG_UP:  # otherwise the poller would report it again and again
+            elif happened & HANG_UP:  # the poller would report the hang-up again and again
                 self._set_mask(sock, None)
             else:
                 self._update_masks()
@@ -305,7 +289,6 @@ class TcpSession:
             self._on_bytes(half, memoryview(relay.buffer)[:size], came)
 
     def _on_bytes(self, half: _HalfConnection, data: bytes | memoryview, received_at: int) -> None:
-        """Let the rules decide about received bytes; without rules, forward them."""
         relay = self._relay
         if relay.policy is None:
             self._forward_bytes(half, memoryview(data), received_at)
@@ -333,7 +316,7 @@ class TcpSession:
                 ring.write_record(half.up, self.number, 0, left, data[:sent])
 
     def _write(self, half: _HalfConnection, data: memoryview) -> tuple[int, int]:
-        """Write what the sink accepts, and keep the rest. Return the time and the number of bytes written."""
+        """Write bytes that the sink accepts. Return the time of writing and the number of bytes written."""
         sent = 0
         left = time.time_ns()
         if not half.pending:
@@ -365,7 +348,7 @@ class TcpSession:
         self._update_masks()
 
     def _shut_sink_when_flushed(self, half: _HalfConnection) -> None:
-        """Forward the end of a direction once its bytes are written. Close the session if both have ended."""
+        """Forward the end of a direction after its last bytes. Close the session if both have ended."""
         if half.pending or half.sink_shut or not half.source_ended or self._closed:
             return
         half.sink_shut = True
@@ -376,7 +359,7 @@ class TcpSession:
             self._close(False, Message("client.ended"))
 
     def _on_source_broken(self, half: _HalfConnection, problem: int) -> None:
-        """End the session, or keep the other side open if the rules hide ends: a source broke."""
+        """Handle a broken source: end the session, or keep the other side open if rules hide the end."""
         was_reset = problem in _RESETS
         if was_reset:
             self._record_end(RingRecordKind.RESET, half, received_at=time.time_ns())
@@ -391,17 +374,16 @@ class TcpSession:
         self._close(True, why, b"" if was_reset else encode_note(why))
 
     def _may_read(self, half: _HalfConnection) -> bool:
-        """Return whether more may be read. Reading waits while the receiver does not accept pending bytes."""
+        """Return whether to read more bytes of a direction: not while its receiver is too slow."""
         policy = self._relay.policy
         if self._relay.pauses_reading(self):
             return False
         most = 0 if policy is None else MAX_PENDING
         if half.up and policy is not None and len(self._down.pending) > most:
-            return False  # else replies from rules would pile up for a client that does not read them
+            return False  # otherwise replies made by rules would pile up for a client that does not read
         return self._connected and not half.source_ended and len(half.pending) <= most
 
     def _update_masks(self) -> None:
-        """Tell the poller which events to wait for now."""
         if self._closed:
             return
         for sock, incoming, outgoing in (
@@ -412,7 +394,7 @@ class TcpSession:
 
     def _set_mask(self, sock: socket.socket, mask: int | None) -> None:
         descriptor = sock.fileno()
-        if descriptor < 0:  # closed, while the other side is kept open
+        if descriptor < 0:  # this socket is closed, and the other one is kept open
             return
         known = self._masks[descriptor]
         if mask == known:

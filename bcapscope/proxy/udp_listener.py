@@ -1,4 +1,4 @@
-"""UDP clients. Each has its own socket toward the controller, which tells clients apart by their ports."""
+"""UDP clients. Each client has a socket toward the controller, which distinguishes clients by port."""
 
 from __future__ import annotations
 
@@ -33,42 +33,41 @@ from bcapscope.transport.first_frame_queue import source_network
 from bcapscope.transport.receive_timestamps import ANCILLARY_SIZE, kernel_timestamp, receive_function
 
 EXPIRE_AFTER_NS = 600_000_000_000
-"""ns of silence after which a client is forgotten. If it sends again, the controller sees another client.
+"""Silence in ns after which the relay forgets a client.
 
-So the time is long; the socket of a silent client costs nothing.
+The time is long, because the controller takes a forgotten client that sends again for a new client, and
+because the socket of a silent client costs nothing.
 """
 
 EVICTABLE_AFTER_NS = 10_000_000_000
-"""ns of silence after which a new client may evict a client, if all slots are taken. As in DENSO's C server
+"""Silence in ns after which a new client may evict a client if all slots are taken, as in DENSO's C server
 (orin_bcap C/src/bcap_server.c).
 """
 
 _MAX_OLD = 10_000
 _TRIES = 2
 _PATIENCE = 0.3
-"""Seconds to wait for the reply to one attempt."""
+"""Seconds to wait for the reply to one attempt of a closing request."""
 
 _STILL_EXECUTING = S_EXECUTING.to_bytes(4, "little")
 
 _MAX_STRANGERS = 256
-"""Refused addresses that are reported, each once."""
+"""Maximum number of rejected addresses that are reported to the user, each once."""
 
 
 class UdpListener:
-    """A socket that clients send to.
+    """A UDP socket to which clients send their requests.
 
     Attributes:
-        relay: The relay that it belongs to.
-        address: Address that it listens on.
+        address: Host and port on which the socket listens.
         controller: Address family and address of the controller.
         to: Host and port of the controller.
-        listening_socket: The socket.
-        refused: True once the user knows that the controller refuses datagrams.
-        sessions: Clients that have sent more than one datagram, by their address.
+        refused: True after a report that the controller refuses datagrams, until the controller sends one.
+        sessions: Sessions of the clients that have sent more than one datagram, by client address.
     """
 
     def __init__(self, relay: Relay, spec: ListenerSpec, forget_after: int = EXPIRE_AFTER_NS) -> None:
-        """Listen.
+        """Open the socket for clients.
 
         Raises:
             ProxyListenError: The address cannot be listened on.
@@ -88,14 +87,14 @@ class UdpListener:
         self._dropped = self._unreachable_count = 0
 
     def open(self) -> None:
-        """Start to accept clients. Datagrams received before are discarded, because they may be old."""
+        """Start to accept clients. Discard the datagrams received before, because they may be old."""
         with suppress(OSError):
             for _ in range(_MAX_OLD):
                 self.listening_socket.recv(LARGEST_DATAGRAM)
         self.relay.watch(self.listening_socket.fileno(), _datagram_handler(self, self.listening_socket))
 
     def close(self) -> None:
-        """Receive nothing more. Replies for clients are still sent."""
+        """Stop receiving datagrams from clients. The socket still sends replies to clients."""
         self._count_drops()
         self.relay.unwatch(self.listening_socket.fileno())
 
@@ -103,7 +102,7 @@ class UdpListener:
         self.listening_socket.close()
 
     def sweep(self, now: int) -> None:
-        """Remove clients that were silent for long, and count the datagrams that the system dropped."""
+        """Remove clients that were silent for too long, and count the datagrams that the system dropped."""
         self._count_drops()
         for session in (*self.sessions.values(), *self._fresh_sessions.values()):
             if now - session.last_heard > self._forget_after:
@@ -114,7 +113,7 @@ class UdpListener:
         self._fresh_sessions.pop(address, None)
 
     def session_for(self, address: SocketAddress, data: bytes) -> UdpSession | None:
-        """Return the session of a client's first or second datagram; None if the client is not admitted."""
+        """Return the session for a client's first or second datagram; None if the client is not admitted."""
         session = self._fresh_sessions.pop(address, None)
         if session is not None:
             self.sessions[address] = session
@@ -139,7 +138,7 @@ class UdpListener:
             )
 
     def _admit(self, address: SocketAddress, is_stop: bool) -> UdpSession | None:
-        """Give a new client a slot and its own socket toward the controller; None if it is refused."""
+        """Give a new client a slot and a socket toward the controller. Return None for a rejected client."""
         relay = self.relay
         try:
             upstream, slot = open_upstream(
@@ -175,14 +174,7 @@ class UdpListener:
 
 
 class UdpSession:
-    """A client and its socket toward the controller.
-
-    Attributes:
-        number: Number of the client.
-        conversation: Conversation between the client and the controller.
-        source: Network of the client; see `source_network`.
-        last_heard: `Relay.now` when the client last sent something.
-    """
+    """A UDP client and its socket toward the controller; `RelaySession` describes the attributes."""
 
     __slots__ = (
         "_address",
@@ -225,18 +217,18 @@ class UdpSession:
 
     @property
     def upstream_state(self) -> str:
-        """State of the controller, as far as UDP shows it."""
+        """State of the controller: "refused" if the controller refuses datagrams, else "open"."""
         return "refused" if self._listener.refused else "open"
 
     def send(self, up: bool, data: bytes) -> int:
-        """Send and count a datagram. Return when, in ns since 1970; 0 if the system did not send it."""
+        """Send and count a datagram. Return the time in ns since 1970; 0 if the system refused to send."""
         left = self.forward(up, data)
         if left:
             self._relay.counts[RelayCounter.LEFT_UP if up else RelayCounter.LEFT_DOWN] += 1
         return left
 
     def forward(self, up: bool, data: bytes) -> int:
-        """Send a datagram. Return when, in ns since 1970; 0 if the system did not send it."""
+        """Send a datagram. Return the time in ns since 1970; 0 if the system refused to send."""
         left = time.time_ns()
         try:
             if up:
@@ -246,7 +238,7 @@ class UdpSession:
         except OSError as error:
             if not up or not isinstance(error, ConnectionRefusedError):
                 return self._count_send_failure(data, error)
-            self.notify_refused()  # an earlier datagram was refused, so this one has not been sent yet
+            self.notify_refused()  # the error concerns an earlier datagram; this one was not sent
             left = time.time_ns()
             try:
                 self._send_up(data)
@@ -255,12 +247,10 @@ class UdpSession:
         return left
 
     def send_closing_requests(self, requests: Sequence[bytes], until: float) -> int:
-        """Send requests in the client's place, each after the reply to the previous one.
+        """Send requests in the client's place, each after the previous reply. Return how many were answered.
 
-        The method blocks the relay. After `until`, in seconds of `time.monotonic`, it sends nothing more.
-
-        Returns:
-            Number of requests that were answered.
+        This method blocks the relay. No request is sent after the time `until`, in seconds of
+        `time.monotonic`.
         """
         for count, request in enumerate(requests):
             if not any(time.monotonic() < until and self._request(request) for _ in range(_TRIES)):
@@ -268,7 +258,7 @@ class UdpSession:
         return len(requests)
 
     def _request(self, request: bytes) -> bool:
-        """Send a request and wait for its reply. Return whether it came in time."""
+        """Send a request and wait for its reply. Return whether the reply came in time."""
         relay = self._relay
         left = self.send(True, request)
         note = encode_note(Message("session.closing"))
@@ -285,7 +275,7 @@ class UdpSession:
         return False
 
     def evictable_idle_ns(self, now: int) -> int | None:
-        """Return the client's silence in ns, if it is long enough to evict the client; else None."""
+        """Return how many ns the client has been silent, if that is long enough to evict it; else None."""
         silent = now - self.last_heard
         return silent if silent >= EVICTABLE_AFTER_NS else None
 
@@ -296,9 +286,9 @@ class UdpSession:
         """Do nothing: datagrams are always read."""
 
     def close(self, reset: bool, why: Message) -> None:
-        """Send what rules release for the client, then close the socket."""
+        """Send the held messages that rules release, then close the socket."""
         self._relay.release_held(self)
-        if self._upstream.fileno() < 0:  # a rule has closed it during the release
+        if self._upstream.fileno() < 0:  # a rule closed the session during the release
             return
         self._count_drops()
         self._relay.unwatch(self._upstream.fileno())
@@ -311,13 +301,13 @@ class UdpSession:
         self._count_drops()
 
     def notify_refused(self) -> None:
-        """Report a refusal once, until the controller sends something again."""
+        """Report that the controller refuses datagrams, once until the controller sends a datagram."""
         if not self._listener.refused:
             self._listener.refused = True
             self._relay.notify(Message("client.refuses-datagrams", controller=str(self._listener.to)))
 
     def _count_send_failure(self, data: bytes, error: OSError) -> int:
-        """Count a datagram that cannot be sent, and report some of them. Return 0."""
+        """Count a datagram that cannot be sent. Report the 1st, 2nd, 4th, 8th … to the user. Return 0."""
         relay = self._relay
         relay.counts[RelayCounter.FULL] += 1
         if should_report(relay.counts[RelayCounter.FULL]):
@@ -334,14 +324,10 @@ class UdpSession:
 def _datagram_handler(
     listener: UdpListener, sock: socket.socket, session: UdpSession | None = None
 ) -> Handler:
-    """Return a handler that forwards the datagrams of a socket, or does what the rules say.
+    """Return a handler that forwards the datagrams of a socket, or passes them to the rules.
 
-    All that it needs is in local variables, because each datagram passes it.
-
-    Args:
-        listener: Listener of the clients.
-        sock: Socket to receive from.
-        session: Client for which this socket receives replies; None for the socket of the listener.
+    If `session` is given, the socket receives replies for that session; else it receives requests. The
+    handler runs for each datagram, so it finds everything in local variables.
     """
     receive, known, up = receive_function(sock), listener.sessions.get, session is None
     relay, ring, has_rules = listener.relay, listener.relay.ring, listener.relay.policy is not None

@@ -1,4 +1,4 @@
-"""A slot, and a socket toward the controller, for a new client."""
+"""Finds a slot and opens a socket toward the controller for a new client."""
 
 from __future__ import annotations
 
@@ -16,20 +16,19 @@ from bcapscope.transport.descriptors import is_out_of_descriptors
 
 
 class ClientDeniedError(BcapError):
-    """A new client gets no slot."""
+    """The proxy rejects a new client, because there is no slot."""
 
 
 def open_upstream(
     relay: Relay, transport: Transport, host: str, is_stop: bool, open_socket: Callable[[], socket.socket]
 ) -> tuple[socket.socket, ClientSlot]:
-    """Find a slot for a new client, and open its socket. Others may end for it.
+    """Find a slot for a new client, and open a socket toward the controller. Other clients may be ended for
+    the new client.
 
     Args:
-        relay: The relay.
-        transport: Transport of the client.
-        host: Address of the client.
-        is_stop: True if its first frame is a stop. For a stop, others end to free a file descriptor.
-        open_socket: Opens the socket toward the controller.
+        is_stop: True if the client's first frame is a stop, for which other clients end to free a file
+            descriptor.
+        open_socket: Function that opens the socket toward the controller.
 
     Raises:
         ClientDeniedError: There is no slot, or no file descriptor would be left for a stop.
