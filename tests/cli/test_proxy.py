@@ -308,7 +308,7 @@ def test_a_full_disk_and_a_closed_pipe_are_told_and_the_relay_goes_on(
         os.close(writing)
         os.close(reading)
         until = time.monotonic() + PATIENCE
-        while "recording to full.pcapng stopped: file too large" not in process.err:
+        while f"recording to {path} stopped: file too large" not in process.err:
             assert time.monotonic() < until, process.err
             flood(process.port, 0.1, PAUSE)
         process.wait_for("standard output is closed")
