@@ -206,7 +206,7 @@ class Diagnosis(PipelineSubscriber):
         return TrafficTotals(frames, calls, clients, lasted, self._not_followed, selected, first.time)
 
     def new_findings(self) -> tuple[Finding, ...]:
-        """Return the findings since `new_findings` was last called, without links to their causes."""
+        """Return the findings added since the previous `new_findings` call, without links to their causes."""
         return self._collector.new_findings()
 
     def _end_time(self, ended_at: int = 0) -> int:

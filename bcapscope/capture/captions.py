@@ -1,4 +1,4 @@
-"""Captions above hex dumps, which state the direction of a packet."""
+"""The direction of a packet, as stated in the caption above its hex dump."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import re
 from bcapscope.traffic.observation import Direction
 
 LONGEST_CAPTION = 120
-"""Kept characters of a caption."""
+"""Maximum number of characters to keep of a caption."""
 
 LONGEST_PARAGRAPH = 500
 """Number of characters at the end of a paragraph in which to look for a direction."""

@@ -10,9 +10,9 @@ from bcapscope.protocol.codec.frame import Frame, Malformed
 from bcapscope.traffic.observation import Conversation, Direction, Endpoint, Flow, Transport
 
 HELD_ITEMS_LIMIT = 64
-"""Maximum number of items of a conversation to hold back while its server is unknown. At this number,
-bcapscope guesses the server. A single S_OK reply or a single request identifies the server, so real traffic
-needs one or two items."""
+"""Maximum number of items of a conversation to hold back while its server is unknown. If this many
+are held back, bcapscope guesses the server. A single S_OK reply or a single request identifies the
+server, so real traffic needs one or two items."""
 
 
 def endpoints_of(key: bytes) -> tuple[Endpoint, Endpoint]:

@@ -68,7 +68,10 @@ def read_trajectories(
 
     A file is a table (CSV, TSV, numbers separated by spaces; UTF-8, UTF-16 or Shift-JIS), output of
     `bcapscope extract`, a JointTrajectory as JSON or YAML, or a capture. `ports` are the ports of controllers
-    in captures. The result has one trajectory per slave-mode session, message, run of records, or log.
+    in captures.
+
+    Returns one trajectory per slave-mode session of a capture, per message of a ROS file, or per control log
+    of a project. A table gives one trajectory, or one per part without a gap if records are missing.
 
     Raises:
         TrajectoryError: No trajectory can be read; the error's message gives the reason in one sentence.

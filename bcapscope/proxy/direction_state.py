@@ -26,7 +26,8 @@ class DirectionState:
         piece_count: Number of datagrams received, or of reads of a stream.
         last_piece_at: Time of the last datagram or read, in ns.
         has_ended: True after the stream has ended.
-        overtaken_by: Number of the latest stop that overtook earlier motions of this direction; 0 for none.
+        overtaken_by: Message number of the latest stop; waiting motions with a lower number must not start. 0
+            for no stop.
     """
 
     __slots__ = (

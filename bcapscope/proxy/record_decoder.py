@@ -34,7 +34,7 @@ class _DirectionStream:
     Attributes:
         size: Number of bytes of the stream so far.
         arrival_times: Offsets in the stream, each with the time of the bytes that start there, in ns.
-        packet: Number of the last packet in the recording with bytes of the stream; 0 for none.
+        packet: Number, in the recording, of the last packet with bytes of the stream; 0 for none.
     """
 
     def __init__(self, flow: Flow, splitter: StreamSplitter) -> None:

@@ -51,7 +51,7 @@ class SimulatorClock:
         self._monotonic = monotonic
         self._wall = wall
         self._updated_at = monotonic()
-        # The last pause: its begin and end by the machine's clock, and the model's time during the pause.
+        # The last pause: its start and end by the machine's clock, and the model's time during the pause.
         self._pause_began = self._pause_ended = self._paused_at = 0
 
     def now(self) -> int:

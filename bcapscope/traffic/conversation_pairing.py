@@ -79,8 +79,8 @@ class ConversationPairing:
         """Start without calls.
 
         Args:
-            latest_evicted: Number of the latest evicted call that may belong to this conversation; 0 if there
-                is none.
+            latest_evicted: Call number of the latest evicted call that may belong to this conversation; 0 if
+                there is none.
             budget: Counts the bytes of the open calls of all conversations.
             kinds: Finds the call kinds of requests, for all conversations.
         """

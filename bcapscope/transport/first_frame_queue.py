@@ -15,7 +15,7 @@ from typing import Generic, TypeVar
 from bcapscope.protocol.first_frame import is_first_frame_incomplete
 
 MAX_PENDING = 256
-"""Maximum number of connections without a complete frame. At this limit, a new connection displaces another.
+"""Maximum number of connections without a complete frame. Any further connection displaces another.
 On a busy machine, an honest client may send its first byte some ms after it connects. A flood opens a hundred
 connections in that time."""
 

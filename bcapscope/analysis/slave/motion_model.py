@@ -26,7 +26,7 @@ from bcapscope.protocol.slave_mode.poses import Axis
 JUMP_TIMES = 5.0
 """Minimum ratio of an isolated jump to the larger of the steps before and after it.
 
-No robot can change its speed this much within 8 ms. A step at the begin or end of a normal motion has a small
+No robot can change its speed this much within 8 ms. A step at the start or end of a normal motion has a small
 step on only one side.
 """
 

@@ -1,4 +1,4 @@
-"""Decoding of the arguments of a frame, which may be damaged."""
+"""Decoding of the arguments of any frame, even of a damaged one."""
 
 from __future__ import annotations
 

@@ -29,8 +29,8 @@ LARGEST_TEMPLATE_FRAME = 1024
 and their templates would take much memory."""
 
 MAX_TEMPLATES = 1024
-"""Maximum number of templates that a `FrameTemplates` keeps. At this number, `FrameTemplates` drops all
-templates and learns new ones."""
+"""Maximum number of templates that a `FrameTemplates` keeps. When full, it drops all templates and learns
+new ones."""
 
 MAX_SHAPES_PER_LENGTH = 8
 """Maximum number of frame shapes that `FrameTemplates` tries for one frame length."""

@@ -1,6 +1,6 @@
 """Strict validation of frames, to distinguish a plausible guess from nonsense.
 
-The decoder accepts any bytes and ignores wrong length fields (see `bcapscope.protocol.codec.arguments`).
+The decoder accepts any bytes and only reports wrong length fields (`bcapscope.protocol.codec.arguments`).
 These functions require that all lengths agree, as in all frames from DENSO's libraries. The function or
 result code must exist, and the arguments must have the types of the function.
 """

@@ -247,7 +247,7 @@ class Requester:
         return outgoing
 
     def drain_events(self) -> list[RequesterEvent]:
-        """Return the events since the previous `drain_events`, in order."""
+        """Return the events added since the previous `drain_events` call, in order."""
         events, self._events = self._events, []
         return events
 

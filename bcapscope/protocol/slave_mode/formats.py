@@ -66,7 +66,10 @@ class SendFormat:
 
     @property
     def is_known(self) -> bool:
-        """Whether clients use this format: 0, 0x020, 0x100, 0x120, 0x200 or 0x220, each also with 0x400."""
+        """Whether clients use this format.
+
+        They use 0, 0x020, 0x100, 0x120, 0x200 and 0x220, with or without the bit 0x400.
+        """
         return not self.other & ~_UNDOCUMENTED_BIT and not (self.mini_io and self.user_io)
 
 

@@ -63,7 +63,7 @@ class Function:
 
     Attributes:
         id: Function id, 1..137, at offset 9 of a request.
-        name: The vendor's name of the function, class and verb, such as `Robot_Execute`.
+        name: The vendor's name of the function: class, underscore and verb, such as `Robot_Execute`.
         owner: Class of the object that the first argument's handle must stand for.
         params: Arguments of the request in order, the handle first. Clients always send optional strings, if
             need be empty.

@@ -44,7 +44,7 @@ class FieldType(Enum):
     VALUES = "list of values"
     """A list or tuple of `Argument`, `Variant` or their plain values."""
     VALUE = "value"
-    """An element of `VALUES`: number, text, boolean, list or null, as on the wire."""
+    """An element of `VALUES`: a number, text, boolean, list or null, depending on the VARIANT type."""
 
     @property
     def element(self) -> FieldType | None:

@@ -72,7 +72,7 @@ class FieldTree(Lines):
         self._rebuild()
 
     def select_field_at(self, section: int, offset: int) -> tuple[int, int]:
-        """Select the innermost field at a byte without posting a message; return its begin and end."""
+        """Select the innermost field at a byte without posting a message; return its start and end."""
         found = None
         for index, entry in enumerate(self._entries):
             row = entry.row
