@@ -25,7 +25,7 @@ class Place(ABC):
 
     In templates, the type of the value follows the name of the place: ``{latency:duration}``.
 
-    The attributes of a place are the arguments of its constructor, in the same order, and never change.
+    The attributes of a typed value are the arguments of its constructor, in the same order, and never change.
     Subclasses are not dataclasses, since defining 17 dataclasses takes 7 ms at the start of every command.
     """
 

@@ -84,7 +84,7 @@ class PlayerProcess:
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 stderr=subprocess.PIPE,
-                bufsize=0,  # unbuffered: a signal handler may send an order during another order
+                bufsize=0,  # unbuffered: a signal handler may send an order while `_send` runs
                 start_new_session=True,  # Ctrl-C reaches only the parent, which stops the player
             )
         finally:

@@ -341,7 +341,10 @@ class RingWriter(_Ring):
         self._write_waiting()
 
     def _remove_unseen_client(self, client: int) -> bool:
-        """Discard the waiting records of a client that is new to the reader. Return whether it is new."""
+        """Discard a client's waiting records, unless the reader has already seen the client open.
+
+        Return whether they were discarded.
+        """
         if not any(
             kind is RingRecordKind.CLIENT_OPENED and number == client
             for kind, _, number, *_ in self._required

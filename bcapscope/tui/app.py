@@ -222,8 +222,8 @@ class BcapApp(KeyOrderApp):
         """Register a callback for HALT.
 
         Args:
-            halt: Callback that stops motion and returns at once whether there was something to stop. The
-                callback must not raise. Any thread may call the callback.
+            halt: Callback that stops motion without waiting, and returns whether there was something to stop.
+                The callback must not raise. Any thread may call the callback.
         """
         self._halts.append(halt)
 

@@ -12,8 +12,8 @@ from bcapscope.analysis.statistics.distribution import DistributionSummary, Floa
 from bcapscope.protocol.tables.hresult import is_failure
 
 MAX_SLICES = 10_000
-"""Maximum number of slices of one slave-mode session, nearly three hours of seconds. Further slices are only
-counted."""
+"""Maximum number of slices of one slave-mode session. At one slice per second, they cover nearly three hours.
+Further slices are only counted."""
 
 
 class SessionSlice(NamedTuple):

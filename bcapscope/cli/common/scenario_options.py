@@ -38,7 +38,7 @@ def choose_scenario(context: click.Context, param: click.Parameter, named: str |
     except DocumentError as error:
         raise click.BadParameter(f"{named}: {error}") from None
     except LookupError as error:
-        hint = "--scenarios lists all names. The name of a file ends in .yaml"
+        hint = "--scenarios lists all names. A scenario file must end in .yaml or .yml"
         raise click.BadParameter(f"{error.args[0]} {hint}") from None
     except OSError as error:
         raise click.BadParameter(f"cannot read {named}: {error.strerror or error}") from None

@@ -50,7 +50,7 @@ class PlayerSlot:
             self._player.stop()
 
     def halt(self) -> bool:
-        """Stop the robot; return at once whether a player is running. Any thread may call this."""
+        """Stop the robot without waiting; return whether a player is running. Any thread may call this."""
         player = self._player
         if player is not None:
             player.halt()

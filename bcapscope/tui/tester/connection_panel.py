@@ -115,7 +115,7 @@ class ConnectionPanel(Vertical):
             self._update_texts()
 
     def set_connecting(self, connecting: bool) -> None:
-        """Enable Disconnect, which cancels an attempt to connect."""
+        """While connecting, enable Disconnect, which cancels the attempt, and disable Connect."""
         self.query_one("#disconnect", Button).disabled = not connecting
         self.query_one("#connect", Button).disabled = connecting
 

@@ -1,6 +1,6 @@
 """The list of saved requests, which are the files of a folder.
 
-Enter sends a saved request; another key puts the request into a form.
+Enter sends the saved request under the cursor; the E key puts the request into a form.
 """
 
 from __future__ import annotations
