@@ -74,7 +74,7 @@ class StoredCall(NamedTuple):
 
 
 class CallStoreWriter:
-    """Writes complete calls and stray replies as rows, and the row to which each frame belongs."""
+    """Writes each complete call or stray reply as a row, and saves which row each frame belongs to."""
 
     def __init__(self, folder: Path) -> None:
         """Create the files in the folder of an observation store."""

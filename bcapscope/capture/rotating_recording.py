@@ -54,7 +54,7 @@ def parse_rotation(text: str) -> RotationLimits:
     found = _ROTATION.fullmatch(text)
     if found is None or int(found[1]) < 2:
         raise ValueError(
-            f"{text!r}: a ring is written as 10x100MB, 24x1h or 24x1h,500MB, of 2 files at least"
+            f"{text!r}: expected a ring of at least 2 files, such as 10x100MB, 24x1h or 24x1h,500MB"
         )
     size = seconds = 0
     for part in found[2].split(","):

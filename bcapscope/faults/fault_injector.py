@@ -1,7 +1,7 @@
 """Decides what happens to each message, with seeded random numbers. This module uses no socket and no clock.
 
     injector = FaultInjector(faults, seed=7, now=now)
-    result = injector.process_message(flow, data, now)  # one message; carry out all of result.outputs
+    result = injector.process_message(flow, data, now)  # then send or close what result.outputs lists
     injector.due()                                       # latest time for the next advance, or None
     injector.advance(now)                                # outputs that are due
 

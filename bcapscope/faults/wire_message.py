@@ -54,7 +54,7 @@ class FaultResult(msgspec.Struct, frozen=True):
     """What the faults did to one message.
 
     Attributes:
-        outputs: Outputs to carry out now, in order. Held messages that are due come first.
+        outputs: Bytes to send and connections to close now, in order. Held messages that are due come first.
         fault_notes: What each fault did to this message, such as ``loss: dropped``.
         forwarded: True if the message is forwarded, now or later; False if it is lost or was answered.
     """

@@ -27,7 +27,7 @@ SPIN_TIME = 200_000
 less."""
 
 _DATAGRAM_SIZE = 4096
-"""Largest datagram in bytes; controllers send 503 at most."""
+"""Largest datagram in bytes; controllers send at most 503."""
 
 _STREAM_READ_SIZE = 512
 """Maximum number of bytes read from a stream at once, enough for a few replies. After a delay, a controller

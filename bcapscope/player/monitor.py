@@ -17,7 +17,7 @@ PROGRESS_INTERVAL = 50_000_000
 
 
 class PlayMonitor:
-    """Polls for orders and reports the progress of `pacer`; each call returns quickly."""
+    """Polls for orders and reports the progress of `pacer`; no method waits."""
 
     pacer: Pacer
 

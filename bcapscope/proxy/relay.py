@@ -37,7 +37,7 @@ _LONGEST_NOTE = 4096
 """Maximum size of a rule's note, in bytes."""
 
 _LONGEST_CUT_NOTE = 600
-"""Number of characters kept of a note that is too long. Each character takes six bytes at most."""
+"""Number of characters kept of a note that is too long. Each character takes at most six bytes."""
 
 _SPARE_DESCRIPTORS = 4
 """Number of file descriptors kept for clients that send a stop when no others are free: two for a TCP client,

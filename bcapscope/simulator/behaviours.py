@@ -313,7 +313,7 @@ _OTHERS = (
     ),
     ("allowed in slave mode", _A, "slave mode accepts other calls that only read", _NONE),
     ("motor", _D, "errors of level 4 and 5 switch the motor off", _ERRORS),
-    ("motor", _A, "the motor takes 400 ms to go on", _NONE),
+    ("motor", _A, "the motor takes 400 ms to switch on", _NONE),
     ("@SERVO_ON", _O, "writing @SERVO_ON switches the motor on or off", _DRIVER),
     ("@SERVO_ON", _A, "writing @SERVO_ON takes as long as Motor, and is refused in the same cases", _NONE),
     ("external speeds", _A, "@EXTSPEED, @EXTACCEL, @EXTDECEL cannot be written in slave mode", _NONE),

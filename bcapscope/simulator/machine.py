@@ -55,7 +55,7 @@ class InitialState:
         joints: Eight joints in degrees.
         mode: Position of the mode switch: 1 manual, 2 teach check, 3 automatic.
         token: Whether Ethernet has the executable token.
-        motor_time: Time in ns that the motor takes to go on.
+        motor_time: Time in ns that the motor takes to switch on.
         speed: External speed in percent, as set on the pendant.
         tasks: Names of the loaded programs; `running` names those that run.
         errors: Codes of the active errors, oldest first.

@@ -459,7 +459,7 @@ HERE = ["--listen", "127.0.0.1:0", "--to", "127.0.0.1:1"]
 @pytest.mark.parametrize(
     ("words", "code", "sentence"),
     [
-        (["--listen", "127.0.0.1:0", "--ring", "x"], 2, "a ring is written as"),
+        (["--listen", "127.0.0.1:0", "--ring", "x"], 2, "expected a ring of at least 2 files"),
         (["--listen", "127.0.0.1:0"], 2, "each --listen needs one --to"),
         (["--listen", "127.0.0.1:0", "--to", "127.0.0.1:1", "-f", "nonsense =="], 2, "nonsense"),
         (
