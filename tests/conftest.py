@@ -26,6 +26,8 @@ settings.load_profile("fast")
 # The action log of what tests send is not the user's; programs that tests start inherit this.
 _STATE = TemporaryDirectory(prefix="bcapscope-tests-", ignore_cleanup_errors=True)
 os.environ["XDG_STATE_HOME"] = _STATE.name
+# Users do not set this variable; it hides output that Python cannot write at exit.
+os.environ.pop("PYTHONUNBUFFERED", None)
 
 _GOLDEN = Path(__file__).parent / "golden"
 

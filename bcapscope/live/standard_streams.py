@@ -40,5 +40,17 @@ def discard_stdout() -> None:
     _redirect_to_null(sys.stdout)
 
 
+def discard_unwritable_output() -> None:
+    """Flush stdout and stderr; discard what a closed terminal does not accept.
+
+    If that output were not discarded, Python would try to write it again at exit, and exit with 120.
+    """
+    for stream in (sys.stdout, sys.stderr):
+        try:
+            stream.flush()
+        except OSError:
+            _redirect_to_null(stream)
+
+
 def _redirect_to_null(stream: TextIO) -> None:
     os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())

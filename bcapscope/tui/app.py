@@ -22,6 +22,7 @@ from textual.driver import Driver
 from textual.filter import LineFilter
 from textual.reactive import reactive
 
+from bcapscope.live.standard_streams import discard_unwritable_output
 from bcapscope.messages import Language
 from bcapscope.messages.os_errors import os_reason
 from bcapscope.tui.browser_driver import make_server_safe_driver
@@ -268,7 +269,10 @@ class BcapApp(KeyOrderApp):
 
     def run_until_closed(self) -> None:
         """Run the application until it is closed; after a bug, print the traceback and raise `SystemExit`."""
-        self.run()
+        try:
+            self.run()
+        finally:
+            discard_unwritable_output()
         if self.return_code:
             raise SystemExit(self.return_code)
 
