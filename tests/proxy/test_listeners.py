@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import os
 import socket
 
 import pytest
@@ -13,7 +14,7 @@ from bcapscope.proxy.relay import Relay
 from bcapscope.proxy.ring_buffer import HEADER_SIZE, RingWriter
 from bcapscope.proxy.sockets import ProxyListenError, UnreachableError
 from bcapscope.traffic.observation import Endpoint
-from tests.proxy.relaying import datagrams, listening, port_of
+from tests.proxy.relaying import listening, port_of
 
 
 def opened(listen: str, to: str = "127.0.0.1:5007", transport: str = "both") -> tuple[Endpoint, int]:
@@ -40,8 +41,23 @@ def test_ipv6() -> None:
     assert count == 2
 
 
+def _taken_datagram_port() -> socket.socket:
+    """Take a UDP port whose TCP port is free, and which is too low to be given to another test's connection."""
+    for port in range(20_000 + os.getpid() % 8192, 32_000):
+        taken = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        try:
+            taken.bind(("127.0.0.1", port))
+            with socket.socket() as same:
+                same.bind(("127.0.0.1", port))
+        except OSError:
+            taken.close()
+        else:
+            return taken
+    raise AssertionError("no port is free")
+
+
 def test_a_port_of_somebody_else_is_refused_and_nothing_stays_open() -> None:
-    with datagrams() as taken:
+    with _taken_datagram_port() as taken:
         port = port_of(taken)
         with pytest.raises(ProxyListenError, match=f"127.0.0.1 UDP port {port}: address already in use"):
             opened(f"127.0.0.1:{port}")
