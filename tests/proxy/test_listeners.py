@@ -42,7 +42,7 @@ def test_ipv6() -> None:
 
 
 def _taken_datagram_port() -> socket.socket:
-    """Take a UDP port whose TCP port is free, and which is too low to be given to another test's connection."""
+    """Take a UDP port whose TCP port is free. Systems give such low ports to no other test's connection."""
     for port in range(20_000 + os.getpid() % 8192, 32_000):
         taken = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         try:
