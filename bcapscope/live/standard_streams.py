@@ -26,7 +26,7 @@ def print_stderr(text: str) -> None:
 
 
 def choose_palette(color: str) -> Palette:
-    """Return the colours for `always`, `never` or `auto`, which heeds NO_COLOR (no-color.org)."""
+    """Return the colours for `always`, `never` or `auto`; `auto` follows NO_COLOR (no-color.org)."""
     if color == "auto":
         return ANSI if sys.stdout.isatty() and not os.environ.get("NO_COLOR") else PLAIN
     return ANSI if color == "always" else PLAIN

@@ -48,7 +48,7 @@ class ControlClient:
     """A control connection to a proxy, which opens with the first request and again after a failure."""
 
     def __init__(self, address: str) -> None:
-        """Set the address, which is the one that the proxy got with ``--control``."""
+        """Set the address that the proxy got with ``--control``."""
         self._address = address
         self._socket: socket.socket | None = None
 

@@ -55,7 +55,7 @@ _COMMANDS = {
 
 
 def stronger_clue(known: GenerationClue, found: GenerationClue) -> GenerationClue:
-    """Return the stronger clue; of equally strong clues, the one that was known before."""
+    """Return the stronger clue; of equally strong clues, the earlier clue."""
     return found if found.strength > known.strength else known
 
 
