@@ -41,7 +41,7 @@ CLOSE_TIMEOUT = 10.0
 """Maximum time in seconds for all closers together; after that, the screen closes anyway."""
 
 HALT_KEY_WINDOW = 0.5
-"""Time in seconds in which `action_halt` takes a HALT key for the one that the driver has handled."""
+"""Time in seconds after a halt by the driver within which `action_halt` does not halt a second time."""
 
 TERMINAL_CHECK_INTERVAL = 1.0
 """Seconds between two checks that the terminal still exists."""
