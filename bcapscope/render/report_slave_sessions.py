@@ -12,7 +12,7 @@ from bcapscope.analysis.slave.motion_model import AxisMotion
 from bcapscope.analysis.slave.notable_set_points import SetPointFact
 from bcapscope.analysis.slave.plot_samples import PlotSample
 from bcapscope.analysis.slave.slave_session import ExitReason, SlaveSession
-from bcapscope.analysis.statistics.distribution import DistributionSummary
+from bcapscope.analysis.statistics.distribution_summary import DistributionSummary
 from bcapscope.protocol.tables.hresult import hresult_name
 from bcapscope.render.report_figure import (
     AMBER,

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from bcapscope.analysis.slave.session_slices import SessionSlice
 from bcapscope.analysis.slave.slave_session import SlaveSession
 from bcapscope.analysis.slave.timing_model import TimingFacts
-from bcapscope.analysis.statistics.distribution import DistributionSummary
+from bcapscope.analysis.statistics.distribution_summary import DistributionSummary
 from bcapscope.messages import Message
 from bcapscope.messages.message import PlaceValue
 from bcapscope.messages.places import Count, Quantity
