@@ -32,12 +32,15 @@ def command(arguments: FigureArguments) -> None:
     Exit codes: 0: everything was read, with or without findings; the others as for `decode`.
     """
     reading, diagnosis = arguments.reader, Diagnosis(call_test(arguments.call_filter))
-    read_to_end(reading, Pipeline(diagnosis))
+    read_to_end(reading, Pipeline(reading.frame_origins, diagnosis))
     findings, totals = diagnosis.findings(reading.ended_at), diagnosis.totals(reading.ended_at)
     if arguments.as_json:
-        reading.print_lines(finding_record(number, each, totals) for number, each in enumerate(findings, 1))
+        reading.print_lines(
+            finding_record(number, each, totals, reading.frame_origins.origin_of)
+            for number, each in enumerate(findings, 1)
+        )
     elif totals.frames or reading.exit_code is not ExitCode.UNREADABLE:
         width = shutil.get_terminal_size((_PIPE_WIDTH, 24)).columns if sys.stdout.isatty() else _PIPE_WIDTH
-        renderer = FindingsRenderer(arguments.palette, width, arguments.words)
+        renderer = FindingsRenderer(arguments.palette, width, reading.citing_words())
         reading.print_lines(renderer.lines(findings, totals))
     reading.finish()

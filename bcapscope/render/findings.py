@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 import orjson
 
 from bcapscope.analysis.finding import Finding, Severity, TrafficTotals
+from bcapscope.capture.capture_sequence import PacketOrigin
 from bcapscope.messages import ENGLISH_WORDS, MessageFormatter
 from bcapscope.messages.message import message_params
+from bcapscope.messages.places import frames_text
 from bcapscope.render.color_palette import PLAIN, Palette
 from bcapscope.render.columns import wrap_text
 from bcapscope.render.diagnosis_summary import diagnosis_summary
 from bcapscope.render.escape import printable
 from bcapscope.render.finding_text import finding_depths, finding_sentence, words_for
+from bcapscope.render.json_values import packet_objects
 
 NARROWEST, WIDEST = 40, 120
 """Limits of the text width in columns. Narrower terminals get the minimum; longer lines are hard to read."""
@@ -54,7 +57,7 @@ class FindingsRenderer:
         inner = f"{indent}  "
         yield from self._wrapped_lines(finding_sentence(finding, words), inner, color.name)
         label = "frame" if len(finding.frames) == 1 else "frames"
-        frames = words(f"finding.label.{label}", frames=" ".join(map(str, finding.frames)))
+        frames = words(f"finding.label.{label}", frames=frames_text(finding.frames, words, " "))
         yield from self._wrapped_lines(frames if finding.frames else "", inner, color.dim)
         yield from self._wrapped_lines(
             words("finding.label.advice", advice=finding.advice), inner, color.good
@@ -69,8 +72,16 @@ class FindingsRenderer:
             yield f"{indent}{shade}{line}{self._palette.reset}"
 
 
-def finding_record(number: int, finding: Finding, totals: TrafficTotals) -> bytes:
-    """Return a finding as a JSON object with English text. Non-printable characters in texts are escaped."""
+def finding_record(
+    number: int,
+    finding: Finding,
+    totals: TrafficTotals,
+    origin_of: Callable[[int], PacketOrigin | None] = lambda frame: None,
+) -> bytes:
+    """Return a finding as a JSON object with English text. Non-printable characters in texts are escaped.
+
+    `origin_of` returns the capture and the packet of a frame by its number.
+    """
     words = words_for(ENGLISH_WORDS, totals)
     return orjson.dumps(
         {
@@ -87,5 +98,6 @@ def finding_record(number: int, finding: Finding, totals: TrafficTotals) -> byte
             "calls": list(finding.calls),
             "client": str(finding.conversation.client),
             "count": 1 if finding.repetition is None else finding.repetition.count,
+            "packets": packet_objects(finding.frames, origin_of),
         }
     )

@@ -46,6 +46,7 @@ def test_the_retry_story_is_one_call() -> None:
         "rtt_ms": 1.2,
         "convention": "seed",
         "verdict": "reply late",
+        "packets": [{"frame": frame, "file": str(RETRIES), "packet": frame} for frame in range(1, 7)],
     }
 
 

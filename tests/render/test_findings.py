@@ -110,6 +110,7 @@ def test_json_has_exactly_these_keys() -> None:
         "calls": [3],
         "client": "10.0.0.2:50001",
         "count": 1,
+        "packets": [],
     }
     assert list(record) == [
         "finding",
@@ -125,6 +126,7 @@ def test_json_has_exactly_these_keys() -> None:
         "calls",
         "client",
         "count",
+        "packets",
     ]
     assert json.loads(finding_record(1, CAUSE, SEEN))["consequence_of"] is None
 

@@ -6,7 +6,7 @@ import io
 import select
 import sys
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from contextlib import closing
+from contextlib import closing, suppress
 from functools import partial
 from pathlib import Path
 from typing import BinaryIO, NoReturn, cast
@@ -14,6 +14,8 @@ from typing import BinaryIO, NoReturn, cast
 import click
 
 from bcapscope.capture.capture_file import CaptureFile, open_capture
+from bcapscope.capture.capture_folder import expand_folders
+from bcapscope.capture.capture_sequence import STDIN, CaptureSequence, FrameOrigins, PacketOrigin
 from bcapscope.capture.live_capture import open_live_capture
 from bcapscope.capture.packet import Packet
 from bcapscope.capture.packet_decoder import PacketDecoder
@@ -33,14 +35,17 @@ from bcapscope.render.capture_counts_text import capture_counts_text
 from bcapscope.render.escape import printable
 from bcapscope.traffic.observation import Observation
 
-STDIN = "-"
 _MAX_SERVERS_LISTED = 8
 
 
 class CaptureReader:
     """Reads the input of a command. Several captures are read as one, like the files of a ring.
 
-    `on_first_time` is called with the time of the first observation, before that observation is yielded.
+    Attributes:
+        on_first_time: Function that is called with the time of the first observation, before that observation
+            is yielded.
+        frame_origins: Subscriber of a pipeline, which knows the capture and the packet of each frame that
+            it received.
     """
 
     def __init__(
@@ -63,16 +68,17 @@ class CaptureReader:
         self.exit_code = ExitCode.OK
         self.on_first_time: Callable[[int], object] = lambda time: None
         self.output = DataOutput(1) if interface or STDIN in (*paths, text) else DataOutput()
-        self._paths = paths
         self._interface = interface
         self._text = text
         self._words = words
         self._pasted = None if text is None else PastedText(self._text_lines(text))
         self._observer = PacketDecoder(frozenset(ports) or BCAP_PORTS)
         self._progress = ReadProgressBar()
-        self._file: CaptureFile | None = None
         self._lost_packets = 0
         self._problems: list[str] = []
+        expanded = list(expand_folders(paths, self._add_problem))
+        self._sequence = CaptureSequence(expanded, self._open, self._add_problem)
+        self.frame_origins = FrameOrigins(self._sequence)
 
     def observations(self) -> Iterator[Observation]:
         """Yield all frames of the input.
@@ -101,13 +107,35 @@ class CaptureReader:
         return self._observer.end_time
 
     @property
+    def paths(self) -> Sequence[str]:
+        """Paths of the captures in the order in which they are read, without folders."""
+        return self._sequence.paths
+
+    def origin_of(self, packet: int) -> PacketOrigin | None:
+        """Return where a packet is found, by its number among all packets of the input.
+
+        The result is None for live traffic and for pasted text.
+        """
+        return self._sequence.origin_of(packet)
+
+    def citing_words(self) -> MessageFormatter:
+        """Return the formatter of the command.
+
+        If several captures are read, its sentences name the capture and the packet of each frame.
+        """
+        return self._words if len(self.paths) < 2 else self._words.for_captures(self._find_frame)
+
+    def _find_frame(self, frame: int) -> tuple[str, int] | None:
+        origin = self.frame_origins.origin_of(frame)
+        return None if origin is None else (printable(self._input_name(origin.name)), origin.packet)
+
+    @property
     def comments(self) -> Mapping[int, tuple[str, ...]]:
         return self._observer.comments if self._pasted is None else self._pasted.comments
 
     def show_progress(self) -> None:
         """Show the progress of reading a file that takes long."""
-        if self._file is not None:
-            self._progress.show(self._file.position, self._file.size)
+        self._progress.show(self._sequence.position, self._sequence.size)
 
     def print_lines(self, lines: Iterable[str] | Iterable[bytes]) -> None:
         """Print lines of data, and show the progress of reading after each batch of lines."""
@@ -179,14 +207,8 @@ class CaptureReader:
             self.exit_code = ExitCode.UNREADABLE
 
     def _file_packets(self) -> Iterator[Packet]:
-        for path in self._paths:
-            try:
-                with self._open(path) as self._file:
-                    yield from self._file
-            except _Interrupted:
-                return
-            except CaptureError as error:
-                self._add_problem(path, error)
+        with suppress(_Interrupted):
+            yield from self._sequence
 
     def _open(self, path: str) -> CaptureFile:
         if path != STDIN:

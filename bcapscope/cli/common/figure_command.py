@@ -41,10 +41,11 @@ class FigureArguments:
         lines: Callable[[T, Palette, MessageFormatter], Iterable[str]],
     ) -> NoReturn:
         """Print each object as JSON, or as text followed by an empty line, then exit."""
+        words = self.reader.citing_words()
         if self.as_json:
             self.reader.print_lines(map(record, found))
         else:
-            texts = (chain(lines(each, self.palette, self.words), ("",)) for each in found)
+            texts = (chain(lines(each, self.palette, words), ("",)) for each in found)
             self.reader.print_lines(chain.from_iterable(texts))
         self.reader.finish()
 
