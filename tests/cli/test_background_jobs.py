@@ -13,10 +13,11 @@ import pytest
 from bcapscope.cli.common.exit_codes import ExitCode
 from tests.cli.run import CAPTURES, run_here
 
+SESSION = CAPTURES / "slave-session.pcapng"
 SERVERS = {
     "sim": ("-p", "0", "--record", "{record}"),
     "proxy": ("--listen", "127.0.0.1:0", "--to", "127.0.0.1:9", "--record", "{record}"),
-    "replay": (str(CAPTURES / "slave-session.pcapng"), "--as", "server", "-p", "{port}", "--record", "{record}"),
+    "replay": (str(SESSION), "--as", "server", "-p", "{port}", "--record", "{record}"),
 }
 
 

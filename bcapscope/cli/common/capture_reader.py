@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import io
+import os
 import select
+import stat
 import sys
+import time
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, suppress
 from functools import partial
 from pathlib import Path
-from typing import BinaryIO, NoReturn, cast
+from typing import BinaryIO, NoReturn, TextIO, cast
 
 import click
 
@@ -36,6 +39,7 @@ from bcapscope.render.escape import printable
 from bcapscope.traffic.observation import Observation
 
 _MAX_SERVERS_LISTED = 8
+_IDLE_INTERVAL = 250_000_000  # ns
 
 
 class CaptureReader:
@@ -44,6 +48,9 @@ class CaptureReader:
     Attributes:
         on_first_time: Function that is called with the time of the first observation, before that observation
             is yielded.
+        on_idle: Function that is called several times per second while a live capture delivers no frames,
+            with the time up to which all packets were read, ns since 1970.
+        is_live: Whether the input may never end: an interface or a pipe.
         frame_origins: Subscriber of a pipeline, which knows the capture and the packet of each frame that
             it received.
     """
@@ -67,6 +74,8 @@ class CaptureReader:
             raise click.UsageError("standard input is closed")
         self.exit_code = ExitCode.OK
         self.on_first_time: Callable[[int], object] = lambda time: None
+        self.on_idle: Callable[[int], object] = lambda time: None
+        self.is_live = bool(interface) or (STDIN in (*paths, text) and not _is_file(sys.stdin))
         self.output = DataOutput(1) if interface or STDIN in (*paths, text) else DataOutput()
         self._interface = interface
         self._text = text
@@ -196,8 +205,13 @@ class CaptureReader:
             with open_live_capture(name) as capture, DeferredInterrupts() as interrupts:
                 print_stderr(self._words("reading.live", interface=printable(name)))
                 packets = iter(capture)
+                capture.on_idle = lambda: interrupts.do_while_waiting(lambda: self.on_idle(time.time_ns()))
+                idle_at = 0
                 try:
                     while (packet := interrupts.read_or_stop(partial(next, packets, None))) is not None:
+                        if packet[0] >= idle_at:  # other traffic than b-CAP may never pause
+                            self.on_idle(packet[0])
+                            idle_at = packet[0] + _IDLE_INTERVAL
                         yield packet
                     print_stderr("")
                 finally:
@@ -228,6 +242,13 @@ class _Interrupted(Exception):
 
     The capture does not count as incomplete for this reason.
     """
+
+
+def _is_file(stream: TextIO) -> bool:
+    try:
+        return stat.S_ISREG(os.fstat(stream.fileno()).st_mode)
+    except OSError:  # a test replaced standard input
+        return False
 
 
 class _StandardInput:
