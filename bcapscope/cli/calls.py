@@ -88,7 +88,7 @@ class _ShownCalls(PipelineSubscriber):
 
     def __init__(self, reader: CaptureReader, wanted: Filter | None) -> None:
         self._reader = reader
-        self._test = call_test(wanted)
+        self._test = call_test(wanted, reader)
         self._handles = HandleTracker()
         self._items: list[tuple[PairingResult, TrackedObject | None]] = []
         self._stray_count = 0

@@ -76,7 +76,7 @@ def command(
 def _read_side(path: str, reader: CaptureReader, wanted: Filter | None) -> ComparedCapture:
     """Read a capture once, and return its findings, figures and slave-mode sessions."""
     sessions: list[SlaveSession] = []
-    chosen = call_test(wanted)
+    chosen = call_test(wanted, reader)
 
     def keep_if_early(session: SlaveSession) -> None:
         insort(sessions, session, key=lambda each: each.number)

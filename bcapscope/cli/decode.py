@@ -148,7 +148,10 @@ def _line_with_origin(words: MessageFormatter, line: str, origin: PacketOrigin) 
 def _frames_with_context(reader: CaptureReader, wanted: Filter | None) -> Iterator[AnnotatedFrame]:
     """Yield each selected frame with the kind of its call and the comments on its packet."""
     frames = _render_frames(reader, None, AnnotatedFrame)
-    return frames if wanted is None else filter(wanted.bind(FRAME_GETTERS), frames)
+    if wanted is None:
+        return frames
+    test = wanted.bind(FRAME_GETTERS, lambda: reader.first_time)
+    return filter(reader.counting_test(wanted, test, lambda frame: frame.observation.number), frames)
 
 
 def _render_frames(reader: CaptureReader, wanted: Filter | None, render: Callable[..., T]) -> Iterator[T]:

@@ -98,7 +98,7 @@ def command(
     severe as --fail-on or worse; the others as for `decode`.
     """
     reading = CaptureReader(paths, ports, interface, words=words)
-    diagnosis = Diagnosis(call_test(wanted))
+    diagnosis = Diagnosis(call_test(wanted, reading))
     width = shutil.get_terminal_size((_PIPE_WIDTH, 24)).columns if sys.stdout.isatty() else _PIPE_WIDTH
     renderer = FindingsRenderer(choose_palette(color), width, reading.citing_words())
 

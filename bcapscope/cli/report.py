@@ -85,7 +85,7 @@ def command(
 
 
 def _read_report_data(reader: CaptureReader, wanted: Filter | None) -> ReportData | None:
-    builder = ReportDataBuilder(call_test(wanted))
+    builder = ReportDataBuilder(call_test(wanted, reader))
     read_to_end(reader, Pipeline(reader.frame_origins, builder.diagnosis, builder))
     return builder.report_data(reader.ended_at)
 

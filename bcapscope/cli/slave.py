@@ -44,7 +44,7 @@ def command(arguments: FigureArguments) -> None:
 
 def _read_slave_sessions(arguments: FigureArguments) -> Iterator[SlaveSession]:
     sessions: list[SlaveSession] = []
-    is_selected = call_test(arguments.call_filter)
+    is_selected = call_test(arguments.call_filter, arguments.reader)
     selected = SelectedSlaveSessions(is_selected, sessions.append, arguments.window)
     pipeline = Pipeline(arguments.reader.frame_origins, selected)
     yield from read_items(arguments.reader, pipeline, sessions)

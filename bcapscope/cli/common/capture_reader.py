@@ -10,9 +10,10 @@ import sys
 import time
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, suppress
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import BinaryIO, NoReturn, TextIO, cast
+from typing import BinaryIO, NoReturn, TextIO, TypeVar, cast
 
 import click
 
@@ -33,10 +34,13 @@ from bcapscope.live.deferred_interrupts import DeferredInterrupts
 from bcapscope.live.standard_streams import print_stderr
 from bcapscope.messages import ENGLISH_WORDS, Message, MessageFormatter
 from bcapscope.messages.os_errors import os_reason
-from bcapscope.messages.places import Count
+from bcapscope.messages.places import Count, joined_clauses
 from bcapscope.render.capture_counts_text import capture_counts_text
 from bcapscope.render.escape import printable
+from bcapscope.traffic.filter.compiler import Filter
 from bcapscope.traffic.observation import Observation
+
+R = TypeVar("R")
 
 _MAX_SERVERS_LISTED = 8
 _IDLE_INTERVAL = 250_000_000  # ns
@@ -48,6 +52,7 @@ class CaptureReader:
     Attributes:
         on_first_time: Function that is called with the time of the first observation, before that observation
             is yielded.
+        first_time: Time of the first observation, ns since 1970; 0 before it.
         on_idle: Function that is called several times per second while a live capture delivers no frames,
             with the time up to which all packets were read, ns since 1970.
         is_live: Whether the input may never end: an interface or a pipe.
@@ -74,6 +79,7 @@ class CaptureReader:
             raise click.UsageError("standard input is closed")
         self.exit_code = ExitCode.OK
         self.on_first_time: Callable[[int], object] = lambda time: None
+        self.first_time = 0
         self.on_idle: Callable[[int], object] = lambda time: None
         self.is_live = bool(interface) or (STDIN in (*paths, text) and not _is_file(sys.stdin))
         self.output = DataOutput(1) if interface or STDIN in (*paths, text) else DataOutput()
@@ -83,6 +89,7 @@ class CaptureReader:
         self._pasted = None if text is None else PastedText(self._text_lines(text))
         self._observer = PacketDecoder(frozenset(ports) or BCAP_PORTS)
         self._progress = ReadProgressBar()
+        self._no_match: _NoMatch | None = None
         self._lost_packets = 0
         self._problems: list[str] = []
         expanded = list(expand_folders(paths, self._add_problem))
@@ -101,6 +108,7 @@ class CaptureReader:
             self._live_packets() if self._interface else self._file_packets()
         )
         for first in observations:
+            self.first_time = first.time
             self.on_first_time(first.time)
             yield first
             break
@@ -114,6 +122,23 @@ class CaptureReader:
         This property is valid after all observations were read.
         """
         return self._observer.end_time
+
+    def counting_test(
+        self, wanted: Filter, test: Callable[[R], bool], number_of: Callable[[R], int]
+    ) -> Callable[[R], bool]:
+        """Return the test of a filter; if no record matches, `print_summary` says so.
+
+        `number_of` returns the number of a record, counted from 1.
+        """
+        self._no_match = no_match = _NoMatch(wanted)
+
+        def counted(record: R) -> bool:
+            number, matches = number_of(record), test(record)
+            no_match.tested = number if number > no_match.tested else no_match.tested
+            no_match.has_matched = no_match.has_matched or matches
+            return matches
+
+        return counted
 
     @property
     def paths(self) -> Sequence[str]:
@@ -156,7 +181,13 @@ class CaptureReader:
         sys.exit(self.exit_code)
 
     def print_summary(self) -> None:
-        """Print to stderr read errors, the controllers that were recognised by content, and packet counts."""
+        """Print a summary to stderr.
+
+        The summary says if no record matched the filter. It has the read errors, the controllers that were
+        recognised by content, and the packet counts.
+        """
+        if self._no_match is not None and (sentence := self._no_match.sentence(self._words)):
+            print_stderr(sentence)
         if self._pasted is not None:
             self._print_text_summary(self._pasted.count)
             return
@@ -235,6 +266,29 @@ class CaptureReader:
 
     def _input_name(self, path: str) -> str:
         return self._words("reading.stdin") if path == STDIN else printable(path)
+
+
+@dataclass(slots=True)
+class _NoMatch:
+    """Whether no record matched the filter.
+
+    Attributes:
+        tested: Number of records that were tested.
+    """
+
+    wanted: Filter
+    tested: int = 0
+    has_matched: bool = False
+
+    def sentence(self, words: MessageFormatter) -> str:
+        """Return the sentence that nothing matched; "" if it is not true."""
+        if self.has_matched or not self.tested:
+            return ""
+        records = Count(self.tested, str(self.wanted.kind))
+        unknown = joined_clauses(self.wanted.unknown_values)
+        if unknown is None:
+            return words("filter.no-match", records=records)
+        return printable(words("filter.no-match.because", records=records, unknown=unknown))
 
 
 class _Interrupted(Exception):
