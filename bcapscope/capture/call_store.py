@@ -11,7 +11,7 @@ import msgspec
 
 from bcapscope.capture.append_log import AppendLogReader, AppendLogWriter, CachedFileReader, write_all
 from bcapscope.capture.observation_store import ObservationStore, decode_text, encode_text
-from bcapscope.protocol.tables.function_table import ObjectClass
+from bcapscope.protocol.tables.function_table import ObjectClass, signed_function_id
 from bcapscope.traffic.call import (
     Call,
     CallFrame,
@@ -174,7 +174,7 @@ class CallStore:
         request = cast(FrameObservation, annotated.observation)
         if not record.number:
             return StoredCall(StrayReply(request, record.reply or None, record.evicted), None)
-        kind = annotated.call_kind or CallKind(request.item.code, None)
+        kind = annotated.call_kind or CallKind(signed_function_id(request.item.code), None)
         usage = ReservedFieldUsage(_CONVENTIONS[record.convention], _RESERVED[record.reply_reserved])
         call = Call(record.number, request.flow.conversation, kind, request, usage)
         call.last_attempt = self._read_frame(record.last_attempt, request)

@@ -89,6 +89,24 @@ def open_capture(path: str | os.PathLike[str]) -> CaptureFile:
         raise CaptureError(Message("capture.cannot-open", reason=os_reason(error))) from error
 
 
+def is_capture(path: str) -> bool:
+    """Return whether a file is a capture that can be read, compressed with gzip or not, by its first bytes.
+
+    A file that cannot be opened counts as a capture, so that the user learns about it.
+    """
+    try:
+        with Path(path).open("rb", buffering=0) as stream:
+            source = ByteSource(stream.read)
+            if source.ensure_bytes(2) and source.data.startswith(GZIP_MAGIC):
+                source = ByteSource(GzipReader(stream.read, source.data))
+            source.ensure_bytes(4)
+    except OSError:
+        return True
+    except CaptureError:
+        return False
+    return source.data[:4] in MAGICS or source.data[:4] == MAGIC
+
+
 def _reader_for(head: bytes) -> _FormatReader:
     magic = head[:4]
     if magic in MAGICS:

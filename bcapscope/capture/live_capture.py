@@ -13,7 +13,7 @@ import socket
 import struct
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import TypeAlias
 
 from bcapscope.capture.link_layer import LINUX_COOKED
@@ -42,6 +42,7 @@ def open_live_capture(name: str) -> LiveCapture:
     Iteration over the capture yields packets as they arrive, until interrupted, and raises CaptureError if
     the capture fails, such as when the interface disappears. Use the capture as a context manager to end it.
     Its attribute `lost` is the number of packets that the system reports as dropped for lack of buffer space.
+    It calls `on_idle`, another attribute, after `READ_TIMEOUT` without a packet.
 
     Raises:
         CaptureError: The interface does not exist, the right to capture is missing, or the capture fails.
@@ -72,6 +73,7 @@ class _PacketSocket:
     """
 
     def __init__(self, name: str) -> None:
+        self.on_idle: Callable[[], None] = lambda: None
         self._name = name
         self._lost = 0
         self._interfaces: dict[str, Interface] = {}
@@ -111,6 +113,7 @@ class _PacketSocket:
             try:
                 data, ancillary, _, address = self._socket.recvmsg(_LARGEST_PACKET, ANCILLARY_SIZE)
             except TimeoutError:
+                self.on_idle()
                 continue
             except OSError as error:
                 raise CaptureError(
@@ -130,6 +133,7 @@ class _SnifferProcess:
     lost = 0
 
     def __init__(self, name: str) -> None:
+        self.on_idle: Callable[[], None] = lambda: None
         self._name = name
         self._process = subprocess.Popen(
             [sys.executable, "-m", "bcapscope.capture.sniffer", name],
@@ -185,7 +189,9 @@ class _SnifferProcess:
             kind, when, data = self._read_record()
             if kind == SnifferRecordKind.PACKET:
                 yield when, data, len(data), self._interface, ()
-            elif kind != SnifferRecordKind.ALIVE:
+            elif kind == SnifferRecordKind.ALIVE:
+                self.on_idle()
+            else:
                 reason = data.decode("utf-8", "replace")
                 raise CaptureError(Message("capture.ended", name=self._name, reason=reason))
 

@@ -24,7 +24,7 @@ MAX_FLOWS = 4096
 """Maximum number of conversations that the writer and each reader keep in memory."""
 
 _FRAMES, _CONVERSATIONS = "frames", "conversations"
-_HEAD = struct.Struct("<qqQQIIIIB")
+_HEAD = struct.Struct("<qqQQiIIIB")
 """Head of a record, little-endian: arrival time of the last and the first byte (ns since 1970), packet
 number, offset of the conversation, function id; sizes of the command, the item and the rare fields in bytes;
 flags."""

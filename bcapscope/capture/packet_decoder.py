@@ -7,12 +7,13 @@ from collections.abc import Collection, Iterable, Iterator
 from sys import getsizeof
 
 from bcapscope.capture.capture_counts import CaptureCounts
-from bcapscope.capture.ip_reassembly import IpReassembly
+from bcapscope.capture.ip_reassembly import IpReassembly, ReassembledPacket
 from bcapscope.capture.link_layer import ETHERNET, IP_OFFSET_FINDERS, NOT_IP, IPPacket, find_ip, read_ip
 from bcapscope.capture.packet import Interface, Packet
 from bcapscope.capture.role_detection import BCAP_PORTS
 from bcapscope.capture.tcp_conversations import TcpConversations
 from bcapscope.capture.tcp_reassembly import read_segment
+from bcapscope.capture.tunnel import DEEPEST_TUNNEL, packet_in_tunnel
 from bcapscope.capture.udp_conversations import UdpConversations
 from bcapscope.capture.undecided_conversation import TimedItem
 from bcapscope.errors import CaptureError
@@ -163,19 +164,26 @@ class PacketDecoder:
         ip = self._find_ip_packet(data, interface.linktype)
         if ip is None:
             return []
-        began = time
-        if ip.fragment is not None:
-            whole = self._fragments.add(ip, time)
-            self.counts.fragments_lost = self._fragments.packets_lost
-            if whole is None:
-                return []
-            ip, began = whole
+        whole = self._reassemble(ip, time)
+        for _ in range(DEEPEST_TUNNEL):
+            carried = None if whole is None else packet_in_tunnel(whole.packet)
+            if carried is None:
+                break
+            whole = self._reassemble(carried, time)
+        if whole is None:
+            return []
+        ip, began = whole
         if ip.protocol == _TCP:
             return self._decode_tcp(ip, time, packet)
         if ip.protocol == _UDP:
             return self._decode_udp(ip, cut, TimedItem(began, time, packet, _NO_ITEM))
         self.counts.not_bcap += 1
         return []
+
+    def _reassemble(self, ip: IPPacket, time: int) -> ReassembledPacket | None:
+        whole = self._fragments.add(ip, time)
+        self.counts.fragments_lost = self._fragments.packets_lost
+        return whole
 
     def _find_ip_packet(self, data: bytes, linktype: int) -> IPPacket | None:
         if linktype not in IP_OFFSET_FINDERS:

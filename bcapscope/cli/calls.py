@@ -13,8 +13,8 @@ from bcapscope.cli.common.call_reading import call_test, read_items
 from bcapscope.cli.common.capture_reader import CaptureReader
 from bcapscope.live.standard_streams import choose_palette, print_stderr
 from bcapscope.messages import MessageFormatter
-from bcapscope.messages.places import Count
-from bcapscope.render.call_record import CallRecordRenderer
+from bcapscope.messages.places import Count, FramePlace
+from bcapscope.render.call_record import CallRecordRenderer, with_call_packets
 from bcapscope.render.call_text import CallRenderer, session_text
 from bcapscope.render.timestamp import TimeFormat
 from bcapscope.traffic.call import Call, PairingResult, StrayReply
@@ -63,16 +63,19 @@ def command(
     reading = CaptureReader(paths, ports, interface, words=words)
     calls = _ShownCalls(reading, wanted)
     if as_json:
-        lines: Iterable[str] | Iterable[bytes] = starmap(CallRecordRenderer().record, calls.calls())
+        record = CallRecordRenderer().record
+        lines: Iterable[str] | Iterable[bytes] = (
+            with_call_packets(record(call, target), call, reading.origin_of) for call, target in calls.calls()
+        )
     else:
-        renderer = CallRenderer(TimeFormat(clock), choose_palette(color), words=words)
+        renderer = CallRenderer(TimeFormat(clock), choose_palette(color), words=reading.citing_words())
         reading.on_first_time = renderer.set_time_origin
         lines = starmap(renderer.line, calls.all_items())
         if tree:
             lines = chain.from_iterable(starmap(renderer.tree, calls.all_items()))
     reading.print_lines(lines)
     reading.print_summary()
-    calls.print_summary(words)
+    calls.print_summary(reading.citing_words())
     sys.exit(reading.exit_code)
 
 
@@ -85,7 +88,7 @@ class _ShownCalls(PipelineSubscriber):
 
     def __init__(self, reader: CaptureReader, wanted: Filter | None) -> None:
         self._reader = reader
-        self._test = call_test(wanted)
+        self._test = call_test(wanted, reader)
         self._handles = HandleTracker()
         self._items: list[tuple[PairingResult, TrackedObject | None]] = []
         self._stray_count = 0
@@ -103,7 +106,10 @@ class _ShownCalls(PipelineSubscriber):
 
     def all_items(self) -> Iterator[tuple[PairingResult, TrackedObject | None]]:
         """Yield the selected calls. Without a filter, stray replies follow among the calls."""
-        return read_items(self._reader, Pipeline(self, handles=self._handles), self._items)
+        # Lines about one capture do not name it, and JSON reads the packets of a call from its frames.
+        subscribers = (self._reader.frame_origins, self) if len(self._reader.paths) > 1 else (self,)
+        pipeline = Pipeline(*subscribers, handles=self._handles)
+        return read_items(self._reader, pipeline, self._items)
 
     def calls(self) -> Iterator[tuple[Call, TrackedObject | None]]:
         """Yield the selected calls without stray replies, for JSON output."""
@@ -115,7 +121,7 @@ class _ShownCalls(PipelineSubscriber):
         """Print to stderr the number of stray replies, and the sessions that did not release all objects."""
         if self._stray_count:
             replies = Count(self._stray_count, "reply")
-            print_stderr(words("calls.strays", replies=replies, frame=self._first_stray))
+            print_stderr(words("calls.strays", replies=replies, frame=FramePlace((self._first_stray,))))
         unclean = [session for session in self._handles.sessions() if not session.is_clean]
         for session in unclean[:_MAX_SESSIONS_LISTED]:
             print_stderr(session_text(session, words))

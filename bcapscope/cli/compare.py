@@ -76,14 +76,14 @@ def command(
 def _read_side(path: str, reader: CaptureReader, wanted: Filter | None) -> ComparedCapture:
     """Read a capture once, and return its findings, figures and slave-mode sessions."""
     sessions: list[SlaveSession] = []
-    chosen = call_test(wanted)
+    chosen = call_test(wanted, reader)
 
     def keep_if_early(session: SlaveSession) -> None:
         insort(sessions, session, key=lambda each: each.number)
         del sessions[MAX_SESSIONS:]
 
     diagnosis, figures = Diagnosis(chosen, keep_if_early), StatisticsBuilder(chosen)
-    read_to_end(reader, Pipeline(diagnosis, figures))
+    read_to_end(reader, Pipeline(reader.frame_origins, diagnosis, figures))
     for session in diagnosis.remaining_sessions(reader.ended_at):
         keep_if_early(session)
     findings, totals = diagnosis.findings(reader.ended_at), diagnosis.totals(reader.ended_at)

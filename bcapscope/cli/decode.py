@@ -10,14 +10,16 @@ from typing import Any, TypeVar
 
 import click
 
+from bcapscope.capture.capture_sequence import STDIN, PacketOrigin
 from bcapscope.cli.common import options
 from bcapscope.cli.common.capture_reader import CaptureReader
 from bcapscope.live.standard_streams import choose_palette
 from bcapscope.messages import MessageFormatter
 from bcapscope.render.color_palette import Palette
 from bcapscope.render.csv_table import CsvTableRenderer
+from bcapscope.render.escape import printable
 from bcapscope.render.frame_line import FrameLineRenderer
-from bcapscope.render.frame_record import FrameRecordRenderer
+from bcapscope.render.frame_record import FrameRecordRenderer, with_origin
 from bcapscope.render.frame_tree import FrameTreeRenderer
 from bcapscope.render.hexdump import hexdump
 from bcapscope.render.timestamp import TimeFormat
@@ -77,7 +79,8 @@ def command(
 ) -> None:
     """Decode the frames of captures, one line each.
 
-    PATH is a capture (pcap or pcapng, plain or gzipped), or - for standard input.
+    PATH is a capture (pcap or pcapng, plain or gzipped), a folder of captures, or - for standard input.
+    Several captures are read as one, in the order of their first packets.
 
     A line shows number, time, source > destination, transport, direction, serial and reserved. The line
     continues with the function or the result, the command and the arguments. After !!, the line describes
@@ -96,7 +99,8 @@ def command(
         raise click.UsageError("--hex works with lines and --tree only: leave out --csv and --json")
     reading = CaptureReader(paths, ports, interface, text, words)
     if style is FrameFormat.JSON:
-        lines: Iterable[str] | Iterable[bytes] = _render_frames(reading, wanted, FrameRecordRenderer().record)
+        record = _citing(reading, FrameRecordRenderer().record, with_origin)
+        lines: Iterable[str] | Iterable[bytes] = _render_frames(reading, wanted, record)
     elif style is FrameFormat.CSV:
         table = CsvTableRenderer()
         rows = _render_frames(reading, wanted, lambda seen, question, _: table.row(seen, question))
@@ -105,24 +109,49 @@ def command(
         colors = choose_palette(color)
         line = FrameLineRenderer(TimeFormat(clock), colors, brief=text is not None, words=words)
         reading.on_first_time = line.set_time_origin
+        write_line = _citing(reading, line.line, partial(_line_with_origin, words))
         if style is FrameFormat.TREE:
             tree = FrameTreeRenderer(colors, full, dump, words)
-            lines = _with_details(_frames_with_context(reading, wanted), line, tree.lines)
+            lines = _with_details(_frames_with_context(reading, wanted), write_line, tree.lines)
         elif dump:
             dumped = partial(_hexdump_lines, colors)
-            lines = _with_details(_frames_with_context(reading, wanted), line, dumped)
+            lines = _with_details(_frames_with_context(reading, wanted), write_line, dumped)
         elif text is not None:
             lines = _with_remarks(_frames_with_context(reading, wanted), line)
         else:
-            lines = _render_frames(reading, wanted, line.line)
+            lines = _render_frames(reading, wanted, write_line)
     reading.print_lines(lines)
     reading.finish()
+
+
+def _citing(
+    reader: CaptureReader,
+    render: Callable[[Observation, CallKind | None, tuple[str, ...]], T],
+    cite: Callable[[T, PacketOrigin], T],
+) -> Callable[[Observation, CallKind | None, tuple[str, ...]], T]:
+    """Return `render`; if several captures are read, `cite` adds the origin of each frame to its result."""
+    if len(reader.paths) < 2:
+        return render
+
+    def rendered(seen: Observation, call_kind: CallKind | None, comments: tuple[str, ...]) -> T:
+        result, origin = render(seen, call_kind, comments), reader.origin_of(seen.packet)
+        return result if origin is None else cite(result, origin)
+
+    return rendered
+
+
+def _line_with_origin(words: MessageFormatter, line: str, origin: PacketOrigin) -> str:
+    name = words("reading.stdin") if origin.name == STDIN else printable(origin.name)
+    return f"{line}  ({words('frames.origin', file=name, packets=origin.packet)})"
 
 
 def _frames_with_context(reader: CaptureReader, wanted: Filter | None) -> Iterator[AnnotatedFrame]:
     """Yield each selected frame with the kind of its call and the comments on its packet."""
     frames = _render_frames(reader, None, AnnotatedFrame)
-    return frames if wanted is None else filter(wanted.bind(FRAME_GETTERS), frames)
+    if wanted is None:
+        return frames
+    test = wanted.bind(FRAME_GETTERS, lambda: reader.first_time)
+    return filter(reader.counting_test(wanted, test, lambda frame: frame.observation.number), frames)
 
 
 def _render_frames(reader: CaptureReader, wanted: Filter | None, render: Callable[..., T]) -> Iterator[T]:
@@ -144,11 +173,11 @@ def _hexdump_lines(colors: Palette, observation: Observation, call_kind: CallKin
 
 def _with_details(
     frames: Iterable[AnnotatedFrame],
-    line: FrameLineRenderer,
+    write_line: Callable[[Observation, CallKind | None, tuple[str, ...]], str],
     details: Callable[[Observation, CallKind | None], Iterable[str]],
 ) -> Iterator[str]:
     for seen, question, comments in frames:
-        yield line.line(seen, question, comments)
+        yield write_line(seen, question, comments)
         for detail in details(seen, question):
             yield f"       {detail}"
         yield ""

@@ -4,40 +4,155 @@ from __future__ import annotations
 
 import shutil
 import sys
+from collections.abc import Callable, Sequence
+from itertools import count
 
 import click
 
 from bcapscope.analysis.diagnosis import Diagnosis
+from bcapscope.analysis.finding import Finding, Severity
+from bcapscope.analysis.rules import RULES
+from bcapscope.cli.common import options
 from bcapscope.cli.common.call_reading import call_test, read_to_end
+from bcapscope.cli.common.capture_reader import CaptureReader
 from bcapscope.cli.common.exit_codes import ExitCode
-from bcapscope.cli.common.figure_command import FigureArguments, figure_command
+from bcapscope.live.standard_streams import choose_palette, print_stderr
+from bcapscope.messages import Message, MessageFormatter
 from bcapscope.render.findings import FindingsRenderer, finding_record
+from bcapscope.traffic.filter.compiler import Filter
+from bcapscope.traffic.filter.field_table import RecordKind
+from bcapscope.traffic.filter.tokens import with_nearest
 from bcapscope.traffic.pipeline import Pipeline
 
 _PIPE_WIDTH = 100
+_SEVERITY = click.Choice([each.value for each in Severity])
+_RANK = {severity: rank for rank, severity in enumerate(Severity)}
+
+
+def _known_rules(
+    context: click.Context, parameter: click.Parameter, given: tuple[str, ...]
+) -> frozenset[str]:
+    known = {rule.id for rule in RULES}
+    for each in given:
+        if each not in known:
+            unknown = Message("diagnose.no-such-rule", rule=f"{each!r}")
+            raise click.BadParameter(str(with_nearest(unknown, each, known)), context, parameter)
+    return frozenset(given)
 
 
 @click.command(short_help="Explain what went wrong, root cause first.")
-@figure_command("Print one JSON object per finding.", windows=False)
-def command(arguments: FigureArguments) -> None:
+@options.paths
+@options.interface
+@options.ports
+@click.option("--json", "as_json", is_flag=True, help="Print one JSON object per finding.")
+@click.option(
+    "--rule",
+    "rules",
+    metavar="ID",
+    multiple=True,
+    callback=_known_rules,
+    help="Show only findings of this rule; may be repeated. docs/rules.md lists the rules.",
+)
+@click.option(
+    "--severity",
+    "severities",
+    type=_SEVERITY,
+    multiple=True,
+    help="Show only findings of this severity; may be repeated.",
+)
+@click.option(
+    "--fail-on",
+    type=_SEVERITY,
+    help="Exit with 1 if a finding of this severity or a worse one is shown.",
+)
+@options.filter_option(RecordKind.CALL)
+@options.color
+@options.language
+def command(
+    *,
+    paths: tuple[str, ...],
+    interface: str | None,
+    ports: tuple[int, ...],
+    as_json: bool,
+    rules: frozenset[str],
+    severities: tuple[str, ...],
+    fail_on: str | None,
+    wanted: Filter | None,
+    color: str,
+    words: MessageFormatter,
+) -> None:
     """Find problems in captures and print findings, root cause first.
 
     A finding has a number, a severity and a rule. Each finding says what happened, which frames prove it,
     what to do, and what the source of the rule is. Consequences are indented below their root cause.
     docs/rules.md lists the rules.
 
-    --filter selects calls: `diagnose` shows only findings about the selected calls, and their causes. The
-    rules still read all calls, because most of them depend on earlier or missing calls.
+    With -i, or on a pipe (-), each new finding is printed to stderr when it is made, and the report follows
+    at the end. With --json, new findings go to stdout, with "final": false.
 
-    Exit codes: 0: everything was read, with or without findings; the others as for `decode`.
+    --filter selects calls: `diagnose` shows only findings about the selected calls, and their causes. The
+    rules still read all calls, because most of them depend on earlier or missing calls. --rule and
+    --severity select among these findings.
+
+    Exit codes: 0: everything was read, with or without findings; 1: everything was read, and a finding is as
+    severe as --fail-on or worse; the others as for `decode`.
     """
-    reading, diagnosis = arguments.reader, Diagnosis(call_test(arguments.call_filter))
-    read_to_end(reading, Pipeline(diagnosis))
+    reading = CaptureReader(paths, ports, interface, words=words)
+    diagnosis = Diagnosis(call_test(wanted, reading))
+    width = shutil.get_terminal_size((_PIPE_WIDTH, 24)).columns if sys.stdout.isatty() else _PIPE_WIDTH
+    renderer = FindingsRenderer(choose_palette(color), width, reading.citing_words())
+
+    def is_shown(finding: Finding) -> bool:
+        return finding.rule in (rules or (finding.rule,)) and finding.severity in (
+            severities or (finding.severity,)
+        )
+
+    if reading.is_live:
+        _read_live(reading, diagnosis, is_shown, None if as_json else renderer)
+    else:
+        read_to_end(reading, Pipeline(reading.frame_origins, diagnosis))
     findings, totals = diagnosis.findings(reading.ended_at), diagnosis.totals(reading.ended_at)
-    if arguments.as_json:
-        reading.print_lines(finding_record(number, each, totals) for number, each in enumerate(findings, 1))
+    if as_json:
+        origin_of = reading.frame_origins.origin_of
+        numbered = [(number, each) for number, each in enumerate(findings, 1) if is_shown(each)]
+        reading.print_lines(finding_record(number, each, totals, origin_of) for number, each in numbered)
     elif totals.frames or reading.exit_code is not ExitCode.UNREADABLE:
-        width = shutil.get_terminal_size((_PIPE_WIDTH, 24)).columns if sys.stdout.isatty() else _PIPE_WIDTH
-        renderer = FindingsRenderer(arguments.palette, width, arguments.words)
-        reading.print_lines(renderer.lines(findings, totals))
-    reading.finish()
+        reading.print_lines(renderer.lines(findings, totals, is_shown))
+    reading.print_summary()
+    sys.exit(reading.exit_code or _findings_code(list(filter(is_shown, findings)), fail_on))
+
+
+def _read_live(
+    reader: CaptureReader,
+    diagnosis: Diagnosis,
+    is_shown: Callable[[Finding], bool],
+    renderer: FindingsRenderer | None,
+) -> None:
+    """Read traffic to its end, and print each new finding: as text, or without `renderer` as JSON."""
+    pipeline, numbers = Pipeline(reader.frame_origins, diagnosis), count(1)
+
+    def print_new() -> None:
+        for finding in filter(is_shown, diagnosis.new_findings()):
+            totals = diagnosis.totals()
+            if renderer is not None:
+                print_stderr(renderer.new_finding_line(finding, totals))
+                continue
+            origin_of = reader.frame_origins.origin_of
+            reader.print_lines([finding_record(next(numbers), finding, totals, origin_of, is_final=False)])
+
+    def expire(now: int) -> None:
+        pipeline.expire(now)
+        print_new()
+
+    reader.on_idle = expire
+    for observation in reader.observations():
+        pipeline.add(observation)
+        print_new()
+    pipeline.finish(reader.ended_at)
+
+
+def _findings_code(shown: Sequence[Finding], fail_on: str | None) -> ExitCode:
+    if fail_on is None:
+        return ExitCode.OK
+    limit = _RANK[Severity(fail_on)]
+    return ExitCode.FINDINGS if any(_RANK[each.severity] <= limit for each in shown) else ExitCode.OK

@@ -87,7 +87,9 @@ def command(
     interrupt_on_end_signals()
     files = _TrajectoryFiles(output, force, words)
     reading = CaptureReader(paths, ports, words=words)
-    trajectories = TrajectoryExtractor(call_test(wanted), None if client is None else _is_by_client(client))
+    trajectories = TrajectoryExtractor(
+        call_test(wanted, reading), None if client is None else _is_by_client(client)
+    )
     with files:
         for trajectory, steps in _read_pieces(reading, trajectories):
             files.add(trajectory, steps)

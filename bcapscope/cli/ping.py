@@ -16,7 +16,7 @@ from bcapscope.analysis.statistics.distribution import Histogram
 from bcapscope.analysis.statistics.distribution_summary import DistributionSummary
 from bcapscope.cli.common import options
 from bcapscope.cli.common.data_output import echo
-from bcapscope.cli.common.exit_codes import ExitCode
+from bcapscope.cli.common.exit_codes import ExitCode, exit_with
 from bcapscope.cli.common.target_options import ControllerTarget, exit_on_failure, target_options
 from bcapscope.client.object_opener import ObjectOpener, read_variable_once
 from bcapscope.client.remote_objects import Controller, Robot
@@ -79,7 +79,8 @@ def command(
 
     `ping` connects and makes calls that only read. `ping` sends each call once, without retries. Then `ping`
     judges whether the network is fit for set points every 8 ms (Sync) and every 1 ms (Async). The network is
-    fit if nearly all replies arrive within this time and retries make up for losses.
+    fit if nearly all replies arrive within this time and retries make up for losses. If nothing listens on
+    the port, `ping` says so at once.
 
     After Ctrl-C, `ping` prints the results so far and ends.
 
@@ -92,6 +93,8 @@ def command(
         try:
             run_interruptible(_ping(target, count, interval / 1000, found))
             code = ExitCode.OK if found.round_trips and found.break_reason is None else ExitCode.UNANSWERED
+        except ConnectionRefusedError:
+            exit_with(f"bcapscope: {words('ping.refused-port', target=words.text(target.message))}", code)
         except KeyboardInterrupt:
             code = ExitCode.INTERRUPTED
     if as_json:
@@ -103,7 +106,7 @@ def command(
 
 
 async def _ping(target: ControllerTarget, count: int, interval: float, found: _PingResult) -> None:
-    async with open_target_session(target) as session:
+    async with open_target_session(target, fails_if_refused=True) as session:
         opener = ObjectOpener(session, target)
         await opener.start_service()
         found.is_answering = True

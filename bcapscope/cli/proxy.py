@@ -155,6 +155,8 @@ def command(
     traffic.
 
     Ctrl-C ends the open sessions, closes the recording and prints a summary. A second Ctrl-C ends at once.
+    In a script, end a proxy in the background with SIGTERM, as in kill $!: shells start background jobs of
+    scripts with Ctrl-C (SIGINT) ignored.
 
     Rules change or refuse traffic. Each message passes the rules in this order: scripts (--script), held
     messages (--intercept), faults (--fault, --rules), and the guard (--read-only, --block, --allow-command).

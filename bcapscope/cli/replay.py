@@ -141,7 +141,9 @@ def command(
     action log records armed calls. `replay` enters slave mode only if the robot is at the first set point;
     --anywhere skips this check.
 
-    As server, `replay` gives each call the reply that the next equal call got in the recording.
+    As server, `replay` gives each call the reply that the next equal call got in the recording, until Ctrl-C.
+    In a script, end it with SIGTERM, as in kill $!: shells start background jobs of scripts with Ctrl-C
+    (SIGINT) ignored.
 
     Exit codes: 0: all results were as recorded; 2: invalid command line; 3: the capture is damaged and
     contains no calls to play; 4: the capture cannot be read, or replay cannot listen on the address; 5: there

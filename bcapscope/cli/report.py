@@ -10,9 +10,10 @@ import click
 
 from bcapscope import __version__
 from bcapscope.analysis.report_data import ReportData, ReportDataBuilder
+from bcapscope.capture.capture_sequence import STDIN
 from bcapscope.cli.common import options
 from bcapscope.cli.common.call_reading import call_test, read_to_end
-from bcapscope.cli.common.capture_reader import STDIN, CaptureReader
+from bcapscope.cli.common.capture_reader import CaptureReader
 from bcapscope.cli.common.exit_codes import ExitCode, exit_with
 from bcapscope.cli.common.output_files import AtomicFile, check_output_path, force_option
 from bcapscope.live.end_signals import interrupt_on_end_signals
@@ -72,8 +73,8 @@ def command(
     reading.print_summary()
     if report_data is None:
         exit_with(words("report.no-bcap"), reading.exit_code or ExitCode.NO_DATA)
-    names, remarks = _capture_names(paths, words), _remarks(reading, wanted, words)
-    page = report_page(report_data, names, __version__, remarks, words).encode()
+    names, remarks = _capture_names(reading.paths, words), _remarks(reading, wanted, words)
+    page = report_page(report_data, names, __version__, remarks, reading.citing_words()).encode()
     if to_stdout:
         reading.print_lines([page.removesuffix(b"\n")])
     else:
@@ -84,8 +85,8 @@ def command(
 
 
 def _read_report_data(reader: CaptureReader, wanted: Filter | None) -> ReportData | None:
-    builder = ReportDataBuilder(call_test(wanted))
-    read_to_end(reader, Pipeline(builder.diagnosis, builder))
+    builder = ReportDataBuilder(call_test(wanted, reader))
+    read_to_end(reader, Pipeline(reader.frame_origins, builder.diagnosis, builder))
     return builder.report_data(reader.ended_at)
 
 

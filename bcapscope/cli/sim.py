@@ -116,6 +116,8 @@ def command(
     `sim` prints one line per call. While `sim` runs, you can type commands. reset forgets all clients, like
     the button on the pendant. stop presses the emergency stop, and go releases it. detector switches whether
     a late set point is an error in the Async modes of RC7. quit ends `sim`.
+    In a script, end a `sim` in the background with SIGTERM, as in kill $!: shells start background jobs of
+    scripts with Ctrl-C (SIGINT) ignored.
 
     --scenario simulates a controller with a known problem, whose root cause `diagnose` finds in a capture.
     Lines that begin with # show what the scenario does.

@@ -12,6 +12,7 @@ from bcapscope.cli.common.call_reading import call_test, read_items
 from bcapscope.cli.common.exit_codes import ExitCode
 from bcapscope.cli.common.figure_command import FigureArguments, figure_command
 from bcapscope.live.standard_streams import print_stderr
+from bcapscope.render.json_values import with_packets
 from bcapscope.render.slave_session_record import slave_session_record
 from bcapscope.render.slave_session_text import slave_session_lines
 from bcapscope.traffic.pipeline import Pipeline
@@ -23,7 +24,8 @@ def command(arguments: FigureArguments) -> None:
     """Show each slave-mode session: who entered it, how it ended, its timing and its motion.
 
     The cycle time runs from the first request of one set point to the first request of the next. Jitter is
-    the deviation of a cycle from the time grid. Latency runs from the first request to the accepted reply.
+    the distance of a cycle time from the period, which the line "grid" shows: at 8 ms, a cycle of 10 ms has a
+    jitter of 2 ms. Latency runs from the first request to the accepted reply.
     The round trip runs from the request that the accepted reply answers to this reply.
 
     The controller's buffer cannot be observed. `slave` estimates its level with a model and lists the
@@ -34,14 +36,18 @@ def command(arguments: FigureArguments) -> None:
     Exit codes: as for `decode`.
     """
     sessions = _warn_if_none(_read_slave_sessions(arguments), arguments)
-    arguments.print_all(sessions, slave_session_record, slave_session_lines)
+    origin_of = arguments.reader.frame_origins.origin_of
+    arguments.print_all(
+        sessions, lambda session: with_packets(slave_session_record(session), origin_of), slave_session_lines
+    )
 
 
 def _read_slave_sessions(arguments: FigureArguments) -> Iterator[SlaveSession]:
     sessions: list[SlaveSession] = []
-    is_selected = call_test(arguments.call_filter)
+    is_selected = call_test(arguments.call_filter, arguments.reader)
     selected = SelectedSlaveSessions(is_selected, sessions.append, arguments.window)
-    yield from read_items(arguments.reader, Pipeline(selected), sessions)
+    pipeline = Pipeline(arguments.reader.frame_origins, selected)
+    yield from read_items(arguments.reader, pipeline, sessions)
     yield from selected.remaining_sessions(arguments.reader.ended_at)
 
 

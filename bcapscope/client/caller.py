@@ -31,8 +31,18 @@ class Caller:
     reports the events.
     """
 
-    def __init__(self, observer: Observer | None = None, listener: EventListener | None = None) -> None:
-        """Start without a link, because a link needs the caller as its receiver."""
+    def __init__(
+        self,
+        observer: Observer | None = None,
+        listener: EventListener | None = None,
+        fails_if_refused: bool = False,
+    ) -> None:
+        """Start without a link, because a link needs the caller as its receiver.
+
+        With `fails_if_refused`, a call over UDP fails at the first error of the system for sent data, unless
+        the peer has already sent data.
+        """
+        self._fails_if_refused = fails_if_refused
         self._observer = observer
         self._listener = listener
         self._clock = LoopClock(asyncio.get_running_loop())
@@ -62,7 +72,7 @@ class Caller:
 
         Raises:
             LocalProtocolError: The call cannot be sent; see `Requester.start_call`.
-            ConnectionError: The link is lost.
+            ConnectionError: The link is lost, or with `fails_if_refused`, nothing listens on the peer's port.
         """
         async with self._one_at_a_time:
             if self._lost_reason is not None:
@@ -103,6 +113,7 @@ class Caller:
         self.on_link_lost(Message("connection.link-closed"))
 
     def on_data(self, data: bytes) -> None:
+        self._fails_if_refused = False
         if self.link.datagrams:
             items: Sequence[Frame | Malformed] = parse_datagram(data, self._templates)
         else:
@@ -116,6 +127,8 @@ class Caller:
 
     def on_send_error(self, reason: Message) -> None:
         self._requester.record_send_error(reason, self._clock.now())
+        if self._fails_if_refused and self._pending_call is not None and not self._pending_call.done():
+            self._pending_call.set_exception(ConnectionRefusedError(reason))
 
     def on_link_lost(self, reason: Message) -> None:
         """Fail the pending call and all later calls, because the link is lost."""

@@ -237,16 +237,18 @@ async def open_session(
     retry_policies: RetryPolicies = DEFAULT_RETRY_POLICIES,
     observer: Observer | None = None,
     listener: EventListener | None = None,
+    fails_if_refused: bool = False,
 ) -> AsyncIterator[Session]:
     """Open a link. The end of the block releases all objects that calls have opened, even after an error.
 
     `open_link` is the result of `over_udp`, `over_tcp` or `over_link`. By default, the reserved field follows
     DENSO's slides on UDP, and is 0 on TCP. `observer` gets every frame, and `listener` gets every event.
+    `fails_if_refused`: see `Caller`.
 
     Raises:
         OSError: The controller cannot be reached, or does not listen.
     """
-    caller = Caller(observer, listener)
+    caller = Caller(observer, listener, fails_if_refused)
     link = await open_link(caller)
     caller.attach(link, convention or client_conventions(link.datagrams)[0])
     session = Session(caller, retry_policies)
@@ -257,7 +259,10 @@ async def open_session(
 
 
 def open_target_session(
-    target: ControllerTarget, observer: Observer | None = None, listener: EventListener | None = None
+    target: ControllerTarget,
+    observer: Observer | None = None,
+    listener: EventListener | None = None,
+    fails_if_refused: bool = False,
 ) -> AbstractAsyncContextManager[Session]:
     opener = (over_tcp if target.tcp else over_udp)(target.host, target.port)
     return open_session(
@@ -266,4 +271,5 @@ def open_target_session(
         retry_policies=target.retry_policies,
         observer=observer,
         listener=listener,
+        fails_if_refused=fails_if_refused,
     )

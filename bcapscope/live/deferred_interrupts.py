@@ -36,6 +36,18 @@ class DeferredInterrupts:
             self._is_waiting = False
         return found
 
+    def do_while_waiting(self, work: Callable[[], object]) -> None:
+        """Do some work inside `read`. Ctrl-C takes effect after the work.
+
+        Raises:
+            KeyboardInterrupt: The user pressed Ctrl-C during the work; `read_or_stop` handles the exception.
+        """
+        self._is_waiting = False
+        work()
+        self._is_waiting = True
+        if self._is_interrupted:
+            raise KeyboardInterrupt
+
     def close(self) -> None:
         signal.signal(signal.SIGINT, self._previous_handler)
 

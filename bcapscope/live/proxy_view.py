@@ -35,9 +35,9 @@ class ProxyView(PipelineSubscriber):
         self._wants_frame: Callable[[AnnotatedFrame], bool] = lambda frame: True
         self._wants_call: Callable[[Call], bool] = lambda call: True
         if wanted is not None and options.shown is RecordKind.FRAME:
-            self._wants_frame = wanted.bind(FRAME_GETTERS)
+            self._wants_frame = wanted.bind(FRAME_GETTERS, lambda: self._first_time)
         elif wanted is not None and options.shown is RecordKind.CALL:
-            self._wants_call = wanted.bind(CALL_GETTERS)
+            self._wants_call = wanted.bind(CALL_GETTERS, lambda: self._first_time)
         self._requests = RecentRequests()
         self._note_words = ENGLISH_WORDS if options.form is TrafficFormat.JSON else words
         self._frame_lines = FrameLineRenderer(options.time_format, palette, words=words)
@@ -45,12 +45,12 @@ class ProxyView(PipelineSubscriber):
         self._frame_records = FrameRecordRenderer()
         self._call_lines = CallRenderer(options.time_format, palette, words=words)
         self._call_records = CallRecordRenderer()
-        self._has_begun = False
+        self._first_time = 0
 
     def add_frame(self, observation: Observation, note: Message | None) -> None:
         """Render a frame. `note` says what a proxy rule did to the frame, or is None."""
-        if not self._has_begun:
-            self._has_begun = True
+        if not self._first_time:
+            self._first_time = observation.time
             self._frame_lines.set_time_origin(observation.time)
             self._call_lines.set_time_origin(observation.time)
         if self._shown is not RecordKind.FRAME:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from functools import cache, lru_cache
 from string import Formatter
 from types import MappingProxyType
@@ -125,14 +125,22 @@ class MessageFormatter:
         language: Language of the reader.
         start: Time when the traffic began, ns since 1970; sentences show times relative to it.
         only_client: Whether the traffic has a single client, whose address sentences then omit.
+        find_frame: Returns the name of a frame's capture, and the number of the frame's packet in it, by the
+            frame's number; None for an unknown frame. If `find_frame` itself is None, sentences show only
+            the numbers of frames.
     """
 
     def __init__(
-        self, language: Language = Language.ENGLISH, start: int = 0, only_client: bool = True
+        self,
+        language: Language = Language.ENGLISH,
+        start: int = 0,
+        only_client: bool = True,
+        find_frame: Callable[[int], tuple[str, int] | None] | None = None,
     ) -> None:
         self.language = language
         self.start = start
         self.only_client = only_client
+        self.find_frame = find_frame
 
     def __call__(self, id: str, /, **places: PlaceValue) -> str:
         """Return the text of a message by its id and places, without a `Message` object of the caller."""
@@ -140,7 +148,11 @@ class MessageFormatter:
 
     def for_report(self, start: int, only_client: bool) -> MessageFormatter:
         """Return a formatter in the same language for a report about other traffic."""
-        return MessageFormatter(self.language, start, only_client)
+        return MessageFormatter(self.language, start, only_client, self.find_frame)
+
+    def for_captures(self, find_frame: Callable[[int], tuple[str, int] | None]) -> MessageFormatter:
+        """Return a formatter in the same language that shows where each frame is found."""
+        return MessageFormatter(self.language, self.start, self.only_client, find_frame)
 
     def text(self, message: Message) -> str:
         """Return a message as text; never raises. The text of an unknown id is the id with the places."""

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from itertools import groupby
 
 from bcapscope.messages.message import Json, Message, MessageFormatter, Place
 
@@ -184,10 +185,29 @@ class FramePlace(Place):
         self.numbers = numbers
 
     def text(self, words: MessageFormatter) -> str:
-        return ", ".join(map(str, self.numbers))
+        return frames_text(self.numbers, words)
 
     def to_json(self) -> Json:
         return {"type": "frames", "frames": list(self.numbers)}
+
+
+def frames_text(numbers: Sequence[int], words: MessageFormatter, separator: str = ", ") -> str:
+    """Return frame numbers as text; with `words.find_frame`, also the frames' captures and packet numbers."""
+    frames, origins = separator.join(map(str, numbers)), origins_text(numbers, words)
+    return f"{frames} ({origins})" if origins else frames
+
+
+def origins_text(numbers: Iterable[int], words: MessageFormatter) -> str:
+    """Return the captures of frames and their packet numbers as text; "" without `words.find_frame`."""
+    find_frame = words.find_frame
+    if find_frame is None:
+        return ""
+    origins = filter(None, map(find_frame, numbers))
+    return words("list.semicolon").join(
+        words(f"frames.origin{'.several' if len(packets) > 1 else ''}", file=name, packets=" ".join(packets))
+        for name, found in groupby(origins, lambda origin: origin[0])
+        for packets in [[str(packet) for _, packet in found]]
+    )
 
 
 class CallPlace(Place):

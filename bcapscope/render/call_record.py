@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import TypeAlias
 
 import orjson
 
+from bcapscope.capture.capture_sequence import PacketOrigin
 from bcapscope.protocol.tables.function_table import function_name
 from bcapscope.protocol.tables.hresult import describe_hresult
-from bcapscope.render.json_values import result_object, text_fragment, time_fragment
+from bcapscope.render.json_values import packet_objects, result_object, text_fragment, time_fragment
 from bcapscope.render.timestamp import epoch_text
 from bcapscope.traffic.call import Call, FrameObservation
 from bcapscope.traffic.call_kind import CallKind
@@ -76,6 +77,16 @@ class CallRecordRenderer:
         )
         self._templates[kind] = form = b"{" + b",".join(members) + b"}"
         return form
+
+
+def with_call_packets(record: bytes, call: Call, origin_of: Callable[[int], PacketOrigin | None]) -> bytes:
+    """Add the member `packets` to a call as JSON: the capture and the packet of each frame of the call.
+
+    `origin_of` returns the origin of a packet by its number among all packets that were read.
+    """
+    seen = [event.observation for event in call.frames]
+    packets = {each.number: origin_of(each.packet) for each in seen}
+    return b'%b,"packets":%b}' % (record[:-1], orjson.dumps(packet_objects(packets, packets.__getitem__)))
 
 
 def _call_object(call: Call, subject: TrackedObject | None) -> dict[str, object]:

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator
 from functools import lru_cache
 
 from bcapscope.messages import ENGLISH_WORDS, Message, MessageFormatter
+from bcapscope.messages.places import frames_text, origins_text
 from bcapscope.protocol.tables.function_table import FUNCTIONS, ObjectClass, function_name
 from bcapscope.protocol.text_format import display_width
 from bcapscope.render.color_palette import PLAIN, Palette
@@ -126,14 +127,19 @@ class CallRenderer:
 
     def _call_frames(self, call: Call) -> str:
         """Return the frame numbers of a call: first the requests, then the replies."""
-        if call.is_plain and call.reply is not None:  # nearly all calls
+        if call.is_plain and call.reply is not None and self._words.find_frame is None:  # nearly all calls
             return self._frames_text.format(call.request.number, call.reply.number)
         requests = ",".join(str(seen.number) for seen in call.attempts)
         replies = [*call.late_replies, *call.lost_replies, *([call.reply] if call.reply else [])]
         if not replies:
-            return self._frame_text.format(requests)
+            return self._located(self._frame_text.format(requests), call)
         numbers = sorted(seen.number for seen in replies)
-        return self._frames_text.format(requests, ",".join(map(str, numbers)))
+        return self._located(self._frames_text.format(requests, ",".join(map(str, numbers))), call)
+
+    def _located(self, frames: str, call: Call) -> str:
+        """Add the captures and the packets of a call's frames to their text, if several captures are read."""
+        origins = origins_text((event.observation.number for event in call.frames), self._words)
+        return f"{frames} ({origins})" if origins else frames
 
     def _remarks_text(self, call: Call) -> str:
         if call.is_plain:
@@ -161,7 +167,7 @@ class CallRenderer:
             what = self._words("call.stray", serial=serial)
         else:
             what = self._words("call.stray.late", serial=serial, call=stray.call_number)
-        frame = self._frame_text.format(seen.number)
+        frame = self._frame_text.format(frames_text((seen.number,), self._words))
         return (
             f"{'-':>6} {self._write_time(seen.time)} "
             f"{color.dim}{self._write_endpoints(seen.flow)}{color.reset}"

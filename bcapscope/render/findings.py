@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 
 import orjson
 
 from bcapscope.analysis.finding import Finding, Severity, TrafficTotals
+from bcapscope.capture.capture_sequence import PacketOrigin
 from bcapscope.messages import ENGLISH_WORDS, MessageFormatter
 from bcapscope.messages.message import message_params
+from bcapscope.messages.places import Count, frames_text
 from bcapscope.render.color_palette import PLAIN, Palette
 from bcapscope.render.columns import wrap_text
 from bcapscope.render.diagnosis_summary import diagnosis_summary
 from bcapscope.render.escape import printable
 from bcapscope.render.finding_text import finding_depths, finding_sentence, words_for
+from bcapscope.render.json_values import packet_objects, time_fragment
 
 NARROWEST, WIDEST = 40, 120
 """Limits of the text width in columns. Narrower terminals get the minimum; longer lines are hard to read."""
@@ -31,13 +34,30 @@ class FindingsRenderer:
         self._words = words
         self._width = min(max(width, NARROWEST), WIDEST)
 
-    def lines(self, findings: Sequence[Finding], totals: TrafficTotals) -> Iterator[str]:
-        """Yield the lines of all findings in the given order, then one line with a summary."""
+    def lines(
+        self,
+        findings: Sequence[Finding],
+        totals: TrafficTotals,
+        is_shown: Callable[[Finding], bool] = lambda finding: True,
+    ) -> Iterator[str]:
+        """Yield the lines of the shown findings in the given order, then a summary of all findings."""
         words = words_for(self._words, totals)
-        for number, (finding, depth) in enumerate(zip(findings, finding_depths(findings), strict=True), 1):
-            yield from self._finding_lines(number, finding, " " * _STEP * depth, words)
-            yield ""
+        shown = [is_shown(finding) for finding in findings]
+        depths = finding_depths(findings) if all(shown) else [0] * len(findings)
+        for number, (finding, depth) in enumerate(zip(findings, depths, strict=True), 1):
+            if shown[number - 1]:
+                yield from self._finding_lines(number, finding, " " * _STEP * depth, words)
+                yield ""
         yield diagnosis_summary([finding.severity for finding in findings], totals, self._palette, words)
+        if not all(shown):
+            yield words("diagnosis.shown", shown=sum(shown), findings=Count(len(findings), "finding"))
+
+    def new_finding_line(self, finding: Finding, totals: TrafficTotals) -> str:
+        """Return the line for a finding that was just made."""
+        words = words_for(self._words, totals)
+        severity = words(f"severity.{finding.severity}")
+        head = f"{self._palette.problem}{severity}{self._palette.reset} {finding.rule}"
+        return f"{head}: {printable(finding_sentence(finding, words))}"
 
     def _finding_lines(
         self, number: int, finding: Finding, indent: str, words: MessageFormatter
@@ -54,7 +74,7 @@ class FindingsRenderer:
         inner = f"{indent}  "
         yield from self._wrapped_lines(finding_sentence(finding, words), inner, color.name)
         label = "frame" if len(finding.frames) == 1 else "frames"
-        frames = words(f"finding.label.{label}", frames=" ".join(map(str, finding.frames)))
+        frames = words(f"finding.label.{label}", frames=frames_text(finding.frames, words, " "))
         yield from self._wrapped_lines(frames if finding.frames else "", inner, color.dim)
         yield from self._wrapped_lines(
             words("finding.label.advice", advice=finding.advice), inner, color.good
@@ -69,8 +89,20 @@ class FindingsRenderer:
             yield f"{indent}{shade}{line}{self._palette.reset}"
 
 
-def finding_record(number: int, finding: Finding, totals: TrafficTotals) -> bytes:
-    """Return a finding as a JSON object with English text. Non-printable characters in texts are escaped."""
+def finding_record(
+    number: int,
+    finding: Finding,
+    totals: TrafficTotals,
+    origin_of: Callable[[int], PacketOrigin | None] = lambda frame: None,
+    is_final: bool = True,
+) -> bytes:
+    """Return a finding as a JSON object with English text. Non-printable characters in texts are escaped.
+
+    Args:
+        origin_of: Returns the capture and the packet of a frame by its number.
+        is_final: Whether the traffic has ended; if not, causes and repetitions are not known yet.
+    """
+    repetition = finding.repetition
     words = words_for(ENGLISH_WORDS, totals)
     return orjson.dumps(
         {
@@ -86,6 +118,14 @@ def finding_record(number: int, finding: Finding, totals: TrafficTotals) -> byte
             "began": finding.began,
             "calls": list(finding.calls),
             "client": str(finding.conversation.client),
-            "count": 1 if finding.repetition is None else finding.repetition.count,
+            "count": 1 if repetition is None else repetition.count,
+            "packets": packet_objects(finding.frames, origin_of),
+            "time": time_fragment(finding.began),
+            "t": (finding.began - totals.began) / 1e9,
+            "first": None if repetition is None else time_fragment(repetition.first),
+            "last": None if repetition is None or repetition.last is None else time_fragment(repetition.last),
+            "server": str(finding.conversation.server),
+            "transport": finding.conversation.transport.value,
+            "final": is_final,
         }
     )

@@ -12,6 +12,7 @@ from typing import TypeAlias
 
 import orjson
 
+from bcapscope.capture.capture_sequence import PacketOrigin
 from bcapscope.protocol.codec.arguments import Argument, Problem
 from bcapscope.protocol.codec.frame import Frame, Malformed
 from bcapscope.protocol.codec.frame_template import (
@@ -194,6 +195,11 @@ class FrameRecordRenderer:
         builder.add_text((b',"missing":%d' % item.missing if item.missing else b"") + b"}")
         moment = epoch_text(observation.time).encode("ascii")
         return builder.build().fill((observation.number, moment, observation.packet, len(item.raw)), ())
+
+
+def with_origin(record: bytes, origin: PacketOrigin) -> bytes:
+    """Add the capture, and the number of the packet in this capture, to a frame as JSON."""
+    return b'%b,"file":%b,"file_packet":%d}' % (record[:-1], json_text(origin.path), origin.packet)
 
 
 def _template_head(flow: Flow, kind: bytes, serial: bytes = b"%d", reserved: bytes = b"%d") -> bytes:

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Callable, Iterable, Iterator
 
 import orjson
 
 from bcapscope.analysis.statistics.distribution_summary import DistributionSummary
+from bcapscope.capture.capture_sequence import PacketOrigin
 from bcapscope.protocol.tables.hresult import hresult_name
 from bcapscope.render.timestamp import epoch_text
 
@@ -52,6 +54,39 @@ def time_fragment(time: int) -> orjson.Fragment:
 def result_object(code: int | None) -> dict[str, object]:
     """Return the JSON members for a result code and its name."""
     return {"hresult": code, "hresult_name": None if code is None else hresult_name(code)}
+
+
+def packet_objects(
+    frames: Iterable[int], origin_of: Callable[[int], PacketOrigin | None]
+) -> list[dict[str, object]]:
+    """Return the JSON member `packets`: the capture and the packet of each frame, as far as they are known.
+
+    `origin_of` returns the origin of a frame by its number.
+    """
+    return [
+        {"frame": frame, "file": text_fragment(origin.path), "packet": origin.packet}
+        for frame in frames
+        if (origin := origin_of(frame)) is not None
+    ]
+
+
+def with_packets(record: bytes, origin_of: Callable[[int], PacketOrigin | None]) -> bytes:
+    """Add the member `packets` to a JSON object: the origin of the frames in its members that end in frame or
+    frames.
+    """
+    frames = sorted(set(_cited_frames(json.loads(record))))  # orjson reads no lone surrogates
+    return b'%b,"packets":%b}' % (record[:-1], orjson.dumps(packet_objects(frames, origin_of)))
+
+
+def _cited_frames(value: object, is_frame: bool = False) -> Iterator[int]:
+    if isinstance(value, dict):
+        for name, member in value.items():
+            yield from _cited_frames(member, name.endswith(("frame", "frames")))
+    elif isinstance(value, list):
+        for item in value:
+            yield from _cited_frames(item, is_frame)
+    elif is_frame and isinstance(value, int):
+        yield value
 
 
 def percentiles_object(found: DistributionSummary) -> dict[str, object]:

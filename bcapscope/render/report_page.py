@@ -41,7 +41,7 @@ def report_page(
     """
     statistics, strays = report_data.statistics, report_data.stray_replies
     timeline = report_calls.timeline_picture(report_data) if report_data.timelines else None
-    sessions = report_sections.session_views(report_data)
+    sessions = report_sections.session_views(report_data, words)
     latencies = None if statistics is None else report_calls.latency_picture(statistics.kinds)
     retry_chains = report_calls.retry_chain_picture(report_data)
     of_sessions = [picture for session in sessions for picture in session.pictures]

@@ -12,7 +12,7 @@ from bcapscope.analysis.slave.notable_set_points import SetPointFact
 from bcapscope.analysis.slave.slave_session import ExitReason, SlaveSession
 from bcapscope.analysis.statistics.call_statistics import OTHER_KINDS, CallFigures, StatisticsRow
 from bcapscope.messages import ENGLISH_WORDS, MessageFormatter
-from bcapscope.messages.places import Count, Duration, Times
+from bcapscope.messages.places import Count, Duration, Times, frames_text
 from bcapscope.protocol.tables.hresult import describe_hresult, hresult_name
 from bcapscope.render import report_slave_sessions
 from bcapscope.render.diagnosis_summary import severity_counts_text
@@ -75,7 +75,9 @@ class OverallVerdict(NamedTuple):
 
 
 class FindingView(NamedTuple):
-    """A finding with its texts for the page. `depth` is the number of causes above the finding, at most 4."""
+    """A finding with its texts for the page. `depth` is the number of causes above the finding, at most 4;
+    `frames` is the list of its frames.
+    """
 
     number: int
     depth: int
@@ -84,6 +86,7 @@ class FindingView(NamedTuple):
     sentence: str
     advice: str
     severity: str
+    frames: str
 
 
 class SlaveSessionView(NamedTuple):
@@ -144,13 +147,15 @@ def finding_views(report_data: ReportData, words: MessageFormatter) -> list[Find
             finding_sentence(finding, words),
             words.text(finding.advice),
             words(f"severity.{finding.severity}"),
+            frames_text(finding.frames, words, " "),
         )
         for number, (finding, depth) in enumerate(zip(report_data.findings, depths, strict=True), 1)
     ]
 
 
-def session_views(report_data: ReportData) -> list[SlaveSessionView]:
+def session_views(report_data: ReportData, words: MessageFormatter) -> list[SlaveSessionView]:
     """Return the slave-mode sessions that have pictures."""
+    words = ENGLISH_WORDS if words.find_frame is None else ENGLISH_WORDS.for_captures(words.find_frame)
     start = report_data.start
     return [
         SlaveSessionView(
@@ -165,8 +170,8 @@ def session_views(report_data: ReportData) -> list[SlaveSessionView]:
                 )
                 if picture is not None
             ],
-            _slowest_table(session, start) if session.timing.slowest else None,
-            list(slave_session_lines(session)),
+            _slowest_table(session, start, words) if session.timing.slowest else None,
+            list(slave_session_lines(session, words=words)),
         )
         for session in drawn_slave_sessions(report_data.slave_sessions)
     ]
@@ -329,19 +334,19 @@ def _slave_session_facts(slave_session: SlaveSession, start: int) -> Iterator[tu
         yield "The model assumes", ("; ".join(map(str, buffer.assumptions)))
 
 
-def _slowest_table(slave_session: SlaveSession, start: int) -> ReportTable:
+def _slowest_table(slave_session: SlaveSession, start: int, words: MessageFormatter) -> ReportTable:
     return ReportTable(
         f"Set points of session {slave_session.number} with the slowest replies.",
         ("call", "frame", "at, s", "cycle, ms", "reply after, ms", "result"),
         "nnnnnt",
-        [_slow_row(fact, start) for fact in slave_session.timing.slowest[:MAX_SLOW]],
+        [_slow_row(fact, start, words) for fact in slave_session.timing.slowest[:MAX_SLOW]],
     )
 
 
-def _slow_row(fact: SetPointFact, start: int) -> list[object]:
+def _slow_row(fact: SetPointFact, start: int, words: MessageFormatter) -> list[object]:
     return [
         fact.call,
-        fact.request_frame,
+        frames_text((fact.request_frame,), words),
         _seconds_since(fact.time, start),
         "" if fact.cycle_ms is None else f"{fact.cycle_ms:.3f}",
         "never" if fact.latency_ms is None else f"{fact.latency_ms:.3f}",
@@ -400,7 +405,7 @@ def _damaged_row(each: DamagedFrame, start: int, words: MessageFormatter) -> lis
     if each.missing_bytes:
         reasons.insert(0, words("report.missing", bytes=Count(each.missing_bytes, "byte")))
     return [
-        each.frame,
+        frames_text((each.frame,), words),
         _seconds_since(each.time, start),
         each.flow.src_text,
         each.length,

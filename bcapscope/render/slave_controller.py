@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from bcapscope.analysis.slave.buffer_model import BufferFacts, PredictedUnderflow
 from bcapscope.analysis.slave.controller_clock import ClockFacts
 from bcapscope.messages import Message
-from bcapscope.messages.places import Count, Quantity, Times
+from bcapscope.messages.places import Count, FramePlace, Quantity, Times
 from bcapscope.render.captioned import CaptionWriter, frames_message
 
 _MAX_UNDERFLOWS_SHOWN = 8
@@ -24,7 +24,7 @@ def buffer_lines(buffer: BufferFacts, writer: CaptionWriter) -> Iterator[str]:
     if buffer.smallest_slack_ms is not None and buffer.smallest_slack_frame is not None:
         levels = ", ".join(f"{level} × {count}" for level, count in buffer.levels.items())
         yield writer.captioned("level", Message("slave.buffer.levels", levels=levels))
-        slack, frame = Quantity(buffer.smallest_slack_ms, "ms", 3), buffer.smallest_slack_frame
+        slack, frame = Quantity(buffer.smallest_slack_ms, "ms", 3), FramePlace((buffer.smallest_slack_frame,))
         yield writer.captioned("slack", Message("slave.buffer.slack", slack=slack, frame=frame))
     yield from _underflow_lines(buffer, writer)
     if buffer.overwritten:
@@ -69,8 +69,8 @@ def _underflow_lines(buffer: BufferFacts, writer: CaptionWriter) -> Iterator[str
 def _underflow_message(underflow: PredictedUnderflow) -> Message:
     return Message(
         f"slave.buffer.underflow.{_MOTION[underflow.moving]}",
-        last=underflow.last_frame,
-        frame=underflow.late_frame,
+        last=FramePlace((underflow.last_frame,)),
+        frame=FramePlace((underflow.late_frame,)),
         late=Quantity(underflow.late_ms, "ms", 3),
     )
 

@@ -6,9 +6,9 @@ from collections.abc import Iterator, Sequence
 
 from bcapscope.analysis.slave.motion_model import AxisMotion, MotionFacts, Peak
 from bcapscope.analysis.statistics.distribution_summary import DistributionSummary
-from bcapscope.messages import Message
+from bcapscope.messages import Message, MessageFormatter
 from bcapscope.messages.message import PlaceValue
-from bcapscope.messages.places import Count, Quantity, Times
+from bcapscope.messages.places import Count, Quantity, Times, frames_text
 from bcapscope.render.captioned import CaptionWriter, frames_message
 
 
@@ -44,14 +44,16 @@ def _axes(axes: Sequence[AxisMotion], writer: CaptionWriter) -> Iterator[str]:
     head = [
         tuple(writer.label(f"slave.column.{name}") if name else "" for name in row) for row in _AXIS_HEADER
     ]
-    yield from writer.table([*head, *map(_axis, moving)], "<" + ">" * (len(head[0]) - 1), len(head))
+    yield from writer.table(
+        [*head, *(_axis(each, writer.words) for each in moving)], "<" + ">" * (len(head[0]) - 1), len(head)
+    )
     still = [axis.name for axis in axes if axis.least == axis.most]
     if still:
         yield writer.continued(Message("slave.motion.still", axes=" ".join(still)))
     yield from writer.wrapped(Message("slave.motion.units"))
 
 
-def _axis(axis: AxisMotion) -> tuple[str, ...]:
+def _axis(axis: AxisMotion, words: MessageFormatter) -> tuple[str, ...]:
     unit = f" {axis.unit}" if axis.unit else ""
     step = axis.largest_step
     return (
@@ -59,7 +61,7 @@ def _axis(axis: AxisMotion) -> tuple[str, ...]:
         _short_number(axis.least),
         _short_number(axis.most),
         _peak(step),
-        "" if step is None else str(step.frame),
+        "" if step is None else frames_text((step.frame,), words),
         *_p99_and_max(axis.velocity),
         *_p99_and_max(axis.acceleration),
         *_p99_and_max(axis.difference),

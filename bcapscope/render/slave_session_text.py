@@ -13,7 +13,7 @@ from bcapscope.analysis.slave.slave_session import (
 )
 from bcapscope.messages import ENGLISH_WORDS, Message, MessageFormatter
 from bcapscope.messages.message import PlaceValue
-from bcapscope.messages.places import CallPlace, Count, HexNumber, Listing
+from bcapscope.messages.places import CallPlace, Count, FramePlace, HexNumber, Listing
 from bcapscope.protocol.slave_mode.formats import ReceiveFormat, SendFormat
 from bcapscope.protocol.slave_mode.modes import Generation
 from bcapscope.protocol.tables.function_table import function_name
@@ -144,7 +144,7 @@ def _format_message(which: str, format_: AcceptedFormat, parts: list[Message], o
         f"slave.format.{which}",
         value=HexNumber(format_.value & 0xFFFFFFFF, 3),
         parts=Listing(tuple(parts or [_part("pose-only")])),
-        frame=format_.frame,
+        frame=FramePlace((format_.frame,)),
     )
 
 

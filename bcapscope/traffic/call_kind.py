@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 from bcapscope.protocol.codec.frame import Frame, Malformed
 from bcapscope.protocol.codec.variant import VT
-from bcapscope.protocol.tables.function_table import FUNCTIONS
+from bcapscope.protocol.tables.function_table import FUNCTIONS, signed_function_id
 from bcapscope.protocol.text_format import shortened
 from bcapscope.traffic.observation import Conversation, Direction, Observation
 
@@ -47,7 +47,7 @@ class CallKind(NamedTuple):
     Equal call kinds are usually the same object in memory.
 
     Attributes:
-        function_id: Number of the function, even if the function is unknown.
+        function_id: Number of the function, signed, even if the function is unknown.
         command: Command of an ..._Execute function as sent, shortened to `LONGEST_NAME` characters; None for
             all other functions, or if the second argument is no string.
     """
@@ -67,7 +67,7 @@ _BY_ID: dict[int, CallKind] = {function_id: CallKind(function_id, None) for func
 def call_kind_of(request: Frame) -> CallKind:
     """Return the function and command of a request."""
     if request.code not in COMMAND_FUNCTIONS:
-        return _BY_ID.get(request.code) or CallKind(request.code, None)
+        return _BY_ID.get(request.code) or CallKind(signed_function_id(request.code), None)
     arguments = request.arguments
     value = arguments[1].variant.value if len(arguments) > 1 else None
     return CallKind(request.code, shortened(value, LONGEST_NAME) if isinstance(value, str) else None)

@@ -335,3 +335,28 @@ def test_nobody_listens() -> None:
     assert ran.code == ExitCode.UNANSWERED
     assert ran.err.startswith("bcapscope: 127.0.0.1:1 over UDP: Service_Start got no reply")
     assert "connection refused at" in ran.err
+
+
+@pytest.mark.parametrize(
+    ("words", "reason"),
+    [
+        (
+            ("Robot_Execute", "Motor", "1", "0"),
+            "Robot_Execute takes bstrCommand vntParam; '0' is too many. If vntParam has several values, "
+            "separate them with commas: 1,0",
+        ),
+        (("Robot_Execute", "2", "Motor", "1", "0"), "takes hRobot bstrCommand vntParam; '0' is too many"),
+        (("Controller_GetTag", "1", "2", "3"), "Controller_GetTag takes hController; '2', '3' are too many"),
+        (("Service_Stop", "now"), "Service_Stop takes no arguments; 'now' is too many"),
+    ],
+)
+def test_arguments_that_are_too_many_are_named(words: tuple[str, ...], reason: str) -> None:
+    done = run_here("call", "127.0.0.1", *words)
+    assert done.code == ExitCode.USAGE
+    assert reason in done.err
+
+
+def test_several_values_of_one_argument() -> None:
+    ran, executed = _call("Robot_Execute", "Motor", "1,0", simulator=True)
+    assert ran.code == ExitCode.OK
+    assert ("Robot_Execute", 102, "Motor", (1, 0)) in executed

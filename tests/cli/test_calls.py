@@ -10,6 +10,7 @@ import pytest
 
 from bcapscope.cli.common.exit_codes import ExitCode
 from bcapscope.traffic.filter.field_table import FIELDS
+from tests.capture import packets
 from tests.cli.run import CAPTURES, run, run_here
 from tests.samples.calls import MS, START, Datagrams, reply, request
 from tests.samples.files import pcap
@@ -46,6 +47,7 @@ def test_the_retry_story_is_one_call() -> None:
         "rtt_ms": 1.2,
         "convention": "seed",
         "verdict": "reply late",
+        "packets": [{"frame": frame, "file": str(RETRIES), "packet": frame} for frame in range(1, 7)],
     }
 
 
@@ -122,3 +124,19 @@ def test_sessions_that_were_not_ended_are_told() -> None:
     err = run_here("calls", CAPTURES / "vlan-ipv6.pcap").err
     assert "no Service_Stop seen; not released: Controller 1, Variable IO128, Variable S1" in err
     assert "Service_Stop" not in run_here("calls", CAPTURES / "slave-session.pcapng").err
+
+
+def test_an_unknown_function_id_is_signed(tmp_path: Path) -> None:
+    odd = tmp_path / "odd.pcap"
+    exchange = packets.from_client(packets.request(1, -5)), packets.from_server(packets.reply(1))
+    odd.write_bytes(packets.pcap(*exchange))
+    call = json.loads(run_here("calls", odd, "--json").lines[0])
+    assert (call["function_id"], call["function"]) == (-5, "Unknown(-5)")
+    frames = [json.loads(line) for line in run_here("decode", odd, "--json").lines]
+    assert [frame["function_id"] for frame in frames] == [-5, -5]
+    assert " Unknown(-5)" in run_here("decode", odd).lines[0]
+    assert "Unknown(-5)" in run_here("decode", odd, "--tree").out
+    assert "4294967291" not in run_here("decode", odd, "--tree", "--full").out
+    assert "Unknown(-5)" in run_here("stats", odd).out
+    assert ",-5,Unknown(-5)," in run_here("decode", odd, "--csv").out
+    assert len(run_here("decode", odd, "-f", "function_id == -5").lines) == 2

@@ -204,7 +204,7 @@ def test_a_missing_file_does_not_hide_the_others(tmp_path: Path) -> None:
     assert "no such file" in done.err
 
 
-@pytest.mark.parametrize("command", ["decode", "calls"])
+@pytest.mark.parametrize("command", ["decode", "calls", "diagnose"])
 def test_no_capture_is_a_mistake_in_the_command_line(command: str) -> None:
     done = run_here(command)
     assert done.code == ExitCode.USAGE
@@ -212,7 +212,7 @@ def test_no_capture_is_a_mistake_in_the_command_line(command: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "line", [["diagnose"], ["slave"], ["stats"], ["extract", "-o", "way.csv"], ["report", "-o", "page.html"]]
+    "line", [["slave"], ["stats"], ["extract", "-o", "way.csv"], ["report", "-o", "page.html"]]
 )
 def test_what_cannot_listen_does_not_speak_of_interfaces(line: list[str]) -> None:
     done = run_here(*line)

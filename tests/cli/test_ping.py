@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import signal
+import socket
 import subprocess
 import sys
 import threading
@@ -132,7 +133,10 @@ def test_after_a_long_wait_calls_do_not_hurry() -> None:
 
 
 def test_nobody_is_there() -> None:
-    ran = run_here("ping", "127.0.0.1", "--port", "1", "--timeout", "5", "--retries", "1")
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as silent:
+        silent.bind(("127.0.0.1", 0))
+        port = str(silent.getsockname()[1])
+        ran = run_here("ping", "127.0.0.1", "--port", port, "--timeout", "5", "--retries", "1")
     assert ran.code == ExitCode.UNANSWERED
     assert "Service_Start got no reply in time, 2 attempts" in ran.err
     assert ran.out == ""
@@ -169,3 +173,17 @@ def test_a_signal_before_the_first_answer_makes_no_controller_of_nobody() -> Non
             out, _ = program.communicate()
     assert program.returncode == ExitCode.INTERRUPTED
     assert out.decode() == f"127.0.0.1:{server.port} over UDP: no answer\n"
+
+
+@pytest.mark.parametrize("transport", ["--udp", "--tcp"])
+def test_a_closed_port_is_reported_after_the_first_refusal(transport: str) -> None:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        address = f"127.0.0.1:{probe.getsockname()[1]}"
+    began = time.monotonic()
+    done = run_here("ping", address, transport, "--timeout", "30000")
+    assert time.monotonic() - began < 20
+    assert done.code == ExitCode.UNANSWERED
+    assert "nothing listens on this port (connection refused)" in done.err
+    assert done.err.startswith(f"bcapscope: {address}")
+    assert "このポートで待ち受けているものがありません" in run_here("ping", address, "--lang", "ja").err

@@ -9,7 +9,9 @@ from pathlib import Path
 
 import pytest
 
+from bcapscope.capture.capture_file import open_capture
 from bcapscope.cli.common.exit_codes import ExitCode
+from tests.capture.packets import pcap_header, pcap_record
 from tests.cli.run import CAPTURES, run_here
 from tests.shared_folder import SHARED
 
@@ -105,3 +107,16 @@ def test_recordings_of_the_official_libraries(name: str, port: int, retries: int
     assert (stay["mode"]["value"], stay["exit"]["reason"]) == (0x202, "left")
     assert stay["motion"]["read"] == stay["motion"]["returned"] == 2000
     assert stay["timing"]["cycle_ms"]["count"] == 1999
+
+
+def test_jitter_is_the_distance_of_a_cycle_from_the_period(tmp_path: Path) -> None:
+    help_ = " ".join(run_here("slave", "--help").out.split())
+    assert "at 8 ms, a cycle of 10 ms has a jitter of 2 ms" in help_
+    steady = tmp_path / "steady.pcap"
+    with open_capture(SESSION) as capture:
+        points = [packet for packet in capture if b"s\x00l\x00v\x00M\x00o\x00v\x00e" in packet[1]]
+    records = (pcap_record(data, 0, 10_000 * number) for number, (_, data, *_) in enumerate(points[:50]))
+    steady.write_bytes(pcap_header() + b"".join(records))
+    (line,) = run_here("slave", steady, "--json").lines
+    timing = json.loads(line)["timing"]
+    assert (timing["grid_ms"], timing["cycle_ms"]["p50"], timing["jitter_ms"]["p50"]) == (8.0, 10.0, 2.0)

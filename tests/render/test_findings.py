@@ -110,6 +110,14 @@ def test_json_has_exactly_these_keys() -> None:
         "calls": [3],
         "client": "10.0.0.2:50001",
         "count": 1,
+        "packets": [],
+        "time": 5e-09,
+        "t": pytest.approx((5 - SEEN.began) / 1e9),
+        "first": None,
+        "last": None,
+        "server": "10.0.0.1:5007",
+        "transport": "udp",
+        "final": True,
     }
     assert list(record) == [
         "finding",
@@ -125,6 +133,14 @@ def test_json_has_exactly_these_keys() -> None:
         "calls",
         "client",
         "count",
+        "packets",
+        "time",
+        "t",
+        "first",
+        "last",
+        "server",
+        "transport",
+        "final",
     ]
     assert json.loads(finding_record(1, CAUSE, SEEN))["consequence_of"] is None
 

@@ -18,14 +18,20 @@ _PROGRESS_EVERY = 0x1000
 T = TypeVar("T")
 
 
-def call_test(call_filter: Filter | None) -> Callable[[Call], bool] | None:
-    """Return a function that tests whether a call matches the filter, or None without a filter."""
-    return None if call_filter is None else call_filter.bind(CALL_GETTERS)
+def call_test(call_filter: Filter | None, reader: CaptureReader) -> Callable[[Call], bool] | None:
+    """Return a function that tests whether a call matches the filter, or None without a filter.
+
+    `reader` reads the calls. Its summary says if no call matched.
+    """
+    if call_filter is None:
+        return None
+    test = call_filter.bind(CALL_GETTERS, lambda: reader.first_time)
+    return reader.counting_test(call_filter, test, lambda call: call.number)
 
 
 def read_filtered_calls(reader: CaptureReader, call_filter: Filter | None) -> Iterator[Call]:
     """Yield each call that matches a filter, as soon as the call ends."""
-    collector = CallCollector(call_test(call_filter))
+    collector = CallCollector(call_test(call_filter, reader))
     return read_items(reader, Pipeline(collector), collector.calls)
 
 

@@ -3,17 +3,23 @@
 from __future__ import annotations
 
 import io
+import os
 import select
+import stat
 import sys
+import time
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from contextlib import closing
+from contextlib import closing, suppress
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import BinaryIO, NoReturn, cast
+from typing import BinaryIO, NoReturn, TextIO, TypeVar, cast
 
 import click
 
 from bcapscope.capture.capture_file import CaptureFile, open_capture
+from bcapscope.capture.capture_folder import expand_folders
+from bcapscope.capture.capture_sequence import STDIN, CaptureSequence, FrameOrigins, PacketOrigin
 from bcapscope.capture.live_capture import open_live_capture
 from bcapscope.capture.packet import Packet
 from bcapscope.capture.packet_decoder import PacketDecoder
@@ -28,19 +34,30 @@ from bcapscope.live.deferred_interrupts import DeferredInterrupts
 from bcapscope.live.standard_streams import print_stderr
 from bcapscope.messages import ENGLISH_WORDS, Message, MessageFormatter
 from bcapscope.messages.os_errors import os_reason
-from bcapscope.messages.places import Count
+from bcapscope.messages.places import Count, joined_clauses
 from bcapscope.render.capture_counts_text import capture_counts_text
 from bcapscope.render.escape import printable
+from bcapscope.traffic.filter.compiler import Filter
 from bcapscope.traffic.observation import Observation
 
-STDIN = "-"
+R = TypeVar("R")
+
 _MAX_SERVERS_LISTED = 8
+_IDLE_INTERVAL = 250_000_000  # ns
 
 
 class CaptureReader:
     """Reads the input of a command. Several captures are read as one, like the files of a ring.
 
-    `on_first_time` is called with the time of the first observation, before that observation is yielded.
+    Attributes:
+        on_first_time: Function that is called with the time of the first observation, before that observation
+            is yielded.
+        first_time: Time of the first observation, ns since 1970; 0 before it.
+        on_idle: Function that is called several times per second while a live capture delivers no frames,
+            with the time up to which all packets were read, ns since 1970.
+        is_live: Whether the input may never end: an interface or a pipe.
+        frame_origins: Subscriber of a pipeline, which knows the capture and the packet of each frame that
+            it received.
     """
 
     def __init__(
@@ -62,17 +79,22 @@ class CaptureReader:
             raise click.UsageError("standard input is closed")
         self.exit_code = ExitCode.OK
         self.on_first_time: Callable[[int], object] = lambda time: None
+        self.first_time = 0
+        self.on_idle: Callable[[int], object] = lambda time: None
+        self.is_live = bool(interface) or (STDIN in (*paths, text) and not _is_file(sys.stdin))
         self.output = DataOutput(1) if interface or STDIN in (*paths, text) else DataOutput()
-        self._paths = paths
         self._interface = interface
         self._text = text
         self._words = words
         self._pasted = None if text is None else PastedText(self._text_lines(text))
         self._observer = PacketDecoder(frozenset(ports) or BCAP_PORTS)
         self._progress = ReadProgressBar()
-        self._file: CaptureFile | None = None
+        self._no_match: _NoMatch | None = None
         self._lost_packets = 0
         self._problems: list[str] = []
+        expanded = list(expand_folders(paths, self._add_problem))
+        self._sequence = CaptureSequence(expanded, self._open, self._add_problem)
+        self.frame_origins = FrameOrigins(self._sequence)
 
     def observations(self) -> Iterator[Observation]:
         """Yield all frames of the input.
@@ -86,6 +108,7 @@ class CaptureReader:
             self._live_packets() if self._interface else self._file_packets()
         )
         for first in observations:
+            self.first_time = first.time
             self.on_first_time(first.time)
             yield first
             break
@@ -100,14 +123,53 @@ class CaptureReader:
         """
         return self._observer.end_time
 
+    def counting_test(
+        self, wanted: Filter, test: Callable[[R], bool], number_of: Callable[[R], int]
+    ) -> Callable[[R], bool]:
+        """Return the test of a filter; if no record matches, `print_summary` says so.
+
+        `number_of` returns the number of a record, counted from 1.
+        """
+        self._no_match = no_match = _NoMatch(wanted)
+
+        def counted(record: R) -> bool:
+            number, matches = number_of(record), test(record)
+            no_match.tested = number if number > no_match.tested else no_match.tested
+            no_match.has_matched = no_match.has_matched or matches
+            return matches
+
+        return counted
+
+    @property
+    def paths(self) -> Sequence[str]:
+        """Paths of the captures in the order in which they are read, without folders."""
+        return self._sequence.paths
+
+    def origin_of(self, packet: int) -> PacketOrigin | None:
+        """Return where a packet is found, by its number among all packets of the input.
+
+        The result is None for live traffic and for pasted text.
+        """
+        return self._sequence.origin_of(packet)
+
+    def citing_words(self) -> MessageFormatter:
+        """Return the formatter of the command.
+
+        If several captures are read, its sentences name the capture and the packet of each frame.
+        """
+        return self._words if len(self.paths) < 2 else self._words.for_captures(self._find_frame)
+
+    def _find_frame(self, frame: int) -> tuple[str, int] | None:
+        origin = self.frame_origins.origin_of(frame)
+        return None if origin is None else (printable(self._input_name(origin.name)), origin.packet)
+
     @property
     def comments(self) -> Mapping[int, tuple[str, ...]]:
         return self._observer.comments if self._pasted is None else self._pasted.comments
 
     def show_progress(self) -> None:
         """Show the progress of reading a file that takes long."""
-        if self._file is not None:
-            self._progress.show(self._file.position, self._file.size)
+        self._progress.show(self._sequence.position, self._sequence.size)
 
     def print_lines(self, lines: Iterable[str] | Iterable[bytes]) -> None:
         """Print lines of data, and show the progress of reading after each batch of lines."""
@@ -119,7 +181,13 @@ class CaptureReader:
         sys.exit(self.exit_code)
 
     def print_summary(self) -> None:
-        """Print to stderr read errors, the controllers that were recognised by content, and packet counts."""
+        """Print a summary to stderr.
+
+        The summary says if no record matched the filter. It has the read errors, the controllers that were
+        recognised by content, and the packet counts.
+        """
+        if self._no_match is not None and (sentence := self._no_match.sentence(self._words)):
+            print_stderr(sentence)
         if self._pasted is not None:
             self._print_text_summary(self._pasted.count)
             return
@@ -168,8 +236,13 @@ class CaptureReader:
             with open_live_capture(name) as capture, DeferredInterrupts() as interrupts:
                 print_stderr(self._words("reading.live", interface=printable(name)))
                 packets = iter(capture)
+                capture.on_idle = lambda: interrupts.do_while_waiting(lambda: self.on_idle(time.time_ns()))
+                idle_at = 0
                 try:
                     while (packet := interrupts.read_or_stop(partial(next, packets, None))) is not None:
+                        if packet[0] >= idle_at:  # other traffic than b-CAP may never pause
+                            self.on_idle(packet[0])
+                            idle_at = packet[0] + _IDLE_INTERVAL
                         yield packet
                     print_stderr("")
                 finally:
@@ -179,14 +252,8 @@ class CaptureReader:
             self.exit_code = ExitCode.UNREADABLE
 
     def _file_packets(self) -> Iterator[Packet]:
-        for path in self._paths:
-            try:
-                with self._open(path) as self._file:
-                    yield from self._file
-            except _Interrupted:
-                return
-            except CaptureError as error:
-                self._add_problem(path, error)
+        with suppress(_Interrupted):
+            yield from self._sequence
 
     def _open(self, path: str) -> CaptureFile:
         if path != STDIN:
@@ -201,11 +268,41 @@ class CaptureReader:
         return self._words("reading.stdin") if path == STDIN else printable(path)
 
 
+@dataclass(slots=True)
+class _NoMatch:
+    """Whether no record matched the filter.
+
+    Attributes:
+        tested: Number of records that were tested.
+    """
+
+    wanted: Filter
+    tested: int = 0
+    has_matched: bool = False
+
+    def sentence(self, words: MessageFormatter) -> str:
+        """Return the sentence that nothing matched; "" if it is not true."""
+        if self.has_matched or not self.tested:
+            return ""
+        records = Count(self.tested, str(self.wanted.kind))
+        unknown = joined_clauses(self.wanted.unknown_values)
+        if unknown is None:
+            return words("filter.no-match", records=records)
+        return printable(words("filter.no-match.because", records=records, unknown=unknown))
+
+
 class _Interrupted(Exception):
     """Ctrl-C ended reading, possibly inside a packet.
 
     The capture does not count as incomplete for this reason.
     """
+
+
+def _is_file(stream: TextIO) -> bool:
+    try:
+        return stat.S_ISREG(os.fstat(stream.fileno()).st_mode)
+    except OSError:  # a test replaced standard input
+        return False
 
 
 class _StandardInput:

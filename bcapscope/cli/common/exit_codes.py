@@ -14,6 +14,8 @@ class ExitCode(IntEnum):
 
     OK = 0
     """The command completed successfully."""
+    FINDINGS = 1
+    """`diagnose --fail-on` found a problem of this severity or worse."""
     USAGE = 2
     """Invalid command line; nothing was read."""
     DAMAGED = 3

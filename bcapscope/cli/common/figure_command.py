@@ -31,8 +31,7 @@ class FigureArguments:
     as_json: bool
     call_filter: Filter | None
     palette: Palette
-    words: MessageFormatter
-    window: int | None = None
+    window: int | None
 
     def print_all(
         self,
@@ -41,10 +40,11 @@ class FigureArguments:
         lines: Callable[[T, Palette, MessageFormatter], Iterable[str]],
     ) -> NoReturn:
         """Print each object as JSON, or as text followed by an empty line, then exit."""
+        words = self.reader.citing_words()
         if self.as_json:
             self.reader.print_lines(map(record, found))
         else:
-            texts = (chain(lines(each, self.palette, self.words), ("",)) for each in found)
+            texts = (chain(lines(each, self.palette, words), ("",)) for each in found)
             self.reader.print_lines(chain.from_iterable(texts))
         self.reader.finish()
 
@@ -57,16 +57,15 @@ def _make_arguments(
     wanted: Filter | None,
     color: str,
     words: MessageFormatter,
-    window: int | None = None,
+    window: int | None,
 ) -> FigureArguments:
     reader = CaptureReader(paths, ports, words=words)
-    return FigureArguments(reader, as_json, wanted, choose_palette(color), words, window)
+    return FigureArguments(reader, as_json, wanted, choose_palette(color), window)
 
 
-def figure_command(json_help: str, windows: bool = True) -> options.Decorator:
+def figure_command(json_help: str) -> options.Decorator:
     """Return a decorator that adds these arguments to a command and passes them as one `FigureArguments`."""
     as_json = click.option("--json", "as_json", is_flag=True, help=json_help)
-    window = (options.window,) if windows else ()
     selection = (options.filter_option(RecordKind.CALL), options.color, options.language)
-    added = (options.captures, options.ports, as_json, *window, *selection)
+    added = (options.captures, options.ports, as_json, options.window, *selection)
     return options.bundled("arguments", _make_arguments, added)

@@ -11,7 +11,8 @@ from typing import Any, TypeAlias, TypeVar
 
 import click
 
-from bcapscope.messages import Language, MessageFormatter, language_of
+from bcapscope.live.standard_streams import print_stderr
+from bcapscope.messages import ENGLISH_WORDS, Language, MessageFormatter, language_of
 from bcapscope.protocol.number_parsing import LONGEST_NUMBER, parse_integer, parse_number
 from bcapscope.protocol.text_format import shortened
 from bcapscope.render.timestamp import TimeFormat
@@ -153,6 +154,7 @@ language = click.option(
     "words",
     type=click.Choice([each.value for each in Language]),
     callback=_words,
+    is_eager=True,  # before the callbacks of other options, which may print sentences
     help="Language of the text, en or ja. By default, LC_ALL, LC_MESSAGES or LANG decides. "
     "JSON and CSV stay English.",
 )
@@ -167,9 +169,13 @@ def filter_option(kind: RecordKind) -> Callable[[F], F]:
 
     def compile_it(context: click.Context, parameter: click.Parameter, value: str | None) -> Filter | None:
         try:
-            return None if value is None else compile_filter(value, kind)
+            compiled = None if value is None else compile_filter(value, kind)
         except FilterError as error:
             raise click.BadParameter(f"\n{error}", context, parameter) from None
+        for warning in () if compiled is None else compiled.warnings:
+            words: MessageFormatter = context.params.get("words", ENGLISH_WORDS)
+            print_stderr(words("filter.warning", warning=warning))
+        return compiled
 
     return click.option(
         "-f",

@@ -16,9 +16,12 @@ from bcapscope.protocol.codec.variant_notation import parse_variant_as
 from bcapscope.protocol.tables.command_catalogue import find_command
 from bcapscope.protocol.tables.function_table import FUNCTIONS, Function, ObjectClass, Param, function_by_name
 from bcapscope.protocol.tables.variables import find_variable
+from bcapscope.protocol.text_format import shortened
 
 LONGEST_LINE = 65536
 """Maximum number of characters in a line of a script."""
+
+_LONGEST_SHOWN = 60  # characters of an argument in a message
 
 _OWNERS_OF_VARIABLES = (ObjectClass.CONTROLLER, ObjectClass.ROBOT, ObjectClass.TASK)
 _NAMELESS_OWNERS = (ObjectClass.SERVICE, ObjectClass.CONTROLLER, ObjectClass.MESSAGE)
@@ -65,13 +68,11 @@ class PlannedCallParser:
             hint = f". Did you mean {near[0]}?" if near else ""
             raise click.UsageError(f"unknown function {name!r}{hint}")
         params = function.params
-        takes_handle = function.takes_handle and len(texts) < len(params)
+        takes_handle = function.takes_handle and not _begins_with_handle(params, texts)
         if takes_handle:
             params = params[1:]
         if len(texts) > len(params):
-            raise click.UsageError(
-                f"{function.name} takes {_parameter_names(function)}, but {len(texts)} values were given"
-            )
+            raise click.UsageError(_too_many_text(function, params, texts))
         target = self._target
         defaults = {"Controller_Connect": target.connect, "Service_Start": (target.service,)}.get(
             function.name, ()
@@ -130,6 +131,28 @@ def check_owners(requests: Iterable[PlannedCall], named: Collection[ObjectClass]
             known.add(request.function.creates)
         if request.function.releases is not None and request.opens_object and owner not in always:
             known.discard(owner)
+
+
+def _begins_with_handle(params: Sequence[Param], texts: Sequence[str]) -> bool:
+    """Return whether the user typed the handle as well, which `call` would add."""
+    if len(texts) < len(params):
+        return False
+    try:
+        return parse_variant_as(texts[0], [params[0].type]).vt == VT.I4
+    except ValueError:
+        return False
+
+
+def _too_many_text(function: Function, params: Sequence[Param], texts: Sequence[str]) -> str:
+    extra = texts[len(params) :]
+    verb = "is" if len(extra) == 1 else "are"
+    quoted = ", ".join(repr(shortened(text, _LONGEST_SHOWN)) for text in extra)
+    names = " ".join(param.name for param in params) or "no arguments"
+    text = f"{function.name} takes {names}; {quoted} {verb} too many"
+    if params and params[-1].type == "VARIANT":
+        joined = shortened(",".join(texts[len(params) - 1 :]), _LONGEST_SHOWN)
+        text += f". If {params[-1].name} has several values, separate them with commas: {joined}"
+    return text
 
 
 def _parameter_names(function: Function) -> str:

@@ -21,7 +21,7 @@ from bcapscope.protocol.codec.variant import ARRAY, NUMBER_WIDTHS, VT, Value, Va
 from bcapscope.protocol.dissection.slvmove_labels import NO_LABEL, ValueLabel, slvmove_label
 from bcapscope.protocol.dissection.value_labels import argument_label, result_label
 from bcapscope.protocol.tables.argument_names import request_param, result_param
-from bcapscope.protocol.tables.function_table import FUNCTIONS, function_name
+from bcapscope.protocol.tables.function_table import FUNCTIONS, function_name, signed_function_id
 from bcapscope.protocol.tables.hresult import hresult_name
 
 HRESULT = "HRESULT"
@@ -145,8 +145,11 @@ class _FieldBuilder:
     ) -> Iterator[FrameField]:
         frame = self._frame
         yield from self.header_fields()
-        name, text = ("function id", function_name) if is_request else (HRESULT, hresult_name)
-        yield self.leaf_field(name, 9, 13, frame.code, text=text(frame.code))
+        if is_request:
+            code = signed_function_id(frame.code)
+            yield self.leaf_field("function id", 9, 13, code, text=function_name(code))
+        else:
+            yield self.leaf_field(HRESULT, 9, 13, frame.code, text=hresult_name(frame.code))
         yield self.leaf_field("argument count", 13, HEADER_SIZE, frame.argc, problems=self._argc_problems)
         role, meaning = (request_param, argument_label) if is_request else (result_param, result_label)
         moves = command is not None and command.casefold() == "slvmove"

@@ -286,9 +286,14 @@ _BY_NAME = {function.name.casefold(): function for function in FUNCTIONS.values(
 _NAME_BY_ID = {function.id: function.name for function in FUNCTIONS.values()}
 
 
+def signed_function_id(code: int) -> int:
+    """Return the code of a request as a function id. On the wire, function ids are signed 32-bit integers."""
+    return code - 0x1_0000_0000 if 0x8000_0000 <= code <= 0xFFFF_FFFF else code
+
+
 def function_name(function_id: int) -> str:
     """Return the name of a function, such as `Robot_Execute`; `Unknown(200)` for an id outside 1..137."""
-    return _NAME_BY_ID.get(function_id) or f"Unknown({function_id})"
+    return _NAME_BY_ID.get(function_id) or f"Unknown({signed_function_id(function_id)})"
 
 
 def function_by_name(name: str) -> Function | None:

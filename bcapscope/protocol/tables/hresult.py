@@ -51,6 +51,8 @@ E_SLAVE_UNDERFLOW = 0x84201482
 E_SLAVE_OVERFLOW = 0x83201483
 E_ARM_NOT_TAKEN = 0x83501024
 
+_UNLISTED = frozenset({"hresult.not-listed", "hresult.rc7", "hresult.failure", "hresult.success"})
+
 LEVELS = range(6)
 """Error levels; the message catalogue names them. DENSO's error list does not print the names of levels 2 and
 3, which bcapscope infers from the texts of their errors."""
@@ -124,6 +126,11 @@ def is_success(code: int) -> bool:
 
 
 @lru_cache(maxsize=4096)
+def is_known_code(code: int) -> bool:
+    """Return whether a table has this code, or a family or range of codes that contains it."""
+    return describe_hresult(code).meaning.id not in _UNLISTED
+
+
 def hresult_name(code: int) -> str:
     """Return the name of a result code: `S_OK`, or `0x83500121` for a code without symbol."""
     return describe_hresult(code).name or f"0x{code & 0xFFFFFFFF:08X}"

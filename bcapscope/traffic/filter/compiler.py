@@ -37,7 +37,8 @@ On the right is one of
                          endpoint; without a port, any port matches
     "2024-05-01 12:00:00.5"
                          time in UTC, or with a zone such as +09:00; a bare
-                         number is in seconds since 1970
+                         number is in seconds since 1970. For seconds since
+                         the first frame, as the lines show, compare t
     true  false  null
 
 Text comparisons ignore case, as controllers do. Regular expressions ignore
@@ -62,7 +63,7 @@ from typing import Any, NoReturn, TypeAlias, TypeVar
 
 from bcapscope.messages import Message
 from bcapscope.traffic.filter import operands
-from bcapscope.traffic.filter.field_table import FIELD_BY_NAME, RecordKind, fields_of
+from bcapscope.traffic.filter.field_table import FIELD_BY_NAME, SINCE_FIRST, RecordKind, fields_of
 from bcapscope.traffic.filter.matching import (
     COMPARISONS,
     ORDERINGS,
@@ -92,24 +93,59 @@ class Filter:
 
     Attributes:
         getter_names: Names of the getters that must be passed to `bind`.
+        warnings: Comparisons that are valid, but hardly what the user means.
+        unknown_values: Values that a field is compared with, and that are in no table. Such a value can be
+            right, but explains why a filter selects nothing.
     """
 
     expression: str
     kind: RecordKind
     getter_names: frozenset[str]
+    warnings: tuple[Message, ...]
+    unknown_values: tuple[Message, ...]
     _bind: Binder = field(repr=False, compare=False)
 
-    def bind(self, getters: Mapping[str, Callable[[R], object]]) -> Callable[[R], bool]:
+    def bind(
+        self, getters: Mapping[str, Callable[[R], object]], first_time: Callable[[], int] | None = None
+    ) -> Callable[[R], bool]:
         """Return a function that tests a record. The function raises only what a getter raises.
 
         Args:
             getters: One getter for each name in `getter_names`. A getter takes a record and returns a value
-                as `FieldType` specifies. Additional getters do no harm.
+                as `FieldType` specifies. Additional getters do no harm. The getter of `t` is made if it is
+                missing.
+            first_time: Returns the time from which `t` counts, ns since 1970; None if `t` counts from the
+                first record that is tested.
 
         Raises:
             KeyError: A getter in `getter_names` is missing.
         """
-        return self._bind(getters)
+        if SINCE_FIRST not in self.getter_names or SINCE_FIRST in getters:
+            return self._bind(getters)
+        elapsed = _ElapsedTime(getters["time" if self.kind is RecordKind.FRAME else "started"], first_time)
+        test = self._bind({**getters, SINCE_FIRST: elapsed.of_record})
+        return test if first_time is not None else lambda record: elapsed.note(record) and test(record)
+
+
+class _ElapsedTime:
+    """The getter of `t`."""
+
+    def __init__(self, time_of: Callable[[Any], object], first_time: Callable[[], int] | None) -> None:
+        self._time_of = time_of
+        self._first_time = first_time
+        self._noted: int | None = None
+
+    def note(self, record: object) -> bool:
+        """Count the time from this record if no record was noted before. Return True."""
+        time = self._time_of(record)
+        if self._noted is None and isinstance(time, int):
+            self._noted = time
+        return True
+
+    def of_record(self, record: object) -> int | None:
+        time = self._time_of(record)
+        first = self._noted if self._first_time is None else self._first_time()
+        return time - first if isinstance(time, int) and first is not None else None
 
 
 def compile_filter(expression: str, kind: RecordKind) -> Filter:
@@ -120,7 +156,8 @@ def compile_filter(expression: str, kind: RecordKind) -> Filter:
     """
     parser = _Parser(expression, kind)
     binder = parser.parse()
-    return Filter(expression, kind, frozenset(parser.getter_names), binder)
+    names = frozenset(parser.getter_names)
+    return Filter(expression, kind, names, tuple(parser.warnings), tuple(parser.unknown_values), binder)
 
 
 class _Parser:
@@ -132,6 +169,8 @@ class _Parser:
         self.kind = kind
         self.fields = fields_of(kind)
         self.getter_names: set[str] = set()
+        self.warnings: list[Message] = []
+        self.unknown_values: list[Message] = []
         self.tokens = tokenize(expression)
         self.position = 0
         self.depth = 0
@@ -255,9 +294,12 @@ class _Parser:
         """Consume a comparison sign and its operand. A field without a sign is tested for truth."""
         sign = self.peek()
         if sign.is_sign("==", "!="):
-            return operands.equality(subject, negated=self.advance().text == "!=", literals=[self.advance()])
+            self.advance()
+            return self.equality(subject, [self.advance()], negated=sign.text == "!=")
         if sign.is_sign(*ORDERINGS):
-            return operands.order(subject, self.advance().text, self.advance())
+            self.advance()
+            self.warnings += operands.doubts(subject, sign.text, self.peek())
+            return operands.order(subject, sign.text, self.advance())
         if self.accept("~", "matches"):
             return operands.search(subject, self.advance())
         if self.accept("", "contains"):
@@ -270,7 +312,14 @@ class _Parser:
         negated = self.accept("", "not")
         if not self.accept("", "in"):
             self.fail_at(self.peek(), Message("filter.no-in"))
-        return operands.equality(subject, self.parse_choices(subject), negated)
+        return self.equality(subject, self.parse_choices(subject), negated)
+
+    def equality(self, subject: ComparedField, literals: list[Token], negated: bool) -> Match:
+        match = operands.equality(subject, literals, negated)
+        for literal in literals:
+            self.warnings += operands.doubts(subject, "==", literal)
+            self.unknown_values += operands.unknown_value(subject, literal)
+        return match
 
     def parse_choices(self, subject: ComparedField) -> list[Token]:
         opening = self.advance()

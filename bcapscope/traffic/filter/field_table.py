@@ -6,13 +6,15 @@ The field names are the same as in the JSON of `decode` and `calls`. A getter re
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from enum import Enum, StrEnum
 from types import MappingProxyType
 from typing import NamedTuple
 
 from bcapscope.protocol.tables.function_table import FUNCTIONS
+from bcapscope.protocol.tables.hresult_table import NAMED_CODES
 from bcapscope.traffic.call_verdict import CallVerdict, Outcome
+from bcapscope.traffic.reserved_field import ReservedConvention
 
 
 class RecordKind(StrEnum):
@@ -69,6 +71,7 @@ class FilterField(NamedTuple):
         meaning: Description of the field for the help.
         unit: Unit of a number without a unit that is compared with the field; "" if there is none.
         values: All words that the field can equal; () if the field can equal any word.
+        known: Returns words that the field usually equals; a field without `values` can equal others, too.
         reads_as: Name of the field whose getter this field uses; "" if the field has its own getter.
     """
 
@@ -79,10 +82,22 @@ class FilterField(NamedTuple):
     unit: str = ""
     values: tuple[str, ...] = ()
     reads_as: str = ""
+    known: Callable[[], frozenset[str]] = frozenset
 
     @property
     def getter_name(self) -> str:
         return self.reads_as or self.name
+
+
+SINCE_FIRST = "t"
+"""Name of the field with the time since the first frame. `Filter.bind` makes its getter."""
+
+
+def _known_commands() -> frozenset[str]:
+    # Filters rarely compare commands with unknown words, and the catalogue takes 10 ms to load.
+    from bcapscope.protocol.tables.command_catalogue import commands_of  # noqa: PLC0415
+
+    return frozenset(command.name for id in FUNCTIONS for command in commands_of(id))
 
 
 _FRAME = (RecordKind.FRAME,)
@@ -94,6 +109,13 @@ FIELDS: tuple[FilterField, ...] = (
     FilterField("packet", FieldType.NUMBER, _FRAME, "number of the packet that completed the frame, from 1"),
     FilterField(
         "time", FieldType.TIME, _FRAME, "time of the frame's last byte, since 1970-01-01 UTC", unit="s"
+    ),
+    FilterField(
+        SINCE_FIRST,
+        FieldType.DURATION,
+        _BOTH,
+        "seconds since the first frame, to the frame or to the call's first request",
+        unit="s",
     ),
     FilterField("src", FieldType.ENDPOINT, _FRAME, "sender"),
     FilterField("dst", FieldType.ENDPOINT, _FRAME, "receiver"),
@@ -133,12 +155,24 @@ FIELDS: tuple[FilterField, ...] = (
         "name of the function that was requested or answered",
         values=tuple(function.name for function in FUNCTIONS.values()),
     ),
-    FilterField("command", FieldType.TEXT, _BOTH, "command of an Execute function, such as slvMove"),
+    FilterField(
+        "command",
+        FieldType.TEXT,
+        _BOTH,
+        "command of an Execute function, such as slvMove",
+        known=_known_commands,
+    ),
     FilterField(
         "arg", FieldType.VALUES, _BOTH, "arguments of the frame or of the call's request; arg[0] is the first"
     ),
     FilterField("hresult", FieldType.HRESULT, _BOTH, "result code of the reply"),
-    FilterField("hresult_name", FieldType.TEXT, _BOTH, "name of the result code, such as S_OK"),
+    FilterField(
+        "hresult_name",
+        FieldType.TEXT,
+        _BOTH,
+        "name of the result code, such as S_OK",
+        known=lambda: frozenset(entry.name for entry in NAMED_CODES if entry.name),
+    ),
     FilterField("hresult_text", FieldType.TEXT, _BOTH, "meaning of the result code"),
     FilterField(
         "started", FieldType.TIME, _CALL, "time of the call's first request, since 1970-01-01 UTC", unit="s"
@@ -176,7 +210,13 @@ FIELDS: tuple[FilterField, ...] = (
     FilterField(
         "rtt_ms", FieldType.DURATION, _CALL, "like rtt, but a bare number is in ms", unit="ms", reads_as="rtt"
     ),
-    FilterField("convention", FieldType.TEXT, _CALL, "how the client uses the reserved field"),
+    FilterField(
+        "convention",
+        FieldType.TEXT,
+        _CALL,
+        "how the client uses the reserved field",
+        known=lambda: frozenset(ReservedConvention),
+    ),
     FilterField(
         "verdict",
         FieldType.TEXT,

@@ -7,12 +7,13 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from datetime import UTC, datetime, timedelta
 from fractions import Fraction
 from typing import NamedTuple, NoReturn
 
 from bcapscope.messages import Message
+from bcapscope.protocol.tables.hresult import is_known_code
 from bcapscope.protocol.tables.hresult_table import NAMED_CODES
 from bcapscope.traffic.filter import matching as matches
 from bcapscope.traffic.filter.field_table import FieldType, FilterField
@@ -26,6 +27,9 @@ NUMERIC = frozenset({FieldType.NUMBER, FieldType.TIME, FieldType.DURATION})
 
 _LISTS = frozenset({FieldType.NUMBERS, FieldType.TEXTS, FieldType.VALUES})
 _LITERALS = frozenset({TokenKind.WORD, TokenKind.NUMBER, TokenKind.TEXT, TokenKind.ADDRESS})
+_EARLIEST_TIME = 100_000_000 * 10**9
+"""Times before 1973, in ns since 1970, are no times of a capture."""
+
 _RESERVED = ("and", "or", "not", "in", "contains", "matches")
 _CODES = {entry.name: entry.code for entry in NAMED_CODES if entry.name}
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
@@ -110,6 +114,29 @@ def search(compared: ComparedField, literal: Token) -> Match:
         position = literal.start if found < 0 else found
         invalid = Message("filter.search-invalid", reason=reason)
         raise FilterError(compared.expression, position, invalid) from error
+
+
+def doubts(compared: ComparedField, sign: str, literal: Token) -> Iterator[Message]:
+    """Yield what is doubtful about a valid comparison: a time is compared with a few seconds since 1970."""
+    if compared.type is not FieldType.TIME or literal.kind is not TokenKind.NUMBER:
+        return
+    if -_EARLIEST_TIME < _nanoseconds(compared, literal) < _EARLIEST_TIME:
+        number = f"{literal.text}{literal.unit}"
+        yield Message("filter.time-since-1970", name=compared.name, sign=sign, number=number)
+
+
+def unknown_value(compared: ComparedField, literal: Token) -> Iterator[Message]:
+    """Yield a message about a value that is in no table, with the most similar value that is."""
+    if compared.type is FieldType.HRESULT and literal.kind is TokenKind.NUMBER:
+        if not is_known_code(int_of(literal)):
+            yield Message("filter.unknown-value", name=compared.name, value=literal.text)
+        return
+    if literal.kind not in (TokenKind.WORD, TokenKind.TEXT) or literal.is_word("null"):
+        return
+    known = compared.field.known()
+    if known and literal.text.casefold() not in map(str.casefold, known):
+        unknown = Message("filter.unknown-value", name=compared.name, value=f"{literal.text!r}")
+        yield with_nearest(unknown, literal.text, sorted(known))
 
 
 def check_literal(compared: ComparedField, token: Token) -> None:

@@ -85,18 +85,21 @@ class TrafficSearch:
                 self._request_arrived.clear()
 
     def _frame_search(self, request: SearchRequest) -> tuple[Callable[[int], bool], Callable[[], int]]:
-        test = compile_filter(request.expression, RecordKind.FRAME).bind(FRAME_GETTERS)
+        test = compile_filter(request.expression, RecordKind.FRAME).bind(FRAME_GETTERS, self._first_time)
         read_frame = self._journal.read_frame
         return lambda row: test(read_frame(row)), self._journal.refresh
 
     def _call_search(self, request: SearchRequest) -> tuple[Callable[[int], bool], Callable[[], int]]:
-        test = compile_filter(request.expression, RecordKind.CALL).bind(CALL_GETTERS)
+        test = compile_filter(request.expression, RecordKind.CALL).bind(CALL_GETTERS, self._first_time)
 
         def fits(row: int) -> bool:
             settled = self._calls.read_call(row - 1).settled
             return isinstance(settled, Call) and test(settled)
 
         return fits, self._calls.refresh
+
+    def _first_time(self) -> int:
+        return self._journal.time_of(1)
 
 
 def main() -> None:

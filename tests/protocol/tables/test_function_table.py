@@ -17,6 +17,7 @@ from bcapscope.protocol.tables.function_table import (
     ResultKind,
     function_by_name,
     function_name,
+    signed_function_id,
 )
 from tests.shared_folder import SHARED
 
@@ -154,7 +155,7 @@ def test_unknown_name() -> None:
 @given(st.integers(-(2**33), 2**33))
 def test_any_number_has_a_name(number: int) -> None:
     name = function_name(number)
-    assert (1 <= number <= 137) == (name != f"Unknown({number})")
+    assert (1 <= number <= 137) == (name != f"Unknown({signed_function_id(number)})")
 
 
 def test_the_table_is_frozen() -> None:

@@ -578,3 +578,47 @@ def test_is_fast_enough_for_every_frame() -> None:
     for _ in range(20_000):
         test(FRAME)
     assert 20_000 / (time.process_time() - began) > 50_000
+
+
+@pytest.mark.parametrize(
+    ("expression", "kind", "warning"),
+    [
+        ("time > 2", RecordKind.FRAME, "use t > 2"),
+        ("command == slvMove and not time <= 2.5", RecordKind.FRAME, "use t <= 2.5"),
+        ("time in (5ms, 1700000000)", RecordKind.FRAME, "use t == 5ms"),
+        ("started < 100", RecordKind.CALL, "started < 100 compares with seconds since 1970"),
+    ],
+)
+def test_a_time_of_a_few_seconds_gives_a_warning(expression: str, kind: RecordKind, warning: str) -> None:
+    (found,) = compile_filter(expression, kind).warnings
+    assert warning in str(found)
+
+
+@pytest.mark.parametrize(
+    "expression", ["time > 1700000000", 'time > "2024-05-01"', "t > 2", "time == null", "latency > 2s or t"]
+)
+def test_a_sensible_time_gives_no_warning(expression: str) -> None:
+    kind = RecordKind.CALL if "latency" in expression else RecordKind.FRAME
+    assert compile_filter(expression, kind).warnings == ()
+
+
+@pytest.mark.parametrize(
+    ("expression", "kind", "unknown"),
+    [
+        ("command == slvMov", RecordKind.FRAME, ["command 'slvMov' is in no table, did you mean 'slvMove'?"]),
+        ("command in (Motor, qqqqqq)", RecordKind.CALL, ["command 'qqqqqq' is in no table"]),
+        ("hresult_name == S_OKAY", RecordKind.FRAME, ["did you mean 'S_OK'?"]),
+        ("convention == sead", RecordKind.CALL, ["did you mean 'seed'?"]),
+        ("hresult != 0x83500129", RecordKind.FRAME, ["hresult 0x83500129 is in no table"]),
+        ("hresult == -2091908831", RecordKind.FRAME, []),
+        ("command == SLVMOVE or command == null or command ~ slvM", RecordKind.FRAME, []),
+        ("hresult == S_OK and src == 10.0.0.2", RecordKind.FRAME, []),
+        ('arg[0] == "anything"', RecordKind.FRAME, []),
+    ],
+)
+def test_values_that_are_in_no_table_are_remembered(
+    expression: str, kind: RecordKind, unknown: list[str]
+) -> None:
+    found = [str(each) for each in compile_filter(expression, kind).unknown_values]
+    assert len(found) == len(unknown)
+    assert all(each in text for each, text in zip(unknown, found, strict=True))

@@ -9,7 +9,14 @@ from bcapscope.protocol.codec.frame import Frame, Malformed, encode_frame
 from bcapscope.traffic.call import Call
 from bcapscope.traffic.call_kind import RecentRequests
 from bcapscope.traffic.filter.compiler import compile_filter
-from bcapscope.traffic.filter.field_table import FIELDS, FieldType, FilterField, RecordKind, fields_of
+from bcapscope.traffic.filter.field_table import (
+    FIELDS,
+    SINCE_FIRST,
+    FieldType,
+    FilterField,
+    RecordKind,
+    fields_of,
+)
 from bcapscope.traffic.filter.getters import CALL_GETTERS, FRAME_GETTERS, AnnotatedFrame
 from bcapscope.traffic.observation import Direction, Endpoint
 from tests.samples.problems import problem_of
@@ -81,7 +88,8 @@ _ELEMENTS: dict[FieldType, type] = {
 def test_there_is_a_getter_for_each_field_and_none_besides(
     kind: RecordKind, getters: dict[str, object]
 ) -> None:
-    assert {field.getter_name for field in fields_of(kind).values()} == getters.keys()
+    names = {field.getter_name for field in fields_of(kind).values()} - {SINCE_FIRST}
+    assert names == getters.keys()
 
 
 def assert_type(field: FilterField, values: list[object]) -> None:
@@ -96,7 +104,9 @@ def assert_type(field: FilterField, values: list[object]) -> None:
             assert value in field.values
 
 
-@pytest.mark.parametrize("field", FIELDS, ids=lambda field: field.name)
+@pytest.mark.parametrize(
+    "field", [field for field in FIELDS if field.name != SINCE_FIRST], ids=lambda field: field.name
+)
 def test_values_are_of_the_type_of_the_field(field: FilterField) -> None:
     if RecordKind.FRAME in field.applies_to:
         assert_type(field, [FRAME_GETTERS[field.getter_name](each) for each in told()])
@@ -196,3 +206,34 @@ def test_what_an_observation_and_its_ends_look_like() -> None:
     assert str(Endpoint("fe80::1", 5007)) == "[fe80::1]:5007"
     assert str(Endpoint("client", 0)) == "client"
     assert seen.time == START + 1_000_000
+
+
+def elapsed(expression: str) -> list[int]:
+    """List the numbers of the frames of `told` for which an expression holds, in ms since the first."""
+    first = next(iter(told())).observation.time
+    test = compile_filter(expression, RecordKind.FRAME).bind(FRAME_GETTERS, lambda: first)
+    return [each.observation.number for each in told() if test(each)]
+
+
+def test_t_is_the_time_since_the_first_frame() -> None:
+    frames = [each.observation for each in told()]
+    first = frames[0].time
+    for expression, limit in (("t > 0.001", 1_000_000), ("t > 5ms", 5_000_000), ("t > 0", 0)):
+        assert elapsed(expression) == [each.number for each in frames if each.time - first > limit]
+    assert elapsed("t == 0") == [each.number for each in frames if each.time == first]
+
+
+def test_t_counts_from_the_first_record_that_is_tested() -> None:
+    last = list(told())[-1].observation
+    assert frames_with("t == 0 and kind == request") == elapsed("t == 0 and kind == request")
+    expression = f"serial == {last.item.serial} and t > 0" if isinstance(last.item, Frame) else "t > 0"
+    assert frames_with(expression) == elapsed(expression)
+    assert last.number in frames_with(expression)
+
+
+def test_t_of_a_call_is_that_of_its_first_request() -> None:
+    found = list(calls())
+    first = min(call.request.time for call in found)
+    test = compile_filter("t > 2ms", RecordKind.CALL).bind(CALL_GETTERS, lambda: first)
+    wanted = [call.number for call in found if call.request.time - first > 2_000_000]
+    assert [call.number for call in found if test(call)] == wanted

@@ -1,0 +1,240 @@
+"""Read several captures as one, in the order of their packets."""
+
+from __future__ import annotations
+
+import stat
+from array import array
+from bisect import bisect_right
+from collections import Counter, deque
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from heapq import heappop, heappush
+from itertools import groupby
+from pathlib import Path
+from typing import NamedTuple, TypeAlias
+
+from bcapscope.capture.capture_file import CaptureFile
+from bcapscope.capture.packet import Packet
+from bcapscope.errors import CaptureError
+from bcapscope.traffic.observation import Observation
+from bcapscope.traffic.pipeline import PipelineSubscriber
+
+MAX_RUNS = 2_000_000
+"""Maximum number of runs of packets or frames whose origin is remembered; they take 40 MB. The origin of
+later packets and frames is unknown."""
+
+STDIN = "-"
+"""Path of standard input."""
+
+_NEVER = 1 << 64  # later than the time of any packet, ns since 1970
+
+_Reading: TypeAlias = "tuple[int, int, Packet, Iterator[Packet]]"
+"""An open capture: time of its next packet, index of the capture, that packet, the packets after it."""
+
+
+class PacketOrigin(NamedTuple):
+    """Where a packet is found.
+
+    Attributes:
+        path: Path of the capture, as it was given.
+        name: Name of the capture for people: without its folder, unless another capture has the same name.
+        packet: Number of the packet in the capture, from 1.
+    """
+
+    path: str
+    name: str
+    packet: int
+
+
+class _Input(NamedTuple):
+    """A capture to read.
+
+    Attributes:
+        began: Time of the first packet, ns since 1970; 0 if it is not known.
+        size: Size of the file in bytes; None for a stream, such as a pipe.
+    """
+
+    path: str
+    began: int
+    size: int | None
+
+
+class CaptureSequence:
+    """Several captures that are read as one.
+
+    Files are read in the order of their first packets. If files overlap in time, their packets are merged by
+    time. A stream keeps its place among the paths, because its first packet can be read only once.
+
+    Attributes:
+        paths: Paths of the captures; in the order of reading once reading has begun.
+        size: Size of all files in bytes; None if a stream is among them, or before reading has begun.
+    """
+
+    def __init__(
+        self,
+        paths: Sequence[str],
+        open_file: Callable[[str], CaptureFile],
+        on_problem: Callable[[str, CaptureError], None],
+    ) -> None:
+        """Prepare to read captures.
+
+        Args:
+            open_file: Opens a capture by its path.
+            on_problem: Receives the path and the error of a capture that cannot be read to its end. Reading
+                continues with the next capture.
+        """
+        self.paths = list(paths)
+        self.size: int | None = None
+        self._open_file = open_file
+        self._on_problem = on_problem
+        self._open: dict[int, CaptureFile] = {}
+        self._bytes_finished = 0
+        self._counts: list[int] = []
+        self._runs = _RunTable()
+        names = Counter(Path(path).name for path in paths)
+        self._names = {path: name if names[name := Path(path).name] == 1 else path for path in paths}
+
+    @property
+    def position(self) -> int:
+        """Number of bytes read so far."""
+        return self._bytes_finished + sum(each.position for each in self._open.values())
+
+    def origin_of(self, packet: int) -> PacketOrigin | None:
+        """Return where a packet is found, by its number among all packets; None if it is not known."""
+        found = self._runs.find(packet)
+        if found is None:
+            return None
+        path = self.paths[found[0]]
+        return PacketOrigin(path, self._names[path], found[1])
+
+    def __iter__(self) -> Iterator[Packet]:
+        """Yield the packets of all captures."""
+        inputs = self._in_order()
+        self.paths = [each.path for each in inputs]
+        self._counts = [0] * len(inputs)
+        sizes = [each.size for each in inputs if each.size is not None]
+        self.size = sum(sizes) if len(sizes) == len(inputs) else None
+        if len(inputs) == 1:
+            self._runs.add(1, 0, 1)
+            yield from self._packets_of(0)
+            return
+        streams = (index if each.size is None else -1 for index, each in enumerate(inputs))
+        for _, part in groupby(zip(streams, enumerate(inputs), strict=True), lambda each: each[0]):
+            yield from self._merged(deque((index, each.began) for _, (index, each) in part))
+
+    def _in_order(self) -> list[_Input]:
+        """Return the captures in the order of reading, without files that have no packet."""
+        inputs = [_Input(path, 0, _file_size(path)) for path in self.paths]
+        if len(inputs) < 2:
+            return inputs
+        files = iter(sorted(self._dated(inputs), key=lambda each: each.began))
+        ordered = (each if each.size is None else next(files, None) for each in inputs)
+        return [each for each in ordered if each is not None]
+
+    def _dated(self, inputs: Iterable[_Input]) -> Iterator[_Input]:
+        for each in inputs:
+            if each.size is None:
+                continue
+            try:
+                with self._open_file(each.path) as file:
+                    first = next(iter(file), None)
+            except CaptureError as error:
+                self._on_problem(each.path, error)
+                continue
+            if first is not None:
+                yield each._replace(began=first[0])
+
+    def _merged(self, waiting: deque[tuple[int, int]]) -> Iterator[Packet]:
+        """Yield the packets of captures by time.
+
+        `waiting` has the index and the first time of each capture, in the order of these times.
+        """
+        reading: list[_Reading] = []
+        while waiting or reading:
+            while waiting and (not reading or waiting[0][1] <= reading[0][0]):
+                index, _ = waiting.popleft()
+                _add_next(reading, index, self._packets_of(index))
+            if not reading:
+                continue
+            _, index, packet, packets = heappop(reading)
+            until = min(reading[0][0] if reading else _NEVER, waiting[0][1] if waiting else _NEVER)
+            count = self._counts[index]
+            self._runs.add(sum(self._counts) + 1, index, count + 1)
+            following: Packet | None = packet
+            while following is not None and following[0] <= until:
+                count += 1
+                yield following
+                following = next(packets, None)
+            self._counts[index] = count
+            if following is not None:
+                heappush(reading, (following[0], index, following, packets))
+
+    def _packets_of(self, index: int) -> Iterator[Packet]:
+        path = self.paths[index]
+        try:
+            with self._open_file(path) as file:
+                self._open[index] = file
+                yield from file
+        except CaptureError as error:
+            self._on_problem(path, error)
+        finally:
+            opened = self._open.pop(index, None)
+            self._bytes_finished += opened.position if opened is not None else 0
+
+
+class FrameOrigins(PipelineSubscriber):
+    """Remembers which packet of which capture completed each frame."""
+
+    def __init__(self, sequence: CaptureSequence) -> None:
+        self._sequence = sequence
+        self._runs = _RunTable()
+        self._distance: int | None = None
+
+    def on_frame(self, observation: Observation) -> None:
+        number, packet = observation.number, observation.packet
+        if packet - number != self._distance:
+            self._distance = packet - number
+            self._runs.add(number, 0, packet)
+
+    def origin_of(self, frame: int) -> PacketOrigin | None:
+        """Return where a frame is found, by its number; None if it is not known."""
+        found = self._runs.find(frame)
+        return None if found is None else self._sequence.origin_of(found[1])
+
+
+class _RunTable:
+    """Runs of successive numbers that belong to successive numbers of a source."""
+
+    def __init__(self) -> None:
+        self._starts = array("Q")
+        self._sources = array("I")
+        self._numbers = array("Q")
+
+    def add(self, start: int, source: int, number: int) -> None:
+        """Begin a run: from `start` on, numbers belong to the numbers from `number` on of `source`."""
+        if len(self._starts) > MAX_RUNS:
+            return
+        self._starts.append(start)
+        self._sources.append(source)
+        self._numbers.append(number)
+
+    def find(self, number: int) -> tuple[int, int] | None:
+        """Return the source of a number, and its number there; None if no run has it."""
+        at = bisect_right(self._starts, number) - 1
+        if at < 0 or at == MAX_RUNS:
+            return None
+        return self._sources[at], self._numbers[at] + number - self._starts[at]
+
+
+def _add_next(reading: list[_Reading], index: int, packets: Iterator[Packet]) -> None:
+    packet = next(packets, None)
+    if packet is not None:
+        heappush(reading, (packet[0], index, packet, packets))
+
+
+def _file_size(path: str) -> int | None:
+    """Return the size of a file in bytes; 0 if the file does not exist; None for a stream."""
+    try:
+        status = Path(path).stat()
+    except OSError:
+        return None if path == STDIN else 0
+    return status.st_size if stat.S_ISREG(status.st_mode) else None
