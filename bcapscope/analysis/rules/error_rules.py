@@ -23,7 +23,7 @@ from bcapscope.messages.places import Count, Moment
 from bcapscope.protocol.guard import always_passes
 from bcapscope.protocol.tables.call_effect import CallEffect, function_effect
 from bcapscope.protocol.tables.command_catalogue import find_command
-from bcapscope.protocol.tables.hresult import E_ROBOTISBUSY, E_TIMEOUT, describe_hresult
+from bcapscope.protocol.tables.hresult import E_ROBOTISBUSY, E_TIMEOUT, describe_hresult, with_rc7_forms
 from bcapscope.traffic.call import Call
 from bcapscope.traffic.call_kind import CallKind
 from bcapscope.traffic.observation import Conversation
@@ -68,7 +68,8 @@ CONTROLLER_ERROR = DiagnosisRule(
     "controller-error", Severity.ERROR, f"{_ERRORS}; orin_bcap C/include/dn_common.h", ("malformed-request",)
 )
 
-_ACTIVE_CODES = (0x81501025, 0x81201701, 0x81201749, 0x82501009, 0x21D3, 0x800021D3)
+ACTIVE_CODES = with_rc7_forms((0x81501025, 0x81201701, 0x81201749, 0x82501009))
+"""Result codes with which a controller refuses a call because an error is active."""
 _TIMEOUT_CODES = (E_TIMEOUT, 0x8150012D, 0x81500151, 0x82201F92, 0x82201694, 0x800706BE)
 
 
@@ -186,7 +187,7 @@ def _explain_other(call: Call, client: ClientState) -> RefusalReason | None:
 
 
 REFUSALS: tuple[Refusal, ...] = (
-    Refusal(ERROR_NOT_CLEARED, _ACTIVE_CODES, _explain_not_cleared),
+    Refusal(ERROR_NOT_CLEARED, ACTIVE_CODES, _explain_not_cleared),
     Refusal(CONTROLLER_TIMEOUT, _TIMEOUT_CODES),
     Refusal(ROBOT_BUSY, (E_ROBOTISBUSY,)),
     Refusal(CONTROLLER_ERROR, (), _explain_other),

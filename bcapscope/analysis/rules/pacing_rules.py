@@ -23,7 +23,7 @@ from bcapscope.analysis.slave.slave_session import SlaveSession
 from bcapscope.messages import Message
 from bcapscope.messages.message import PlaceValue
 from bcapscope.messages.places import CallPlace, Count, Duration, FramePlace, HexNumber, Moment, Quantity
-from bcapscope.protocol.tables.hresult import E_SLAVE_OVERFLOW, E_SLAVE_UNDERFLOW, S_BUF_FULL
+from bcapscope.protocol.tables.hresult import E_SLAVE_OVERFLOW, E_SLAVE_UNDERFLOW, S_BUF_FULL, with_rc7_forms
 from bcapscope.traffic.call import Call
 from bcapscope.traffic.call_kind import CallKind
 
@@ -64,7 +64,7 @@ OFF_GRID = DiagnosisRule(
 )
 REPLIES_DO_NOT_PACE = DiagnosisRule("replies-do-not-pace", Severity.NOTE, f"{_SAMPLES}; {_SEED}")
 
-_EMPTY_CODES = (E_SLAVE_UNDERFLOW, 0x84400503, 0x83201684)
+_EMPTY_CODES = with_rc7_forms((E_SLAVE_UNDERFLOW, 0x84400503, 0x83201684))
 _FEWEST_CYCLES = 50
 _TOLERANCE = 0.1
 _MAX_SKIPPED_SHARE = 0.05

@@ -5,6 +5,7 @@ from __future__ import annotations
 from bcapscope.analysis.client_state import MOTION_FUNCTIONS, ClientState, argument, gets_robslave
 from bcapscope.analysis.finding import Severity
 from bcapscope.analysis.finding_places import call_name_place, call_place, client_place
+from bcapscope.analysis.rules.error_rules import ACTIVE_CODES
 from bcapscope.analysis.rules.refusal import NO_REASON, Refusal, RefusalReason
 from bcapscope.analysis.rules.rule_checker import MS, SECOND, CallHealth, DiagnosisRule, RuleChecker
 from bcapscope.messages import Message
@@ -15,7 +16,13 @@ from bcapscope.protocol.slave_mode.modes import Generation
 from bcapscope.protocol.tables.call_effect import CallEffect
 from bcapscope.protocol.tables.enumerations import pass_motion_text
 from bcapscope.protocol.tables.function_table import ID
-from bcapscope.protocol.tables.hresult import E_ARM_NOT_TAKEN, describe_hresult, is_failure
+from bcapscope.protocol.tables.hresult import (
+    E_ARM_NOT_TAKEN,
+    describe_hresult,
+    is_failure,
+    is_rc7_code,
+    with_rc7_forms,
+)
 from bcapscope.traffic.call import Call
 from bcapscope.traffic.call_kind import CallKind
 
@@ -79,22 +86,27 @@ TYPE_NOT_CHECKED = DiagnosisRule(
     "type-not-checked", Severity.NOTE, f"{_SEED}, Starting your client app. (tips)"
 )
 
-_MOVING_CODES = (0x600B, 0x8000600B, 0x8150100D, 0x81201744)
-_STOP_CODES = (0x8150101A, 0x8120170A, 0x83500178, 0x81501022, 0x8150101C, 0x8150101E, 0x81501078, 0x83501079)
-_STOP_CODES_RC7 = (0x2008, 0x80002008)
-_MODE_CODES = (
-    *range(0x81501012, 0x81501018),
-    *(0x81501005, 0x81201705, 0x81201748, 0x81501007, 0x81501020, 0x81501021, 0x81501023),
-    *(0x21E2, 0x21E3, 0x21E4, 0x21E5, 0x21E6, 0x21E7, 0x21F2, 0x21F3, 0x21FC),
+_MOVING_CODES = with_rc7_forms((0x600B, 0x8150100D, 0x81201744))
+_STOP_CODES = with_rc7_forms(
+    (0x8150101A, 0x8120170A, 0x83500178, 0x81501022, 0x8150101C, 0x8150101E, 0x81501078, 0x83501079)
 )
-_TOKEN_CODES = (*range(0x83501026, 0x8350102A), 0x80501043, 0x80501044, 0x2287, 0x2288, 0x2289)
+_MODE_CODES = with_rc7_forms(
+    (
+        *range(0x81501012, 0x81501018),
+        *(0x81501005, 0x81201705, 0x81201748, 0x81501007, 0x81501020, 0x81501021, 0x81501023),
+        *(0x21E2, 0x21E3, 0x21E4, 0x21E5, 0x21E6, 0x21E7, 0x21F2, 0x21F3, 0x21FC),
+    )
+)
+_TOKEN_CODES = with_rc7_forms(
+    (*range(0x83501026, 0x8350102A), 0x80501043, 0x80501044, 0x2287, 0x2288, 0x2289)
+)
 _LICENCE_CODES = (0x80000901, 0x8000020C, 0x83500009, 0x83500126)
 _RESET_CODES = (0x83500372, 0x81501069, 0x81501070)
 _SWITCHES_OFF = 4
 """Lowest error level at which the public list says that the controller stops all axes and switches the motor
 off."""
-_MOTOR_CODES = (0x81501003, 0x2006, 0x80002006)
-_ARM_CODES = (E_ARM_NOT_TAKEN, 0x21F7, 0x800021F7)
+_MOTOR_CODES = with_rc7_forms((0x81501003, 0x2006))
+_ARM_CODES = with_rc7_forms((E_ARM_NOT_TAKEN, 0x21F7))
 
 _WAITED_NS = 100 * MS
 _JUST_BEFORE_NS = 5 * SECOND
@@ -201,10 +213,10 @@ def _explain_robslave(call: Call, client: ClientState) -> RefusalReason | None:
     if gets_robslave(call):
         return RefusalReason(Message("reason.robslave.no-program"))
     if command not in ("slvchangemode", "slvmove") or not (
-        client.generation is Generation.RC7 or code <= 0xFFFF
+        client.generation is Generation.RC7 or is_rc7_code(code)
     ):
         return None
-    if code in (*_MOVING_CODES, *_MODE_CODES, *_MOTOR_CODES, *_ARM_CODES):
+    if code in ACTIVE_CODES:
         return None
     started = client.robslave_start
     if started is None:
@@ -302,15 +314,15 @@ def _explain_reset(call: Call, client: ClientState) -> RefusalReason | None:
 
 
 REFUSALS: tuple[Refusal, ...] = (
-    Refusal(ROBSLAVE_NOT_RUNNING, (), _explain_robslave),
     Refusal(ROBOT_STILL_MOVING, _MOVING_CODES, _explain_moving),
     Refusal(ARM_TAKEN_BY_OTHER, _ARM_CODES, _explain_arm_taken),
     Refusal(ARM_NOT_TAKEN, _ARM_CODES, _explain_arm_missing),
     Refusal(MOTOR_OFF, _MOTOR_CODES, _explain_motor),
     Refusal(MOTOR_SWITCHING_OFF, (0x8350106E,)),
-    Refusal(EMERGENCY_STOP, (*_STOP_CODES, *_STOP_CODES_RC7)),
+    Refusal(EMERGENCY_STOP, _STOP_CODES),
     Refusal(NOT_IN_AUTOMATIC_MODE, _MODE_CODES),
     Refusal(NO_EXECUTABLE_TOKEN, _TOKEN_CODES),
     Refusal(NO_LICENCE, _LICENCE_CODES),
     Refusal(MANUAL_RESET_MISSING, _RESET_CODES, _explain_reset),
+    Refusal(ROBSLAVE_NOT_RUNNING, (), _explain_robslave),
 )

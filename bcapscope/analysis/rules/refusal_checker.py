@@ -17,6 +17,7 @@ from bcapscope.analysis.rules import (
 from bcapscope.analysis.rules.refusal import Refusal, RefusalReason
 from bcapscope.analysis.rules.rule_checker import CallHealth, RuleChecker
 from bcapscope.messages import Message
+from bcapscope.protocol.tables.hresult import rc7_digits_guessed
 from bcapscope.traffic.call import Call
 from bcapscope.traffic.call_kind import CallKind
 
@@ -51,7 +52,7 @@ class RefusalChecker(RuleChecker):
             self.report_call(
                 rule,
                 call,
-                why.fact or _usual_sentence(call, code, why),
+                _marked_guess(why.fact or _usual_sentence(call, code, why), code),
                 why.clause or _usual_clause(call, code),
                 evidence_call=why.evidence_call,
                 explaining_calls=why.explaining_calls,
@@ -59,6 +60,12 @@ class RefusalChecker(RuleChecker):
                 advice=why.advice,
             )
             return
+
+
+def _marked_guess(fact: Message, code: int) -> Message:
+    """Return the sentence, followed by a remark if the code is only a guess at how RC7 packs its codes."""
+    digits = rc7_digits_guessed(code)
+    return fact if digits is None else Message("finding.rc7-guess", fact=fact, digits=digits)
 
 
 def _usual_sentence(call: Call, code: int, why: RefusalReason) -> Message:

@@ -25,7 +25,7 @@ from bcapscope.protocol.codec.variant import integer_value
 from bcapscope.protocol.tables.call_effect import CallEffect, function_effect
 from bcapscope.protocol.tables.command_catalogue import find_command
 from bcapscope.protocol.tables.function_table import function_name
-from bcapscope.protocol.tables.hresult import E_REFUSED_IN_SLAVE_MODE
+from bcapscope.protocol.tables.hresult import E_REFUSED_IN_SLAVE_MODE, with_rc7_forms
 from bcapscope.traffic.call import Call
 from bcapscope.traffic.slave_mode_tracker import SLAVE_MODE_OFF_CODES
 
@@ -79,7 +79,7 @@ SLAVE_MODE_REFUSED = DiagnosisRule(
     SAME_CALL,
 )
 
-_NOT_ALLOWED = (E_REFUSED_IN_SLAVE_MODE, 0x8120174E, 0x81500177)
+_NOT_ALLOWED = with_rc7_forms((E_REFUSED_IN_SLAVE_MODE, 0x8120174E, 0x81500177))
 _SUSPECT_WITHIN_NS = 200 * MS
 
 
