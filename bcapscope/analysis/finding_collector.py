@@ -200,7 +200,8 @@ class FindingCollector:
         for rule_id in occurrence.rule.possible_causes:
             for group in self._by_rule.get(rule_id, ()):
                 for each in group:
-                    if each.completed >= earliest and each.conversation.server.host == host:
+                    in_time = each.completed >= earliest and each.conversation.server.host == host
+                    if in_time or (occurrence.call and each.call == occurrence.call):
                         yield each
 
     def new_findings(self) -> tuple[Finding, ...]:

@@ -55,11 +55,18 @@ class RefusalChecker(RuleChecker):
                 _marked_guess(why.fact or _usual_sentence(call, code, why), code),
                 why.clause or _usual_clause(call, code),
                 evidence_call=why.evidence_call,
-                explaining_calls=why.explaining_calls,
+                explaining_calls=why.explaining_calls or _error_to_clear(call, client),
                 group_key=why.group_key,
                 advice=why.advice,
             )
             return
+
+
+def _error_to_clear(call: Call, client: ClientState) -> tuple[int, ...]:
+    """Return the call with the error that a ClearError call should have cleared. What caused the error often
+    refuses ClearError as well."""
+    error = client.uncleared_error
+    return (error.number,) if error is not None and call.kind.folded_command == "clearerror" else ()
 
 
 def _marked_guess(fact: Message, code: int) -> Message:

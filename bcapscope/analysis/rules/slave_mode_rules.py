@@ -5,7 +5,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from bcapscope.analysis.client_state import ClientState, argument
+from bcapscope.analysis.call_arguments import argument
+from bcapscope.analysis.client_state import ClientState
 from bcapscope.analysis.finding import Severity
 from bcapscope.analysis.finding_places import call_name_place, call_place, client_place
 from bcapscope.analysis.rules.refusal import Refusal, RefusalReason
@@ -157,6 +158,10 @@ def _is_harmless_call(call: CallFact) -> bool:
 
 def _explain_outside(call: Call, client: ClientState) -> RefusalReason | None:
     ended, entered = client.mode_ended_by, client.mode_entered_by
+    latest = client.latest_calls.get("slvchangemode")
+    known = max((each.number for each in (ended, entered) if each is not None), default=0)
+    if latest is not None and latest.number > known:
+        return _explain_mode_change(latest)
     if entered is None and ended is None:
         unseen = client.mode_value is None and not client.session_start_seen
         return RefusalReason(Message(f"reason.slave-mode.{'never-on' if unseen else 'not-entered'}"))
@@ -169,6 +174,16 @@ def _explain_outside(call: Call, client: ClientState) -> RefusalReason | None:
         )
     return RefusalReason(
         Message("reason.slave-mode.error", call=call_place(ended)), explaining_calls=(ended.number,)
+    )
+
+
+def _explain_mode_change(latest: Call) -> RefusalReason:
+    """Return the reason if the client's latest slvChangeMode was refused, or its reply was not captured."""
+    case = "unanswered" if latest.reply is None else "refused"
+    return RefusalReason(
+        Message(f"reason.slave-mode.{case}", call=call_place(latest), at=Moment(latest.request.time)),
+        explaining_calls=(latest.number,),
+        evidence_call=latest,
     )
 
 

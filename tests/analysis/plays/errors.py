@@ -82,7 +82,7 @@ SCENES = (
         (
             "After the error of slvMove 18 your client made 2 more calls that can change or move something",
             "from Motor 19 on",
-            "never called ClearError",
+            "shows no later ClearError of this client",
         ),
         _after_error("ClearError", "Motor"),
         "underflow",

@@ -115,7 +115,7 @@ SCENES = (
         "underflow",
         _pause(10, _EMPTY, 0x002, provider=_RC7),
         (35, 36),
-        ("The set points before that were never more than 16 ms apart",),
+        ("The last set points before that were at most 16 ms apart",),
         _pause(20, mode=0x002, provider=_RC7),
     ),
     Scene(
