@@ -97,6 +97,7 @@ class FindingCollector:
         self._groups: dict[tuple[str, bool, str], FindingGroup] = {}
         self._by_rule: dict[str, list[FindingGroup]] = {}
         self._by_call: dict[int, list[Occurrence]] = {}
+        self._explained: dict[int, list[Occurrence]] = {}
         # Bounded, because only the first `MAX_KEPT` occurrences of each group are linked to a cause.
         self._causes: dict[Occurrence, Occurrence] = {}
         self._new_groups: list[FindingGroup] = []
@@ -113,9 +114,9 @@ class FindingCollector:
         )
         group.add(occurrence)
         if occurrence.call:
-            self._by_call.setdefault(occurrence.call, []).append(occurrence)
-            if len(self._by_call) > MAX_CALLS:
-                del self._by_call[next(iter(self._by_call))]
+            _append_bounded(self._by_call, occurrence.call, occurrence)
+        for number in occurrence.explains:
+            _append_bounded(self._explained, number, occurrence)
         if group.count <= MAX_KEPT:
             self._link_cause(occurrence)
 
@@ -143,7 +144,8 @@ class FindingCollector:
         return group
 
     def _link_cause(self, occurrence: Occurrence) -> None:
-        """Link an occurrence to its cause: a problem in `explaining_calls`, else the latest possible cause.
+        """Link an occurrence to its cause: the latest problem that explains its call for certain, else a
+        problem in `explaining_calls`, else the latest possible cause.
 
         `findings` searches again for every occurrence, because a better cause may have been reported later.
         """
@@ -155,13 +157,20 @@ class FindingCollector:
             for each in self._by_call.get(number, ())
             if each.rule.severity is not Severity.NOTE or each.rule.id in likely
         ]
-        cause = self._best_cause(named, occurrence)
+        cause = self._certain_cause(occurrence) or self._best_cause(named, occurrence)
         if cause is None:
             found = [*self._possible_causes(occurrence), *(() if known is None else (known,))]
             cause = self._best_cause(found, occurrence)
         if cause is not None:
             self._causes[occurrence] = cause
             self._group_of(cause).keep_cause(cause)
+
+    def _certain_cause(self, effect: Occurrence) -> Occurrence | None:
+        """Return the problem that was reported last as the certain cause of the effect's call."""
+        for each in reversed(self._explained.get(effect.call, ())):
+            if effect.call and each is not effect and not self._leads_to(each, effect):
+                return each
+        return None
 
     def _best_cause(self, candidates: Sequence[Occurrence], effect: Occurrence) -> Occurrence | None:
         """Return the latest candidate that can be the cause; of simultaneous candidates, the likeliest.
@@ -237,6 +246,7 @@ class FindingCollector:
         twin._groups = {key: groups[group] for key, group in self._groups.items()}
         twin._by_rule = {rule: [groups[group] for group in alike] for rule, alike in self._by_rule.items()}
         twin._by_call = {number: list(occurrences) for number, occurrences in self._by_call.items()}
+        twin._explained = {number: list(causes) for number, causes in self._explained.items()}
         twin._causes = self._causes.copy()
         return twin
 
@@ -254,6 +264,12 @@ class FindingCollector:
         followed = set(self._causes.values())
         for group in groups:
             group.shown = min(group, key=lambda each: (each not in followed, each.began, each.completed))
+
+
+def _append_bounded(by_call: dict[int, list[Occurrence]], number: int, occurrence: Occurrence) -> None:
+    by_call.setdefault(number, []).append(occurrence)
+    if len(by_call) > MAX_CALLS:
+        del by_call[next(iter(by_call))]
 
 
 def _cause_rank(rule_id: str, likely: tuple[str, ...]) -> int:

@@ -47,3 +47,12 @@ def test_a_long_move_without_wdt_comes_first() -> None:
 
 def test_an_orderly_shutdown_after_an_error_is_in_order() -> None:
     assert _causes(_diagnosed("orderly-shutdown-after-error.pcap")) == {"over-limit": ""}
+
+
+def test_an_emergency_stop_in_the_error_list_is_the_root_cause() -> None:
+    assert _causes(_diagnosed("emergency-stop-in-error-list.pcap")) == {
+        "emergency-stop": "",
+        "controller-error": "emergency-stop",
+        "slvmove-outside-slave-mode": "controller-error",
+        "went-on-after-error": "controller-error",
+    }

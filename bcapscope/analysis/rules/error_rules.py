@@ -223,8 +223,14 @@ def _explain_other(call: Call, client: ClientState) -> RefusalReason | None:
     return RefusalReason(
         explaining_calls=because,
         group_key=f"{code:08X}",
-        advice=None if known.advice is None else Message("advice.result", advice=known.advice),
+        advice=advice_on_code(code),
     )
+
+
+def advice_on_code(code: int) -> Message | None:
+    """Return what to do about a result code; None for the usual advice of the rule."""
+    advice = describe_hresult(code).advice
+    return None if advice is None else Message("advice.result", advice=advice)
 
 
 REFUSALS: tuple[Refusal, ...] = (

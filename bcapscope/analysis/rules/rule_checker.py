@@ -65,6 +65,8 @@ class Occurrence:
         count: Number of occurrences that this object represents; 1 if each is reported on its own.
         is_update: True if this occurrence replaces the earlier one of the same rule and call.
         selected: True if the occurrence concerns selected calls; False to report it only as a cause.
+        explains: Numbers of calls whose problems follow from this one for certain. The rules found this cause
+            after they reported the problems.
     """
 
     rule: DiagnosisRule
@@ -81,6 +83,7 @@ class Occurrence:
     count: int = 1
     is_update: bool = False
     selected: bool = True
+    explains: tuple[int, ...] = ()
 
 
 class ClientEnd(NamedTuple):

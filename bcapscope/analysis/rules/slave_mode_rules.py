@@ -70,7 +70,17 @@ SLAVE_MODE_LOST_UNSEEN = DiagnosisRule(
     "slave-mode-lost-unseen",
     Severity.WARNING,
     f"DENSORobot/denso_robot_ros issues 6 and 42; {_ERRORS}",
-    ("late-reply", "client-gave-up", "no-reply", "set-point-gap"),
+    (
+        "late-reply",
+        "client-gave-up",
+        "no-reply",
+        "set-point-gap",
+        "emergency-stop",
+        "not-in-automatic-mode",
+        "over-limit",
+        "beyond-range",
+        "controller-error",
+    ),
 )
 SLAVE_MODE_REFUSED = DiagnosisRule(
     "slave-mode-refused",
