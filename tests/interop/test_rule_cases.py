@@ -56,3 +56,7 @@ def test_an_emergency_stop_in_the_error_list_is_the_root_cause() -> None:
         "slvmove-outside-slave-mode": "controller-error",
         "went-on-after-error": "controller-error",
     }
+
+
+def test_a_pause_at_standstill_is_healthy() -> None:
+    assert _diagnosed("healthy-pause-at-standstill.pcap").findings == ()

@@ -29,7 +29,10 @@ OVER_LIMIT = DiagnosisRule(
     "over-limit",
     Severity.ERROR,
     f"DENSORobot/denso_robot_ros issues 19 and 48; DENSORobot/denso_robot_ros2 issue 17; {_ERRORS}",
-    ("set-point-jump", "far-first-point", "not-finite", "set-point-gap", "off-grid", "slow-retry"),
+    (
+        *("set-point-jump", "far-first-point", "not-finite", "set-point-gap", "off-grid", "slow-retry"),
+        "slow-set-points",
+    ),
 )
 BEYOND_RANGE = DiagnosisRule(
     "beyond-range", Severity.ERROR, _ERRORS, ("set-point-jump", "far-first-point", "not-finite")

@@ -7,12 +7,14 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bcapscope.analysis.slave.buffer_model import BufferBehaviour, BufferModel, SetPointArrivals
 from bcapscope.analysis.slave.column_templates import ColumnReader, NumberPicker, PickedNumbers, PoseColumns
 from bcapscope.analysis.slave.controller_clock import ControllerClock
 from bcapscope.analysis.slave.generation_clues import GenerationClue
 from bcapscope.analysis.slave.motion_model import MotionModel, PoseTable, StartDistance
+from bcapscope.analysis.slave.motion_pace import MotionPaceModel
 from bcapscope.analysis.slave.notable_set_points import MAX_LISTED, SetPointFact, set_point_fact
 from bcapscope.analysis.slave.plot_samples import PlotSampler
 from bcapscope.analysis.slave.session_slices import SessionSlice, SessionSlicer
@@ -40,6 +42,7 @@ are counted as 0."""
 _PARAMETER = 2
 _RESULT = 0
 _UNKNOWN = -1
+_STEP = 1
 
 
 class KnownPosition(NamedTuple):
@@ -114,6 +117,7 @@ class SessionModels:
         self._replies_pace = rules.replies_pace
         self.forbids_retries = rules.overwrites and transport is Transport.UDP
         self.timing = TimingModel(self.mode.meaning, transport, rules.slots)
+        self.pace = MotionPaceModel()
         self.buffer = BufferModel(rules, self.origin)
         self.clock = ControllerClock(
             None if slave_setup.receive_format is None else slave_setup.receive_format.microseconds
@@ -141,7 +145,10 @@ class SessionModels:
         commanded = self._command_columns.read(batch.requests, len(batch), self._axes)
         returned = self._result_columns.read(batch.results, len(batch), self._axes)
         cycles = self.timing.add(rows)
-        slacks = self._add_to_buffer(rows, commanded)
+        steps = self._steps(commanded)
+        slacks = self._add_to_buffer(rows, steps[:-1])
+        in_motion = (steps[:-1] == _STEP) & (steps[1:] == _STEP)
+        self.pace.add(rows, cycles, in_motion, self.timing.grid.ms)
         self._count(rows, cycles)
         self._add_motion(rows, commanded, returned)
         stamped = np.flatnonzero(~np.isnan(returned.stamps))
@@ -176,12 +183,17 @@ class SessionModels:
             return (), 0
         return self._slicer.slices()
 
-    def _add_to_buffer(self, rows: SetPointTable, commanded: PoseColumns) -> Floats:
+    def _steps(self, commanded: PoseColumns) -> NDArray[np.int64]:
+        """Return whether the pose changes: 1, 0 or -1 for unknown. The first value is for the step to the set
+        point before these, and the others are for the steps to these.
+        """
         points = np.vstack((self._last_poses, commanded.poses))
         known = ~np.isnan(points).any(axis=1)
         differ = (points[1:] != points[:-1]).any(axis=1)
-        moving = np.where(known[1:] & known[:-1] & (self._axes > 0), differ, _UNKNOWN)[:-1]
         self._last_poses = points[-2:]
+        return np.where(known[1:] & known[:-1] & (self._axes > 0), differ, _UNKNOWN)
+
+    def _add_to_buffer(self, rows: SetPointTable, moving: NDArray[np.int64]) -> Floats:
         entered = np.maximum(rows.arrivals, rows.replies) if self._replies_pace else rows.arrivals
         slacks = self.buffer.add(
             SetPointArrivals(rows.arrivals, entered, rows.codes, rows.frames, rows.reply_frames, moving)
