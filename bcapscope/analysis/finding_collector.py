@@ -228,8 +228,10 @@ class FindingCollector:
     def findings(self, provisional: Iterable[Occurrence] = ()) -> tuple[Finding, ...]:
         """Return the findings about selected calls, and their causes.
 
-        Each root cause is followed by its consequences. Root causes are sorted by the gravest severity of the
-        root cause and its consequences, then by time.
+        Each root cause is followed by its consequences. First comes the client with the gravest problem, with
+        all its root causes that are no notes, then the other clients, then all notes. What stopped the robot
+        is graver than any other problem. Otherwise the gravest severity of a root cause and its consequences
+        decides, then the time.
 
         Args:
             provisional: Occurrences that are included in the returned findings, but are not added to the
@@ -260,10 +262,16 @@ class FindingCollector:
         return tuple(_ordered_finding(group, order) for group in order.groups)
 
     def _choose_shown(self, groups: Iterable[FindingGroup]) -> None:
-        """Choose the occurrence that each finding describes: the first with a consequence, else the first."""
+        """Choose the occurrence that each finding describes.
+
+        It is the first occurrence with a consequence, else the first that stopped the robot, else the first.
+        """
         followed = set(self._causes.values())
         for group in groups:
-            group.shown = min(group, key=lambda each: (each not in followed, each.began, each.completed))
+            group.shown = min(
+                group,
+                key=lambda each: (each not in followed, not each.stopped_robot, each.began, each.completed),
+            )
 
 
 def _append_bounded(by_call: dict[int, list[Occurrence]], number: int, occurrence: Occurrence) -> None:
@@ -316,7 +324,7 @@ class _FindingOrder:
         self._children: dict[FindingGroup | None, list[FindingGroup]] = {}
         for group in sorted(groups, key=lambda each: (each.shown.began, _RANK[each.rule.severity])):
             self._children.setdefault(self._parents.get(group), []).append(group)
-        roots = sorted(self._children.get(None, ()), key=self._worst_severity)
+        roots = self._ordered_roots(self._children.get(None, []))
         self.groups = [group for root in roots for group in self.with_consequences(root)]
         self._numbers = {group: number for number, group in enumerate(self.groups, 1)}
 
@@ -339,6 +347,22 @@ class _FindingOrder:
         while self._children.get(group):
             group = self._children[group][0]
             yield group
+
+    def _ordered_roots(self, roots: list[FindingGroup]) -> list[FindingGroup]:
+        """Return root causes, which are sorted by time, with those of the same client together."""
+        graves = {root: (not self._stopped_robot(root), self._worst_severity(root)) for root in roots}
+        notes = [root for root in roots if self._worst_severity(root) == _RANK[Severity.NOTE]]
+        problems = sorted((root for root in roots if root not in notes), key=graves.__getitem__)
+        clients = list(dict.fromkeys(root.shown.conversation for root in (*problems, *notes)))
+        rank = {client: number for number, client in enumerate(clients)}
+        return [
+            *sorted(problems, key=lambda root: rank[root.shown.conversation]),
+            *sorted(notes, key=lambda root: rank[root.shown.conversation]),
+        ]
+
+    def _stopped_robot(self, group: FindingGroup) -> bool:
+        family = self.with_consequences(group)
+        return any(occurrence.stopped_robot for each in family for occurrence in each)
 
     def _worst_severity(self, group: FindingGroup) -> int:
         return min(_RANK[each.rule.severity] for each in self.with_consequences(group))

@@ -125,6 +125,7 @@ def _ended_by_other(session: SlaveSession, by: CallFact) -> Occurrence:
         fact,
         Message("clause.slave-mode-ended-by-other", other=other, call=call),
         by.call,
+        stopped_robot=True,
     )
 
 
@@ -151,6 +152,7 @@ def _lost_unseen(session: SlaveSession, last: FrameTime) -> Occurrence:
         (last.frame, *(call.request_frame for call in suspects[-1:]), *exit_.frames[-1:]),
         fact,
         Message("clause.slave-mode-lost-unseen"),
+        stopped_robot=True,
     )
 
 

@@ -1,7 +1,7 @@
 """The pace of set points while the robot moves, and whether the replies set this pace.
 
-A client may pause or slow down while the robot stands still. Only cycles between two steps of the motion
-count.
+A client may pause or slow down while the robot stands still, and it waits longer after lost packets. Only
+cycles between two steps of the motion count, after a set point that was answered at the first attempt.
 """
 
 from __future__ import annotations
@@ -57,10 +57,12 @@ class MotionPaceModel:
             in_motion: Whether the robot moves in the cycle before each set point.
             grid_ms: Cycle time that the client should keep, ms.
         """
-        counted = in_motion & (cycles >= 0) & (cycles <= LONGEST_CYCLE_MS)
-        replies = np.where(rows.answered, rows.replies, np.nan)
+        # A set point after lost packets says nothing about the client's pace.
+        undisturbed = rows.answered & (rows.retries == 0)
+        replies = np.where(undisturbed, rows.replies, np.nan)
         waited_for = np.concatenate(((self._last_reply,), replies[:-1]))
         self._last_reply = float(replies[-1])
+        counted = in_motion & ~np.isnan(waited_for) & (cycles >= 0) & (cycles <= LONGEST_CYCLE_MS)
         idle = (rows.times - waited_for) / 1e6
         self._prompt += int(np.count_nonzero(counted & (idle >= 0) & (idle <= PROMPT_MS)))
         paced = cycles[counted]

@@ -66,3 +66,15 @@ def test_whether_the_client_waits_for_each_reply(takes: float, waits: bool) -> N
     pace = _pace(_run(10, 100, 9.2, 0.0, 0.1), takes)
     assert pace is not None
     assert pace.waits_for_reply is waits
+
+
+def test_a_cycle_after_lost_packets_does_not_count() -> None:
+    plan = Plan()
+    driver = plan.driver()
+    driver.change(0, 0x202)
+    for index in range(80):
+        lost = index % 4 == 3
+        driver.move(10 + index * 16, joints(index / 10), retries=(4.0, 8.0) if lost else ())
+    (session,) = plan.stays()
+    assert session.pace is not None
+    assert session.pace.cycles == 78 - 19
