@@ -313,8 +313,8 @@ def _all() -> Iterator[HealthySession]:
             for first, last in _CUTS:
                 yield HealthySession(f"{name}, captured from {first} to {last}", session, style, first, last)
     for first in (0.0, 0.1):
-        session = HealthySession("takes the arm", _takes_arm_on_rc7, _TAKES_ARM_ON_RC7, first)
-        yield session._replace(name=f"takes the arm, captured from {first}")
+        name = f"takes the arm, captured from {first}"
+        yield HealthySession(name, _takes_arm_on_rc7, _TAKES_ARM_ON_RC7, first)
     for every in (16, 32):
         slow = ("slow-set-points",)
         for style in (C_UDP, ROS2_RC9):
