@@ -94,6 +94,7 @@ class ClientState:
         mode_ended_by: The latest call that ended slave mode.
         uncleared_error: The failed call that reported the first controller error since the client last
             cleared errors.
+        latest_error: The latest failed call that reported a controller error, even if it was cleared.
         clear_call: The client's latest successful ClearError call.
         error_was_read: Whether the client has read the details of the error since `uncleared_error`.
         slow_call: Latest call, not evicted, that got no reply or whose latency exceeds `SLOW_CALL_NS`.
@@ -127,6 +128,7 @@ class ClientState:
         self.mode_entered_by: Call | None = None
         self.mode_ended_by: Call | None = None
         self.uncleared_error: Call | None = None
+        self.latest_error: Call | None = None
         self.clear_call: Call | None = None
         self.error_was_read = False
         self.type_was_read = self.may_be_answered = False
@@ -293,6 +295,7 @@ class ClientState:
             self.failed_start = call
         if not ends_slave_mode(code):
             return
+        self.latest_error = call
         if self.uncleared_error is None:
             self.uncleared_error, self.error_was_read = call, False
         self.recent_set_points.clear()

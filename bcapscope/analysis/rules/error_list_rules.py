@@ -198,7 +198,7 @@ class ErrorListChecker(RuleChecker):
             Occurrence(
                 rule=rule,
                 began=refused.began,
-                completed=refused.began,
+                completed=refused.began + 1,
                 conversation=first.conversation,
                 frames=frame_numbers(first, read.call),
                 fact=fact,

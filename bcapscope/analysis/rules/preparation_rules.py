@@ -349,7 +349,7 @@ def _reason_of_call(reason: str, cause: Call) -> RefusalReason:
 
 
 def _explain_motor(call: Call, client: ClientState) -> RefusalReason | None:
-    motor, failure = client.motor_call, client.uncleared_error
+    motor, failure = client.motor_call, client.uncleared_error or client.latest_error
     attempt = client.latest_calls.get("motor")
     if attempt is not None and attempt is not motor and requested_motor_state(attempt) is not False:
         return _unsuccessful(f"reason.motor.{_outcome(attempt)}", attempt)

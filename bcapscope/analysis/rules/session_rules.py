@@ -277,7 +277,7 @@ def _explain_name_in_use(call: Call, client: ClientState) -> RefusalReason | Non
         return None
     name = text_argument(call, 0)
     for other in (client, *client.other_clients()):
-        connected = other.connect_call
+        connected = other.connect_call if other.session_end is None else None
         if connected is not None and text_argument(connected, 0) == name:
             return _held_by(other, connected, name)
     return RefusalReason(Message("reason.name-left", name=WireText(name)))

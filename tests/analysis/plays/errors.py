@@ -91,7 +91,10 @@ SCENES = (
         "cleared-unread",
         _after_error("ClearError"),
         (35, 36, 37, 38),
-        ("called ClearError at 0.210 s without reading the details of error 0x84201482 of slvMove 18",),
+        (
+            "called ClearError at 0.210 s",
+            "no earlier call that read the details of error 0x84201482",
+        ),
         _after_error("GetCurErrorCount", "ClearError"),
         "underflow",
     ),

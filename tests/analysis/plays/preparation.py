@@ -291,7 +291,7 @@ SCENES = (
         "type-not-checked",
         _type_unread,
         (3, 4),
-        ("called Robot_Move without reading the robot's type",),
+        ("called Robot_Move. The capture shows no earlier call of this session that read the robot's type",),
         good,
     ),
 )
