@@ -101,6 +101,18 @@ def _pauses_at_standstill(cell: Cell) -> None:
     client.wait(2000).hold(10).stream(80).hold(10).wait(700).hold(5).leave().close()
 
 
+def _swings(mode: int, pause: float) -> Session:
+    """Smooth motions with pauses between them, in which the client sends nothing."""
+
+    def session(cell: Cell) -> None:
+        client = cell.operator().open().ready().enter(mode)
+        for by in (10.0, -25.0, 15.0):
+            client.swing(150, by).wait(pause)
+        client.leave().close()
+
+    return session
+
+
 def _holds_still(every: float) -> Session:
     """A mode that holds the last set point, which the client repeats slowly while the robot stands."""
 
@@ -270,6 +282,9 @@ _SOMEWHERE: tuple[tuple[str, Session], ...] = (
     ("holds still at 33 Hz", _holds_still(30)),
     ("streams fast", _streams_fast),
     ("reads in slave mode", _reads_in_slave_mode),
+    ("swings", _swings(0x002, 0.0)),
+    ("swings with short pauses", _swings(0x002, 60.0)),
+    ("swings with long pauses", _swings(0x102, 3000.0)),
     ("is watched", _watched(_drives(0x002))),
     ("takes turns", _takes_turns),
     ("three clients", _three_clients),
@@ -280,6 +295,7 @@ _SOMEWHERE: tuple[tuple[str, Session], ...] = (
 _ON_RC8: tuple[tuple[str, Session], ...] = (
     ("drives in mode 2", _drives(0x202)),
     ("drives in mode 2 in P", _drives(0x201)),
+    ("swings in mode 2", _swings(0x202, 1500.0)),
     ("waits for room", _waits_for_room),
     ("uses formats", _uses_formats),
     ("watches itself", _watches_itself),

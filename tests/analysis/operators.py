@@ -5,6 +5,7 @@ Each method makes some calls, moves the operator's clock on, and returns the ope
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import NamedTuple, TypeAlias
 
@@ -288,6 +289,14 @@ class Operator:
         for _ in range(points):
             self.axis += step
             self.point(takes=takes, every=every)
+        return self
+
+    def swing(self, points: int, by: float, every: float = 8.0) -> Operator:
+        """Move from standstill to standstill, smoothly."""
+        start = self.axis
+        for number in range(1, points + 1):
+            self.axis = start + by * (1 - math.cos(math.pi * number / points)) / 2
+            self.point(every=every)
         return self
 
     def hold(self, points: int, every: float = 8.0) -> Operator:

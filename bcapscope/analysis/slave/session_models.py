@@ -43,6 +43,8 @@ _PARAMETER = 2
 _RESULT = 0
 _UNKNOWN = -1
 _STEP = 1
+_TINY_STEP = 0.02
+"""Largest step of an axis that is no motion, as a share of the axis' largest step so far."""
 
 
 class KnownPosition(NamedTuple):
@@ -134,6 +136,7 @@ class SessionModels:
         self._command_columns = ColumnReader(NumberPicker(_PARAMETER, picker.command))
         self._result_columns = ColumnReader(NumberPicker(_RESULT, picker.result))
         self._last_poses = np.full((2, len(self.axes)), np.nan)  # the last two commanded poses
+        self._largest_steps = np.zeros(len(self.axes))
         self._sent = self._accepted = self._unanswered = self._open = self._not_followed = (
             self._buffer_full
         ) = 0
@@ -184,14 +187,18 @@ class SessionModels:
         return self._slicer.slices()
 
     def _steps(self, commanded: PoseColumns) -> NDArray[np.int64]:
-        """Return whether the pose changes: 1, 0 or -1 for unknown. The first value is for the step to the set
-        point before these, and the others are for the steps to these.
+        """Return whether the robot moves to each set point: 1, 0 or -1 for unknown.
+
+        The first value is for the set point before these. A step that is tiny beside the largest one so far
+        is no motion: a smooth motion ends with such steps.
         """
         points = np.vstack((self._last_poses, commanded.poses))
         known = ~np.isnan(points).any(axis=1)
-        differ = (points[1:] != points[:-1]).any(axis=1)
-        self._last_poses = points[-2:]
-        return np.where(known[1:] & known[:-1] & (self._axes > 0), differ, _UNKNOWN)
+        sizes = np.abs(np.diff(points, axis=0))
+        largest = np.fmax.accumulate(np.vstack((self._largest_steps, sizes)), axis=0)
+        moves = (sizes > _TINY_STEP * largest[1:]).any(axis=1)
+        self._last_poses, self._largest_steps = points[-2:], largest[-1]
+        return np.where(known[1:] & known[:-1] & (self._axes > 0), moves, _UNKNOWN)
 
     def _add_to_buffer(self, rows: SetPointTable, moving: NDArray[np.int64]) -> Floats:
         entered = np.maximum(rows.arrivals, rows.replies) if self._replies_pace else rows.arrivals
