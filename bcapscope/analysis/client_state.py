@@ -6,16 +6,22 @@ from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple, TypeAlias, TypeVar
 
+from bcapscope.analysis.call_arguments import (
+    gets_robslave,
+    is_robslave_name,
+    requested_motor_state,
+    result_of,
+)
 from bcapscope.analysis.slave.generation_clues import NO_CLUE, clue_of_call, stronger_clue
 from bcapscope.analysis.slave.slave_session import SlaveSession
-from bcapscope.protocol.codec.variant import Value, Variant
 from bcapscope.protocol.slave_mode.modes import Generation, SlaveMode, slave_mode_by_number
 from bcapscope.protocol.tables.function_table import FUNCTIONS, ID, ObjectClass
 from bcapscope.protocol.tables.hresult import ends_slave_mode, is_failure
+from bcapscope.protocol.tables.variables import SERVO_ON
 from bcapscope.traffic.call import Call
 from bcapscope.traffic.call_kind import MAX_CONVERSATIONS
 from bcapscope.traffic.handle_tracker import TrackedObject, requested_name
-from bcapscope.traffic.observation import ConnectionEnd, Conversation, Direction
+from bcapscope.traffic.observation import ConnectionEnd, Conversation, Direction, Transport
 from bcapscope.traffic.slave_mode_tracker import SlaveModeChange, SlaveModeEffect
 
 MAX_HANDLES = 1024
@@ -44,50 +50,13 @@ _READS_ERROR = frozenset(
     ("getcurerrorcount", "getcurerrorinfo", "geterrordescription", "geterrorlog", "geterrorlogcount")
 )
 
+_READS_TYPE = frozenset(("@type", "@type_name"))
+_ENDS_SESSION = frozenset((ID["Service_Stop"], ID["Controller_Disconnect"]))
+_FOLLOWED_COMMANDS = frozenset(("takearm", "givearm", "motor", "clearerror", "slvchangemode"))
+
 MOTION_FUNCTIONS = frozenset(ID[f"Robot_{name}"] for name in ("Drive", "GoHome", "Move", "Rotate"))
 MOTION_COMMANDS = frozenset(("approach", "depart", "driveaex", "driveex"))
 """Functions and commands, in lower case, that move the robot outside slave mode."""
-
-
-def argument(call: Call, index: int) -> Variant | None:
-    """Return the value of a request's argument; None if the request has fewer arguments."""
-    arguments = call.request.item.arguments
-    return arguments[index].variant if index < len(arguments) else None
-
-
-def text_argument(call: Call, index: int) -> str:
-    """Return a string argument of a request; "" if the argument is missing or has another type."""
-    variant = argument(call, index)
-    return variant.value if variant is not None and isinstance(variant.value, str) else ""
-
-
-def result_of(call: Call) -> Value:
-    """Return the value of a successful reply; None for a failure or an empty reply."""
-    if call.reply is None or is_failure(call.reply.item.code) or not call.reply.item.arguments:
-        return None
-    return call.reply.item.arguments[0].variant.value
-
-
-def first_number(variant: Variant | None) -> int | None:
-    """Return an argument as an integer. Clients send integers as a number, as the first number of an array,
-    or as text. None if the argument has none of these forms.
-    """
-    value = variant.value if variant is not None else None
-    if isinstance(value, tuple):
-        first = value[0] if value else None
-        value = first.value if isinstance(first, Variant) else first
-    if isinstance(value, str):
-        return int(value) if value.isascii() and value.isdecimal() and len(value) <= 9 else None
-    return int(value) if isinstance(value, int) and not isinstance(value, bool) else None
-
-
-def gets_robslave(call: Call) -> bool:
-    """Return whether a call gets a handle for the task RobSlave, which must run for slave mode on an RC7."""
-    return call.kind.function_id == ID["Controller_GetTask"] and _is_robslave_name(text_argument(call, 1))
-
-
-def _is_robslave_name(name: str) -> bool:
-    return name.casefold().removesuffix(".pac") == "robslave"
 
 
 class OpenedObject(NamedTuple):
@@ -104,10 +73,18 @@ class ClientState:
         longest_pause_ns: Longest time in ns between two calls of the client; pauses between set points do not
             count.
         service_start: The Service_Start call of the current session; None if this call was not captured.
-        session_end: The Service_Stop or Controller_Disconnect call that ended the session; None while the
-            session is open.
+        failed_start: The Service_Start call that the controller refused, or that it probably did not execute
+            because its serial was 0; None once a session is open.
+        session_end: The Service_Stop or Controller_Disconnect call that ended the session, or may have ended
+            it without a captured reply; None while the session is open.
+        latest_calls: The latest call of each command in `_FOLLOWED_COMMANDS` in this session, whatever its
+            result, by the command in lower case. A write to @SERVO_ON counts as `motor`, and a Task_Start of
+            RobSlave has the key `robslave`.
+        failed_openings: For each class of objects, the latest call of this session that should have opened
+            one and was not answered with success; none after such a call succeeded.
         motor_on: Whether the client last switched the motor on; None if unknown.
         take_arm_call: The TakeArm call by which the client holds the arm; None after GiveArm.
+        give_arm_call: The GiveArm call by which the client gave back the arm; None if it holds the arm.
         robslave_start: The client's latest successful start of the task RobSlave.
         robslave_not_found: The client's first Controller_GetTask call for the task RobSlave that the
             controller refused.
@@ -117,6 +94,8 @@ class ClientState:
         mode_ended_by: The latest call that ended slave mode.
         uncleared_error: The failed call that reported the first controller error since the client last
             cleared errors.
+        latest_error: The latest failed call that reported a controller error, even if it was cleared.
+        clear_call: The client's latest successful ClearError call.
         error_was_read: Whether the client has read the details of the error since `uncleared_error`.
         slow_call: Latest call, not evicted, that got no reply or whose latency exceeds `SLOW_CALL_NS`.
         may_be_answered: Whether a stray reply was captured that may answer one of the client's evicted calls.
@@ -133,11 +112,15 @@ class ClientState:
         self.first_call = self.last_call = first
         self.call_count = self.answered_count = self.longest_pause_ns = 0
         self.service_start: Call | None = None
+        self.failed_start: Call | None = None
         self.connect_call: Call | None = None
         self.session_end: Call | None = None
         self.motor_call: Call | None = None
         self.motor_on: bool | None = None
+        self.latest_calls: dict[str, Call] = {}
+        self.failed_openings: dict[ObjectClass, Call] = {}
         self.take_arm_call: Call | None = None
+        self.give_arm_call: Call | None = None
         self.robslave_start: Call | None = None
         self.robslave_not_found: Call | None = None
         self.last_motion: Call | None = None
@@ -145,6 +128,8 @@ class ClientState:
         self.mode_entered_by: Call | None = None
         self.mode_ended_by: Call | None = None
         self.uncleared_error: Call | None = None
+        self.latest_error: Call | None = None
+        self.clear_call: Call | None = None
         self.error_was_read = False
         self.type_was_read = self.may_be_answered = False
         self.slow_call: Call | None = None
@@ -192,6 +177,12 @@ class ClientState:
         host = self.conversation.server.host
         return [each for each in self._registry if each is not self and each.conversation.server.host == host]
 
+    def cleared_by_other(self, error: Call, before: int) -> bool:
+        """Return whether another client cleared the controller's errors after `error` and before a time."""
+        clears = (other.clear_call for other in self.other_clients())
+        times = (clear.request.time for clear in clears if clear is not None)
+        return any(error.request.time <= time <= before for time in times)
+
     def on_set_points(self, calls: Sequence[Call]) -> None:
         """Update the state with alike set points (see `AlikeSetPoints`), which all have small frames and the
         result S_OK."""
@@ -217,6 +208,7 @@ class ClientState:
         slow = not call.evicted if reply is None else reply.time - call.request.time > SLOW_CALL_NS
         if slow:
             self.slow_call = call
+        self._follow_attempt(call)
         is_point = call.kind.folded_command == "slvmove"
         if reply is None:
             if is_point and self.mode_value:
@@ -230,6 +222,32 @@ class ClientState:
             self._remember_set_point(call)
         else:
             self._on_success(call)
+
+    def _follow_attempt(self, call: Call) -> None:
+        """Update what a call shows whatever its result, so that no rule claims that it was never made."""
+        function_id = call.kind.function_id
+        topic = self._topic_of(call)
+        if topic in _FOLLOWED_COMMANDS or topic == "robslave":
+            self.latest_calls[topic] = call
+        elif topic == "getrobottypename" or (function_id == ID["Variable_GetValue"] and topic in _READS_TYPE):
+            self.type_was_read = True
+        if call.reply is None and function_id in _ENDS_SESSION:
+            self.session_end = call
+        function = FUNCTIONS.get(function_id)
+        if function is not None and function.creates is not None and not _may_have_succeeded(call):
+            self.failed_openings[function.creates] = call
+
+    def _topic_of(self, call: Call) -> str:
+        """Return what a call is about: its command, or for some calls of objects the object's name."""
+        function_id, command = call.kind
+        if command is not None:
+            return call.kind.folded_command if function_id in EXECUTES else ""
+        name = "" if self.target_object is None else self.target_object.name
+        if function_id == ID["Task_Start"]:
+            return "robslave" if is_robslave_name(name) else ""
+        if function_id == ID["Variable_PutValue"]:
+            return "motor" if name.casefold() == SERVO_ON.casefold() else ""
+        return name.casefold() if function_id == ID["Variable_GetValue"] else ""
 
     def on_slave_mode(self, change: SlaveModeChange) -> None:
         """Update the slave mode. The call that changed the mode must already have been passed to
@@ -266,14 +284,18 @@ class ClientState:
                 self.opened_objects, handle, OpenedObject(function.creates, requested_name(call, function))
             )
             self.released_by.pop((function.creates, handle), None)
+            self.failed_openings.pop(function.creates, None)
         elif function.releases is not None and thing is not None:
             _put_bounded(self.released_by, (thing.kind, thing.handle), call)
 
     def _on_failure(self, call: Call, code: int) -> None:
         if self.robslave_not_found is None and gets_robslave(call):
             self.robslave_not_found = call
+        if call.kind.function_id == ID["Service_Start"]:
+            self.failed_start = call
         if not ends_slave_mode(code):
             return
+        self.latest_error = call
         if self.uncleared_error is None:
             self.uncleared_error, self.error_was_read = call, False
         self.recent_set_points.clear()
@@ -281,53 +303,63 @@ class ClientState:
     def _on_service_start(self, call: Call) -> None:
         self._reset_session()
         self.service_start = call
+        is_udp = call.conversation.transport is Transport.UDP
+        if is_udp and self.call_count == 1 and call.request.item.serial == 0:
+            self.failed_start = call
 
     def _on_session_end(self, call: Call) -> None:
         self._reset_session()
         self.session_end = call
 
     def _reset_session(self) -> None:
-        self.service_start = self.connect_call = self.session_end = self.take_arm_call = None
+        self.service_start = self.connect_call = self.session_end = self.failed_start = None
+        self.take_arm_call = self.give_arm_call = None
+        self.latest_calls.clear()
+        self.failed_openings.clear()
 
     def _on_connect(self, call: Call) -> None:
-        self.connect_call, self.session_end = call, None
+        self.connect_call, self.session_end, self.failed_start = call, None, None
         self._learn_generation(call)
 
     def _on_start_task(self, call: Call) -> None:
         thing = self.target_object
-        if thing is not None and _is_robslave_name(thing.name):
+        if thing is not None and is_robslave_name(thing.name):
             self.robslave_start = call
 
     def _on_get_value(self, call: Call) -> None:
         name = "" if self.target_object is None else self.target_object.name.casefold()
         self.error_was_read = self.error_was_read or name in ("@error_code", "@error_description")
-        self.type_was_read = self.type_was_read or name in ("@type", "@type_name")
 
     def _on_motion(self, call: Call) -> None:
         self.last_motion = call
 
     def _on_motor(self, call: Call) -> None:
-        state = first_number(argument(call, 2))
-        self.motor_call, self.motor_on = call, None if state is None else bool(state)
+        self.motor_call, self.motor_on = call, requested_motor_state(call)
+
+    def _on_put_value(self, call: Call) -> None:
+        if self._topic_of(call) == "motor":
+            self._on_motor(call)
 
     def _on_take_arm(self, call: Call) -> None:
-        self.take_arm_call = call
+        self.take_arm_call, self.give_arm_call = call, None
         self._learn_generation(call)
 
     def _on_give_arm(self, call: Call) -> None:
-        self.take_arm_call = None
+        self.take_arm_call, self.give_arm_call = None, call
 
     def _on_clear_error(self, call: Call) -> None:
+        self.clear_call = call
         self.uncleared_error, self.error_was_read = None, False
 
     def _on_read_error(self, call: Call) -> None:
         self.error_was_read = True
 
-    def _on_read_type(self, call: Call) -> None:
-        self.type_was_read = True
-
     def _learn_generation(self, call: Call) -> None:
         self.generation_clue = stronger_clue(self.generation_clue, clue_of_call(call))
+
+
+def _may_have_succeeded(call: Call) -> bool:
+    return call.evicted if call.reply is None else not is_failure(call.reply.item.code)
 
 
 _StateUpdate: TypeAlias = Callable[[ClientState, Call], None]
@@ -340,6 +372,7 @@ _BY_FUNCTION: dict[int, _StateUpdate] = {
     ID["Controller_Disconnect"]: ClientState._on_session_end,
     ID["Task_Start"]: ClientState._on_start_task,
     ID["Variable_GetValue"]: ClientState._on_get_value,
+    ID["Variable_PutValue"]: ClientState._on_put_value,
 }
 
 _BY_COMMAND: dict[str, _StateUpdate] = {
@@ -349,7 +382,6 @@ _BY_COMMAND: dict[str, _StateUpdate] = {
     "takearm": ClientState._on_take_arm,
     "givearm": ClientState._on_give_arm,
     "clearerror": ClientState._on_clear_error,
-    "getrobottypename": ClientState._on_read_type,
     "putautomode": ClientState._learn_generation,
 }
 

@@ -97,6 +97,7 @@ class FindingCollector:
         self._groups: dict[tuple[str, bool, str], FindingGroup] = {}
         self._by_rule: dict[str, list[FindingGroup]] = {}
         self._by_call: dict[int, list[Occurrence]] = {}
+        self._explained: dict[int, list[Occurrence]] = {}
         # Bounded, because only the first `MAX_KEPT` occurrences of each group are linked to a cause.
         self._causes: dict[Occurrence, Occurrence] = {}
         self._new_groups: list[FindingGroup] = []
@@ -113,9 +114,9 @@ class FindingCollector:
         )
         group.add(occurrence)
         if occurrence.call:
-            self._by_call.setdefault(occurrence.call, []).append(occurrence)
-            if len(self._by_call) > MAX_CALLS:
-                del self._by_call[next(iter(self._by_call))]
+            _append_bounded(self._by_call, occurrence.call, occurrence)
+        for number in occurrence.explains:
+            _append_bounded(self._explained, number, occurrence)
         if group.count <= MAX_KEPT:
             self._link_cause(occurrence)
 
@@ -143,7 +144,8 @@ class FindingCollector:
         return group
 
     def _link_cause(self, occurrence: Occurrence) -> None:
-        """Link an occurrence to its cause: a problem in `explaining_calls`, else the latest possible cause.
+        """Link an occurrence to its cause: the latest problem that explains its call for certain, else a
+        problem in `explaining_calls`, else the latest possible cause.
 
         `findings` searches again for every occurrence, because a better cause may have been reported later.
         """
@@ -155,13 +157,20 @@ class FindingCollector:
             for each in self._by_call.get(number, ())
             if each.rule.severity is not Severity.NOTE or each.rule.id in likely
         ]
-        cause = self._best_cause(named, occurrence)
+        cause = self._certain_cause(occurrence) or self._best_cause(named, occurrence)
         if cause is None:
             found = [*self._possible_causes(occurrence), *(() if known is None else (known,))]
             cause = self._best_cause(found, occurrence)
         if cause is not None:
             self._causes[occurrence] = cause
             self._group_of(cause).keep_cause(cause)
+
+    def _certain_cause(self, effect: Occurrence) -> Occurrence | None:
+        """Return the problem that was reported last as the certain cause of the effect's call."""
+        for each in reversed(self._explained.get(effect.call, ())):
+            if effect.call and each is not effect and not self._leads_to(each, effect):
+                return each
+        return None
 
     def _best_cause(self, candidates: Sequence[Occurrence], effect: Occurrence) -> Occurrence | None:
         """Return the latest candidate that can be the cause; of simultaneous candidates, the likeliest.
@@ -200,7 +209,8 @@ class FindingCollector:
         for rule_id in occurrence.rule.possible_causes:
             for group in self._by_rule.get(rule_id, ()):
                 for each in group:
-                    if each.completed >= earliest and each.conversation.server.host == host:
+                    in_time = each.completed >= earliest and each.conversation.server.host == host
+                    if in_time or (occurrence.call and each.call == occurrence.call):
                         yield each
 
     def new_findings(self) -> tuple[Finding, ...]:
@@ -218,8 +228,10 @@ class FindingCollector:
     def findings(self, provisional: Iterable[Occurrence] = ()) -> tuple[Finding, ...]:
         """Return the findings about selected calls, and their causes.
 
-        Each root cause is followed by its consequences. Root causes are sorted by the gravest severity of the
-        root cause and its consequences, then by time.
+        Each root cause is followed by its consequences. First comes the client with the gravest problem, with
+        all its root causes that are no notes, then the other clients, then all notes. What stopped the robot
+        is graver than any other problem. Otherwise the gravest severity of a root cause and its consequences
+        decides, then the time.
 
         Args:
             provisional: Occurrences that are included in the returned findings, but are not added to the
@@ -236,6 +248,7 @@ class FindingCollector:
         twin._groups = {key: groups[group] for key, group in self._groups.items()}
         twin._by_rule = {rule: [groups[group] for group in alike] for rule, alike in self._by_rule.items()}
         twin._by_call = {number: list(occurrences) for number, occurrences in self._by_call.items()}
+        twin._explained = {number: list(causes) for number, causes in self._explained.items()}
         twin._causes = self._causes.copy()
         return twin
 
@@ -249,10 +262,22 @@ class FindingCollector:
         return tuple(_ordered_finding(group, order) for group in order.groups)
 
     def _choose_shown(self, groups: Iterable[FindingGroup]) -> None:
-        """Choose the occurrence that each finding describes: the first with a consequence, else the first."""
+        """Choose the occurrence that each finding describes.
+
+        It is the first occurrence with a consequence, else the first that stopped the robot, else the first.
+        """
         followed = set(self._causes.values())
         for group in groups:
-            group.shown = min(group, key=lambda each: (each not in followed, each.began, each.completed))
+            group.shown = min(
+                group,
+                key=lambda each: (each not in followed, not each.stopped_robot, each.began, each.completed),
+            )
+
+
+def _append_bounded(by_call: dict[int, list[Occurrence]], number: int, occurrence: Occurrence) -> None:
+    by_call.setdefault(number, []).append(occurrence)
+    if len(by_call) > MAX_CALLS:
+        del by_call[next(iter(by_call))]
 
 
 def _cause_rank(rule_id: str, likely: tuple[str, ...]) -> int:
@@ -299,7 +324,7 @@ class _FindingOrder:
         self._children: dict[FindingGroup | None, list[FindingGroup]] = {}
         for group in sorted(groups, key=lambda each: (each.shown.began, _RANK[each.rule.severity])):
             self._children.setdefault(self._parents.get(group), []).append(group)
-        roots = sorted(self._children.get(None, ()), key=self._worst_severity)
+        roots = self._ordered_roots(self._children.get(None, []))
         self.groups = [group for root in roots for group in self.with_consequences(root)]
         self._numbers = {group: number for number, group in enumerate(self.groups, 1)}
 
@@ -322,6 +347,22 @@ class _FindingOrder:
         while self._children.get(group):
             group = self._children[group][0]
             yield group
+
+    def _ordered_roots(self, roots: list[FindingGroup]) -> list[FindingGroup]:
+        """Return root causes, which are sorted by time, with those of the same client together."""
+        graves = {root: (not self._stopped_robot(root), self._worst_severity(root)) for root in roots}
+        notes = [root for root in roots if self._worst_severity(root) == _RANK[Severity.NOTE]]
+        problems = sorted((root for root in roots if root not in notes), key=graves.__getitem__)
+        clients = list(dict.fromkeys(root.shown.conversation for root in (*problems, *notes)))
+        rank = {client: number for number, client in enumerate(clients)}
+        return [
+            *sorted(problems, key=lambda root: rank[root.shown.conversation]),
+            *sorted(notes, key=lambda root: rank[root.shown.conversation]),
+        ]
+
+    def _stopped_robot(self, group: FindingGroup) -> bool:
+        family = self.with_consequences(group)
+        return any(occurrence.stopped_robot for each in family for occurrence in each)
 
     def _worst_severity(self, group: FindingGroup) -> int:
         return min(_RANK[each.rule.severity] for each in self.with_consequences(group))

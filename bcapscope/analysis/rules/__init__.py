@@ -4,6 +4,7 @@ these."""
 from __future__ import annotations
 
 from bcapscope.analysis.rules.connection_rules import ConnectionChecker
+from bcapscope.analysis.rules.error_list_rules import ErrorListChecker
 from bcapscope.analysis.rules.error_rules import ErrorChecker
 from bcapscope.analysis.rules.limit_rules import LimitChecker
 from bcapscope.analysis.rules.motion_rules import MotionChecker
@@ -34,6 +35,7 @@ CHECKERS: tuple[type[RuleChecker], ...] = (
     RefusalChecker,
     SlaveModeChecker,
     ErrorChecker,
+    ErrorListChecker,
     PollingChecker,
     MotionChecker,
 )

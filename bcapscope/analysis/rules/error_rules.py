@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from bcapscope.analysis.call_arguments import requested_motor_state
 from bcapscope.analysis.client_state import ClientState
 from bcapscope.analysis.finding import Severity
 from bcapscope.analysis.finding_places import call_place, client_place
@@ -19,11 +20,19 @@ from bcapscope.analysis.rules.rule_checker import (
     last_frame_time,
 )
 from bcapscope.messages import Message
-from bcapscope.messages.places import Count, Moment
+from bcapscope.messages.message import PlaceValue
+from bcapscope.messages.places import Count, HexNumber, Moment
 from bcapscope.protocol.guard import always_passes
 from bcapscope.protocol.tables.call_effect import CallEffect, function_effect
 from bcapscope.protocol.tables.command_catalogue import find_command
-from bcapscope.protocol.tables.hresult import E_ROBOTISBUSY, E_TIMEOUT, describe_hresult
+from bcapscope.protocol.tables.hresult import (
+    E_ROBOTISBUSY,
+    E_TIMEOUT,
+    describe_hresult,
+    is_failure,
+    with_rc7_forms,
+)
+from bcapscope.protocol.tables.variables import SERVO_ON
 from bcapscope.traffic.call import Call
 from bcapscope.traffic.call_kind import CallKind
 from bcapscope.traffic.observation import Conversation
@@ -68,17 +77,26 @@ CONTROLLER_ERROR = DiagnosisRule(
     "controller-error", Severity.ERROR, f"{_ERRORS}; orin_bcap C/include/dn_common.h", ("malformed-request",)
 )
 
-_ACTIVE_CODES = (0x81501025, 0x81201701, 0x81201749, 0x82501009, 0x21D3, 0x800021D3)
+ACTIVE_CODES = with_rc7_forms((0x81501025, 0x81201701, 0x81201749, 0x82501009))
+"""Result codes with which a controller refuses a call because an error is active."""
 _TIMEOUT_CODES = (E_TIMEOUT, 0x8150012D, 0x81500151, 0x82201F92, 0x82201694, 0x800706BE)
 
 
 class _CallsAfterError:
-    """The calls that a client made after a controller error, without clearing the error."""
+    """The calls that a client made after a controller error, without clearing the error.
+
+    Attributes:
+        error_call: The call that reported the error.
+        count: Number of calls that can change or move something.
+        first: The first of these calls.
+        clear_attempt: The first ClearError call that was not answered with success.
+    """
 
     def __init__(self, failure: Call) -> None:
         self.error_call = failure
         self.count = 0
         self.first: Call | None = None
+        self.clear_attempt: Call | None = None
 
 
 class ErrorChecker(RuleChecker):
@@ -100,22 +118,28 @@ class ErrorChecker(RuleChecker):
         failure = client.uncleared_error
         if failure is None:
             return
-        if call.kind.folded_command == "clearerror":
+        clears = call.kind.folded_command == "clearerror"
+        if clears and call.reply is not None and not is_failure(call.reply.item.code):
             self.by_client.pop(call.conversation, None)
-            if call.reply is not None and not client.error_was_read and not self._was_read_by_other(client):
+            if not client.error_was_read and not self._was_read_by_other(client):
                 self._report_unread(call, failure)
             return
         calls = self.by_client.get(call.conversation)
         if calls is None or calls.error_call is not failure:
             calls = self.by_client[call.conversation] = _CallsAfterError(failure)
-        if call.request.time > failure.request.time and not _only_stops(call):
+        if clears:
+            calls.clear_attempt = calls.clear_attempt or call
+        elif call.request.time > failure.request.time and not _shuts_down(call, client):
             calls.count += 1
             calls.first = calls.first or call
 
     def end_occurrences(self, end: ClientEnd) -> Iterator[Occurrence]:
         calls, failure = self.by_client.get(end.client.conversation), end.client.uncleared_error
-        if calls is not None and calls.first is not None and calls.error_call is failure:
-            yield _went_on(calls.error_call, calls.count, calls.first)
+        first = None if calls is None else calls.first
+        if calls is None or first is None or calls.error_call is not failure:
+            return
+        if not end.client.cleared_by_other(failure, first.request.time):
+            yield _went_on(calls, first)
 
     def _was_read_by_other(self, client: ClientState) -> bool:
         return any(other.error_was_read for other in client.other_clients())
@@ -133,29 +157,40 @@ class ErrorChecker(RuleChecker):
         )
 
 
-def _went_on(failure: Call, count: int, first: Call) -> Occurrence:
-    fact = Message(
-        "finding.went-on-after-error",
-        client=client_place(first.conversation),
-        failed=call_place(failure),
-        calls=Count(count, "more-call"),
-        first=call_place(first),
-    )
+def _went_on(calls: _CallsAfterError, first: Call) -> Occurrence:
+    failure, clear = calls.error_call, calls.clear_attempt
+    places: dict[str, PlaceValue] = {
+        "client": client_place(first.conversation),
+        "failed": call_place(failure),
+        "calls": Count(calls.count, "more-call"),
+        "first": call_place(first),
+    }
+    case = ""
+    if clear is not None:
+        case, places["clear"] = ".unanswered", call_place(clear)
+    if clear is not None and clear.hresult is not None:
+        case, places["code"] = ".refused", HexNumber(clear.hresult)
     return Occurrence(
         WENT_ON_AFTER_ERROR,
         first.request.time,
         last_frame_time(first),
         first.conversation,
         frame_numbers(failure, first),
-        fact,
+        Message(f"finding.went-on-after-error{case}", **places),
         call=first.number,
         explaining_calls=(failure.number,),
     )
 
 
-def _only_stops(call: Call) -> bool:
-    """Return whether a call only stops a motion or releases an object, which a client may do after an
-    error."""
+def _shuts_down(call: Call, client: ClientState) -> bool:
+    """Return whether a call only stops something, gives something back or releases an object. A client may
+    make such calls after an error."""
+    if call.kind.folded_command == "givearm":
+        return True
+    target = "" if client.target_object is None else client.target_object.name
+    switches_motor = call.kind.folded_command == "motor" or target.casefold() == SERVO_ON.casefold()
+    if switches_motor and requested_motor_state(call) is False:
+        return True
     return always_passes(call.kind.function_id, [each.variant for each in call.request.item.arguments])
 
 
@@ -166,10 +201,17 @@ def _explain_not_cleared(call: Call, client: ClientState) -> RefusalReason | Non
             other.uncleared_error for other in client.other_clients() if other.uncleared_error is not None
         ]
         return RefusalReason(explaining_calls=tuple(each.number for each in first))
+    places: dict[str, PlaceValue] = {"call": call_place(failure), "at": Moment(failure.request.time)}
+    clear = client.latest_calls.get("clearerror")
+    if clear is None or clear.number < failure.number:
+        reason = Message("reason.not-cleared", **places)
+        return RefusalReason(reason, explaining_calls=(failure.number,), evidence_call=failure)
+    places["clear"] = call_place(clear)
+    case = "unanswered" if clear.hresult is None else "refused"
     return RefusalReason(
-        Message("reason.not-cleared", call=call_place(failure), at=Moment(failure.request.time)),
-        explaining_calls=(failure.number,),
-        evidence_call=failure,
+        Message(f"reason.not-cleared.{case}", **places),
+        explaining_calls=(clear.number, failure.number),
+        evidence_call=clear,
     )
 
 
@@ -181,12 +223,18 @@ def _explain_other(call: Call, client: ClientState) -> RefusalReason | None:
     return RefusalReason(
         explaining_calls=because,
         group_key=f"{code:08X}",
-        advice=None if known.advice is None else Message("advice.result", advice=known.advice),
+        advice=advice_on_code(code),
     )
 
 
+def advice_on_code(code: int) -> Message | None:
+    """Return what to do about a result code; None for the usual advice of the rule."""
+    advice = describe_hresult(code).advice
+    return None if advice is None else Message("advice.result", advice=advice)
+
+
 REFUSALS: tuple[Refusal, ...] = (
-    Refusal(ERROR_NOT_CLEARED, _ACTIVE_CODES, _explain_not_cleared),
+    Refusal(ERROR_NOT_CLEARED, ACTIVE_CODES, _explain_not_cleared),
     Refusal(CONTROLLER_TIMEOUT, _TIMEOUT_CODES),
     Refusal(ROBOT_BUSY, (E_ROBOTISBUSY,)),
     Refusal(CONTROLLER_ERROR, (), _explain_other),

@@ -6,7 +6,8 @@ import math
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
 
-from bcapscope.analysis.client_state import ClientState, argument
+from bcapscope.analysis.call_arguments import argument
+from bcapscope.analysis.client_state import ClientState
 from bcapscope.analysis.finding import Severity
 from bcapscope.analysis.finding_places import call_place, client_place
 from bcapscope.analysis.rules.refusal import NO_REASON, Refusal, RefusalReason
@@ -18,7 +19,7 @@ from bcapscope.messages.places import Count, Duration, FramePlace, Moment, Quant
 from bcapscope.protocol.slave_mode.modes import PERIOD_MS, PoseType, pose_type_of_mode
 from bcapscope.protocol.slave_mode.poses import AXES
 from bcapscope.protocol.slave_mode.slvmove_values import parse_set_point
-from bcapscope.protocol.tables.hresult import describe_hresult
+from bcapscope.protocol.tables.hresult import describe_hresult, with_rc7_forms
 from bcapscope.traffic.call import Call
 
 _ERRORS = "public list of controller errors in nkawa/Denso_CobottaPro900_MQTT_Control"
@@ -28,7 +29,10 @@ OVER_LIMIT = DiagnosisRule(
     "over-limit",
     Severity.ERROR,
     f"DENSORobot/denso_robot_ros issues 19 and 48; DENSORobot/denso_robot_ros2 issue 17; {_ERRORS}",
-    ("set-point-jump", "far-first-point", "not-finite", "set-point-gap", "off-grid", "slow-retry"),
+    (
+        *("set-point-jump", "far-first-point", "not-finite", "set-point-gap", "off-grid", "slow-retry"),
+        "slow-set-points",
+    ),
 )
 BEYOND_RANGE = DiagnosisRule(
     "beyond-range", Severity.ERROR, _ERRORS, ("set-point-jump", "far-first-point", "not-finite")
@@ -57,7 +61,7 @@ _SPEED_FAMILIES = tuple(
 _SPEED_CODES = frozenset(code for family in _SPEED_FAMILIES for code in family) | {0x84201414, 0x84201415}
 _RANGE_BASES = (0x83204070, 0x83204230, 0x82204240, 0x81204120, 0x83404D10)
 _RANGE_CODES = frozenset(base + axis for base in _RANGE_BASES for axis in range(1, 9))
-_INVALID_CODES = (0x83201405, 0x84201547, 0x80201548, 0x8420151C, 0x83201401)
+_INVALID_CODES = with_rc7_forms((0x83201405, 0x84201547, 0x80201548, 0x8420151C, 0x83201401))
 
 _FAR_DISTANCE = 1.0
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from bcapscope.analysis.client_state import ClientRegistry, ClientState, result_of
+from bcapscope.analysis.call_arguments import result_of
+from bcapscope.analysis.client_state import ClientRegistry, ClientState
 from bcapscope.analysis.finding import Severity
 from bcapscope.analysis.finding_places import call_place, client_place
 from bcapscope.analysis.rules.refusal import Refusal, RefusalReason
@@ -152,6 +153,16 @@ def _explain_bad_handle(call: Call, client: ClientState) -> RefusalReason | None
                 wanted=function.owner.value,
             )
         )
+    failed = client.failed_openings.get(function.owner)
+    if opened is None and failed is not None:
+        case = "unanswered" if failed.reply is None else "refused"
+        reason = Message(
+            f"reason.handle-not-opened.{case}",
+            handle=handle,
+            call=call_place(failed),
+            at=Moment(failed.request.time),
+        )
+        return RefusalReason(reason, explaining_calls=(failed.number,), evidence_call=failed)
     owner = next((other for other in client.other_clients() if handle in other.opened_objects), None)
     if opened is None and owner is not None:
         other = client_place(owner.conversation)

@@ -19,11 +19,12 @@ from bcapscope.analysis.rules.rule_checker import (
     RuleChecker,
 )
 from bcapscope.analysis.slave.buffer_model import DEFAULT_SLOTS, PredictedUnderflow, slack_ms
+from bcapscope.analysis.slave.motion_pace import MotionPace
 from bcapscope.analysis.slave.slave_session import SlaveSession
 from bcapscope.messages import Message
 from bcapscope.messages.message import PlaceValue
 from bcapscope.messages.places import CallPlace, Count, Duration, FramePlace, HexNumber, Moment, Quantity
-from bcapscope.protocol.tables.hresult import E_SLAVE_OVERFLOW, E_SLAVE_UNDERFLOW, S_BUF_FULL
+from bcapscope.protocol.tables.hresult import E_SLAVE_OVERFLOW, E_SLAVE_UNDERFLOW, S_BUF_FULL, with_rc7_forms
 from bcapscope.traffic.call import Call
 from bcapscope.traffic.call_kind import CallKind
 
@@ -62,9 +63,10 @@ OFF_GRID = DiagnosisRule(
     Severity.WARNING,
     "DENSORobot/denso_robot_ros2 issue 17; d-yui-hub/denso_robot_ros2_neo; " + _SEED,
 )
+SLOW_SET_POINTS = DiagnosisRule("slow-set-points", Severity.NOTE, f"{_SAMPLES}; {_SEED}")
 REPLIES_DO_NOT_PACE = DiagnosisRule("replies-do-not-pace", Severity.NOTE, f"{_SAMPLES}; {_SEED}")
 
-_EMPTY_CODES = (E_SLAVE_UNDERFLOW, 0x84400503, 0x83201684)
+_EMPTY_CODES = with_rc7_forms((E_SLAVE_UNDERFLOW, 0x84400503, 0x83201684))
 _FEWEST_CYCLES = 50
 _TOLERANCE = 0.1
 _MAX_SKIPPED_SHARE = 0.05
@@ -75,7 +77,7 @@ _MAX_REPORTED = 64
 class PacingChecker(RuleChecker):
     """Checks the times at which set points are sent and answered."""
 
-    rules = (SET_POINT_GAP, UNDERFLOW, OVERFLOW, OFF_GRID, REPLIES_DO_NOT_PACE)
+    rules = (SET_POINT_GAP, UNDERFLOW, OVERFLOW, OFF_GRID, SLOW_SET_POINTS, REPLIES_DO_NOT_PACE)
 
     def __init__(self, report_occurrence: OccurrenceSink, clients: ClientRegistry) -> None:
         super().__init__(report_occurrence, clients)
@@ -108,7 +110,7 @@ class PacingChecker(RuleChecker):
     def session_occurrences(self, session: SlaveSession) -> Iterator[Occurrence]:
         if not session.buffer.overwrites:
             yield from self._underflows(session)
-        yield from _off_grid_occurrences(session)
+        yield from _pace_occurrences(session)
 
     def _underflows(self, session: SlaveSession) -> Iterator[Occurrence]:
         listed = [underflow for underflow in session.buffer.underflow_list if underflow.moving is not False]
@@ -140,36 +142,50 @@ def _predicted_gap(session: SlaveSession, underflow: PredictedUnderflow, count: 
     )
 
 
-def _off_grid_occurrences(session: SlaveSession) -> Iterator[Occurrence]:
-    cycle = session.timing.cycle
-    if cycle is None or cycle.count < _FEWEST_CYCLES:
+def _pace_occurrences(session: SlaveSession) -> Iterator[Occurrence]:
+    pace = session.pace
+    if pace is None or pace.cycles < _FEWEST_CYCLES:
         return
-    off, skipped = cycle.mean / session.timing.grid_ms - 1, session.timing.skipped
-    if session.buffer.replies_pace and off < -_TOLERANCE:
-        yield _off_grid(REPLIES_DO_NOT_PACE, session, cycle.mean)
-    elif abs(off) > _TOLERANCE:
-        yield _off_grid(OFF_GRID, session, cycle.mean)
-    elif skipped > cycle.count * _MAX_SKIPPED_SHARE:
-        yield _off_grid(OFF_GRID, session, cycle.mean, skipped=skipped, cycles=cycle.count)
+    off = pace.cycle_ms / session.timing.grid_ms - 1
+    skips = abs(off) <= _TOLERANCE and pace.skipped > pace.cycles * _MAX_SKIPPED_SHARE
+    is_slow = off > _TOLERANCE or skips
+    if off < -_TOLERANCE:
+        yield _off_pace(REPLIES_DO_NOT_PACE if session.buffer.replies_pace else OFF_GRID, session, pace)
+    elif is_slow and (session.buffer.overwrites or session.mode.meaning is None):
+        case = ".skipped" if skips else ".unknown-mode" if session.mode.meaning is None else ""
+        yield _off_pace(SLOW_SET_POINTS, session, pace, case)
+    elif is_slow and pace.waits_for_reply:
+        yield _off_pace(OFF_GRID, session, pace, ".paced", Message("rule.off-grid.advice.paced"))
+    elif is_slow:
+        in_waiting_mode = Message("rule.off-grid.advice.waiting-mode")
+        advice = in_waiting_mode if session.buffer.replies_pace else None
+        yield _off_pace(OFF_GRID, session, pace, ".skipped" if skips else "", advice)
 
 
-def _off_grid(rule: DiagnosisRule, session: SlaveSession, mean: float, **skipped: int) -> Occurrence:
+def _off_pace(
+    rule: DiagnosisRule,
+    session: SlaveSession,
+    pace: MotionPace,
+    case: str = "",
+    advice: Message | None = None,
+) -> Occurrence:
     first, last = session.first_set_point, session.last_set_point
     assert first is not None
     assert last is not None
-    interval = Quantity(mean, "ms")
+    interval = Quantity(pace.cycle_ms, "ms")
+    skipped = {"skipped": pace.skipped, "cycles": pace.cycles} if case == ".skipped" else {}
     fact = Message(
-        f"finding.{rule.id}{'.skipped' if skipped else ''}",
+        f"finding.{rule.id}{case}",
         client=client_place(session.conversation),
-        points=Count(session.counts.sent, "set-point"),
+        points=Count(pace.cycles, "set-point"),
         mean=interval,
-        rate=Quantity(1000 / mean if mean else 0),
+        rate=Quantity(1000 / pace.cycle_ms if pace.cycle_ms else 0),
         period=Quantity(session.timing.grid_ms, "ms"),
         **skipped,
     )
     clause = Message(f"clause.{rule.id}", mean=interval)
     frames = (first.frame, last.frame)
-    return Occurrence(rule, first.time, last.time, session.conversation, frames, fact, clause)
+    return Occurrence(rule, first.time, last.time, session.conversation, frames, fact, clause, advice=advice)
 
 
 def _buffer_slack_ns(client: ClientState) -> int:

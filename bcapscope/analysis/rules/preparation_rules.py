@@ -2,20 +2,28 @@
 
 from __future__ import annotations
 
-from bcapscope.analysis.client_state import MOTION_FUNCTIONS, ClientState, argument, gets_robslave
+from bcapscope.analysis.call_arguments import argument, gets_robslave, requested_motor_state
+from bcapscope.analysis.client_state import MOTION_FUNCTIONS, ClientState
 from bcapscope.analysis.finding import Severity
 from bcapscope.analysis.finding_places import call_name_place, call_place, client_place
+from bcapscope.analysis.rules.error_rules import ACTIVE_CODES
 from bcapscope.analysis.rules.refusal import NO_REASON, Refusal, RefusalReason
 from bcapscope.analysis.rules.rule_checker import MS, SECOND, CallHealth, DiagnosisRule, RuleChecker
 from bcapscope.messages import Message
-from bcapscope.messages.places import Duration, HexNumber, Moment, WireText
+from bcapscope.messages.places import ClientPlace, Duration, HexNumber, Moment, WireText
 from bcapscope.protocol.codec.variant import Variant, integer_value
 from bcapscope.protocol.guard import request_effect
 from bcapscope.protocol.slave_mode.modes import Generation
 from bcapscope.protocol.tables.call_effect import CallEffect
 from bcapscope.protocol.tables.enumerations import pass_motion_text
 from bcapscope.protocol.tables.function_table import ID
-from bcapscope.protocol.tables.hresult import E_ARM_NOT_TAKEN, describe_hresult, is_failure
+from bcapscope.protocol.tables.hresult import (
+    E_ARM_NOT_TAKEN,
+    describe_hresult,
+    is_failure,
+    is_rc7_code,
+    with_rc7_forms,
+)
 from bcapscope.traffic.call import Call
 from bcapscope.traffic.call_kind import CallKind
 
@@ -79,22 +87,27 @@ TYPE_NOT_CHECKED = DiagnosisRule(
     "type-not-checked", Severity.NOTE, f"{_SEED}, Starting your client app. (tips)"
 )
 
-_MOVING_CODES = (0x600B, 0x8000600B, 0x8150100D, 0x81201744)
-_STOP_CODES = (0x8150101A, 0x8120170A, 0x83500178, 0x81501022, 0x8150101C, 0x8150101E, 0x81501078, 0x83501079)
-_STOP_CODES_RC7 = (0x2008, 0x80002008)
-_MODE_CODES = (
-    *range(0x81501012, 0x81501018),
-    *(0x81501005, 0x81201705, 0x81201748, 0x81501007, 0x81501020, 0x81501021, 0x81501023),
-    *(0x21E2, 0x21E3, 0x21E4, 0x21E5, 0x21E6, 0x21E7, 0x21F2, 0x21F3, 0x21FC),
+_MOVING_CODES = with_rc7_forms((0x600B, 0x8150100D, 0x81201744))
+_STOP_CODES = with_rc7_forms(
+    (0x8150101A, 0x8120170A, 0x83500178, 0x81501022, 0x8150101C, 0x8150101E, 0x81501078, 0x83501079)
 )
-_TOKEN_CODES = (*range(0x83501026, 0x8350102A), 0x80501043, 0x80501044, 0x2287, 0x2288, 0x2289)
+_MODE_CODES = with_rc7_forms(
+    (
+        *range(0x81501012, 0x81501018),
+        *(0x81501005, 0x81201705, 0x81201748, 0x81501007, 0x81501020, 0x81501021, 0x81501023),
+        *(0x21E2, 0x21E3, 0x21E4, 0x21E5, 0x21E6, 0x21E7, 0x21F2, 0x21F3, 0x21FC),
+    )
+)
+_TOKEN_CODES = with_rc7_forms(
+    (*range(0x83501026, 0x8350102A), 0x80501043, 0x80501044, 0x2287, 0x2288, 0x2289)
+)
 _LICENCE_CODES = (0x80000901, 0x8000020C, 0x83500009, 0x83500126)
 _RESET_CODES = (0x83500372, 0x81501069, 0x81501070)
 _SWITCHES_OFF = 4
 """Lowest error level at which the public list says that the controller stops all axes and switches the motor
 off."""
-_MOTOR_CODES = (0x81501003, 0x2006, 0x80002006)
-_ARM_CODES = (E_ARM_NOT_TAKEN, 0x21F7, 0x800021F7)
+_MOTOR_CODES = with_rc7_forms((0x81501003, 0x2006))
+_ARM_CODES = with_rc7_forms((E_ARM_NOT_TAKEN, 0x21F7))
 
 _WAITED_NS = 100 * MS
 _JUST_BEFORE_NS = 5 * SECOND
@@ -143,7 +156,7 @@ class PreparationChecker(RuleChecker):
         )
 
     def _check_type_read(self, call: Call, client: ClientState) -> None:
-        if client.type_was_read or client.last_motion is not None or not client.session_start_seen:
+        if client.last_motion is not None or not client.session_start_seen or _type_was_read(client):
             return
         client.type_was_read = True  # report this finding only once for each client
         self.report_call(
@@ -153,6 +166,13 @@ class PreparationChecker(RuleChecker):
                 "finding.type-not-checked", client=client_place(call.conversation), call=call_name_place(call)
             ),
         )
+
+
+def _type_was_read(client: ClientState) -> bool:
+    """Return whether the client, or another client on the same computer, read the robot's type."""
+    host = client.conversation.client.host
+    others = (other for other in client.other_clients() if other.conversation.client.host == host)
+    return client.type_was_read or any(other.type_was_read for other in others)
 
 
 def _moves_robot(call: Call) -> bool:
@@ -196,17 +216,21 @@ def _ends_at_e(motion: Call) -> bool:
 
 
 def _explain_robslave(call: Call, client: ClientState) -> RefusalReason | None:
-    command = call.kind.folded_command
     code = call.hresult or 0
     if gets_robslave(call):
         return RefusalReason(Message("reason.robslave.no-program"))
-    if command not in ("slvchangemode", "slvmove") or not (
-        client.generation is Generation.RC7 or code <= 0xFFFF
-    ):
+    needs_program = call.kind.folded_command in ("slvchangemode", "slvmove")
+    if not needs_program or code in ACTIVE_CODES:
         return None
-    if code in (*_MOVING_CODES, *_MODE_CODES, *_MOTOR_CODES, *_ARM_CODES):
-        return None
-    started = client.robslave_start
+    return _explain_task(client) if client.generation is Generation.RC7 or is_rc7_code(code) else None
+
+
+def _explain_task(client: ClientState) -> RefusalReason | None:
+    """Return the reason why RobSlave does not run; None if the capture does not show one."""
+    started = _latest_robslave_start(client)
+    attempt = client.latest_calls.get("robslave")
+    if attempt is not None and (started is None or started.request.time < attempt.request.time):
+        return _unsuccessful(f"reason.robslave.{_outcome(attempt)}", attempt)
     if started is None:
         return _explain_never_started(client)
     stopped = client.uncleared_error or _error_after(started, client)
@@ -216,6 +240,14 @@ def _explain_robslave(call: Call, client: ClientState) -> RefusalReason | None:
         Message("reason.robslave.stopped", start=call_place(started), stop=call_place(stopped)),
         explaining_calls=(stopped.number,),
         evidence_call=stopped,
+    )
+
+
+def _latest_robslave_start(client: ClientState) -> Call | None:
+    """Return the latest Task_Start of RobSlave that the controller accepted, from any client."""
+    starts = [each.robslave_start for each in (client, *client.other_clients())]
+    return max(
+        (each for each in starts if each is not None), key=lambda each: each.request.time, default=None
     )
 
 
@@ -255,29 +287,77 @@ def _explain_moving(call: Call, client: ClientState) -> RefusalReason | None:
 
 
 def _explain_arm_taken(call: Call, client: ClientState) -> RefusalReason | None:
-    holder = next((other for other in client.other_clients() if other.take_arm_call is not None), None)
-    if holder is None or holder.take_arm_call is None:
-        if call.kind.folded_command != "takearm":
-            return None
-        return RefusalReason(Message("reason.arm.holder-unseen"))
-    taken = holder.take_arm_call
-    return RefusalReason(
-        Message("reason.arm.held", client=client_place(holder.conversation), at=Moment(taken.request.time)),
-        evidence_call=taken,
-    )
+    for other in client.other_clients():
+        taken = other.take_arm_call
+        if taken is not None and taken.request.time < call.request.time and not _may_be_given_back(other):
+            place, at = client_place(other.conversation), Moment(taken.request.time)
+            return RefusalReason(Message("reason.arm.held", client=place, at=at), evidence_call=taken)
+    if call.kind.folded_command != "takearm":
+        return None
+    return RefusalReason(Message("reason.arm.holder-unseen"))
+
+
+def _may_be_given_back(client: ClientState) -> bool:
+    """Return whether the capture lacks the reply to a GiveArm call of the client that holds the arm."""
+    return _unanswered(client, "givearm") is not None
+
+
+def _unanswered(client: ClientState, command: str) -> Call | None:
+    latest = client.latest_calls.get(command)
+    return latest if latest is not None and latest.reply is None else None
 
 
 def _explain_arm_missing(call: Call, client: ClientState) -> RefusalReason | None:
-    if client.take_arm_call is not None:
-        taken = client.take_arm_call
-        return RefusalReason(Message("reason.arm.lost", at=Moment(taken.request.time)), evidence_call=taken)
-    return RefusalReason(Message(f"reason.arm.{'not-taken' if client.session_start_seen else 'not-seen'}"))
+    taken, returned = client.take_arm_call, client.give_arm_call
+    attempt = client.latest_calls.get("takearm")
+    if taken is not None:
+        unsure = _unanswered(client, "givearm")
+        if unsure is not None:
+            return _reason_of_call("reason.arm.given-back.unanswered", unsure)
+        reason = Message("reason.arm.lost", at=Moment(taken.request.time))
+        return RefusalReason(reason, evidence_call=taken, explaining_calls=_error_since(taken, client))
+    if attempt is not None and (returned is None or returned.number < attempt.number):
+        return _unsuccessful(f"reason.arm.{_outcome(attempt)}", attempt)
+    if returned is not None:
+        return _reason_of_call("reason.arm.given-back", returned)
+    return RefusalReason(Message(f"reason.arm.not-{'taken' if client.session_start_seen else 'seen'}"))
+
+
+def _error_since(call: Call, client: ClientState) -> tuple[int, ...]:
+    """Return the number of the client's uncleared error, if it is later than a call."""
+    error = client.uncleared_error
+    return (error.number,) if error is not None and error.number > call.number else ()
+
+
+def _unsuccessful(reason: str, attempt: Call) -> RefusalReason:
+    """Return the reason for a refusal: an earlier call had no success. `reason` is the id of the clause."""
+    code = attempt.hresult
+    if code is None:
+        return _reason_of_call(reason, attempt)
+    place, at = call_place(attempt), Moment(attempt.request.time)
+    text = Message(reason, call=place, at=at, code=HexNumber(code))
+    return RefusalReason(text, explaining_calls=(attempt.number,), evidence_call=attempt)
+
+
+def _outcome(attempt: Call) -> str:
+    return "unanswered" if attempt.reply is None else "refused"
+
+
+def _reason_of_call(reason: str, cause: Call) -> RefusalReason:
+    text = Message(reason, call=call_place(cause), at=Moment(cause.request.time))
+    return RefusalReason(text, explaining_calls=(cause.number,), evidence_call=cause)
 
 
 def _explain_motor(call: Call, client: ClientState) -> RefusalReason | None:
-    motor, failure = client.motor_call, client.uncleared_error
+    motor, failure = client.motor_call, client.uncleared_error or client.latest_error
+    attempt = client.latest_calls.get("motor")
+    if attempt is not None and attempt is not motor and requested_motor_state(attempt) is not False:
+        return _unsuccessful(f"reason.motor.{_outcome(attempt)}", attempt)
     if motor is not None and client.motor_on is False:
         return _motor_reason("switched-off", motor)
+    by_other = _switched_off_by_other(call, client)
+    if by_other is not None:
+        return by_other
     if failure is not None and (motor is None or motor.request.time < failure.request.time):
         level = describe_hresult(failure.hresult or 0).level
         grave = level is not None and level >= _SWITCHES_OFF
@@ -290,8 +370,21 @@ def _explain_motor(call: Call, client: ClientState) -> RefusalReason | None:
     return _motor_reason("unclear" if client.motor_on is None else "lost", motor)
 
 
-def _motor_reason(case: str, motor: Call) -> RefusalReason:
-    message = Message(f"reason.motor.{case}", motor=call_place(motor), at=Moment(motor.request.time))
+def _switched_off_by_other(call: Call, client: ClientState) -> RefusalReason | None:
+    own = client.motor_call
+    for other in client.other_clients():
+        motor = other.motor_call
+        if motor is None or other.motor_on is not False:
+            continue
+        if (own is None or own.request.time < motor.request.time) and motor.request.time < call.request.time:
+            return _motor_reason("switched-off-by-other", motor, client=client_place(other.conversation))
+    return None
+
+
+def _motor_reason(case: str, motor: Call, **places: ClientPlace) -> RefusalReason:
+    message = Message(
+        f"reason.motor.{case}", motor=call_place(motor), at=Moment(motor.request.time), **places
+    )
     return RefusalReason(message, evidence_call=motor)
 
 
@@ -302,15 +395,15 @@ def _explain_reset(call: Call, client: ClientState) -> RefusalReason | None:
 
 
 REFUSALS: tuple[Refusal, ...] = (
-    Refusal(ROBSLAVE_NOT_RUNNING, (), _explain_robslave),
     Refusal(ROBOT_STILL_MOVING, _MOVING_CODES, _explain_moving),
     Refusal(ARM_TAKEN_BY_OTHER, _ARM_CODES, _explain_arm_taken),
     Refusal(ARM_NOT_TAKEN, _ARM_CODES, _explain_arm_missing),
     Refusal(MOTOR_OFF, _MOTOR_CODES, _explain_motor),
     Refusal(MOTOR_SWITCHING_OFF, (0x8350106E,)),
-    Refusal(EMERGENCY_STOP, (*_STOP_CODES, *_STOP_CODES_RC7)),
+    Refusal(EMERGENCY_STOP, _STOP_CODES),
     Refusal(NOT_IN_AUTOMATIC_MODE, _MODE_CODES),
     Refusal(NO_EXECUTABLE_TOKEN, _TOKEN_CODES),
     Refusal(NO_LICENCE, _LICENCE_CODES),
     Refusal(MANUAL_RESET_MISSING, _RESET_CODES, _explain_reset),
+    Refusal(ROBSLAVE_NOT_RUNNING, (), _explain_robslave),
 )

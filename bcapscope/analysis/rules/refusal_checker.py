@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from bcapscope.analysis.client_state import ClientState
+from bcapscope.analysis.client_state import MOTION_COMMANDS, MOTION_FUNCTIONS, ClientState
 from bcapscope.analysis.finding_places import call_name_place, call_places, code_place
 from bcapscope.analysis.rules import (
     error_rules,
@@ -17,6 +17,7 @@ from bcapscope.analysis.rules import (
 from bcapscope.analysis.rules.refusal import Refusal, RefusalReason
 from bcapscope.analysis.rules.rule_checker import CallHealth, RuleChecker
 from bcapscope.messages import Message
+from bcapscope.protocol.tables.hresult import E_SLAVE_OVERFLOW, ends_slave_mode, rc7_digits_guessed
 from bcapscope.traffic.call import Call
 from bcapscope.traffic.call_kind import CallKind
 
@@ -51,14 +52,37 @@ class RefusalChecker(RuleChecker):
             self.report_call(
                 rule,
                 call,
-                why.fact or _usual_sentence(call, code, why),
+                _marked_guess(why.fact or _usual_sentence(call, code, why), code),
                 why.clause or _usual_clause(call, code),
                 evidence_call=why.evidence_call,
-                explaining_calls=why.explaining_calls,
+                explaining_calls=why.explaining_calls or _error_to_clear(call, client),
                 group_key=why.group_key,
                 advice=why.advice,
+                stopped_robot=rule is slave_mode_rules.REFUSED_IN_SLAVE_MODE or _stops_robot(call, client),
             )
             return
+
+
+def _stops_robot(call: Call, client: ClientState) -> bool:
+    """Return whether a refused call ended a motion, or slave mode with set points."""
+    code = call.hresult or 0
+    if call.kind.folded_command == "slvmove":
+        return bool(client.recent_set_points) and code != E_SLAVE_OVERFLOW
+    moves = call.kind.function_id in MOTION_FUNCTIONS or call.kind.folded_command in MOTION_COMMANDS
+    return ends_slave_mode(code) and (moves or bool(client.recent_set_points))
+
+
+def _error_to_clear(call: Call, client: ClientState) -> tuple[int, ...]:
+    """Return the call with the error that a ClearError call should have cleared. What caused the error often
+    refuses ClearError as well."""
+    error = client.uncleared_error
+    return (error.number,) if error is not None and call.kind.folded_command == "clearerror" else ()
+
+
+def _marked_guess(fact: Message, code: int) -> Message:
+    """Return the sentence, followed by a remark if the code is only a guess at how RC7 packs its codes."""
+    digits = rc7_digits_guessed(code)
+    return fact if digits is None else Message("finding.rc7-guess", fact=fact, digits=digits)
 
 
 def _usual_sentence(call: Call, code: int, why: RefusalReason) -> Message:

@@ -84,7 +84,7 @@ RETRIED = DiagnosisRule(
     "retried",
     Severity.WARNING,
     f"{_SEED}, Retry sequence in UDP connection",
-    ("malformed-request", "malformed-reply", "reply-to-nothing"),
+    ("malformed-request", "malformed-reply", "reply-to-nothing", "no-reply"),
 )
 VERY_LATE_REPLY = DiagnosisRule("very-late-reply", Severity.WARNING, _C_CLIENT)
 REPLY_TO_NOTHING = DiagnosisRule(

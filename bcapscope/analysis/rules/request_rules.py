@@ -5,11 +5,13 @@ from __future__ import annotations
 from difflib import get_close_matches
 from functools import lru_cache
 
-from bcapscope.analysis.client_state import ClientState, argument
+from bcapscope.analysis.call_arguments import argument
+from bcapscope.analysis.client_state import ClientState
 from bcapscope.analysis.finding import Severity
 from bcapscope.analysis.finding_places import call_places
 from bcapscope.analysis.rules.refusal import NO_REASON, Refusal, RefusalReason
 from bcapscope.analysis.rules.rule_checker import SAME_CALL, CallHealth, DiagnosisRule, RuleChecker
+from bcapscope.analysis.slave.generation_clues import ENOUGH_TO_OBJECT
 from bcapscope.messages import Message
 from bcapscope.messages.places import Count, Listing, WireText, shortened
 from bcapscope.protocol.codec.variant import ARRAY, VT, Variant, vt_name
@@ -75,7 +77,9 @@ class RequestChecker(RuleChecker):
         if call.kind.folded_command == "slvmove":
             if conversation not in self.by_client:
                 self.by_client[conversation] = True
-                self._report_odd(call, _odd_point(argument(call, 2), client.generation))
+                is_known = client.generation_clue.strength >= ENOUGH_TO_OBJECT
+                generation = client.generation if is_known else None
+                self._report_odd(call, _odd_point(argument(call, 2), generation))
         else:
             self.by_client.pop(conversation, None)
             self._report_odd(call, _odd_mode(argument(call, 2)))

@@ -50,6 +50,10 @@ MIXED_CONVENTIONS = DiagnosisRule(
     f"{_SEED}; orin_bcap C/src/bCAPClient/bcap_client.c; start-jsk/denso b-Cap.c",
 )
 
+_FIRST_FUNCTIONS = (ID["Service_Start"], ID["Controller_Connect"])
+"""Functions with which a session begins. After another function with serial 0, the capture began in
+mid-session."""
+
 
 class RetryChecker(RuleChecker):
     """Checks the times and serials of the attempts of a call."""
@@ -77,7 +81,7 @@ class RetryChecker(RuleChecker):
             self._check_retry_delay(call)
         tcp = call.conversation.transport is Transport.TCP
         if not client.call_count:
-            if not tcp and call.request.item.serial == 0:
+            if not tcp and call.request.item.serial == 0 and call.kind.function_id in _FIRST_FUNCTIONS:
                 self._report_serial_zero(call)
         elif tcp:
             self._check_serial_reuse(client.last_call, call)

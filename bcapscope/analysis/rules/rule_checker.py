@@ -65,6 +65,9 @@ class Occurrence:
         count: Number of occurrences that this object represents; 1 if each is reported on its own.
         is_update: True if this occurrence replaces the earlier one of the same rule and call.
         selected: True if the occurrence concerns selected calls; False to report it only as a cause.
+        explains: Numbers of calls whose problems follow from this one for certain. The rules found this cause
+            after they reported the problems.
+        stopped_robot: Whether the problem ended slave mode or a motion.
     """
 
     rule: DiagnosisRule
@@ -81,6 +84,8 @@ class Occurrence:
     count: int = 1
     is_update: bool = False
     selected: bool = True
+    explains: tuple[int, ...] = ()
+    stopped_robot: bool = False
 
 
 class ClientEnd(NamedTuple):
@@ -147,6 +152,7 @@ class RuleChecker:
         completed: int = 0,
         group_key: str = "",
         advice: Message | None = None,
+        stopped_robot: bool = False,
     ) -> None:
         """Report a problem of a call. By default, the problem lasts from the request to the last frame.
 
@@ -166,6 +172,7 @@ class RuleChecker:
                 explaining_calls=explaining_calls,
                 group_key=group_key,
                 advice=advice,
+                stopped_robot=stopped_robot,
             )
         )
 

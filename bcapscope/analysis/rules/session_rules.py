@@ -5,7 +5,8 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 
-from bcapscope.analysis.client_state import ClientState, text_argument
+from bcapscope.analysis.call_arguments import text_argument
+from bcapscope.analysis.client_state import ClientState
 from bcapscope.analysis.finding import Severity
 from bcapscope.analysis.finding_places import call_place, call_places, client_place
 from bcapscope.analysis.rules.refusal import Refusal, RefusalReason
@@ -23,7 +24,13 @@ from bcapscope.messages import Message
 from bcapscope.messages.message import PlaceValue
 from bcapscope.messages.places import Count, Duration, Moment, Times, WireText
 from bcapscope.protocol.tables.function_table import ID, function_name
-from bcapscope.protocol.tables.hresult import E_BUSY, E_CAO_COLLECTION_REGISTERED, E_INVALIDARG
+from bcapscope.protocol.tables.hresult import (
+    E_BUSY,
+    E_CAO_COLLECTION_REGISTERED,
+    E_INVALIDARG,
+    describe_hresult,
+    is_rc7_code,
+)
 from bcapscope.traffic.call import Call
 from bcapscope.traffic.call_kind import CallKind
 from bcapscope.traffic.observation import Transport
@@ -237,10 +244,18 @@ def _successor(client: ClientState, since: int) -> ClientState | None:
 
 
 def _explain_not_started(call: Call, client: ClientState) -> RefusalReason | None:
-    is_first = not client.call_count and call.request.item.serial <= 2
-    if not is_first or call.kind.function_id == ID["Service_Start"]:
+    code = call.hresult or 0
+    if call.kind.function_id == ID["Service_Start"] or is_rc7_code(code):
         return None
-    return RefusalReason(Message("reason.first-call"))
+    if describe_hresult(code).level is not None:
+        return None  # an error of the robot or the controller, which knows this session
+    start = client.failed_start
+    if start is not None:
+        case = "refused" if start.hresult else "serial-zero"
+        reason = Message(f"reason.start.{case}", call=call_place(start), at=Moment(start.request.time))
+        return RefusalReason(reason, explaining_calls=(start.number,), evidence_call=start)
+    is_first = not client.call_count and call.request.item.serial <= 2
+    return RefusalReason(Message("reason.first-call")) if is_first else None
 
 
 def _explain_small_wdt(call: Call, client: ClientState) -> RefusalReason | None:
@@ -262,7 +277,7 @@ def _explain_name_in_use(call: Call, client: ClientState) -> RefusalReason | Non
         return None
     name = text_argument(call, 0)
     for other in (client, *client.other_clients()):
-        connected = other.connect_call
+        connected = other.connect_call if other.session_end is None else None
         if connected is not None and text_argument(connected, 0) == name:
             return _held_by(other, connected, name)
     return RefusalReason(Message("reason.name-left", name=WireText(name)))

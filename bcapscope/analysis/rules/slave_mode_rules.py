@@ -5,7 +5,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from bcapscope.analysis.client_state import ClientState, argument
+from bcapscope.analysis.call_arguments import argument
+from bcapscope.analysis.client_state import ClientState
 from bcapscope.analysis.finding import Severity
 from bcapscope.analysis.finding_places import call_name_place, call_place, client_place
 from bcapscope.analysis.rules.refusal import Refusal, RefusalReason
@@ -25,7 +26,7 @@ from bcapscope.protocol.codec.variant import integer_value
 from bcapscope.protocol.tables.call_effect import CallEffect, function_effect
 from bcapscope.protocol.tables.command_catalogue import find_command
 from bcapscope.protocol.tables.function_table import function_name
-from bcapscope.protocol.tables.hresult import E_REFUSED_IN_SLAVE_MODE
+from bcapscope.protocol.tables.hresult import E_REFUSED_IN_SLAVE_MODE, with_rc7_forms
 from bcapscope.traffic.call import Call
 from bcapscope.traffic.slave_mode_tracker import SLAVE_MODE_OFF_CODES
 
@@ -69,7 +70,17 @@ SLAVE_MODE_LOST_UNSEEN = DiagnosisRule(
     "slave-mode-lost-unseen",
     Severity.WARNING,
     f"DENSORobot/denso_robot_ros issues 6 and 42; {_ERRORS}",
-    ("late-reply", "client-gave-up", "no-reply", "set-point-gap"),
+    (
+        "late-reply",
+        "client-gave-up",
+        "no-reply",
+        "set-point-gap",
+        "emergency-stop",
+        "not-in-automatic-mode",
+        "over-limit",
+        "beyond-range",
+        "controller-error",
+    ),
 )
 SLAVE_MODE_REFUSED = DiagnosisRule(
     "slave-mode-refused",
@@ -79,7 +90,7 @@ SLAVE_MODE_REFUSED = DiagnosisRule(
     SAME_CALL,
 )
 
-_NOT_ALLOWED = (E_REFUSED_IN_SLAVE_MODE, 0x8120174E, 0x81500177)
+_NOT_ALLOWED = with_rc7_forms((E_REFUSED_IN_SLAVE_MODE, 0x8120174E, 0x81500177))
 _SUSPECT_WITHIN_NS = 200 * MS
 
 
@@ -114,6 +125,7 @@ def _ended_by_other(session: SlaveSession, by: CallFact) -> Occurrence:
         fact,
         Message("clause.slave-mode-ended-by-other", other=other, call=call),
         by.call,
+        stopped_robot=True,
     )
 
 
@@ -140,6 +152,7 @@ def _lost_unseen(session: SlaveSession, last: FrameTime) -> Occurrence:
         (last.frame, *(call.request_frame for call in suspects[-1:]), *exit_.frames[-1:]),
         fact,
         Message("clause.slave-mode-lost-unseen"),
+        stopped_robot=True,
     )
 
 
@@ -157,6 +170,10 @@ def _is_harmless_call(call: CallFact) -> bool:
 
 def _explain_outside(call: Call, client: ClientState) -> RefusalReason | None:
     ended, entered = client.mode_ended_by, client.mode_entered_by
+    latest = client.latest_calls.get("slvchangemode")
+    known = max((each.number for each in (ended, entered) if each is not None), default=0)
+    if latest is not None and latest.number > known:
+        return _explain_mode_change(latest)
     if entered is None and ended is None:
         unseen = client.mode_value is None and not client.session_start_seen
         return RefusalReason(Message(f"reason.slave-mode.{'never-on' if unseen else 'not-entered'}"))
@@ -169,6 +186,16 @@ def _explain_outside(call: Call, client: ClientState) -> RefusalReason | None:
         )
     return RefusalReason(
         Message("reason.slave-mode.error", call=call_place(ended)), explaining_calls=(ended.number,)
+    )
+
+
+def _explain_mode_change(latest: Call) -> RefusalReason:
+    """Return the reason if the client's latest slvChangeMode was refused, or its reply was not captured."""
+    case = "unanswered" if latest.reply is None else "refused"
+    return RefusalReason(
+        Message(f"reason.slave-mode.{case}", call=call_place(latest), at=Moment(latest.request.time)),
+        explaining_calls=(latest.number,),
+        evidence_call=latest,
     )
 
 

@@ -38,6 +38,9 @@ NO_CLUE = GenerationClue(0, None, None)
 _RC7, _RC8 = Generation.RC7, Generation.RC8
 _PROOF, _STRONG, _FAIR, _WEAK = 4, 3, 2, 1
 
+ENOUGH_TO_OBJECT = _FAIR
+"""Least strength of a clue that makes a set point of the other generation's number type unusual."""
+
 # orin_bcap samples. A weak clue: NetwoRC is ORiN's provider for RC7, but an RC7 accepts any provider name.
 _PROVIDERS = {"CaoProv.DENSO.VRC": _RC8, "CaoProv.DENSO.NetwoRC": _RC7}
 
@@ -49,7 +52,7 @@ _COMMANDS = {
     "slvrecvformat": GenerationClue(
         _STRONG, _RC8, Message("generation.command.not-rc7", command="slvRecvFormat")
     ),
-    "takearm": GenerationClue(_FAIR, _RC8, Message("generation.command", command="TakeArm")),
+    "takearm": GenerationClue(_WEAK, _RC8, Message("generation.command", command="TakeArm")),
     "putautomode": GenerationClue(_FAIR, _RC7, Message("generation.command", command="PutAutoMode")),
 }
 

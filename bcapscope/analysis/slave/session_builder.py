@@ -164,6 +164,7 @@ class SlaveSessionBuilder:
             exit=exit_,
             counts=models.counts(self.after_end),
             timing=models.timing.facts(),
+            pace=models.pace.facts(),
             buffer=models.buffer.facts(),
             clock=models.clock.facts(),
             motion=models.motion.facts(models.timing.grid.ms, models.start_distance) if first else None,

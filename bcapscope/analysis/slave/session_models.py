@@ -7,12 +7,14 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bcapscope.analysis.slave.buffer_model import BufferBehaviour, BufferModel, SetPointArrivals
 from bcapscope.analysis.slave.column_templates import ColumnReader, NumberPicker, PickedNumbers, PoseColumns
 from bcapscope.analysis.slave.controller_clock import ControllerClock
 from bcapscope.analysis.slave.generation_clues import GenerationClue
 from bcapscope.analysis.slave.motion_model import MotionModel, PoseTable, StartDistance
+from bcapscope.analysis.slave.motion_pace import MotionPaceModel
 from bcapscope.analysis.slave.notable_set_points import MAX_LISTED, SetPointFact, set_point_fact
 from bcapscope.analysis.slave.plot_samples import PlotSampler
 from bcapscope.analysis.slave.session_slices import SessionSlice, SessionSlicer
@@ -40,6 +42,9 @@ are counted as 0."""
 _PARAMETER = 2
 _RESULT = 0
 _UNKNOWN = -1
+_STEP = 1
+_TINY_STEP = 0.02
+"""Largest step of an axis that is no motion, as a share of the axis' largest step so far."""
 
 
 class KnownPosition(NamedTuple):
@@ -114,6 +119,7 @@ class SessionModels:
         self._replies_pace = rules.replies_pace
         self.forbids_retries = rules.overwrites and transport is Transport.UDP
         self.timing = TimingModel(self.mode.meaning, transport, rules.slots)
+        self.pace = MotionPaceModel()
         self.buffer = BufferModel(rules, self.origin)
         self.clock = ControllerClock(
             None if slave_setup.receive_format is None else slave_setup.receive_format.microseconds
@@ -130,6 +136,7 @@ class SessionModels:
         self._command_columns = ColumnReader(NumberPicker(_PARAMETER, picker.command))
         self._result_columns = ColumnReader(NumberPicker(_RESULT, picker.result))
         self._last_poses = np.full((2, len(self.axes)), np.nan)  # the last two commanded poses
+        self._largest_steps = np.zeros(len(self.axes))
         self._sent = self._accepted = self._unanswered = self._open = self._not_followed = (
             self._buffer_full
         ) = 0
@@ -141,7 +148,10 @@ class SessionModels:
         commanded = self._command_columns.read(batch.requests, len(batch), self._axes)
         returned = self._result_columns.read(batch.results, len(batch), self._axes)
         cycles = self.timing.add(rows)
-        slacks = self._add_to_buffer(rows, commanded)
+        steps = self._steps(commanded)
+        slacks = self._add_to_buffer(rows, steps[:-1])
+        in_motion = (steps[:-1] == _STEP) & (steps[1:] == _STEP)
+        self.pace.add(rows, cycles, in_motion, self.timing.grid.ms)
         self._count(rows, cycles)
         self._add_motion(rows, commanded, returned)
         stamped = np.flatnonzero(~np.isnan(returned.stamps))
@@ -176,12 +186,21 @@ class SessionModels:
             return (), 0
         return self._slicer.slices()
 
-    def _add_to_buffer(self, rows: SetPointTable, commanded: PoseColumns) -> Floats:
+    def _steps(self, commanded: PoseColumns) -> NDArray[np.int64]:
+        """Return whether the robot moves to each set point: 1, 0 or -1 for unknown.
+
+        The first value is for the set point before these. A step that is tiny beside the largest one so far
+        is no motion: a smooth motion ends with such steps.
+        """
         points = np.vstack((self._last_poses, commanded.poses))
         known = ~np.isnan(points).any(axis=1)
-        differ = (points[1:] != points[:-1]).any(axis=1)
-        moving = np.where(known[1:] & known[:-1] & (self._axes > 0), differ, _UNKNOWN)[:-1]
-        self._last_poses = points[-2:]
+        sizes = np.abs(np.diff(points, axis=0))
+        largest = np.fmax.accumulate(np.vstack((self._largest_steps, sizes)), axis=0)
+        moves = (sizes > _TINY_STEP * largest[1:]).any(axis=1)
+        self._last_poses, self._largest_steps = points[-2:], largest[-1]
+        return np.where(known[1:] & known[:-1] & (self._axes > 0), moves, _UNKNOWN)
+
+    def _add_to_buffer(self, rows: SetPointTable, moving: NDArray[np.int64]) -> Floats:
         entered = np.maximum(rows.arrivals, rows.replies) if self._replies_pace else rows.arrivals
         slacks = self.buffer.add(
             SetPointArrivals(rows.arrivals, entered, rows.codes, rows.frames, rows.reply_frames, moving)

@@ -14,6 +14,7 @@ from typing import NamedTuple
 from bcapscope.analysis.slave.buffer_model import BufferFacts
 from bcapscope.analysis.slave.controller_clock import ClockFacts
 from bcapscope.analysis.slave.motion_model import MotionFacts
+from bcapscope.analysis.slave.motion_pace import MotionPace
 from bcapscope.analysis.slave.notable_set_points import SetPointFact
 from bcapscope.analysis.slave.plot_samples import PlotSample
 from bcapscope.analysis.slave.session_slices import SessionSlice
@@ -168,6 +169,7 @@ class SlaveSession:
         send_format: Send format that the controller accepted; None if no slvSendFormat was captured, which is
             not the same as format 0.
         receive_format: Receive format that the controller accepted; None if no slvRecvFormat was captured.
+        pace: Pace of the set points while the robot moves; None if the capture shows no motion.
         clock: Facts about the controller's time stamps; None if no reply has a time stamp.
         motion: Facts about the commanded motion; None if there are no set points.
         forbidden_retry_frames: Numbers of the first retry frames that the mode forbids.
@@ -189,6 +191,7 @@ class SlaveSession:
     exit: SessionExit
     counts: SetPointCounts
     timing: TimingFacts
+    pace: MotionPace | None
     buffer: BufferFacts
     clock: ClockFacts | None
     motion: MotionFacts | None

@@ -11,6 +11,7 @@ codes into 32 bits. 0000600B and 8000600B are both decoded as RC7's 600B and mar
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 
@@ -58,6 +59,9 @@ LEVELS = range(6)
 3, which bcapscope infers from the texts of their errors."""
 
 _ENDS_SLAVE_MODE = 3
+
+_GUESSED_RC7_FORM = 0x80000000
+"""Upper half of the second form in which RC7 may send a four-digit code. No document shows this form."""
 
 SUBSYSTEMS = frozenset((2, 4, 5, 6, 8))
 """Values of the third hex digit that name a part of the controller: motion, servo, system, user programs,
@@ -117,7 +121,33 @@ def ends_slave_mode(code: int) -> bool:
     if not is_failure(code) or code == E_SLAVE_OVERFLOW:
         return False
     level = describe_hresult(code).level
-    return code <= 0xFFFF or (level is not None and level >= _ENDS_SLAVE_MODE)
+    return is_rc7_code(code) or (level is not None and level >= _ENDS_SLAVE_MODE)
+
+
+@lru_cache(maxsize=4096)
+def is_rc7_code(code: int) -> bool:
+    """Return whether a result code is read as a four-digit code of RC7, as 0000xxxx or as 8000xxxx."""
+    code &= 0xFFFFFFFF
+    in_range = any(span.first <= code <= span.last for span in CODE_RANGES)
+    return _has_rc7_form(code) and code not in _KNOWN and not in_range
+
+
+def with_rc7_forms(codes: Iterable[int]) -> frozenset[int]:
+    """Return the codes, and RC7's codes of the same meaning in both 32-bit forms: 0000xxxx and 8000xxxx.
+
+    A four-digit code among `codes` is a code of RC7.
+    """
+    plain = frozenset(codes)
+    numbers = {code for code in plain if code <= 0xFFFF}
+    numbers |= {int(rc7, 16) for code in plain if (rc7 := describe_hresult(code).rc7) is not None}
+    return plain | numbers | {_GUESSED_RC7_FORM | number for number in numbers}
+
+
+def rc7_digits_guessed(code: int) -> str | None:
+    """Return the four digits of a code that is only a guess at how RC7 packs its codes (8000xxxx); else
+    None."""
+    guessed = code >> 16 << 16 == _GUESSED_RC7_FORM and is_rc7_code(code)
+    return f"{code & 0xFFFF:04X}" if guessed else None
 
 
 def is_success(code: int) -> bool:

@@ -82,7 +82,7 @@ SCENES = (
         (
             "After the error of slvMove 18 your client made 2 more calls that can change or move something",
             "from Motor 19 on",
-            "never called ClearError",
+            "shows no later ClearError of this client",
         ),
         _after_error("ClearError", "Motor"),
         "underflow",
@@ -91,7 +91,10 @@ SCENES = (
         "cleared-unread",
         _after_error("ClearError"),
         (35, 36, 37, 38),
-        ("called ClearError at 0.210 s without reading the details of error 0x84201482 of slvMove 18",),
+        (
+            "called ClearError at 0.210 s",
+            "no earlier call that read the details of error 0x84201482",
+        ),
         _after_error("GetCurErrorCount", "ClearError"),
         "underflow",
     ),

@@ -48,15 +48,39 @@ def _waits_for_reply(story: Story) -> None:
     client.point(165, 0.6, _NOT_IN)
 
 
-def _cycle(every: float, mode: int, points: int = 80, takes: float = 0.7) -> Play:
+def _cycle(every: float, mode: int, points: int = 80, takes: float = 0.7, step: float = 0.01) -> Play:
     def play(story: Story) -> None:
         client = story.client()
         client.open()
         client.ready()
         client.enter(40, mode)
         for index in range(points):
-            client.point(50 + index * every, index * 0.01, takes=takes)
+            client.point(50 + index * every, index * step, takes=takes)
         client.leave(50 + points * every)
+
+    return play
+
+
+def _skips(mode: int) -> Play:
+    """A client that is one period late with every fourth set point."""
+
+    def play(story: Story) -> None:
+        client = story.client()
+        client.open()
+        client.ready()
+        client.enter(40, mode)
+        for index in range(80):
+            client.point(50 + index * 8 + index // 4 * 8, index * 0.01)
+        client.leave(50 + 100 * 8)
+
+    return play
+
+
+def _in_unknown_mode(every: float) -> Play:
+    """A capture that begins and ends in the middle of slave mode."""
+
+    def play(story: Story) -> None:
+        story.client().move(0, 80, every, step=0.01)
 
     return play
 
@@ -115,7 +139,7 @@ SCENES = (
         "underflow",
         _pause(10, _EMPTY, 0x002, provider=_RC7),
         (35, 36),
-        ("The set points before that were never more than 16 ms apart",),
+        ("The last set points before that were at most 16 ms apart",),
         _pause(20, mode=0x002, provider=_RC7),
     ),
     Scene(
@@ -129,11 +153,52 @@ SCENES = (
         "off-grid",
         _cycle(3.2, 0x002),
         (15, 173),
-        ("80 set points every 3.2 ms", "312 per second", "8 ms"),
+        ("78 set points every 3.2 ms", "312 per second", "8 ms"),
         _cycle(8, 0x002),
     ),
-    Scene("off-grid", _cycle(10, 0x202), (15, 173), ("80 set points every 10 ms",), _cycle(8.2, 0x202)),
+    Scene("off-grid", _cycle(10, 0x202), (15, 173), ("78 set points every 10 ms",), _cycle(8.2, 0x202)),
     Scene(
-        "replies-do-not-pace", _cycle(2, 0x202), (15, 173), ("80 set points every 2 ms",), _cycle(8, 0x202)
+        "off-grid",
+        _cycle(9.2, 0x202, takes=8.8),
+        (15, 173),
+        (
+            "78 set points every 9.2 ms",
+            "as soon as the reply to the previous one arrived, so the replies set this pace",
+        ),
+        _cycle(8.2, 0x202, takes=7.8),
+    ),
+    Scene(
+        "off-grid", _skips(0x202), (15, 173), ("19 of 78 cycles took one and a half periods",), _skips(0x102)
+    ),
+    Scene(
+        "slow-set-points",
+        _cycle(16, 0x102),
+        (15, 173),
+        ("78 set points every 16 ms", "the controller holds the last set point"),
+        _cycle(8, 0x102),
+    ),
+    Scene(
+        "slow-set-points",
+        _cycle(32, 0x102, takes=31.5),
+        (15, 173),
+        ("78 set points every 32 ms",),
+        _cycle(32, 0x102, step=0.0),
+    ),
+    Scene(
+        "slow-set-points",
+        _skips(0x102),
+        (15, 173),
+        ("19 of 78 cycles took one and a half periods",),
+        _skips(0x202),
+    ),
+    Scene(
+        "slow-set-points",
+        _in_unknown_mode(16),
+        (1, 159),
+        ("78 set points every 16 ms", "The capture does not show the mode."),
+        _in_unknown_mode(8),
+    ),
+    Scene(
+        "replies-do-not-pace", _cycle(2, 0x202), (15, 173), ("78 set points every 2 ms",), _cycle(8, 0x202)
     ),
 )

@@ -197,7 +197,7 @@ SCENES = (
         "arm-not-taken",
         _arm(False),
         (21, 22),
-        ("0x83501024", "this client had not called TakeArm"),
+        ("0x83501024", "the capture shows no TakeArm of this client in this session"),
         _arm(True),
     ),
     Scene(
@@ -211,7 +211,7 @@ SCENES = (
         "arm-taken-by-other",
         _takes_arm_of_nobody(0x83501024),
         (9, 10),
-        ("the capture does not show the holder of the arm",),
+        ("the capture does not show who holds the arm",),
         _takes_arm_of_nobody(0),
     ),
     Scene(
@@ -291,7 +291,7 @@ SCENES = (
         "type-not-checked",
         _type_unread,
         (3, 4),
-        ("called Robot_Move without reading the robot's type",),
+        ("called Robot_Move. The capture shows no earlier call of this session that read the robot's type",),
         good,
     ),
 )

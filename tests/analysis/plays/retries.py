@@ -129,7 +129,7 @@ SCENES = (
         "unmarked-retry",
         _again(0),
         (9, 10, 11),
-        ("Motor 6 repeats Motor 5, which got no reply. It is sent as a new call",),
+        ("Motor 6 repeats Motor 5, to which the capture holds no reply. It is sent as a new call",),
         _again(0, answered=True),
         "no-reply",
     ),

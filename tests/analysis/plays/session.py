@@ -249,7 +249,7 @@ SCENES = (
         "service-not-started",
         _begins_with("Controller_GetRobot", 0x8000FFFF),
         (1, 2),
-        ("Controller_GetRobot 1 of your client", "should be Service_Start"),
+        ("Controller_GetRobot 1 of your client", "a session begins with Service_Start"),
         _begins_with("Service_Start", 0x8000FFFF),
     ),
     Scene(
@@ -319,7 +319,7 @@ SCENES = (
         (18, 19),
         (
             "CurJnt 5 of client 192.168.0.11:50002 (TCP) was refused",
-            "the capture does not contain the call that was still running",
+            "the call that was still running could not be determined",
         ),
         _busy_beside(tcp=True, code=0),
     ),

@@ -86,7 +86,7 @@ SCENES = (
         (13, 14),
         (
             "slvMove 7 of your client was refused with 0x83500121",
-            "no slvChangeMode had switched slave mode on",
+            "the capture shows no slvChangeMode of this client that switched slave mode on",
         ),
         good,
     ),
@@ -101,7 +101,7 @@ SCENES = (
         "slvmove-outside-slave-mode",
         _second_client("HandMoveA", _REFUSED),
         (61, 63, 66),
-        ("switched off, but not by this client",),
+        ("no captured call of this client switched it off",),
         good,
         "refused-in-slave-mode",
     ),

@@ -1,0 +1,58 @@
+"""Arguments and results of calls, as far as the rules read them."""
+
+from __future__ import annotations
+
+from bcapscope.protocol.codec.variant import Value, Variant
+from bcapscope.protocol.tables.function_table import ID
+from bcapscope.protocol.tables.hresult import is_failure
+from bcapscope.traffic.call import Call
+
+
+def argument(call: Call, index: int) -> Variant | None:
+    """Return the value of a request's argument; None if the request has fewer arguments."""
+    arguments = call.request.item.arguments
+    return arguments[index].variant if index < len(arguments) else None
+
+
+def text_argument(call: Call, index: int) -> str:
+    """Return a string argument of a request; "" if the argument is missing or has another type."""
+    variant = argument(call, index)
+    return variant.value if variant is not None and isinstance(variant.value, str) else ""
+
+
+def result_of(call: Call) -> Value:
+    """Return the value of a successful reply; None for a failure or an empty reply."""
+    if call.reply is None or is_failure(call.reply.item.code) or not call.reply.item.arguments:
+        return None
+    return call.reply.item.arguments[0].variant.value
+
+
+def first_number(variant: Variant | None) -> int | None:
+    """Return an argument as an integer. Clients send integers as a number, as the first number of an array,
+    or as text. None if the argument has none of these forms.
+    """
+    value = variant.value if variant is not None else None
+    if isinstance(value, tuple):
+        first = value[0] if value else None
+        value = first.value if isinstance(first, Variant) else first
+    if isinstance(value, str):
+        return int(value) if value.isascii() and value.isdecimal() and len(value) <= 9 else None
+    return int(value) if isinstance(value, int) and not isinstance(value, bool) else None
+
+
+def requested_motor_state(call: Call) -> bool | None:
+    """Return whether a Motor call, or a write to @SERVO_ON, requests the motor on; None if unreadable."""
+    if call.kind.function_id == ID["Variable_PutValue"]:
+        value = argument(call, 1)
+        return None if value is None or not isinstance(value.value, int) else bool(value.value)
+    state = first_number(argument(call, 2))
+    return None if state is None else bool(state)
+
+
+def gets_robslave(call: Call) -> bool:
+    """Return whether a call gets a handle for the task RobSlave, which must run for slave mode on an RC7."""
+    return call.kind.function_id == ID["Controller_GetTask"] and is_robslave_name(text_argument(call, 1))
+
+
+def is_robslave_name(name: str) -> bool:
+    return name.casefold().removesuffix(".pac") == "robslave"

@@ -1,0 +1,230 @@
+"""Report the errors that a client read from the controller as the causes of earlier refusals.
+
+Some refusals name no cause. For example, 84201486 says that set points were abandoned because of an earlier
+error. The controller's error list names this error, and so do the rules whose codes it contains.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterator
+from typing import NamedTuple
+
+from bcapscope.analysis.call_arguments import first_number
+from bcapscope.analysis.client_state import ClientRegistry, ClientState
+from bcapscope.analysis.finding_places import call_place, client_place, code_place
+from bcapscope.analysis.rules.error_rules import ACTIVE_CODES, CONTROLLER_ERROR, advice_on_code
+from bcapscope.analysis.rules.preparation_rules import (
+    ARM_TAKEN_BY_OTHER,
+    EMERGENCY_STOP,
+    MANUAL_RESET_MISSING,
+    NO_EXECUTABLE_TOKEN,
+    NO_LICENCE,
+    NOT_IN_AUTOMATIC_MODE,
+)
+from bcapscope.analysis.rules.refusal_checker import REFUSALS
+from bcapscope.analysis.rules.rule_checker import (
+    CallHealth,
+    DiagnosisRule,
+    Occurrence,
+    OccurrenceSink,
+    RuleChecker,
+    frame_numbers,
+    last_frame_time,
+)
+from bcapscope.messages import Message
+from bcapscope.messages.places import Moment
+from bcapscope.protocol.tables.function_table import ID
+from bcapscope.protocol.tables.hresult import describe_hresult, ends_slave_mode, is_failure, is_rc7_code
+from bcapscope.traffic.call import Call
+from bcapscope.traffic.call_kind import CallKind
+from bcapscope.traffic.observation import Conversation
+from bcapscope.traffic.slave_mode_tracker import SLAVE_MODE_OFF_CODES
+
+_ABANDONED = 0x84201486
+"""Set points were abandoned because of an earlier error."""
+
+_NAMES_NO_CAUSE = SLAVE_MODE_OFF_CODES | ACTIVE_CODES | {_ABANDONED}
+"""Codes of errors that follow from another error, and do not say from which."""
+
+_LASTING = (
+    EMERGENCY_STOP,
+    NOT_IN_AUTOMATIC_MODE,
+    NO_EXECUTABLE_TOKEN,
+    NO_LICENCE,
+    MANUAL_RESET_MISSING,
+)
+"""Rules about states that ClearError does not end. Any other error that is only still listed explains no
+refusal because of an active error: there, ClearError was missing."""
+
+_MAX_CONTROLLERS = 256
+_MAX_CLIENTS = 32
+_MAX_READS = 64
+_MAX_CLEARS = 16
+
+
+class _ErrorRead(NamedTuple):
+    """An error code that a client read, and the call that returned it."""
+
+    code: int
+    call: Call
+
+
+class _RefusedCalls:
+    """The refusals of one client since errors were last cleared, and the read errors that explain the first.
+
+    Attributes:
+        began: Latest time at which the error behind the first refusal was probably not active yet: that of
+            the set point before, or of the first refusal.
+        codes: Result codes of the refusals.
+        reported: The call that read each reported error, by the error's code.
+    """
+
+    def __init__(self, first: Call, code: int, client: ClientState) -> None:
+        self.first = first
+        points = client.recent_set_points
+        follows_points = first.kind.folded_command == "slvmove" and points
+        self.began = points[-1].request.time if follows_points else first.request.time
+        self.codes = {code}
+        self.names_no_cause = code in _NAMES_NO_CAUSE
+        self.own_code_read = False
+        self.reported: dict[int, Call] = {}
+
+    def may_follow_from(self, rule: DiagnosisRule, code: int) -> bool:
+        """Return whether the first refusal may follow from an error with this code, which `rule` reports."""
+        is_notice = not describe_hresult(code).level and rule is CONTROLLER_ERROR
+        only_listed = self.first.hresult in ACTIVE_CODES and rule not in _LASTING
+        return not is_notice and not only_listed and (self.names_no_cause or self.own_code_read)
+
+
+class _ControllerErrors:
+    """What was captured about the errors of one controller."""
+
+    def __init__(self) -> None:
+        self.refused: dict[Conversation, _RefusedCalls] = {}
+        self.reads: deque[_ErrorRead] = deque(maxlen=_MAX_READS)
+        self.clears: deque[int] = deque(maxlen=_MAX_CLEARS)
+
+    def cleared_between(self, start: int, end: int) -> bool:
+        return any(start < time < end for time in self.clears)
+
+
+class ErrorListChecker(RuleChecker):
+    """Reads GetCurErrorInfo and @ERROR_CODE, and reports the error that explains an earlier refusal.
+
+    The calls of different clients are not passed to the checker in chronological order. The checker therefore
+    keeps the latest reads, and compares them with later reported refusals too.
+    """
+
+    rules = ()
+
+    def __init__(self, report_occurrence: OccurrenceSink, clients: ClientRegistry) -> None:
+        super().__init__(report_occurrence, clients)
+        self._controllers: dict[str, _ControllerErrors] = {}
+
+    def wants_call(self, call_kind: CallKind, health: CallHealth) -> bool:
+        if health is CallHealth.REFUSED:
+            return True
+        reads = call_kind.function_id == ID["Variable_GetValue"]
+        return reads or call_kind.folded_command in ("getcurerrorinfo", "clearerror")
+
+    def on_call(self, call: Call, client: ClientState) -> None:
+        code = call.hresult
+        if code is None:
+            return
+        errors = self._errors_of(call.conversation.server.host)
+        if is_failure(code):
+            self._add_refusal(errors, call, code, client)
+        elif call.kind.folded_command == "clearerror":
+            errors.clears.append(call.request.time)
+        else:
+            read = _read_error(call, client)
+            if read is not None:
+                errors.reads.append(read)
+                for refused in list(errors.refused.values()):
+                    self._compare(errors, refused, read)
+
+    def _errors_of(self, host: str) -> _ControllerErrors:
+        errors = self._controllers.get(host)
+        if errors is None:
+            if len(self._controllers) >= _MAX_CONTROLLERS:
+                del self._controllers[next(iter(self._controllers))]
+            errors = self._controllers[host] = _ControllerErrors()
+        return errors
+
+    def _add_refusal(self, errors: _ControllerErrors, call: Call, code: int, client: ClientState) -> None:
+        if code not in _NAMES_NO_CAUSE and not ends_slave_mode(code):
+            return
+        refused = errors.refused.get(call.conversation)
+        if refused is not None and not errors.cleared_between(refused.first.request.time, call.request.time):
+            refused.codes.add(code)
+            return
+        if len(errors.refused) >= _MAX_CLIENTS:
+            del errors.refused[next(iter(errors.refused))]
+        refused = errors.refused[call.conversation] = _RefusedCalls(call, code, client)
+        for read in errors.reads:
+            self._compare(errors, refused, read)
+
+    def _compare(self, errors: _ControllerErrors, refused: _RefusedCalls, read: _ErrorRead) -> None:
+        """Report a read error if it explains the first refusal.
+
+        The error list begins with the newest error. An error that is read after the refusal's own error is
+        therefore older than the refusal.
+        """
+        first, code = refused.first, read.code
+        read_at = read.call.request.time
+        if read_at <= last_frame_time(first) or errors.cleared_between(first.request.time, read_at):
+            return
+        if code in refused.codes or code in _NAMES_NO_CAUSE:
+            refused.own_code_read = refused.own_code_read or code in refused.codes
+            return
+        rule = _rule_of(code)
+        if code not in refused.reported and refused.may_follow_from(rule, code):
+            self._report(refused, read, rule)
+
+    def _report(self, refused: _RefusedCalls, read: _ErrorRead, rule: DiagnosisRule) -> None:
+        first, code = refused.first, read.code
+        case = "" if refused.names_no_cause else ".older"
+        fact = Message(
+            f"finding.error-list{case}",
+            client=client_place(read.call.conversation),
+            read_at=Moment(read.call.request.time),
+            at=Moment(first.request.time),
+            code=code_place(code),
+            read=call_place(read.call),
+            failed=call_place(first),
+        )
+        self.report_occurrence(
+            Occurrence(
+                rule=rule,
+                began=refused.began,
+                completed=refused.began + 1,
+                conversation=first.conversation,
+                frames=frame_numbers(first, read.call),
+                fact=fact,
+                call=read.call.number,
+                explains=(first.number, *(each.number for each in refused.reported.values())),
+                group_key=f"{code:08X}" if rule is CONTROLLER_ERROR else "",
+                advice=advice_on_code(code) if rule is CONTROLLER_ERROR else None,
+            )
+        )
+        refused.reported[code] = read.call
+
+
+def _read_error(call: Call, client: ClientState) -> _ErrorRead | None:
+    """Return the error that a call read; None if the call reads something else, or if there is no error."""
+    if call.kind.folded_command != "getcurerrorinfo":
+        name = "" if client.target_object is None else client.target_object.name
+        if name.casefold() != "@error_code":
+            return None
+    results = () if call.reply is None else call.reply.item.arguments
+    number = first_number(results[0].variant) if results else None
+    code = 0 if number is None else number & 0xFFFFFFFF
+    level = describe_hresult(code).level
+    return _ErrorRead(code, call) if level is not None or is_rc7_code(code) else None
+
+
+def _rule_of(code: int) -> DiagnosisRule:
+    """Return the rule that reports a code, whatever call was refused with it."""
+    rules: Iterator[DiagnosisRule] = (each.rule for each in REFUSALS if code in each.codes)
+    return next((rule for rule in rules if rule is not ARM_TAKEN_BY_OTHER), CONTROLLER_ERROR)

@@ -1,0 +1,79 @@
+"""The pace of set points while the robot moves, and whether the replies set this pace.
+
+A client may pause or slow down while the robot stands still, and it waits longer after lost packets. Only
+cycles between two steps of the motion count, after a set point that was answered at the first attempt.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from bcapscope.analysis.slave.set_point_table import SetPointTable
+from bcapscope.analysis.statistics.distribution import Bools, Floats, Histogram
+from bcapscope.protocol.slave_mode.modes import PERIOD_MS
+
+LONGEST_CYCLE_MS = 8.0 * PERIOD_MS
+"""Longest cycle in ms that belongs to a pace. A longer one is a pause."""
+
+PROMPT_MS = 1.0
+"""Longest time in ms from a reply to the next set point of a client that waits only for the reply."""
+
+_SKIPPED = 1.5
+_PROMPT_SHARE = 0.8
+
+
+class MotionPace(NamedTuple):
+    """The pace of set points while the robot moves.
+
+    Attributes:
+        cycles: Number of cycles in motion, without pauses.
+        cycle_ms: Typical time between set points: the median if most cycles skip a period, else the mean of
+            those that do not.
+        skipped: Number of cycles that are at least one and a half periods long.
+        waits_for_reply: Whether the client sent most set points as soon as the previous reply arrived, so
+            that the replies set the pace.
+    """
+
+    cycles: int
+    cycle_ms: float
+    skipped: int
+    waits_for_reply: bool
+
+
+class MotionPaceModel:
+    """Measures the pace of set points, which must be added in order."""
+
+    def __init__(self) -> None:
+        self._cycles, self._on_time = Histogram(), Histogram()
+        self._prompt = 0
+        self._last_reply = np.nan
+
+    def add(self, rows: SetPointTable, cycles: Floats, in_motion: Bools, grid_ms: float) -> None:
+        """Add set points, with the cycle time before each in ms (NaN if unknown).
+
+        Args:
+            in_motion: Whether the robot moves in the cycle before each set point.
+            grid_ms: Cycle time that the client should keep, ms.
+        """
+        # A set point after lost packets says nothing about the client's pace.
+        undisturbed = rows.answered & (rows.retries == 0)
+        replies = np.where(undisturbed, rows.replies, np.nan)
+        waited_for = np.concatenate(((self._last_reply,), replies[:-1]))
+        self._last_reply = float(replies[-1])
+        counted = in_motion & ~np.isnan(waited_for) & (cycles >= 0) & (cycles <= LONGEST_CYCLE_MS)
+        idle = (rows.times - waited_for) / 1e6
+        self._prompt += int(np.count_nonzero(counted & (idle >= 0) & (idle <= PROMPT_MS)))
+        paced = cycles[counted]
+        self._cycles.add(paced)
+        self._on_time.add(paced[paced < _SKIPPED * grid_ms])
+
+    def facts(self) -> MotionPace | None:
+        """Return the pace; None if there is no cycle in motion."""
+        every, on_time = self._cycles.distribution(), self._on_time.distribution()
+        if every is None:
+            return None
+        skipped = every.count - (0 if on_time is None else on_time.count)
+        usual = every.p50 if on_time is None or skipped > on_time.count else on_time.mean
+        return MotionPace(every.count, usual, skipped, self._prompt >= _PROMPT_SHARE * every.count)
