@@ -118,6 +118,23 @@ SCENES = (
     ),
     Scene(
         "malformed-request",
+        _sends(_SOUND + _SOUND),
+        (9,),
+        (
+            f"length is {len(_SOUND)}, but the datagram has {2 * len(_SOUND)} bytes",
+            "can stop DENSO's C server",
+        ),
+        _sends(_SOUND),
+    ),
+    Scene(
+        "malformed-reply",
+        _answers(reply(5, 0) + reply(6, 0)),
+        (10,),
+        ("length is 16, but the datagram has 32 bytes",),
+        _answers(reply(5, 0)),
+    ),
+    Scene(
+        "malformed-request",
         _sends(_SOUND[:9] + _SOUND, tcp=True),
         (9,),
         ("Frame 9 from 192.168.0.10:50001 at 0.050 s is malformed: a frame breaks off after 9 bytes",),
