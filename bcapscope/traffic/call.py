@@ -98,6 +98,7 @@ class Call:
         state: State of the call; a complete call is unanswered, settled or evicted.
         skipped_handles: Number of handles that the controller skipped before the accepted handle; 0 unless
             the call has more attempts than that.
+        unseen_serials: Serials of the retries that were not captured, inferred from the serials around them.
         reserved_usage: How client and controller used the reserved field, as far as known when the call
             settled.
         memory_bytes: Size in bytes of the call's frames and their overhead, as counted by
@@ -119,6 +120,7 @@ class Call:
         "reserved_usage",
         "skipped_handles",
         "state",
+        "unseen_serials",
     )
 
     def __init__(
@@ -142,6 +144,7 @@ class Call:
         self.no_reply_expected = False
         self.state = _WAITING
         self.skipped_handles = self.memory_bytes = 0
+        self.unseen_serials: tuple[int, ...] = ()
 
     def __repr__(self) -> str:
         events = ", ".join(f"{event.role} {event.observation.number}" for event in self.frames)
@@ -181,6 +184,11 @@ class Call:
     def retries(self) -> int:
         """Number of captured retries of the call."""
         return len(self.attempts) - self.first_attempt_seen
+
+    @property
+    def unseen_retries(self) -> int:
+        """Number of retries of the call that were not captured, as far as skipped serials show."""
+        return len(self.unseen_serials)
 
     @property
     def late_replies(self) -> tuple[FrameObservation, ...]:

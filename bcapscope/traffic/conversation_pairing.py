@@ -9,16 +9,16 @@ from collections.abc import Iterator
 
 from bcapscope.protocol.codec.byte_budget import ByteBudget
 from bcapscope.protocol.codec.frame import Frame
-from bcapscope.protocol.codec.variant import VT
-from bcapscope.protocol.tables.function_table import FUNCTIONS, ResultKind
-from bcapscope.protocol.tables.hresult import E_BUSY, S_EXECUTING, is_failure
+from bcapscope.protocol.tables.hresult import E_BUSY, S_EXECUTING
 from bcapscope.traffic.call import Call, CallFrame, CallState, FrameObservation, FrameRole, StrayReply
 from bcapscope.traffic.call_kind import CallKinds
 from bcapscope.traffic.frame_index import FrameIndex
+from bcapscope.traffic.handle_sequence import OPENERS, HandleSequence
 from bcapscope.traffic.observation import Conversation, Transport
 from bcapscope.traffic.pairing_states import TRANSITIONS, CallEvent
-from bcapscope.traffic.reserved_field import ReplyReserved, ReservedFieldUsage
+from bcapscope.traffic.reserved_field import ReplyReserved, ReservedConvention, ReservedFieldUsage
 from bcapscope.traffic.serial_table import SerialTable
+from bcapscope.traffic.unseen_attempts import is_chained_retry, skipped_serials
 
 SERVICE_START = 1
 
@@ -56,7 +56,6 @@ _FRAME_COST = 512  # bytes of overhead per frame
 # Size in bytes above which a settled call does not stay in memory as the newest call.
 _LARGE_CALL = 64 * 1024
 
-_OPENERS = frozenset((SERVICE_START, *(f.id for f in FUNCTIONS.values() if f.result is ResultKind.HANDLE)))
 _WAITING, _ANSWERED, _SETTLED = CallState.WAITING, CallState.ANSWERED, CallState.SETTLED
 _EXPIRY, _EVICTION = CallEvent.EXPIRY, CallEvent.EVICTION
 _AWAITING_REPLY = frozenset(state for state, event in TRANSITIONS if event is CallEvent.NEXT_CALL)
@@ -105,7 +104,7 @@ class ConversationPairing:
         self._answered_early: deque[tuple[int, int]] = (
             deque()
         )  # number and time of calls answered before older ones
-        self._last_handle = 0  # the last handle returned in this session
+        self._handles = HandleSequence()
         self._reused_serials = self._serials.reused
         self._release_serial = self._serials.release
 
@@ -118,6 +117,8 @@ class ConversationPairing:
             return False
         if reserved and reserved != serial and not self._is_tcp:
             origin = self._by_serial.get(reserved)
+            if origin is None:
+                origin = self._chained_call(frame)
             if origin is not None and origin.request.item.raw[9:] == frame.raw[9:]:
                 self._add_retry(origin, observation, frame)
                 return False
@@ -285,19 +286,40 @@ class ConversationPairing:
         self._add_retry(call, observation, frame)
         return True
 
+    def _chained_call(self, frame: Frame) -> Call | None:
+        """Return the call of a retry that names an attempt that was not captured; None if no call fits."""
+        newest = self._newest_call
+        if (
+            newest is None
+            or newest.state not in _AWAITING_REPLY
+            or self._reserved_usage.convention is not ReservedConvention.CHAIN
+        ):
+            return None
+        return newest if is_chained_retry(newest, frame) else None
+
     def _add_retry(self, call: Call, observation: FrameObservation, frame: Frame) -> None:
-        first, last = call.request.item, call.last_attempt.item
-        origin = first.serial if call.first_attempt_seen else first.reserved
-        self._reserved_usage = self._reserved_usage.after_retry(
-            origin, last.serial, frame.reserved, self._first_reserved == 0
-        )
+        last = call.last_attempt.item
         self._by_serial[frame.serial] = call
         if (frame.serial - last.serial) & 0xFFFF >= 0x8000:
             event = CallEvent.OVERTAKEN_RETRY
+            call.unseen_serials = tuple(serial for serial in call.unseen_serials if serial != frame.serial)
         else:
-            event = CallEvent.RETRY if call is self._newest_call else CallEvent.LATER_RETRY
+            event = CallEvent.LATER_RETRY
+            if call is self._newest_call:
+                event = CallEvent.RETRY
+                for serial in skipped_serials(last.serial, frame.serial):
+                    call.unseen_serials += (serial,)
+                    self._by_serial[serial] = call
+            self._learn_from_retry(call, frame)
             call.last_attempt = observation
         self._apply(call, event, observation)
+
+    def _learn_from_retry(self, call: Call, frame: Frame) -> None:
+        first = call.request.item
+        origin = first.serial if call.first_attempt_seen else first.reserved
+        self._reserved_usage = self._reserved_usage.after_retry(
+            origin, call.last_attempt.item.serial, frame.reserved, self._first_reserved == 0
+        )
 
     def _replace_request(self, call: Call, observation: FrameObservation) -> None:
         """Make the first attempt the request of the call, in place of the retry that overtook it."""
@@ -399,8 +421,8 @@ class ConversationPairing:
         self._budget.held -= call.memory_bytes
         if call.memory_bytes > _LARGE_CALL and call is self._newest_call:
             self._newest_call = None
-        if call.kind.function_id in _OPENERS:
-            self._count_skipped_handles(call)
+        if call.kind.function_id in OPENERS:
+            self._handles.count_skipped(call)
         if self._frame_indexes:
             self._frame_indexes.pop(call, None)
         frame = call.request.item
@@ -411,18 +433,3 @@ class ConversationPairing:
         else:
             self._release_serial(serial, call)
         return call
-
-    def _count_skipped_handles(self, call: Call) -> None:
-        """Count the handles that the controller gave to unanswered attempts of a call."""
-        reply = call.reply
-        if call.kind.function_id == SERVICE_START:
-            self._last_handle = 0
-        if reply is None or is_failure(reply.item.code) or not reply.item.arguments:
-            return
-        vt, handle, _ = reply.item.arguments[0].variant
-        if vt != VT.I4 or not isinstance(handle, int):
-            return
-        skipped = handle - self._last_handle - 1
-        if self._last_handle and 0 < skipped < len(call.attempts):
-            call.skipped_handles = skipped
-        self._last_handle = handle

@@ -247,16 +247,17 @@ class ReplyChecker(RuleChecker):
         self.report_call(REPLY_LOST, call, fact, began=reply.time)
 
     def _report_retried(self, call: Call) -> None:
+        attempts = len(call.attempts) + call.unseen_retries
         case = "" if call.first_attempt_seen else ".first-unseen"
         if call.verdict is CallVerdict.REQUEST_LOST:
             case += ".request-lost"
         fact = Message(
             f"finding.retried{case}",
             **call_places(call),
-            attempts=Count(len(call.attempts), "attempt"),
+            attempts=Count(attempts, "attempt"),
             after=Duration(call.latency or 0),
         )
-        clause = Message("clause.retried", call=call_place(call), attempt=len(call.attempts))
+        clause = Message("clause.retried", call=call_place(call), attempt=attempts)
         self.report_call(RETRIED, call, fact, clause)
 
 

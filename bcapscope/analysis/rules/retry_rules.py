@@ -19,6 +19,7 @@ from bcapscope.traffic.call import Call
 from bcapscope.traffic.call_kind import CallKind
 from bcapscope.traffic.observation import Conversation, Transport
 from bcapscope.traffic.reserved_field import ReservedConvention
+from bcapscope.traffic.unseen_attempts import skipped_serials
 
 _SEED = "DENSO Wave 2009, How to use the Slave mode"
 _SERVER = "orin_bcap C/src/bCAPServer/bcap_server.c"
@@ -109,6 +110,8 @@ class RetryChecker(RuleChecker):
 
     def _check_retry_delay(self, call: Call) -> None:
         first, second = call.attempts[:2] if len(call.attempts) > 1 else (call.request, call.request)
+        if skipped_serials(first.item.serial, second.item.serial):
+            return  # the attempt between the two was not captured
         waited = second.time - first.time
         if waited > PERIOD_NS:
             places = {"call": call_place(call), "waited": Duration(waited)}
@@ -142,6 +145,8 @@ class RetryChecker(RuleChecker):
         frame, earlier = call.request.item, before.last_attempt.item
         if frame.raw[9:] != earlier.raw[9:] or _answered_before(before, call):
             return
+        if frame.reserved in skipped_serials(earlier.serial, frame.serial):
+            return  # it names an attempt that was not captured
         fact = Message(
             "finding.wrong-reserved",
             at=Moment(call.request.time),

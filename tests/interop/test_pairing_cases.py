@@ -1,0 +1,43 @@
+"""Captures that an independent generator made, each of one situation, with what was really the case."""
+
+from __future__ import annotations
+
+import pytest
+
+from bcapscope.analysis.diagnosis import Diagnosis
+from bcapscope.analysis.finding import Severity
+from bcapscope.capture.capture_file import open_capture
+from bcapscope.capture.packet_decoder import PacketDecoder
+from bcapscope.traffic.call import Call
+from bcapscope.traffic.pipeline import CallCollector, Pipeline
+from tests.shared_folder import SHARED
+
+pytestmark = pytest.mark.interop
+
+CASES = SHARED / "cases"
+
+if not CASES.exists():
+    pytest.skip(f"{CASES} is missing: captures of an independent generator", allow_module_level=True)
+
+
+def read(name: str) -> tuple[list[Call], Diagnosis]:
+    """Return the calls of a capture, and its diagnosis."""
+    diagnosis, collector, decoder = Diagnosis(), CallCollector(), PacketDecoder()
+    pipeline = Pipeline(diagnosis, collector)
+    with open_capture(CASES / name) as capture:
+        for observation in decoder.decode(capture):
+            pipeline.add(observation)
+    pipeline.finish(decoder.end_time)
+    return collector.calls, diagnosis
+
+
+def rules(diagnosis: Diagnosis, *severities: Severity) -> list[str]:
+    return [finding.rule for finding in diagnosis.findings() if finding.severity in severities]
+
+
+def test_a_chained_attempt_that_was_not_captured() -> None:
+    calls, diagnosis = read("chain-unseen-attempt.pcap")
+    call = calls[4]
+    assert (call.serials, call.unseen_serials, call.outcome) == ((20, 22), (21,), "answered")
+    assert rules(diagnosis, Severity.ERROR) == []
+    assert rules(diagnosis, Severity.WARNING) == ["retried"]
