@@ -91,7 +91,8 @@ class Call:
         last_attempt: Latest attempt of the call, the only one to which the client accepts a reply.
         other_frames: All frames of the call except `request` and `reply`, in capture order.
         abandoned_at: Time when the client began another call without a reply to this one, ns since 1970; 0 if
-            it did not.
+            it did not. For a reply that was later than the client's timeout, the time of this timeout.
+        gave_up_inferred: Whether `abandoned_at` follows only from the distances of the attempts.
         last_activity: Time of the latest frame of the call, ns since 1970.
         no_reply_expected: Whether no reply can follow any more, although the client did not begin another
             call.
@@ -108,6 +109,7 @@ class Call:
     __slots__ = (
         "abandoned_at",
         "conversation",
+        "gave_up_inferred",
         "kind",
         "last_activity",
         "last_attempt",
@@ -141,7 +143,7 @@ class Call:
         # Nearly all calls share the empty tuple, which saves memory.
         self.other_frames: list[CallFrame] | tuple[()] = ()
         self.abandoned_at = 0
-        self.no_reply_expected = False
+        self.no_reply_expected = self.gave_up_inferred = False
         self.state = _WAITING
         self.skipped_handles = self.memory_bytes = 0
         self.unseen_serials: tuple[int, ...] = ()

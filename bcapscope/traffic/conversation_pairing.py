@@ -12,39 +12,23 @@ from bcapscope.protocol.codec.frame import Frame
 from bcapscope.protocol.tables.hresult import E_BUSY, S_EXECUTING
 from bcapscope.traffic.call import Call, CallFrame, CallState, FrameObservation, FrameRole, StrayReply
 from bcapscope.traffic.call_kind import CallKinds
+from bcapscope.traffic.client_timeout import SHORTEST_TIMEOUT_NS, ShownTimeouts, gives_up_at
 from bcapscope.traffic.frame_index import FrameIndex
 from bcapscope.traffic.handle_sequence import OPENERS, HandleSequence
 from bcapscope.traffic.observation import Conversation, Transport
 from bcapscope.traffic.pairing_states import TRANSITIONS, CallEvent
+from bcapscope.traffic.pairing_windows import (
+    BUSY_WITHIN_NS,
+    COPIES_WITHIN_NS,
+    EXECUTION_NS,
+    LATE_WITHIN_NS,
+    RETRY_WITHIN_NS,
+)
 from bcapscope.traffic.reserved_field import ReplyReserved, ReservedConvention, ReservedFieldUsage
 from bcapscope.traffic.serial_table import SerialTable
 from bcapscope.traffic.unseen_attempts import is_chained_retry, skipped_serials
 
 SERVICE_START = 1
-
-SHORTEST_TIMEOUT_NS = 2_000_000
-"""Shortest timeout of a client, ns (DENSO Wave 2009, slvMove). A client that begins a new call sooner after
-the previous request does not wait for replies, and so may still accept the reply to the previous request."""
-
-COPIES_WITHIN_NS = 100_000_000
-"""Maximum time in ns within which copies and reordered frames arrive: factory networks delay a frame by
-milliseconds. No client restarts on the same port this fast without a Service_Start."""
-
-RETRY_WITHIN_NS = 5_000_000_000
-"""Maximum time in ns from a captured reply to a retry of its request. No client waits longer before a retry
-(3 s in DENSO's ROS 2 driver, 1 s in DENSO Wave 2009)."""
-
-LATE_WITHIN_NS = 1_000_000_000
-"""Maximum time in ns to wait for a reply after the client began another call, if the controller has answered
-a later call. A reply after this time is a stray reply that names its call."""
-
-BUSY_WITHIN_NS = 30_000_000_000
-"""Maximum time in ns to wait for a reply after the client began another call, if the controller has not
-answered a later call. The controller may still be executing the call, because controllers answer in order."""
-
-EXECUTION_NS = 180_000_000_000
-"""Maximum time in ns without a frame of a call, if no later call was answered: the server's InvokeTimeout,
-after which the server never answers (orin_bcap C/src/bCAPServer/bcap_server.c)."""
 
 MAX_EXTRA_FRAMES = 65536
 """Maximum number of retries, notices and further replies of a conversation's open calls, about 30 MB. The
@@ -105,6 +89,7 @@ class ConversationPairing:
             deque()
         )  # number and time of calls answered before older ones
         self._handles = HandleSequence()
+        self._timeouts = ShownTimeouts()
         self._reused_serials = self._serials.reused
         self._release_serial = self._serials.release
 
@@ -181,18 +166,23 @@ class ConversationPairing:
             self._latest_evicted = max(self._latest_evicted, call.number)
             yield self._finish_call(call, event)
 
-    def close(self) -> Iterator[Call]:
-        """Yield all open calls, because the traffic of the conversation has ended."""
-        self._mark_unanswerable()
+    def close(self, now: int = 0) -> Iterator[Call]:
+        """Yield all open calls, because the traffic of the conversation has ended.
+
+        `now` is the time until which the capture reaches, ns since 1970; 0 if it ends with the conversation.
+        """
+        self._mark_unanswerable(now)
         while self.open_calls:
             call = self.open_calls.popleft()
             is_overfull = call.number <= self._latest_overfull
             yield self._finish_call(call, _EVICTION if is_overfull else _EXPIRY)
 
-    def _mark_unanswerable(self) -> None:
-        """Mark the open calls that could no longer be answered when the traffic ended. A later call that was
-        answered shows this, because controllers answer in order and the network reorders replies only within
-        a short time.
+    def _mark_unanswerable(self, now: int) -> None:
+        """Mark the open calls that could no longer be answered when the traffic ended.
+
+        A later call that was answered shows this, because controllers answer in order and the network
+        reorders replies only within a short time. The distances of the attempts show it if the capture
+        reaches beyond the time when the client gave up.
         """
         closing = self._conversation.connection_end
         over = closing is not None and closing.ends_replies
@@ -200,7 +190,8 @@ class ConversationPairing:
         overtaken = end + 1 if self._is_tcp else end - COPIES_WITHIN_NS
         answered = overtaken  # time of the earliest reply to a later call, or else `overtaken`
         for call in reversed(self.open_calls):
-            call.no_reply_expected = over or answered < overtaken
+            gives_up = gives_up_at(call)
+            call.no_reply_expected = over or answered < overtaken or 0 < gives_up <= now
             if call.reply is not None and call.reply.item.code != E_BUSY:
                 answered = min(answered, call.reply.time)
 
@@ -249,11 +240,11 @@ class ConversationPairing:
         frame was added."""
         if self._is_tcp:
             return False
-        starts_anew = prior.number < self._session_call or (
-            frame.code == SERVICE_START and prior is not self._newest_call
-        )
-        sent = None if starts_anew else self._frame_index_of(prior).sent_at.get(frame.raw)
-        if sent is not None and observation.time - sent <= COPIES_WITHIN_NS:
+        starts_anew = frame.code == SERVICE_START and prior is not self._newest_call
+        copies_within = SHORTEST_TIMEOUT_NS if starts_anew else COPIES_WITHIN_NS
+        is_of_session = prior.number >= self._session_call
+        sent = self._frame_index_of(prior).sent_at.get(frame.raw) if is_of_session else None
+        if sent is not None and observation.time - sent <= copies_within:
             self._apply(prior, CallEvent.COPY, observation)
             return True
         first = prior.request.item
@@ -403,7 +394,10 @@ class ConversationPairing:
             if call.number >= self._latest_answered:
                 return since + BUSY_WITHIN_NS
             return max(since + LATE_WITHIN_NS, self._answered_early[0][1] + COPIES_WITHIN_NS)
-        return quiet + (LATE_WITHIN_NS if call.number < self._latest_answered else EXECUTION_NS)
+        if call.number < self._latest_answered:
+            return quiet + LATE_WITHIN_NS
+        gives_up = gives_up_at(call)
+        return max(gives_up, quiet + RETRY_WITHIN_NS) if gives_up else quiet + EXECUTION_NS
 
     def _is_past_late_window(self, call: Call) -> bool:
         """Return whether the newest call started so long after this call that a reply to this call would be
@@ -412,7 +406,12 @@ class ConversationPairing:
         return newest is not None and 0 < call.abandoned_at <= newest.request.time - LATE_WITHIN_NS
 
     def _finish_call(self, call: Call, event: CallEvent) -> Call:
-        call.state = _SETTLED if call.state is _ANSWERED else TRANSITIONS[call.state, event].state
+        if call.other_frames and not self._is_tcp:
+            self._reject_overdue_reply(call)
+        if call.state is _ANSWERED:
+            call.state = _SETTLED
+        elif call.state is not _SETTLED:
+            call.state = TRANSITIONS[call.state, event].state
         overtaking = self._answered_early
         while overtaking and overtaking[0][0] <= call.number:
             overtaking.popleft()
@@ -433,3 +432,11 @@ class ConversationPairing:
         else:
             self._release_serial(serial, call)
         return call
+
+    def _reject_overdue_reply(self, call: Call) -> None:
+        """Make the reply late if the distances of the attempts show that the client had given up."""
+        gave_up_at = self._timeouts.overdue_since(call)
+        if gave_up_at and call.state is _ANSWERED and call.reply is not None:
+            call.abandoned_at, call.gave_up_inferred = gave_up_at, True
+            self._apply(call, CallEvent.OVERDUE_REPLY, call.reply)
+        self._timeouts.add_call(call)

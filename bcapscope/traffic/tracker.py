@@ -99,12 +99,12 @@ class Tracker:
         if conversation is self._current_conversation:
             self._current_conversation = None
         if pairing is not None:
-            self._collect(pairing.close())
+            self._collect(pairing.close(self._swept_at))
         return self._pop_results()
 
     def close(self) -> Sequence[PairingResult]:
         """Return all open calls in starting order, because the traffic has ended."""
-        rest = [call for pairing in self._pairings.values() for call in pairing.close()]
+        rest = [call for pairing in self._pairings.values() for call in pairing.close(self._swept_at)]
         self._calls_settled += len(rest)
         return sorted(rest, key=attrgetter("number"))
 

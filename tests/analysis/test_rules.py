@@ -109,6 +109,23 @@ def test_the_advice_on_bytes_that_are_no_frame_is_for_their_transport() -> None:
     assert "Over TCP" in str(second.advice)
 
 
+@pytest.mark.parametrize(("goes_on_after", "rule"), [(None, "client-stopped"), (9000, "no-reply")])
+def test_a_call_that_was_given_up_is_found_once(goes_on_after: float | None, rule: str) -> None:
+    """By the end of the traffic, or by the next call of the client, even one that is answered at once."""
+
+    def play(story: Story) -> None:
+        client = story.client()
+        client.open()
+        first = client.ask(50, "Service_Stop")
+        client.ask(66, "Service_Stop", reserved=first)
+        story.client(50002).call(8000, "Service_Start", text(",WDT=400"))
+        if goes_on_after is not None:
+            client.execute(goes_on_after, "CurJnt", result=text(""))
+
+    rules = [finding.rule for finding in stage(play).findings]
+    assert [each for each in rules if each in ("no-reply", "client-stopped", "controller-silent")] == [rule]
+
+
 def test_arguments_that_are_unusual_in_different_ways_are_different_findings() -> None:
     def play(story: Story) -> None:
         client = story.client()

@@ -35,6 +35,16 @@ def rules(diagnosis: Diagnosis, *severities: Severity) -> list[str]:
     return [finding.rule for finding in diagnosis.findings() if finding.severity in severities]
 
 
+def test_a_reply_after_the_client_gave_up() -> None:
+    calls, diagnosis = read("reply-after-client-gave-up.pcap")
+    call = calls[110]
+    assert (call.retries, call.outcome, call.verdict) == (2, "unanswered", "reply late")
+    first, *others = diagnosis.findings()
+    assert first.rule == "client-gave-up"
+    assert next(each for each in others if each.rule == "set-point-gap").consequence_of == 1
+    assert "retried" not in [each.rule for each in others]
+
+
 def test_a_chained_attempt_that_was_not_captured() -> None:
     calls, diagnosis = read("chain-unseen-attempt.pcap")
     call = calls[4]

@@ -11,14 +11,14 @@ from bcapscope.traffic import tracker as tracker_module
 from bcapscope.traffic.call import PairingResult, StrayReply
 from bcapscope.traffic.call_kind import MAX_CONVERSATIONS
 from bcapscope.traffic.call_verdict import CallVerdict, Outcome
-from bcapscope.traffic.conversation_pairing import (
+from bcapscope.traffic.frame_index import FrameIndex
+from bcapscope.traffic.observation import Direction, Transport
+from bcapscope.traffic.pairing_windows import (
     BUSY_WITHIN_NS,
     COPIES_WITHIN_NS,
     EXECUTION_NS,
     LATE_WITHIN_NS,
 )
-from bcapscope.traffic.frame_index import FrameIndex
-from bcapscope.traffic.observation import Direction, Transport
 from bcapscope.traffic.tracker import MAX_OPEN, Tracker
 from tests.samples.problems import problem_of
 from tests.traffic.playbook import (
