@@ -57,6 +57,7 @@ class _Record(msgspec.Struct, array_like=True):
     subject: _ObjectRecord | None = None
     unseen_serials: tuple[int, ...] = ()
     gave_up_inferred: bool = False
+    reply_missed: bool = False
 
 
 _encode = msgspec.msgpack.encode
@@ -146,6 +147,7 @@ def _record_of(call: Call, subject: TrackedObject | None) -> _Record:
         thing,
         call.unseen_serials,
         call.gave_up_inferred,
+        call.reply_missed,
     )
 
 
@@ -189,6 +191,7 @@ class CallStore:
         call.last_activity, call.abandoned_at = record.last_activity, record.abandoned_at
         call.no_reply_expected, call.skipped_handles = record.no_reply_expected, record.skipped_handles
         call.unseen_serials, call.gave_up_inferred = record.unseen_serials, record.gave_up_inferred
+        call.reply_missed = record.reply_missed
         call.state = CallState.EVICTED if record.evicted else CallState.SETTLED
         return StoredCall(call, None if record.subject is None else _object_from_record(record.subject))
 

@@ -86,6 +86,8 @@ class Call:
 
     Attributes:
         number: Number of the call in starting order, counted from 1 over all conversations.
+        reply_missed: Whether the capture may lack the reply, because it lacks bytes that the controller sent,
+            or holds only requests.
         request: First attempt of the call or, if it was not captured, the first captured retry.
         reply: Reply that the client accepted; None if no such reply was captured.
         last_attempt: Latest attempt of the call, the only one to which the client accepts a reply.
@@ -118,6 +120,7 @@ class Call:
         "number",
         "other_frames",
         "reply",
+        "reply_missed",
         "request",
         "reserved_usage",
         "skipped_handles",
@@ -143,7 +146,7 @@ class Call:
         # Nearly all calls share the empty tuple, which saves memory.
         self.other_frames: list[CallFrame] | tuple[()] = ()
         self.abandoned_at = 0
-        self.no_reply_expected = self.gave_up_inferred = False
+        self.no_reply_expected = self.gave_up_inferred = self.reply_missed = False
         self.state = _WAITING
         self.skipped_handles = self.memory_bytes = 0
         self.unseen_serials: tuple[int, ...] = ()
@@ -257,7 +260,16 @@ class Call:
     @property
     def surely_unanswered(self) -> bool:
         """Whether it is certain that the client received no reply."""
-        return (bool(self.abandoned_at) or self.no_reply_expected) and not self.evicted
+        return (
+            (bool(self.abandoned_at) or self.no_reply_expected)
+            and not self.evicted
+            and not self.reply_not_captured
+        )
+
+    @property
+    def reply_not_captured(self) -> bool:
+        """Whether the client may have received a reply that the capture lacks."""
+        return self.reply_missed and self.reply is None and not self.late_replies
 
     @property
     def outcome(self) -> Outcome:
@@ -279,6 +291,7 @@ class StrayReply:
 
     Attributes:
         call_number: Number of the settled call that had the same serial; None if no such call is remembered.
+        request_missed: Whether the serials show that the request was sent and not captured.
         may_answer_evicted: Whether the reply may belong to a call that was evicted from memory, and so is
             reported neither as late nor as stray.
     """
@@ -286,6 +299,7 @@ class StrayReply:
     observation: FrameObservation
     call_number: int | None
     may_answer_evicted: bool = False
+    request_missed: bool = False
 
 
 PairingResult: TypeAlias = Call | StrayReply

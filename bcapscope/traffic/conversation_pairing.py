@@ -15,18 +15,13 @@ from bcapscope.traffic.call_kind import CallKinds
 from bcapscope.traffic.client_timeout import SHORTEST_TIMEOUT_NS, ShownTimeouts, gives_up_at
 from bcapscope.traffic.frame_index import FrameIndex
 from bcapscope.traffic.handle_sequence import OPENERS, HandleSequence
-from bcapscope.traffic.observation import Conversation, Transport
+from bcapscope.traffic.observation import Conversation, Direction, Transport
 from bcapscope.traffic.pairing_states import TRANSITIONS, CallEvent
-from bcapscope.traffic.pairing_windows import (
-    BUSY_WITHIN_NS,
-    COPIES_WITHIN_NS,
-    EXECUTION_NS,
-    LATE_WITHIN_NS,
-    RETRY_WITHIN_NS,
-)
+from bcapscope.traffic.pairing_windows import COPIES_WITHIN_NS, LATE_WITHIN_NS, settles_at
+from bcapscope.traffic.requests_only import RequestsOnlyEvidence
 from bcapscope.traffic.reserved_field import ReplyReserved, ReservedConvention, ReservedFieldUsage
 from bcapscope.traffic.serial_table import SerialTable
-from bcapscope.traffic.unseen_attempts import is_chained_retry, skipped_serials
+from bcapscope.traffic.unseen_attempts import is_chained_retry, is_unseen_serial, skipped_serials
 
 SERVICE_START = 1
 
@@ -90,6 +85,8 @@ class ConversationPairing:
         )  # number and time of calls answered before older ones
         self._handles = HandleSequence()
         self._timeouts = ShownTimeouts()
+        self._requests_only = RequestsOnlyEvidence()
+        self._response_seen = False  # besides answered calls: a notice, a stray or damaged reply
         self._reused_serials = self._serials.reused
         self._release_serial = self._serials.release
 
@@ -129,6 +126,7 @@ class ConversationPairing:
             self._apply(oldest, self._reply_event(oldest, frame), observation)
             return None
         if call is None:
+            self._response_seen = True
             return self._stray_reply(observation, self._serials.settled_call(serial))
         if (
             frame.reserved or self._first_reserved
@@ -146,6 +144,17 @@ class ConversationPairing:
             self._accept_reply(call, observation, frame)
         return None
 
+    def add_gap(self, direction: Direction) -> None:
+        """Record that the capture lacks bytes that the client or the controller sent.
+
+        The bytes may hold the reply to any call after the latest one that was answered, because controllers
+        answer in order.
+        """
+        if direction is Direction.RESPONSE:
+            self._response_seen = True
+            for call in self.open_calls:
+                call.reply_missed |= call.reply is None and call.number > self._latest_answered
+
     def pop_settled(self, now: int) -> Iterator[Call]:
         """Yield the calls to which no further frame can belong after the time `now`."""
         waiting = self.open_calls
@@ -153,7 +162,8 @@ class ConversationPairing:
             yield from self.evict_oldest(sum(call.number <= self._latest_overfull for call in waiting))
         while waiting:
             call = waiting[0]
-            if self._settles_at(call) > now:
+            is_newest = call is self._newest_call
+            if settles_at(call, is_newest, self._latest_answered, self._answered_early) > now:
                 break
             call.no_reply_expected = not call.abandoned_at
             yield self._finish_call(waiting.popleft(), _EXPIRY)
@@ -197,6 +207,7 @@ class ConversationPairing:
 
     def _apply(self, call: Call, event: CallEvent, observation: FrameObservation) -> None:
         """Add a frame to a call, and change the state of the call according to `TRANSITIONS`."""
+        self._response_seen |= observation.flow.direction is Direction.RESPONSE
         state, role, reply_becomes = TRANSITIONS[call.state, event]
         call.state = state
         if role is FrameRole.REPLY:
@@ -229,6 +240,8 @@ class ConversationPairing:
         call = Call(number, self._conversation, self._kind_of(frame), observation, self._reserved_usage)
         if frame.code == SERVICE_START:
             self._session_call = number
+        if not self._latest_answered:
+            self._requests_only.add_call(call)
         if self._is_tcp:
             self._serials.queue_reused(frame.serial)
         self._by_serial[frame.serial] = self._newest_call = call
@@ -361,7 +374,9 @@ class ConversationPairing:
         self._count_memory(call, len(frame.raw))
         if self._frame_indexes and call in self._frame_indexes:
             self._frame_indexes[call].add_frame(FrameRole.REPLY, observation)
-        if call.number > self._latest_answered and frame.code != E_BUSY:
+        if frame.code == E_BUSY:
+            self._response_seen = True
+        elif call.number > self._latest_answered:
             self._latest_answered = call.number
             if self.open_calls[0] is not call:
                 self._answered_early.append((call.number, observation.time))
@@ -375,29 +390,16 @@ class ConversationPairing:
         return CallEvent.REPLY if is_latest else CallEvent.EARLIER_REPLY
 
     def _stray_reply(self, observation: FrameObservation, call_number: int | None) -> StrayReply:
+        newest = self._newest_call
         return StrayReply(
             observation,
             call_number,
             may_answer_evicted=(1 if call_number is None else call_number) <= self._latest_evicted,
+            request_missed=newest is not None
+            and is_unseen_serial(newest.last_attempt.item.serial, observation.item.serial),
         )
 
     # settling
-
-    def _settles_at(self, call: Call) -> int:
-        quiet = call.last_activity
-        if call.reply is not None:
-            if self._is_tcp:
-                return quiet
-            return quiet + (RETRY_WITHIN_NS if call is self._newest_call else COPIES_WITHIN_NS)
-        if call.abandoned_at:
-            since = max(quiet, call.abandoned_at)
-            if call.number >= self._latest_answered:
-                return since + BUSY_WITHIN_NS
-            return max(since + LATE_WITHIN_NS, self._answered_early[0][1] + COPIES_WITHIN_NS)
-        if call.number < self._latest_answered:
-            return quiet + LATE_WITHIN_NS
-        gives_up = gives_up_at(call)
-        return max(gives_up, quiet + RETRY_WITHIN_NS) if gives_up else quiet + EXECUTION_NS
 
     def _is_past_late_window(self, call: Call) -> bool:
         """Return whether the newest call started so long after this call that a reply to this call would be
@@ -408,6 +410,8 @@ class ConversationPairing:
     def _finish_call(self, call: Call, event: CallEvent) -> Call:
         if call.other_frames and not self._is_tcp:
             self._reject_overdue_reply(call)
+        if call.reply is None and not self._latest_answered and not self._response_seen:
+            call.reply_missed = self._requests_only.is_proven
         if call.state is _ANSWERED:
             call.state = _SETTLED
         elif call.state is not _SETTLED:

@@ -86,6 +86,8 @@ class Tracker:
                     self._results.append(stray)
             while self._budget.is_exceeded:
                 self._evict_half(max(self._pairings.values(), key=attrgetter("memory_bytes")))
+        elif item.missing or any(problem.code == "cut" for problem in item.problems):
+            self._pairing.add_gap(flow.direction)
         return self._pop_results() if self._results else ()
 
     def expire(self, now: int) -> Sequence[PairingResult]:

@@ -27,6 +27,14 @@ def skipped_serials(before: int, after: int) -> tuple[int, ...]:
     return tuple(serial for step in range(1, gap) if (serial := (before + step) & 0xFFFF))
 
 
+def is_unseen_serial(latest: int, serial: int) -> bool:
+    """Return whether a reply's serial is one that the client uses next after its latest captured frame.
+
+    The reply then answers a request that was not captured.
+    """
+    return 0 < (serial - latest) & 0xFFFF <= MAX_UNSEEN
+
+
 def is_chained_retry(call: Call, frame: Frame) -> bool:
     """Return whether a frame is a retry of `call` whose previous attempt was not captured.
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Callable
 
 import pytest
@@ -9,9 +10,12 @@ import pytest
 from bcapscope.analysis.finding import Severity
 from bcapscope.analysis.rules import RULES
 from bcapscope.analysis.rules.rule_checker import DiagnosisRule
+from bcapscope.capture.capture_file import CaptureFile
+from bcapscope.capture.packet_decoder import PacketDecoder
+from bcapscope.traffic.observation import Direction
 from tests.analysis.plays import SCENES
 from tests.analysis.plays.scene import Scene
-from tests.analysis.scenes import Story, diagnose_bytes, good, stage
+from tests.analysis.scenes import Story, diagnose, diagnose_bytes, good, stage
 from tests.samples import guide, slave, tcp, trouble
 from tests.samples.calls import MS, START, request, text
 from tests.samples.findings import sentence_of
@@ -88,6 +92,16 @@ def test_the_text_of_a_rule_fits_a_table_and_a_sentence(rule: DiagnosisRule) -> 
 def test_good_captures_have_neither_errors_nor_warnings(capture: Callable[[], bytes]) -> None:
     found = diagnose_bytes(capture())
     assert [finding for finding in found.findings if finding.severity is not Severity.NOTE] == []
+
+
+@pytest.mark.parametrize("direction", Direction)
+@pytest.mark.parametrize("capture", [slave.slave_session, trouble.two_robots, tcp.segments])
+def test_one_direction_of_a_good_capture_has_neither_errors_nor_warnings(
+    capture: Callable[[], bytes], direction: Direction
+) -> None:
+    whole = PacketDecoder(frozenset({5007})).decode(CaptureFile(io.BytesIO(capture())))
+    found = diagnose([seen for seen in whole if seen.flow.direction is direction])
+    assert [finding.rule for finding in found.findings if finding.severity is not Severity.NOTE] == []
 
 
 def test_a_good_session_has_no_findings_at_all() -> None:

@@ -45,6 +45,19 @@ def test_a_reply_after_the_client_gave_up() -> None:
     assert "retried" not in [each.rule for each in others]
 
 
+@pytest.mark.parametrize("name", ["tcp-capture-lacks-reply.pcap", "tcp-capture-lacks-request.pcap"])
+def test_a_segment_that_the_capture_lacks_is_nobodys_fault(name: str) -> None:
+    calls, diagnosis = read(name)
+    assert rules(diagnosis, *Severity) == ["capture-gap"]
+    assert "unanswered" not in [call.outcome for call in calls]
+
+
+def test_a_capture_of_one_direction() -> None:
+    calls, diagnosis = read("requests-only.pcap")
+    assert rules(diagnosis, *Severity) == ["one-direction"]
+    assert {call.outcome for call in calls} == {"not_captured"}
+
+
 def test_a_chained_attempt_that_was_not_captured() -> None:
     calls, diagnosis = read("chain-unseen-attempt.pcap")
     call = calls[4]

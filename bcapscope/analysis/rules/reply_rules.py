@@ -155,8 +155,8 @@ class ReplyChecker(RuleChecker):
                     "finding.very-late-reply", at=at, client=receiver, number=stray.call_number, serial=serial
                 ),
             )
-        elif conversation not in self._requesting:
-            return  # the capture began after the request for this reply
+        elif stray.request_missed or conversation not in self._requesting:
+            return  # the capture lacks the request, or began after it
         else:
             rule, fact = (
                 REPLY_TO_NOTHING,
@@ -172,7 +172,7 @@ class ReplyChecker(RuleChecker):
         if client.may_be_answered:
             return
         unanswered = first.surely_unanswered or first.evicted or waits_in_vain(last, end.ended_at)
-        if not client.answered_count and unanswered:
+        if not client.answered_count and unanswered and not last.reply_not_captured:
             yield _controller_silent(first, last, client.call_count, end.ended_at)
         given_up = self.by_client.get(client.conversation)
         if given_up is last:

@@ -173,7 +173,7 @@ class RetryChecker(RuleChecker):
         before, frame = client.last_call, call.request.item
         if (
             not before.abandoned_at
-            or before.evicted
+            or not before.surely_unanswered
             or not _is_same_request(before, call)
             or _may_hold_position(client)
         ):
@@ -221,4 +221,6 @@ def _may_hold_position(client: ClientState) -> bool:
 
 def _answered_before(before: Call, call: Call) -> bool:
     """Return whether call `before` was answered, or may have been answered, before `call` was sent."""
-    return before.evicted or (before.reply is not None and before.reply.time <= call.request.time)
+    if before.evicted or before.reply_not_captured:
+        return True
+    return before.reply is not None and before.reply.time <= call.request.time
