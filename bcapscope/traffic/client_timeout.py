@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from itertools import pairwise
+from operator import attrgetter
 from statistics import median
 
 from bcapscope.traffic.call import Call
@@ -34,10 +35,15 @@ def attempt_distances(call: Call) -> list[int]:
 
     Where attempts were not captured, a distance is divided evenly among all attempts.
     """
-    attempts = sorted(call.attempts, key=lambda each: each.time)
+    attempts = call.attempts
+    if len(attempts) == 1:
+        return []
+    if not call.unseen_serials:
+        times = sorted(each.time for each in attempts)
+        return [after - before for before, after in pairwise(times)]
     return [
         (after.time - before.time) // (1 + len(skipped_serials(before.item.serial, after.item.serial)))
-        for before, after in pairwise(attempts)
+        for before, after in pairwise(sorted(attempts, key=attrgetter("time")))
     ]
 
 
@@ -70,23 +76,18 @@ class ShownTimeouts:
     def __init__(self) -> None:
         self._distances: dict[CallKind, deque[int]] = {}
 
-    def add_call(self, call: Call) -> None:
-        """Learn from a complete call."""
+    def add_call(self, call: Call) -> int:
+        """Learn from a complete call. Return when the client gave the call up before its reply was captured,
+        ns since 1970; 0 if the reply may have been in time."""
         distances = attempt_distances(call)
         if not distances:
-            return
+            return 0
         if len(self._distances) >= _MAX_KINDS and call.kind not in self._distances:
             self._distances.clear()
-        self._distances.setdefault(call.kind, deque(maxlen=_MAX_DISTANCES)).extend(distances)
-
-    def overdue_since(self, call: Call) -> int:
-        """Return when the client gave up a call before its reply was captured, ns since 1970; 0 if the reply
-        may have been in time."""
-        reply = call.reply
-        distances = attempt_distances(call)
-        if reply is None or not distances or call.notices:
+        usual = self._distances.setdefault(call.kind, deque(maxlen=_MAX_DISTANCES))
+        usual.extend(distances)
+        reply, sent_at = call.reply, call.last_attempt.time
+        if reply is None or reply.time - sent_at <= OVERDUE_TIMEOUTS * SHORTEST_TIMEOUT_NS or call.notices:
             return 0
-        usual = self._distances.get(call.kind)
-        timeout = max(*distances, round(median(usual)) if usual else 0, SHORTEST_TIMEOUT_NS)
-        sent_at = call.last_attempt.time
+        timeout = max(*distances, round(median(usual)), SHORTEST_TIMEOUT_NS)
         return sent_at + timeout if reply.time - sent_at > OVERDUE_TIMEOUTS * timeout else 0

@@ -12,12 +12,18 @@ from bcapscope.protocol.codec.frame import Frame
 from bcapscope.protocol.tables.hresult import E_BUSY, S_EXECUTING
 from bcapscope.traffic.call import Call, CallFrame, CallState, FrameObservation, FrameRole, StrayReply
 from bcapscope.traffic.call_kind import CallKinds
-from bcapscope.traffic.client_timeout import SHORTEST_TIMEOUT_NS, ShownTimeouts, gives_up_at
+from bcapscope.traffic.client_timeout import SHORTEST_TIMEOUT_NS, ShownTimeouts
 from bcapscope.traffic.frame_index import FrameIndex
 from bcapscope.traffic.handle_sequence import OPENERS, HandleSequence
 from bcapscope.traffic.observation import Conversation, Direction, Transport
 from bcapscope.traffic.pairing_states import TRANSITIONS, CallEvent
-from bcapscope.traffic.pairing_windows import COPIES_WITHIN_NS, LATE_WITHIN_NS, settles_at
+from bcapscope.traffic.pairing_windows import (
+    COPIES_WITHIN_NS,
+    LATE_WITHIN_NS,
+    RETRY_WITHIN_NS,
+    mark_unanswerable,
+    unanswered_settles_at,
+)
 from bcapscope.traffic.requests_only import RequestsOnlyEvidence
 from bcapscope.traffic.reserved_field import ReplyReserved, ReservedConvention, ReservedFieldUsage
 from bcapscope.traffic.serial_table import SerialTable
@@ -162,8 +168,13 @@ class ConversationPairing:
             yield from self.evict_oldest(sum(call.number <= self._latest_overfull for call in waiting))
         while waiting:
             call = waiting[0]
-            is_newest = call is self._newest_call
-            if settles_at(call, is_newest, self._latest_answered, self._answered_early) > now:
+            if call.reply is None:
+                settles = unanswered_settles_at(call, self._latest_answered, self._answered_early)
+            else:
+                settles = call.last_activity
+                if not self._is_tcp:
+                    settles += RETRY_WITHIN_NS if call is self._newest_call else COPIES_WITHIN_NS
+            if settles > now:
                 break
             call.no_reply_expected = not call.abandoned_at
             yield self._finish_call(waiting.popleft(), _EXPIRY)
@@ -181,29 +192,11 @@ class ConversationPairing:
 
         `now` is the time until which the capture reaches, ns since 1970; 0 if it ends with the conversation.
         """
-        self._mark_unanswerable(now)
+        mark_unanswerable(self._conversation, self.open_calls, now)
         while self.open_calls:
             call = self.open_calls.popleft()
             is_overfull = call.number <= self._latest_overfull
             yield self._finish_call(call, _EVICTION if is_overfull else _EXPIRY)
-
-    def _mark_unanswerable(self, now: int) -> None:
-        """Mark the open calls that could no longer be answered when the traffic ended.
-
-        A later call that was answered shows this, because controllers answer in order and the network
-        reorders replies only within a short time. The distances of the attempts show it if the capture
-        reaches beyond the time when the client gave up.
-        """
-        closing = self._conversation.connection_end
-        over = closing is not None and closing.ends_replies
-        end = max((call.last_activity for call in self.open_calls), default=0)
-        overtaken = end + 1 if self._is_tcp else end - COPIES_WITHIN_NS
-        answered = overtaken  # time of the earliest reply to a later call, or else `overtaken`
-        for call in reversed(self.open_calls):
-            gives_up = gives_up_at(call)
-            call.no_reply_expected = over or answered < overtaken or 0 < gives_up <= now
-            if call.reply is not None and call.reply.item.code != E_BUSY:
-                answered = min(answered, call.reply.time)
 
     def _apply(self, call: Call, event: CallEvent, observation: FrameObservation) -> None:
         """Add a frame to a call, and change the state of the call according to `TRANSITIONS`."""
@@ -408,21 +401,18 @@ class ConversationPairing:
         return newest is not None and 0 < call.abandoned_at <= newest.request.time - LATE_WITHIN_NS
 
     def _finish_call(self, call: Call, event: CallEvent) -> Call:
-        if call.other_frames and not self._is_tcp:
-            self._reject_overdue_reply(call)
-        if call.reply is None and not self._latest_answered and not self._response_seen:
-            call.reply_missed = self._requests_only.is_proven
-        if call.state is _ANSWERED:
+        if call.state is _ANSWERED and not call.other_frames:  # nearly all calls
             call.state = _SETTLED
-        elif call.state is not _SETTLED:
-            call.state = TRANSITIONS[call.state, event].state
+        else:
+            self._settle_irregular(call, event)
         overtaking = self._answered_early
         while overtaking and overtaking[0][0] <= call.number:
             overtaking.popleft()
         call.reserved_usage = self._reserved_usage
-        self.memory_bytes -= call.memory_bytes
-        self._budget.held -= call.memory_bytes
-        if call.memory_bytes > _LARGE_CALL and call is self._newest_call:
+        size = call.memory_bytes
+        self.memory_bytes -= size
+        self._budget.held -= size
+        if size > _LARGE_CALL and call is self._newest_call:
             self._newest_call = None
         if call.kind.function_id in OPENERS:
             self._handles.count_skipped(call)
@@ -437,10 +427,16 @@ class ConversationPairing:
             self._release_serial(serial, call)
         return call
 
-    def _reject_overdue_reply(self, call: Call) -> None:
-        """Make the reply late if the distances of the attempts show that the client had given up."""
-        gave_up_at = self._timeouts.overdue_since(call)
+    def _settle_irregular(self, call: Call, event: CallEvent) -> None:
+        """Settle a call without a reply, or with other frames than one request and one reply.
+
+        The reply is late if the distances of the attempts show that the client had given up.
+        """
+        gave_up_at = self._timeouts.add_call(call) if call.other_frames and not self._is_tcp else 0
         if gave_up_at and call.state is _ANSWERED and call.reply is not None:
             call.abandoned_at, call.gave_up_inferred = gave_up_at, True
             self._apply(call, CallEvent.OVERDUE_REPLY, call.reply)
-        self._timeouts.add_call(call)
+        else:
+            call.state = _SETTLED if call.state is _ANSWERED else TRANSITIONS[call.state, event].state
+        if not self._latest_answered and not self._response_seen:
+            call.reply_missed = self._requests_only.is_proven

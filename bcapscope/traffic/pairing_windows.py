@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from bcapscope.protocol.tables.hresult import E_BUSY
 from bcapscope.traffic.call import Call
 from bcapscope.traffic.client_timeout import gives_up_at
-from bcapscope.traffic.observation import Transport
+from bcapscope.traffic.observation import Conversation, Transport
 
 COPIES_WITHIN_NS = 100_000_000
 """Maximum time in ns within which copies and reordered frames arrive: factory networks delay a frame by
@@ -29,21 +30,15 @@ EXECUTION_NS = 180_000_000_000
 after which the server never answers (orin_bcap C/src/bCAPServer/bcap_server.c)."""
 
 
-def settles_at(
-    call: Call, is_newest: bool, latest_answered: int, answered_early: Sequence[tuple[int, int]]
-) -> int:
-    """Return the time from which on no further frame can belong to an open call, ns since 1970.
+def unanswered_settles_at(call: Call, latest_answered: int, answered_early: Sequence[tuple[int, int]]) -> int:
+    """Return the time from which on no further frame can belong to an open call without a reply, ns since
+    1970.
 
     Args:
-        is_newest: Whether the client has not begun another call since.
         latest_answered: Highest number of an answered call of the conversation.
         answered_early: Number and time of the calls that were answered before an older call, oldest first.
     """
     quiet = call.last_activity
-    if call.reply is not None:
-        if call.conversation.transport is Transport.TCP:
-            return quiet
-        return quiet + (RETRY_WITHIN_NS if is_newest else COPIES_WITHIN_NS)
     if call.abandoned_at:
         since = max(quiet, call.abandoned_at)
         if call.number >= latest_answered:
@@ -53,3 +48,26 @@ def settles_at(
         return quiet + LATE_WITHIN_NS
     gives_up = gives_up_at(call)
     return max(gives_up, quiet + RETRY_WITHIN_NS) if gives_up else quiet + EXECUTION_NS
+
+
+def mark_unanswerable(conversation: Conversation, open_calls: Sequence[Call], now: int) -> None:
+    """Mark the open calls that could no longer be answered when the traffic of their conversation ended.
+
+    A later call that was answered shows this, because controllers answer in order and the network reorders
+    replies only within a short time. The distances of the attempts show it if the capture reaches beyond the
+    time when the client gave up.
+
+    Args:
+        open_calls: Open calls of the conversation, oldest first.
+        now: Time until which the capture reaches, ns since 1970; 0 if it ends with the conversation.
+    """
+    closing = conversation.connection_end
+    over = closing is not None and closing.ends_replies
+    end = max((call.last_activity for call in open_calls), default=0)
+    overtaken = end + 1 if conversation.transport is Transport.TCP else end - COPIES_WITHIN_NS
+    answered = overtaken  # time of the earliest reply to a later call, or else `overtaken`
+    for call in reversed(open_calls):
+        gives_up = gives_up_at(call)
+        call.no_reply_expected = over or answered < overtaken or 0 < gives_up <= now
+        if call.reply is not None and call.reply.item.code != E_BUSY:
+            answered = min(answered, call.reply.time)
