@@ -205,7 +205,8 @@ class ClientState:
         self.longest_pause_ns = max(self.longest_pause_ns, call.request.time - self.last_call.last_activity)
         self.last_call = call
         reply = call.reply
-        slow = not call.evicted if reply is None else reply.time - call.request.time > SLOW_CALL_NS
+        unanswered = not (call.evicted or call.reply_not_captured)
+        slow = unanswered if reply is None else reply.time - call.request.time > SLOW_CALL_NS
         if slow:
             self.slow_call = call
         self._follow_attempt(call)
@@ -213,6 +214,8 @@ class ClientState:
         if reply is None:
             if is_point and self.mode_value:
                 self._remember_set_point(call)
+            elif call.reply_not_captured:
+                self._on_success(call)  # what was not captured is not held against the client
             return
         self.answered_count += 1
         code = reply.item.code

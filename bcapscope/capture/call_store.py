@@ -55,6 +55,9 @@ class _Record(msgspec.Struct, array_like=True):
     convention: int = 0
     reply_reserved: int = 0
     subject: _ObjectRecord | None = None
+    unseen_serials: tuple[int, ...] = ()
+    gave_up_inferred: bool = False
+    reply_missed: bool = False
 
 
 _encode = msgspec.msgpack.encode
@@ -142,6 +145,9 @@ def _record_of(call: Call, subject: TrackedObject | None) -> _Record:
         _CONVENTIONS.index(call.reserved_usage.convention),
         _RESERVED.index(call.reserved_usage.reply_reserved),
         thing,
+        call.unseen_serials,
+        call.gave_up_inferred,
+        call.reply_missed,
     )
 
 
@@ -184,6 +190,8 @@ class CallStore:
         ]
         call.last_activity, call.abandoned_at = record.last_activity, record.abandoned_at
         call.no_reply_expected, call.skipped_handles = record.no_reply_expected, record.skipped_handles
+        call.unseen_serials, call.gave_up_inferred = record.unseen_serials, record.gave_up_inferred
+        call.reply_missed = record.reply_missed
         call.state = CallState.EVICTED if record.evicted else CallState.SETTLED
         return StoredCall(call, None if record.subject is None else _object_from_record(record.subject))
 

@@ -12,7 +12,7 @@ from bcapscope.capture.undecided_conversation import (
     endpoints_of,
     reverse_key,
 )
-from bcapscope.protocol.codec.frame import Frame, Malformed, Problem, parse_datagram
+from bcapscope.protocol.codec.frame import Frame, Malformed, Problem, parse_captured_datagram, parse_datagram
 from bcapscope.protocol.codec.frame_template import FrameTemplates
 from bcapscope.traffic.observation import Flow, Transport
 
@@ -115,7 +115,7 @@ class UdpConversations:
 
     def _parse_items(self, payload: bytes, note: Problem | None) -> tuple[Frame | Malformed, ...]:
         if note is None:
-            return parse_datagram(payload, self._templates)
+            return parse_captured_datagram(payload, self._templates)
         if not payload:
             return (Malformed(payload, (note,)),)
         *sound, last = parse_datagram(payload, self._templates)

@@ -44,9 +44,9 @@ from bcapscope.proxy.silence_monitor import SilenceMonitor
 from bcapscope.render.escape import printable
 from bcapscope.render.finding_text import finding_sentence, words_for
 from bcapscope.render.findings import FindingsRenderer
-from bcapscope.traffic.conversation_pairing import RETRY_WITHIN_NS
 from bcapscope.traffic.handle_tracker import HandleTracker
 from bcapscope.traffic.observation import Conversation, Transport
+from bcapscope.traffic.pairing_windows import RETRY_WITHIN_NS
 from bcapscope.traffic.pipeline import Pipeline
 from bcapscope.traffic.slave_mode_tracker import SlaveModeTracker
 

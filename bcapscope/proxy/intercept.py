@@ -14,9 +14,9 @@ from bcapscope.messages import Message
 from bcapscope.protocol.codec.frame import Frame, parse_datagram
 from bcapscope.protocol.guard import always_passes
 from bcapscope.traffic.call_kind import CallKind
-from bcapscope.traffic.conversation_pairing import RETRY_WITHIN_NS
 from bcapscope.traffic.filter.getters import FRAME_GETTERS, AnnotatedFrame
 from bcapscope.traffic.observation import Conversation, Direction, Flow, Transport
+from bcapscope.traffic.pairing_windows import RETRY_WITHIN_NS
 
 MAX_HELD = 1000
 """Maximum number of held messages. Further messages pass, with a note for the user."""

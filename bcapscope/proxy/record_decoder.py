@@ -14,7 +14,7 @@ from typing import TypeAlias
 from bcapscope.messages import Message
 from bcapscope.messages.message_codec import decode_message
 from bcapscope.protocol.codec.byte_budget import ByteBudget
-from bcapscope.protocol.codec.frame import parse_datagram
+from bcapscope.protocol.codec.frame import parse_captured_datagram
 from bcapscope.protocol.codec.frame_template import FrameTemplates
 from bcapscope.protocol.codec.stream_splitter import StreamPiece, StreamSplitter
 from bcapscope.proxy.relay_session import ClientEndpoints, read_endpoints
@@ -119,7 +119,7 @@ class RecordDecoder:
                     way.packet = packet
                     yield from self._decode_stream(way, data, time, note)
                     continue
-                for item in parse_datagram(data, self._templates):
+                for item in parse_captured_datagram(data, self._templates):
                     self.observation_count += 1
                     yield Observation(self.observation_count, time, time, way.flow, item, packet), note
             else:

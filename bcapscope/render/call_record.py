@@ -105,6 +105,7 @@ def _call_object(call: Call, subject: TrackedObject | None) -> dict[str, object]
         "requests": _numbers(call.attempts),
         "serials": call.serials,
         "retries": call.retries,
+        "unseen_retries": call.unseen_retries,
         "replies": [] if call.reply is None else [call.reply.number],
         "late_replies": _numbers(call.late_replies),
         "lost_replies": _numbers(call.lost_replies),

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from functools import lru_cache
 
 from bcapscope.messages import ENGLISH_WORDS, Message, MessageFormatter
-from bcapscope.messages.places import frames_text, origins_text
+from bcapscope.messages.places import Count, frames_text, origins_text
 from bcapscope.protocol.tables.function_table import FUNCTIONS, ObjectClass, function_name
 from bcapscope.protocol.text_format import display_width
 from bcapscope.render.color_palette import PLAIN, Palette
@@ -145,8 +145,11 @@ class CallRenderer:
         if call.is_plain:
             return ""
         parts, words = [], self._words
-        if call.retries:
-            parts.append(words.plural("count.retry", call.retries))
+        retries, unseen = call.retries + call.unseen_retries, call.unseen_retries
+        if unseen:
+            parts.append(words("call.unseen-retries", retries=Count(retries, "retry"), unseen=unseen))
+        elif retries:
+            parts.append(words.plural("count.retry", retries))
         if call.verdict not in _PLAIN_VERDICTS:
             parts.append(self._verdict(call.verdict))
         if call.notices:

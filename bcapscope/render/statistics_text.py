@@ -64,10 +64,11 @@ def statistics_lines(
         kinds = [(call_kind_text(row.call_kind or OTHER_KINDS, words), row.figures) for row in own]
         yield from _table(caption, kinds, palette, words)
     yield from _refusals(statistics, palette, words)
-    evicted = statistics.total.figures.not_followed
-    if evicted:
-        yield ""
-        yield f"{palette.dim}{words('stats.not-followed', calls=Count(evicted, 'call'))}{palette.reset}"
+    total = statistics.total.figures
+    for name, count in (("not-followed", total.not_followed), ("not-captured", total.not_captured)):
+        if count:
+            yield ""
+            yield f"{palette.dim}{words(f'stats.{name}', calls=Count(count, 'call'))}{palette.reset}"
 
 
 def _client_text(row: StatisticsRow, words: MessageFormatter) -> str:
@@ -170,6 +171,7 @@ def _figures_object(figures: CallFigures) -> dict[str, object]:
         "unanswered": figures.unanswered,
         "capture_ended": figures.open,
         "not_followed": figures.not_followed,
+        "not_captured": figures.not_captured,
         "retries": figures.retries,
         "retried_calls": figures.retried_calls,
         "late_replies": figures.late_replies,

@@ -86,18 +86,22 @@ class Call:
 
     Attributes:
         number: Number of the call in starting order, counted from 1 over all conversations.
+        reply_missed: Whether the capture may lack the reply, because it lacks bytes that the controller sent,
+            or holds only requests.
         request: First attempt of the call or, if it was not captured, the first captured retry.
         reply: Reply that the client accepted; None if no such reply was captured.
         last_attempt: Latest attempt of the call, the only one to which the client accepts a reply.
         other_frames: All frames of the call except `request` and `reply`, in capture order.
         abandoned_at: Time when the client began another call without a reply to this one, ns since 1970; 0 if
-            it did not.
+            it did not. For a reply that was later than the client's timeout, the time of this timeout.
+        gave_up_inferred: Whether `abandoned_at` follows only from the distances of the attempts.
         last_activity: Time of the latest frame of the call, ns since 1970.
         no_reply_expected: Whether no reply can follow any more, although the client did not begin another
             call.
         state: State of the call; a complete call is unanswered, settled or evicted.
         skipped_handles: Number of handles that the controller skipped before the accepted handle; 0 unless
             the call has more attempts than that.
+        unseen_serials: Serials of the retries that were not captured, inferred from the serials around them.
         reserved_usage: How client and controller used the reserved field, as far as known when the call
             settled.
         memory_bytes: Size in bytes of the call's frames and their overhead, as counted by
@@ -107,6 +111,7 @@ class Call:
     __slots__ = (
         "abandoned_at",
         "conversation",
+        "gave_up_inferred",
         "kind",
         "last_activity",
         "last_attempt",
@@ -115,10 +120,12 @@ class Call:
         "number",
         "other_frames",
         "reply",
+        "reply_missed",
         "request",
         "reserved_usage",
         "skipped_handles",
         "state",
+        "unseen_serials",
     )
 
     def __init__(
@@ -139,9 +146,10 @@ class Call:
         # Nearly all calls share the empty tuple, which saves memory.
         self.other_frames: list[CallFrame] | tuple[()] = ()
         self.abandoned_at = 0
-        self.no_reply_expected = False
+        self.no_reply_expected = self.gave_up_inferred = self.reply_missed = False
         self.state = _WAITING
         self.skipped_handles = self.memory_bytes = 0
+        self.unseen_serials: tuple[int, ...] = ()
 
     def __repr__(self) -> str:
         events = ", ".join(f"{event.role} {event.observation.number}" for event in self.frames)
@@ -181,6 +189,11 @@ class Call:
     def retries(self) -> int:
         """Number of captured retries of the call."""
         return len(self.attempts) - self.first_attempt_seen
+
+    @property
+    def unseen_retries(self) -> int:
+        """Number of retries of the call that were not captured, as far as skipped serials show."""
+        return len(self.unseen_serials)
 
     @property
     def late_replies(self) -> tuple[FrameObservation, ...]:
@@ -247,7 +260,16 @@ class Call:
     @property
     def surely_unanswered(self) -> bool:
         """Whether it is certain that the client received no reply."""
-        return (bool(self.abandoned_at) or self.no_reply_expected) and not self.evicted
+        return (
+            (bool(self.abandoned_at) or self.no_reply_expected)
+            and not self.evicted
+            and not self.reply_not_captured
+        )
+
+    @property
+    def reply_not_captured(self) -> bool:
+        """Whether the client may have received a reply that the capture lacks."""
+        return self.reply_missed and self.reply is None and not self.late_replies
 
     @property
     def outcome(self) -> Outcome:
@@ -269,6 +291,7 @@ class StrayReply:
 
     Attributes:
         call_number: Number of the settled call that had the same serial; None if no such call is remembered.
+        request_missed: Whether the serials show that the request was sent and not captured.
         may_answer_evicted: Whether the reply may belong to a call that was evicted from memory, and so is
             reported neither as late nor as stray.
     """
@@ -276,6 +299,7 @@ class StrayReply:
     observation: FrameObservation
     call_number: int | None
     may_answer_evicted: bool = False
+    request_missed: bool = False
 
 
 PairingResult: TypeAlias = Call | StrayReply

@@ -30,6 +30,8 @@ class Outcome(StrEnum):
     """The capture ended before a reply; a reply may have followed."""
     NOT_FOLLOWED = "not_followed"
     """The call was evicted because too many calls were open; a reply may have followed."""
+    NOT_CAPTURED = "not_captured"
+    """The capture may lack the reply: it lacks bytes that the controller sent, or holds only requests."""
 
 
 class CallVerdict(StrEnum):
@@ -42,6 +44,7 @@ class CallVerdict(StrEnum):
     did not reply."""
     CAPTURE_ENDED = "capture ended"
     NOT_FOLLOWED = "not followed"
+    NOT_CAPTURED = "not captured"
     EXECUTED_TWICE = "executed twice"
     """The controller executed the call more than once: replies to its attempts differ in result or arguments.
     A server that recognises a retry sends the stored reply again (orin_bcap C/src/bCAPServer/bcap_server.c;
@@ -71,6 +74,8 @@ def outcome_of(call: Call) -> Outcome:
         return Outcome.REFUSED if is_failure(reply.item.code) else Outcome.ANSWERED
     if call.evicted:
         return Outcome.NOT_FOLLOWED
+    if call.reply_not_captured:
+        return Outcome.NOT_CAPTURED
     return Outcome.UNANSWERED if call.surely_unanswered else Outcome.CAPTURE_ENDED
 
 

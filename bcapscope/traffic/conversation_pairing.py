@@ -9,42 +9,27 @@ from collections.abc import Iterator
 
 from bcapscope.protocol.codec.byte_budget import ByteBudget
 from bcapscope.protocol.codec.frame import Frame
-from bcapscope.protocol.codec.variant import VT
-from bcapscope.protocol.tables.function_table import FUNCTIONS, ResultKind
-from bcapscope.protocol.tables.hresult import E_BUSY, S_EXECUTING, is_failure
+from bcapscope.protocol.tables.hresult import E_BUSY, S_EXECUTING
 from bcapscope.traffic.call import Call, CallFrame, CallState, FrameObservation, FrameRole, StrayReply
 from bcapscope.traffic.call_kind import CallKinds
+from bcapscope.traffic.client_timeout import SHORTEST_TIMEOUT_NS, ShownTimeouts
 from bcapscope.traffic.frame_index import FrameIndex
-from bcapscope.traffic.observation import Conversation, Transport
+from bcapscope.traffic.handle_sequence import OPENERS, HandleSequence
+from bcapscope.traffic.observation import Conversation, Direction, Transport
 from bcapscope.traffic.pairing_states import TRANSITIONS, CallEvent
-from bcapscope.traffic.reserved_field import ReplyReserved, ReservedFieldUsage
+from bcapscope.traffic.pairing_windows import (
+    COPIES_WITHIN_NS,
+    LATE_WITHIN_NS,
+    RETRY_WITHIN_NS,
+    mark_unanswerable,
+    unanswered_settles_at,
+)
+from bcapscope.traffic.requests_only import RequestsOnlyEvidence
+from bcapscope.traffic.reserved_field import ReplyReserved, ReservedConvention, ReservedFieldUsage
 from bcapscope.traffic.serial_table import SerialTable
+from bcapscope.traffic.unseen_attempts import is_chained_retry, is_unseen_serial, skipped_serials
 
 SERVICE_START = 1
-
-SHORTEST_TIMEOUT_NS = 2_000_000
-"""Shortest timeout of a client, ns (DENSO Wave 2009, slvMove). A client that begins a new call sooner after
-the previous request does not wait for replies, and so may still accept the reply to the previous request."""
-
-COPIES_WITHIN_NS = 100_000_000
-"""Maximum time in ns within which copies and reordered frames arrive: factory networks delay a frame by
-milliseconds. No client restarts on the same port this fast without a Service_Start."""
-
-RETRY_WITHIN_NS = 5_000_000_000
-"""Maximum time in ns from a captured reply to a retry of its request. No client waits longer before a retry
-(3 s in DENSO's ROS 2 driver, 1 s in DENSO Wave 2009)."""
-
-LATE_WITHIN_NS = 1_000_000_000
-"""Maximum time in ns to wait for a reply after the client began another call, if the controller has answered
-a later call. A reply after this time is a stray reply that names its call."""
-
-BUSY_WITHIN_NS = 30_000_000_000
-"""Maximum time in ns to wait for a reply after the client began another call, if the controller has not
-answered a later call. The controller may still be executing the call, because controllers answer in order."""
-
-EXECUTION_NS = 180_000_000_000
-"""Maximum time in ns without a frame of a call, if no later call was answered: the server's InvokeTimeout,
-after which the server never answers (orin_bcap C/src/bCAPServer/bcap_server.c)."""
 
 MAX_EXTRA_FRAMES = 65536
 """Maximum number of retries, notices and further replies of a conversation's open calls, about 30 MB. The
@@ -56,7 +41,6 @@ _FRAME_COST = 512  # bytes of overhead per frame
 # Size in bytes above which a settled call does not stay in memory as the newest call.
 _LARGE_CALL = 64 * 1024
 
-_OPENERS = frozenset((SERVICE_START, *(f.id for f in FUNCTIONS.values() if f.result is ResultKind.HANDLE)))
 _WAITING, _ANSWERED, _SETTLED = CallState.WAITING, CallState.ANSWERED, CallState.SETTLED
 _EXPIRY, _EVICTION = CallEvent.EXPIRY, CallEvent.EVICTION
 _AWAITING_REPLY = frozenset(state for state, event in TRANSITIONS if event is CallEvent.NEXT_CALL)
@@ -105,7 +89,10 @@ class ConversationPairing:
         self._answered_early: deque[tuple[int, int]] = (
             deque()
         )  # number and time of calls answered before older ones
-        self._last_handle = 0  # the last handle returned in this session
+        self._handles = HandleSequence()
+        self._timeouts = ShownTimeouts()
+        self._requests_only = RequestsOnlyEvidence()
+        self._response_seen = False  # besides answered calls: a notice, a stray or damaged reply
         self._reused_serials = self._serials.reused
         self._release_serial = self._serials.release
 
@@ -118,6 +105,8 @@ class ConversationPairing:
             return False
         if reserved and reserved != serial and not self._is_tcp:
             origin = self._by_serial.get(reserved)
+            if origin is None:
+                origin = self._chained_call(frame)
             if origin is not None and origin.request.item.raw[9:] == frame.raw[9:]:
                 self._add_retry(origin, observation, frame)
                 return False
@@ -143,6 +132,7 @@ class ConversationPairing:
             self._apply(oldest, self._reply_event(oldest, frame), observation)
             return None
         if call is None:
+            self._response_seen = True
             return self._stray_reply(observation, self._serials.settled_call(serial))
         if (
             frame.reserved or self._first_reserved
@@ -160,6 +150,17 @@ class ConversationPairing:
             self._accept_reply(call, observation, frame)
         return None
 
+    def add_gap(self, direction: Direction) -> None:
+        """Record that the capture lacks bytes that the client or the controller sent.
+
+        The bytes may hold the reply to any call after the latest one that was answered, because controllers
+        answer in order.
+        """
+        if direction is Direction.RESPONSE:
+            self._response_seen = True
+            for call in self.open_calls:
+                call.reply_missed |= call.reply is None and call.number > self._latest_answered
+
     def pop_settled(self, now: int) -> Iterator[Call]:
         """Yield the calls to which no further frame can belong after the time `now`."""
         waiting = self.open_calls
@@ -167,7 +168,13 @@ class ConversationPairing:
             yield from self.evict_oldest(sum(call.number <= self._latest_overfull for call in waiting))
         while waiting:
             call = waiting[0]
-            if self._settles_at(call) > now:
+            if call.reply is None:
+                settles = unanswered_settles_at(call, self._latest_answered, self._answered_early)
+            else:
+                settles = call.last_activity
+                if not self._is_tcp:
+                    settles += RETRY_WITHIN_NS if call is self._newest_call else COPIES_WITHIN_NS
+            if settles > now:
                 break
             call.no_reply_expected = not call.abandoned_at
             yield self._finish_call(waiting.popleft(), _EXPIRY)
@@ -180,31 +187,20 @@ class ConversationPairing:
             self._latest_evicted = max(self._latest_evicted, call.number)
             yield self._finish_call(call, event)
 
-    def close(self) -> Iterator[Call]:
-        """Yield all open calls, because the traffic of the conversation has ended."""
-        self._mark_unanswerable()
+    def close(self, now: int = 0) -> Iterator[Call]:
+        """Yield all open calls, because the traffic of the conversation has ended.
+
+        `now` is the time until which the capture reaches, ns since 1970; 0 if it ends with the conversation.
+        """
+        mark_unanswerable(self._conversation, self.open_calls, now)
         while self.open_calls:
             call = self.open_calls.popleft()
             is_overfull = call.number <= self._latest_overfull
             yield self._finish_call(call, _EVICTION if is_overfull else _EXPIRY)
 
-    def _mark_unanswerable(self) -> None:
-        """Mark the open calls that could no longer be answered when the traffic ended. A later call that was
-        answered shows this, because controllers answer in order and the network reorders replies only within
-        a short time.
-        """
-        closing = self._conversation.connection_end
-        over = closing is not None and closing.ends_replies
-        end = max((call.last_activity for call in self.open_calls), default=0)
-        overtaken = end + 1 if self._is_tcp else end - COPIES_WITHIN_NS
-        answered = overtaken  # time of the earliest reply to a later call, or else `overtaken`
-        for call in reversed(self.open_calls):
-            call.no_reply_expected = over or answered < overtaken
-            if call.reply is not None and call.reply.item.code != E_BUSY:
-                answered = min(answered, call.reply.time)
-
     def _apply(self, call: Call, event: CallEvent, observation: FrameObservation) -> None:
         """Add a frame to a call, and change the state of the call according to `TRANSITIONS`."""
+        self._response_seen |= observation.flow.direction is Direction.RESPONSE
         state, role, reply_becomes = TRANSITIONS[call.state, event]
         call.state = state
         if role is FrameRole.REPLY:
@@ -237,6 +233,8 @@ class ConversationPairing:
         call = Call(number, self._conversation, self._kind_of(frame), observation, self._reserved_usage)
         if frame.code == SERVICE_START:
             self._session_call = number
+        if not self._latest_answered:
+            self._requests_only.add_call(call)
         if self._is_tcp:
             self._serials.queue_reused(frame.serial)
         self._by_serial[frame.serial] = self._newest_call = call
@@ -248,11 +246,11 @@ class ConversationPairing:
         frame was added."""
         if self._is_tcp:
             return False
-        starts_anew = prior.number < self._session_call or (
-            frame.code == SERVICE_START and prior is not self._newest_call
-        )
-        sent = None if starts_anew else self._frame_index_of(prior).sent_at.get(frame.raw)
-        if sent is not None and observation.time - sent <= COPIES_WITHIN_NS:
+        starts_anew = frame.code == SERVICE_START and prior is not self._newest_call
+        copies_within = SHORTEST_TIMEOUT_NS if starts_anew else COPIES_WITHIN_NS
+        is_of_session = prior.number >= self._session_call
+        sent = self._frame_index_of(prior).sent_at.get(frame.raw) if is_of_session else None
+        if sent is not None and observation.time - sent <= copies_within:
             self._apply(prior, CallEvent.COPY, observation)
             return True
         first = prior.request.item
@@ -285,19 +283,40 @@ class ConversationPairing:
         self._add_retry(call, observation, frame)
         return True
 
+    def _chained_call(self, frame: Frame) -> Call | None:
+        """Return the call of a retry that names an attempt that was not captured; None if no call fits."""
+        newest = self._newest_call
+        if (
+            newest is None
+            or newest.state not in _AWAITING_REPLY
+            or self._reserved_usage.convention is not ReservedConvention.CHAIN
+        ):
+            return None
+        return newest if is_chained_retry(newest, frame) else None
+
     def _add_retry(self, call: Call, observation: FrameObservation, frame: Frame) -> None:
-        first, last = call.request.item, call.last_attempt.item
-        origin = first.serial if call.first_attempt_seen else first.reserved
-        self._reserved_usage = self._reserved_usage.after_retry(
-            origin, last.serial, frame.reserved, self._first_reserved == 0
-        )
+        last = call.last_attempt.item
         self._by_serial[frame.serial] = call
         if (frame.serial - last.serial) & 0xFFFF >= 0x8000:
             event = CallEvent.OVERTAKEN_RETRY
+            call.unseen_serials = tuple(serial for serial in call.unseen_serials if serial != frame.serial)
         else:
-            event = CallEvent.RETRY if call is self._newest_call else CallEvent.LATER_RETRY
+            event = CallEvent.LATER_RETRY
+            if call is self._newest_call:
+                event = CallEvent.RETRY
+                for serial in skipped_serials(last.serial, frame.serial):
+                    call.unseen_serials += (serial,)
+                    self._by_serial[serial] = call
+            self._learn_from_retry(call, frame)
             call.last_attempt = observation
         self._apply(call, event, observation)
+
+    def _learn_from_retry(self, call: Call, frame: Frame) -> None:
+        first = call.request.item
+        origin = first.serial if call.first_attempt_seen else first.reserved
+        self._reserved_usage = self._reserved_usage.after_retry(
+            origin, call.last_attempt.item.serial, frame.reserved, self._first_reserved == 0
+        )
 
     def _replace_request(self, call: Call, observation: FrameObservation) -> None:
         """Make the first attempt the request of the call, in place of the retry that overtook it."""
@@ -348,7 +367,9 @@ class ConversationPairing:
         self._count_memory(call, len(frame.raw))
         if self._frame_indexes and call in self._frame_indexes:
             self._frame_indexes[call].add_frame(FrameRole.REPLY, observation)
-        if call.number > self._latest_answered and frame.code != E_BUSY:
+        if frame.code == E_BUSY:
+            self._response_seen = True
+        elif call.number > self._latest_answered:
             self._latest_answered = call.number
             if self.open_calls[0] is not call:
                 self._answered_early.append((call.number, observation.time))
@@ -362,26 +383,16 @@ class ConversationPairing:
         return CallEvent.REPLY if is_latest else CallEvent.EARLIER_REPLY
 
     def _stray_reply(self, observation: FrameObservation, call_number: int | None) -> StrayReply:
+        newest = self._newest_call
         return StrayReply(
             observation,
             call_number,
             may_answer_evicted=(1 if call_number is None else call_number) <= self._latest_evicted,
+            request_missed=newest is not None
+            and is_unseen_serial(newest.last_attempt.item.serial, observation.item.serial),
         )
 
     # settling
-
-    def _settles_at(self, call: Call) -> int:
-        quiet = call.last_activity
-        if call.reply is not None:
-            if self._is_tcp:
-                return quiet
-            return quiet + (RETRY_WITHIN_NS if call is self._newest_call else COPIES_WITHIN_NS)
-        if call.abandoned_at:
-            since = max(quiet, call.abandoned_at)
-            if call.number >= self._latest_answered:
-                return since + BUSY_WITHIN_NS
-            return max(since + LATE_WITHIN_NS, self._answered_early[0][1] + COPIES_WITHIN_NS)
-        return quiet + (LATE_WITHIN_NS if call.number < self._latest_answered else EXECUTION_NS)
 
     def _is_past_late_window(self, call: Call) -> bool:
         """Return whether the newest call started so long after this call that a reply to this call would be
@@ -390,17 +401,21 @@ class ConversationPairing:
         return newest is not None and 0 < call.abandoned_at <= newest.request.time - LATE_WITHIN_NS
 
     def _finish_call(self, call: Call, event: CallEvent) -> Call:
-        call.state = _SETTLED if call.state is _ANSWERED else TRANSITIONS[call.state, event].state
+        if call.state is _ANSWERED and not call.other_frames:  # nearly all calls
+            call.state = _SETTLED
+        else:
+            self._settle_irregular(call, event)
         overtaking = self._answered_early
         while overtaking and overtaking[0][0] <= call.number:
             overtaking.popleft()
         call.reserved_usage = self._reserved_usage
-        self.memory_bytes -= call.memory_bytes
-        self._budget.held -= call.memory_bytes
-        if call.memory_bytes > _LARGE_CALL and call is self._newest_call:
+        size = call.memory_bytes
+        self.memory_bytes -= size
+        self._budget.held -= size
+        if size > _LARGE_CALL and call is self._newest_call:
             self._newest_call = None
-        if call.kind.function_id in _OPENERS:
-            self._count_skipped_handles(call)
+        if call.kind.function_id in OPENERS:
+            self._handles.count_skipped(call)
         if self._frame_indexes:
             self._frame_indexes.pop(call, None)
         frame = call.request.item
@@ -412,17 +427,16 @@ class ConversationPairing:
             self._release_serial(serial, call)
         return call
 
-    def _count_skipped_handles(self, call: Call) -> None:
-        """Count the handles that the controller gave to unanswered attempts of a call."""
-        reply = call.reply
-        if call.kind.function_id == SERVICE_START:
-            self._last_handle = 0
-        if reply is None or is_failure(reply.item.code) or not reply.item.arguments:
-            return
-        vt, handle, _ = reply.item.arguments[0].variant
-        if vt != VT.I4 or not isinstance(handle, int):
-            return
-        skipped = handle - self._last_handle - 1
-        if self._last_handle and 0 < skipped < len(call.attempts):
-            call.skipped_handles = skipped
-        self._last_handle = handle
+    def _settle_irregular(self, call: Call, event: CallEvent) -> None:
+        """Settle a call without a reply, or with other frames than one request and one reply.
+
+        The reply is late if the distances of the attempts show that the client had given up.
+        """
+        gave_up_at = self._timeouts.add_call(call) if call.other_frames and not self._is_tcp else 0
+        if gave_up_at and call.state is _ANSWERED and call.reply is not None:
+            call.abandoned_at, call.gave_up_inferred = gave_up_at, True
+            self._apply(call, CallEvent.OVERDUE_REPLY, call.reply)
+        else:
+            call.state = _SETTLED if call.state is _ANSWERED else TRANSITIONS[call.state, event].state
+        if not self._latest_answered and not self._response_seen:
+            call.reply_missed = self._requests_only.is_proven

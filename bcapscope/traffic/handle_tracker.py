@@ -246,6 +246,9 @@ def _handles_made(call: Call) -> list[int]:
 
 
 def _succeeded(call: Call) -> bool:
-    """Return whether any reply to the call reports success, even a lost or late reply."""
+    """Return whether any reply to the call reports success, even a lost or late reply, or may do so because
+    it was not captured."""
     replies = (call.reply, *call.late_replies, *call.lost_replies)
+    if call.reply_not_captured:
+        return True
     return any(reply is not None and is_success(reply.item.code) for reply in replies)

@@ -32,6 +32,9 @@ class CallEvent(StrEnum):
     """The controller answers the latest attempt."""
     EARLIER_REPLY = "earlier reply"
     """The controller answers an attempt before the latest one."""
+    OVERDUE_REPLY = "overdue reply"
+    """The reply to the latest attempt came after the client had given up. The distances of the attempts
+    show it when the call is complete."""
     NEXT_CALL = "next call"
     """The client begins another call, after it waited for a reply for at least the shortest timeout."""
     EXPIRY = "expiry"
@@ -90,6 +93,7 @@ TRANSITIONS: dict[tuple[CallState, CallEvent], Transition] = {
     (_ANSWERED, CallEvent.NOTICE): Transition(_ANSWERED, FrameRole.NOTICE),
     (_ANSWERED, CallEvent.REPLY): Transition(_ANSWERED, FrameRole.LATE),
     (_ANSWERED, CallEvent.EARLIER_REPLY): Transition(_ANSWERED, FrameRole.LATE),
+    (_ANSWERED, CallEvent.OVERDUE_REPLY): Transition(CallState.SETTLED, None, FrameRole.LATE),
     (_ANSWERED, CallEvent.EXPIRY): Transition(CallState.SETTLED, None),
     (_ANSWERED, CallEvent.EVICTION): Transition(CallState.SETTLED, None),
     # The client has begun another call, and discards all replies to this call.

@@ -35,7 +35,7 @@ class SerialTable:
     def release_all(self, call: Call) -> None:
         """Release every serial of a call, including the serial in the reserved field of its retries."""
         reserved = call.request.item.reserved
-        for serial in {*call.serials, *((reserved,) if reserved else ())}:
+        for serial in {*call.serials, *call.unseen_serials, *((reserved,) if reserved else ())}:
             self.release(serial, call)
 
     def release(self, serial: int, call: Call) -> None:

@@ -135,7 +135,7 @@ class SlaveModeTracker:
             if refused is not known.set_points_refused:
                 self._keep(call.conversation, known._replace(set_points_refused=refused))
             return None
-        if call.reply is None:
+        if call.reply is None and not call.reply_not_captured:
             return None
         updated = _updated(known, effect, call)
         if updated is None:

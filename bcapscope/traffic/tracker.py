@@ -86,6 +86,8 @@ class Tracker:
                     self._results.append(stray)
             while self._budget.is_exceeded:
                 self._evict_half(max(self._pairings.values(), key=attrgetter("memory_bytes")))
+        elif item.missing or any(problem.code == "cut" for problem in item.problems):
+            self._pairing.add_gap(flow.direction)
         return self._pop_results() if self._results else ()
 
     def expire(self, now: int) -> Sequence[PairingResult]:
@@ -99,12 +101,12 @@ class Tracker:
         if conversation is self._current_conversation:
             self._current_conversation = None
         if pairing is not None:
-            self._collect(pairing.close())
+            self._collect(pairing.close(self._swept_at))
         return self._pop_results()
 
     def close(self) -> Sequence[PairingResult]:
         """Return all open calls in starting order, because the traffic has ended."""
-        rest = [call for pairing in self._pairings.values() for call in pairing.close()]
+        rest = [call for pairing in self._pairings.values() for call in pairing.close(self._swept_at)]
         self._calls_settled += len(rest)
         return sorted(rest, key=attrgetter("number"))
 

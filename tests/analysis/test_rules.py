@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 from collections.abc import Callable
 
 import pytest
@@ -9,9 +10,12 @@ import pytest
 from bcapscope.analysis.finding import Severity
 from bcapscope.analysis.rules import RULES
 from bcapscope.analysis.rules.rule_checker import DiagnosisRule
+from bcapscope.capture.capture_file import CaptureFile
+from bcapscope.capture.packet_decoder import PacketDecoder
+from bcapscope.traffic.observation import Direction
 from tests.analysis.plays import SCENES
 from tests.analysis.plays.scene import Scene
-from tests.analysis.scenes import Story, diagnose_bytes, good, stage
+from tests.analysis.scenes import Story, diagnose, diagnose_bytes, good, stage
 from tests.samples import guide, slave, tcp, trouble
 from tests.samples.calls import MS, START, request, text
 from tests.samples.findings import sentence_of
@@ -90,6 +94,16 @@ def test_good_captures_have_neither_errors_nor_warnings(capture: Callable[[], by
     assert [finding for finding in found.findings if finding.severity is not Severity.NOTE] == []
 
 
+@pytest.mark.parametrize("direction", Direction)
+@pytest.mark.parametrize("capture", [slave.slave_session, trouble.two_robots, tcp.segments])
+def test_one_direction_of_a_good_capture_has_neither_errors_nor_warnings(
+    capture: Callable[[], bytes], direction: Direction
+) -> None:
+    whole = PacketDecoder(frozenset({5007})).decode(CaptureFile(io.BytesIO(capture())))
+    found = diagnose([seen for seen in whole if seen.flow.direction is direction])
+    assert [finding.rule for finding in found.findings if finding.severity is not Severity.NOTE] == []
+
+
 def test_a_good_session_has_no_findings_at_all() -> None:
     assert stage(good).findings == ()
 
@@ -107,6 +121,23 @@ def test_the_advice_on_bytes_that_are_no_frame_is_for_their_transport() -> None:
     assert "stop DENSO's C server" not in sentence_of(second)
     assert "UDP" not in str(second.advice)
     assert "Over TCP" in str(second.advice)
+
+
+@pytest.mark.parametrize(("goes_on_after", "rule"), [(None, "client-stopped"), (9000, "no-reply")])
+def test_a_call_that_was_given_up_is_found_once(goes_on_after: float | None, rule: str) -> None:
+    """By the end of the traffic, or by the next call of the client, even one that is answered at once."""
+
+    def play(story: Story) -> None:
+        client = story.client()
+        client.open()
+        first = client.ask(50, "Service_Stop")
+        client.ask(66, "Service_Stop", reserved=first)
+        story.client(50002).call(8000, "Service_Start", text(",WDT=400"))
+        if goes_on_after is not None:
+            client.execute(goes_on_after, "CurJnt", result=text(""))
+
+    rules = [finding.rule for finding in stage(play).findings]
+    assert [each for each in rules if each in ("no-reply", "client-stopped", "controller-silent")] == [rule]
 
 
 def test_arguments_that_are_unusual_in_different_ways_are_different_findings() -> None:

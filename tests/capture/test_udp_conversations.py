@@ -64,3 +64,13 @@ def test_strangers_are_counted() -> None:
     counts = CaptureCounts()
     assert receive(UdpConversations({5007}, counts), b"anything", 1, 2) == []
     assert counts.not_bcap == 1
+
+
+@pytest.mark.parametrize("rest", [request(2), b"\xee\xee"], ids=["frame", "junk"])
+def test_a_frame_that_shares_its_datagram_has_a_problem(rest: bytes) -> None:
+    datagrams = UdpConversations({5007}, CaptureCounts())
+    (_, first), (_, second) = receive(datagrams, request(1) + rest, 50001, 5007)
+    assert [problem.code for problem in first.item.problems] == ["length"]
+    assert second.item.raw == rest
+    ((_, alone),) = receive(datagrams, request(1), 50001, 5007)
+    assert alone.item.problems == ()

@@ -34,6 +34,7 @@ def test_the_retry_story_is_one_call() -> None:
         "requests": [1, 2, 3, 4],
         "serials": [1232, 1233, 1234, 1235],
         "retries": 3,
+        "unseen_retries": 0,
         "replies": [6],
         "late_replies": [5],
         "lost_replies": [],

@@ -11,8 +11,8 @@ from bcapscope.protocol.codec.variant import VT, Variant
 from bcapscope.protocol.retry.reserved_convention import ReservedConvention
 from bcapscope.proxy.intercept import Intercept, InterceptResult
 from bcapscope.traffic.call_kind import RecentRequests
-from bcapscope.traffic.conversation_pairing import RETRY_WITHIN_NS
 from bcapscope.traffic.observation import Endpoint, Flow, Transport
+from bcapscope.traffic.pairing_windows import RETRY_WITHIN_NS
 from tests.english import english, with_english
 from tests.faults.traffic import reply, request, talk
 

@@ -21,7 +21,17 @@ from tests.traffic.sessions import Capture, Profile, Session
 
 KEYS = [
     *("call", "function", "function_id", "command", "transport", "client", "server", "object", "started"),
-    *("requests", "serials", "retries", "replies", "late_replies", "lost_replies", "executing", "duplicates"),
+    *(
+        "requests",
+        "serials",
+        "retries",
+        "unseen_retries",
+        "replies",
+        "late_replies",
+        "lost_replies",
+        "executing",
+        "duplicates",
+    ),
     "outcome",
     *("hresult", "hresult_name", "hresult_text", "latency_ms", "rtt_ms", "convention", "verdict"),
 ]
@@ -66,6 +76,7 @@ def test_a_call_without_trouble() -> None:
         "requests": [1],
         "serials": [7],
         "retries": 0,
+        "unseen_retries": 0,
         "replies": [2],
         "late_replies": [],
         "lost_replies": [],
@@ -89,6 +100,7 @@ def plain(call: Call) -> dict[str, object]:
         "requests": [seen.number for seen in call.attempts],
         "serials": list(call.serials),
         "retries": call.retries,
+        "unseen_retries": call.unseen_retries,
         "replies": [] if call.reply is None else [call.reply.number],
         "late_replies": [seen.number for seen in call.late_replies],
         "lost_replies": [seen.number for seen in call.lost_replies],

@@ -240,9 +240,17 @@ def test_playbook(name: str) -> None:
     assert summaries(script.track()) == expected
 
 
+GIVEN_UP = {
+    "the capture ends first": ["1: >1 <2 answered, answered", "2: >3 >>4 unanswered, unanswered"],
+    "the capture ends first, but a reply was late already": ["1: >1 >>2 late<3 unanswered, reply late"],
+}
+"""Where the capture reaches far beyond the last attempt, because it holds another client."""
+
+
 @pytest.mark.parametrize("name", PLAYBOOKS)
 def test_playbook_with_another_client_in_between(name: str) -> None:
     expected, lines = PLAYBOOKS[name]
+    expected = GIVEN_UP.get(name, expected)
     script, other = Script(), Script()
     play(script, lines)
     play(other, [(0.5, 1, 0, OTHER), (0.7, 1, 0, MOVE), (2.2, -1, 0, POSE), (900, 2, 1, OTHER)])

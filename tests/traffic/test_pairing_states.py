@@ -59,6 +59,7 @@ MAKE_HAPPEN: dict[CallEvent, Callable[[Stage], Observation | None]] = {
     CallEvent.NOTICE: lambda stage: stage.add(stage.client.reply(20, 12, 0, S_EXECUTING)),
     CallEvent.REPLY: lambda stage: stage.add(stage.client.reply(20, 12, 0, 0, r8s(9.0))),
     CallEvent.EARLIER_REPLY: lambda stage: stage.add(stage.client.reply(20, 10, 0, 0, r8s(8.0))),
+    CallEvent.OVERDUE_REPLY: lambda stage: (list(stage.pairing.pop_settled(START + 10**12)), None)[1],
     CallEvent.NEXT_CALL: lambda stage: (stage.add(stage.client.ask(20, 22, 0, OTHER)), None)[1],
     CallEvent.EXPIRY: lambda stage: (list(stage.pairing.pop_settled(START + 10**12)), None)[1],
     CallEvent.EVICTION: lambda stage: (list(stage.pairing.evict_oldest(1)), None)[1],
@@ -68,7 +69,10 @@ MAKE_HAPPEN: dict[CallEvent, Callable[[Stage], Observation | None]] = {
 @pytest.mark.parametrize(("state", "event"), TRANSITIONS, ids=lambda each: str(each).replace(" ", "-"))
 def test_pairing_follows_the_table(state: CallState, event: CallEvent) -> None:
     stage = Stage(first_attempt=event is not CallEvent.FIRST_ATTEMPT)
-    BRING_TO[state](stage)
+    if event is CallEvent.OVERDUE_REPLY:
+        stage.add(stage.client.reply(40, 12, 0, 0, POSE))
+    else:
+        BRING_TO[state](stage)
     call, before = stage.call, stage.call.reply
     assert call.state is state
     seen = MAKE_HAPPEN[event](stage)
@@ -76,19 +80,22 @@ def test_pairing_follows_the_table(state: CallState, event: CallEvent) -> None:
     assert call.state is expected.state
     if seen is None:
         assert expected.role is None
-        assert bool(call.abandoned_at) is (event is CallEvent.NEXT_CALL or state is CallState.ABANDONED)
+        gives_up = event in (CallEvent.NEXT_CALL, CallEvent.OVERDUE_REPLY)
+        assert bool(call.abandoned_at) is (gives_up or state is CallState.ABANDONED)
     else:
         assert {each.role for each in call.frames if each.observation.number == seen.number} == {
             expected.role
         }
     if expected.reply_becomes is not None:
-        assert (call.reply, call.lost_replies) == (None, (before,))
+        assert call.reply is None
+        replies = [each.role for each in call.frames if each.observation is before]
+        assert replies == [expected.reply_becomes]
     elif expected.role is not FrameRole.REPLY:
         assert call.reply is before
 
 
 def test_every_frame_is_expected_while_a_call_is_open() -> None:
-    frames = set(CallEvent) - {CallEvent.NEXT_CALL, *ENDS}
+    frames = set(CallEvent) - {CallEvent.NEXT_CALL, CallEvent.OVERDUE_REPLY, *ENDS}
     for state in OPEN:
         missing = {event for event in frames if (state, event) not in TRANSITIONS}
         # Only the newest call gets a RETRY, and a client abandons a call with a newer one.
@@ -106,7 +113,7 @@ def test_a_call_that_was_returned_gets_no_more_frames() -> None:
 def test_frames_leave_a_call_open_and_ends_do_not() -> None:
     for (_, event), transition in TRANSITIONS.items():
         assert (transition.state in OPEN) is (event not in ENDS and transition.state is not CallState.SETTLED)
-        assert (transition.role is None) is (event in (CallEvent.NEXT_CALL, *ENDS))
+        assert (transition.role is None) is (event in (CallEvent.NEXT_CALL, CallEvent.OVERDUE_REPLY, *ENDS))
 
 
 @pytest.mark.parametrize("retries", [False, True])

@@ -12,9 +12,9 @@ from bcapscope.analysis.rules.rule_checker import RuleChecker
 from bcapscope.traffic import pipeline as pipeline_module
 from bcapscope.traffic.call import Call, StrayReply
 from bcapscope.traffic.call_verdict import Outcome
-from bcapscope.traffic.conversation_pairing import EXECUTION_NS
 from bcapscope.traffic.handle_tracker import HandleTracker, TrackedObject
 from bcapscope.traffic.observation import Conversation, Observation
+from bcapscope.traffic.pairing_windows import EXECUTION_NS
 from bcapscope.traffic.pipeline import CallCollector, Pipeline, PipelineSubscriber
 from bcapscope.traffic.slave_mode_tracker import SlaveModeChange, SlaveModeEffect
 from tests.analysis.driving import ENTER, Plan, Step, joints, steps

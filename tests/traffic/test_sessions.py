@@ -9,8 +9,9 @@ from hypothesis import strategies as st
 
 from bcapscope.traffic.call import Call, PairingResult
 from bcapscope.traffic.call_verdict import CallVerdict
-from bcapscope.traffic.conversation_pairing import COPIES_WITHIN_NS, LATE_WITHIN_NS, SHORTEST_TIMEOUT_NS
+from bcapscope.traffic.client_timeout import SHORTEST_SILENCE_NS, SHORTEST_TIMEOUT_NS
 from bcapscope.traffic.observation import Transport
+from bcapscope.traffic.pairing_windows import COPIES_WITHIN_NS, LATE_WITHIN_NS
 from bcapscope.traffic.reserved_field import ReservedConvention
 from bcapscope.traffic.tracker import Tracker
 from tests.traffic.playbook import MS, Script, calls_of, i4, strays_of, summary
@@ -47,6 +48,13 @@ def told(records: dict[int, Record]) -> list[str]:
         answered = [records[int(word[1:])].time for word in lines[-1].split() if re.fullmatch(r"<\d+", word)]
         passed = passed or any(time < end - COPIES_WITHIN_NS for time in answered)
     return lines[::-1]
+
+
+def rejected(line: str) -> str:
+    """Tell a call in one line, as `told` does, where its client had given up before the reply came."""
+    words = line.replace(" <", " late<").rpartition(" answered, ")
+    verdict = words[2] if words[2] == "executed twice" else "reply late"
+    return f"{words[0]} unanswered, {verdict}"
 
 
 def _line(records: dict[int, Record], next_call: int | None, passed: bool) -> str:
@@ -124,13 +132,20 @@ def test_every_chain_is_found(profiles: list[Profile], seed: int) -> None:
     assert strays_of(settled) == []
     assert sorted(call.number for call in calls_of(settled)) == list(range(1, len(calls_of(settled)) + 1))
     end = max((seen.time for seen in capture.observations), default=0)
-    for records, calls in zip(capture.records, calls_by_client(capture, settled), strict=True):
+    for session, records, calls in zip(
+        sessions, capture.records, calls_by_client(capture, settled), strict=True
+    ):
         for call, line in zip(calls, told(records), strict=True):
             # Where others go on for so long, the capture did not end before a reply could come.
             over = end - max(event.observation.time for event in call.frames) >= LATE_WITHIN_NS
+            if call.retries and not call.notices:
+                over = over or end - call.last_attempt.time >= SHORTEST_SILENCE_NS
             later = line.replace("capture_ended, capture ended", "unanswered, unanswered")
             later = later.replace("capture_ended", "unanswered")
-            assert summary(call) in ((line, later) if over else (line,))
+            allowed = [line, later] if over else [line]
+            if " answered, " in line and records[call.request.number].call not in session.accepted:
+                allowed.append(rejected(line))
+            assert summary(call) in allowed
 
 
 @given(PROFILES, SEEDS)
@@ -179,9 +194,11 @@ def test_a_capture_that_is_cut_short_gives_the_same_calls_as_far_as_it_goes(
         complete = by_number[call.number]
         assert set(call.frames) <= set(complete.frames)
         assert call.attempts == complete.attempts[: len(call.attempts)]
-        assert call.outcome in (complete.outcome, "capture_ended")
+        assert call.outcome in (complete.outcome, "capture_ended", "not_captured")
 
 
+# A copy of the first attempt of a Service_Start comes behind other calls.
+@example(Profile("seed", 1, False, 2, 2, 0.1, 0.2, 39.0), 7954663)
 @settings(max_examples=50)
 @given(
     st.builds(

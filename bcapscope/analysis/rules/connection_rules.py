@@ -57,7 +57,7 @@ def _closing_occurrences(client: ClientState) -> Iterator[Occurrence]:
 
 def _hung_up(last: Call, closing: ConnectionEnd) -> Occurrence:
     how = "reset" if closing.reset else "closed"
-    answered = "" if last.reply is not None else ".unanswered"
+    answered = "" if last.reply is not None or last.reply_not_captured else ".unanswered"
     server = str(last.conversation.server)
     return Occurrence(
         CONTROLLER_HUNG_UP,

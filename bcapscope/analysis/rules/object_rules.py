@@ -126,7 +126,7 @@ def _leak(call: Call, kind: ObjectClass, name: str, handles: int, is_update: boo
 
 def _may_be_released(call: Call) -> bool:
     """Return whether the controller answered, or may have answered, a call that releases an object."""
-    return call.reply is not None or call.evicted
+    return call.reply is not None or call.evicted or call.reply_not_captured
 
 
 def _explain_bad_handle(call: Call, client: ClientState) -> RefusalReason | None:

@@ -219,7 +219,8 @@ def _pause_message(before: Call, after: Call, slack: int) -> Message:
     }
     reply = before.reply
     if reply is None:
-        return Message("finding.set-point-gap.unanswered", **places)
+        case = "late-reply" if before.late_replies else "unanswered"
+        return Message(f"finding.set-point-gap.{case}", **places)
     waited, idle = reply.time - before.request.time, after.request.time - reply.time
     places["waited"] = Duration(waited)
     if idle <= waited:

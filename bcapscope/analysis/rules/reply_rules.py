@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from bisect import bisect_right
 from collections.abc import Iterator
-from itertools import pairwise
 
 from bcapscope.analysis.client_state import ClientRegistry, ClientState
 from bcapscope.analysis.finding import Severity
@@ -18,6 +17,7 @@ from bcapscope.analysis.rules.rule_checker import (
     OccurrenceSink,
     RuleChecker,
     frame_numbers,
+    last_frame_time,
 )
 from bcapscope.messages import Message
 from bcapscope.messages.message import PlaceValue
@@ -26,6 +26,7 @@ from bcapscope.protocol.slave_mode.modes import PERIOD_MS
 from bcapscope.protocol.tables.function_table import ID
 from bcapscope.traffic.call import Call, FrameObservation, StrayReply
 from bcapscope.traffic.call_verdict import CallVerdict
+from bcapscope.traffic.client_timeout import gives_up_at, waits_in_vain
 from bcapscope.traffic.observation import Conversation, Direction, Observation
 
 _SEED = "DENSO Wave 2009, How to use the Slave mode"
@@ -91,7 +92,6 @@ REPLY_TO_NOTHING = DiagnosisRule(
     "reply-to-nothing", Severity.WARNING, f"{_SEED}, Retry sequence in UDP connection"
 )
 
-_QUIET_NS = 20 * MS
 _TURN_NS = PERIOD_MS * MS + 2 * MS
 _MAX_REQUESTING = 65536
 
@@ -112,6 +112,8 @@ class ReplyChecker(RuleChecker):
         REPLY_TO_NOTHING,
     )
 
+    by_client: dict[Conversation, Call]
+
     def __init__(self, report_occurrence: OccurrenceSink, clients: ClientRegistry) -> None:
         super().__init__(report_occurrence, clients)
         self._requesting: set[Conversation] = set()
@@ -131,7 +133,7 @@ class ReplyChecker(RuleChecker):
             self._report_late(call, late)
         elif call.reply is None:
             if call.surely_unanswered and not call.notices:
-                self._report_unanswered(call)
+                self._check_unanswered(call)
         elif verdict is CallVerdict.REPLY_LOST and call.lost_replies:
             self._report_reply_lost(call)
         elif call.retries and not _waited_for_room(call, client):
@@ -153,8 +155,8 @@ class ReplyChecker(RuleChecker):
                     "finding.very-late-reply", at=at, client=receiver, number=stray.call_number, serial=serial
                 ),
             )
-        elif conversation not in self._requesting:
-            return  # the capture began after the request for this reply
+        elif stray.request_missed or conversation not in self._requesting:
+            return  # the capture lacks the request, or began after it
         else:
             rule, fact = (
                 REPLY_TO_NOTHING,
@@ -169,16 +171,14 @@ class ReplyChecker(RuleChecker):
         client, first, last = end.client, end.client.first_call, end.client.last_call
         if client.may_be_answered:
             return
-        if not client.answered_count and (first.surely_unanswered or first.evicted or len(last.attempts) > 1):
+        unanswered = first.surely_unanswered or first.evicted or waits_in_vain(last, end.ended_at)
+        if not client.answered_count and unanswered and not last.reply_not_captured:
             yield _controller_silent(first, last, client.call_count, end.ended_at)
-        if last.reply is not None or last.surely_unanswered or last.notices or last.late_replies:
-            return
-        sent_at = [request.time for request in last.attempts]
-        if len(sent_at) > 1:
-            pause = max(after - before for before, after in pairwise(sent_at))
-            quiet = end.ended_at - sent_at[-1]
-            if quiet >= max(3 * pause, _QUIET_NS):
-                yield _client_stopped(last, quiet)
+        given_up = self.by_client.get(client.conversation)
+        if given_up is last:
+            yield _client_stopped(last, end.ended_at - last.last_attempt.time)
+        elif given_up is not None:
+            yield _no_reply(given_up)
 
     def _report_late(self, call: Call, reply: FrameObservation) -> None:
         attempts = _AttemptIndex(call)
@@ -193,7 +193,7 @@ class ReplyChecker(RuleChecker):
             rule,
             call,
             Message(
-                f"finding.{rule.id}",
+                f"finding.{rule.id}{'.inferred' if call.gave_up_inferred else ''}",
                 **places,
                 waited=Duration(gave_up - attempt.time),
                 retries=Count(call.retries, "retry"),
@@ -203,29 +203,19 @@ class ReplyChecker(RuleChecker):
             completed=reply.time,
         )
 
-    def _report_unanswered(self, call: Call) -> None:
-        continued_after = call.abandoned_at - call.request.time if call.abandoned_at else 0
+    def _check_unanswered(self, call: Call) -> None:
         closing = call.conversation.connection_end
-        by_client = closing is not None and closing.by is Direction.REQUEST and not continued_after
+        by_client = closing is not None and closing.by is Direction.REQUEST and not call.abandoned_at
         if by_client and call.kind.function_id == ID["Service_Stop"]:
             return  # a client that closes the connection after Service_Stop does not wait for the reply
-        sent = {**call_places(call), "times": Times(len(call.attempts))}
-        if by_client and closing is not None:
-            after = Duration(closing.time - call.request.time)
-            fact = Message("finding.no-reply.closed", **sent, after=after)
-        elif continued_after:
-            fact = Message("finding.no-reply.continued", **sent, after=Duration(continued_after))
-        else:
-            fact = Message("finding.no-reply", **sent)
-        self.report_call(
-            NO_REPLY,
-            call,
-            fact,
-            Message("clause.no-reply", call=sent["call"]),
-            completed=call.abandoned_at or (0 if closing is None else closing.time),
-            group_key="closed" if by_client else "",
-            advice=Message("rule.no-reply.advice.closed") if by_client else None,
-        )
+        if call.abandoned_at or closing is not None or not gives_up_at(call):
+            self.report_occurrence(_no_reply(call))
+            return
+        # The client may have stopped. The end of its traffic shows it.
+        earlier = self.by_client.get(call.conversation)
+        if earlier is not None:
+            self.report_occurrence(_no_reply(earlier))
+        self.by_client[call.conversation] = call
 
     def _report_executed_twice(self, call: Call) -> None:
         if call.skipped_handles:
@@ -247,17 +237,44 @@ class ReplyChecker(RuleChecker):
         self.report_call(REPLY_LOST, call, fact, began=reply.time)
 
     def _report_retried(self, call: Call) -> None:
+        attempts = len(call.attempts) + call.unseen_retries
         case = "" if call.first_attempt_seen else ".first-unseen"
         if call.verdict is CallVerdict.REQUEST_LOST:
             case += ".request-lost"
         fact = Message(
             f"finding.retried{case}",
             **call_places(call),
-            attempts=Count(len(call.attempts), "attempt"),
+            attempts=Count(attempts, "attempt"),
             after=Duration(call.latency or 0),
         )
-        clause = Message("clause.retried", call=call_place(call), attempt=len(call.attempts))
+        clause = Message("clause.retried", call=call_place(call), attempt=attempts)
         self.report_call(RETRIED, call, fact, clause)
+
+
+def _no_reply(call: Call) -> Occurrence:
+    continued_after = call.abandoned_at - call.request.time if call.abandoned_at else 0
+    closing = call.conversation.connection_end
+    by_client = closing is not None and closing.by is Direction.REQUEST and not continued_after
+    sent = {**call_places(call), "times": Times(len(call.attempts))}
+    if by_client and closing is not None:
+        after = Duration(closing.time - call.request.time)
+        fact = Message("finding.no-reply.closed", **sent, after=after)
+    elif continued_after:
+        fact = Message("finding.no-reply.continued", **sent, after=Duration(continued_after))
+    else:
+        fact = Message("finding.no-reply", **sent)
+    return Occurrence(
+        NO_REPLY,
+        call.request.time,
+        call.abandoned_at or (last_frame_time(call) if closing is None else closing.time),
+        call.conversation,
+        frame_numbers(call),
+        fact,
+        Message("clause.no-reply", call=sent["call"]),
+        call=call.number,
+        group_key="closed" if by_client else "",
+        advice=Message("rule.no-reply.advice.closed") if by_client else None,
+    )
 
 
 def _client_stopped(call: Call, quiet: int) -> Occurrence:

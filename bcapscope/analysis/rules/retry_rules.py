@@ -19,6 +19,7 @@ from bcapscope.traffic.call import Call
 from bcapscope.traffic.call_kind import CallKind
 from bcapscope.traffic.observation import Conversation, Transport
 from bcapscope.traffic.reserved_field import ReservedConvention
+from bcapscope.traffic.unseen_attempts import skipped_serials
 
 _SEED = "DENSO Wave 2009, How to use the Slave mode"
 _SERVER = "orin_bcap C/src/bCAPServer/bcap_server.c"
@@ -113,6 +114,8 @@ class RetryChecker(RuleChecker):
 
     def _check_retry_delay(self, call: Call) -> None:
         first, second = call.attempts[:2] if len(call.attempts) > 1 else (call.request, call.request)
+        if skipped_serials(first.item.serial, second.item.serial):
+            return  # the attempt between the two was not captured
         waited = second.time - first.time
         if waited > PERIOD_NS:
             places = {"call": call_place(call), "waited": Duration(waited)}
@@ -146,6 +149,8 @@ class RetryChecker(RuleChecker):
         frame, earlier = call.request.item, before.last_attempt.item
         if frame.raw[9:] != earlier.raw[9:] or _answered_before(before, call):
             return
+        if frame.reserved in skipped_serials(earlier.serial, frame.serial):
+            return  # it names an attempt that was not captured
         fact = Message(
             "finding.wrong-reserved",
             at=Moment(call.request.time),
@@ -172,7 +177,7 @@ class RetryChecker(RuleChecker):
         before, frame = client.last_call, call.request.item
         if (
             not before.abandoned_at
-            or before.evicted
+            or not before.surely_unanswered
             or not _is_same_request(before, call)
             or _may_hold_position(client)
         ):
@@ -220,4 +225,6 @@ def _may_hold_position(client: ClientState) -> bool:
 
 def _answered_before(before: Call, call: Call) -> bool:
     """Return whether call `before` was answered, or may have been answered, before `call` was sent."""
-    return before.evicted or (before.reply is not None and before.reply.time <= call.request.time)
+    if before.evicted or before.reply_not_captured:
+        return True
+    return before.reply is not None and before.reply.time <= call.request.time

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 from bcapscope.analysis.client_state import ClientRegistry, ClientState
 from bcapscope.analysis.finding import Severity
-from bcapscope.analysis.finding_places import call_place
+from bcapscope.analysis.finding_places import call_place, client_place
 from bcapscope.analysis.rules.rule_checker import (
     SECOND,
+    ClientEnd,
     DiagnosisRule,
     Occurrence,
     OccurrenceSink,
@@ -20,7 +21,8 @@ from bcapscope.messages.places import Count, FramePlace, Moment
 from bcapscope.protocol.codec.arguments import Problem
 from bcapscope.protocol.codec.frame import LARGEST_UDP_FRAME, SOH, Frame, Malformed
 from bcapscope.protocol.codec.stream_splitter import STREAM_ENDED
-from bcapscope.traffic.call import Call, FrameObservation
+from bcapscope.protocol.tables.hresult import S_EXECUTING
+from bcapscope.traffic.call import Call, FrameObservation, StrayReply
 from bcapscope.traffic.observation import Conversation, Direction, Flow, Observation, Transport
 
 _SERVER = "orin_bcap C/src/bCAPServer/bcap_server.c"
@@ -41,6 +43,11 @@ CAPTURE_GAP = DiagnosisRule(
 CAPTURE_CUT = DiagnosisRule(
     "capture-cut", Severity.NOTE, "the original length of the packet in the capture file"
 )
+ONE_DIRECTION = DiagnosisRule(
+    "one-direction",
+    Severity.NOTE,
+    "how clients work: a client that uses a handle has received the reply with this handle",
+)
 SERVER_GUESSED = DiagnosisRule(
     "server-guessed",
     Severity.NOTE,
@@ -57,6 +64,7 @@ CHECKED_FROM_BYTES = 480
 
 
 _MAX_FLOWS = 4096
+_FEWEST_REPLIES = 4
 _RESYNC_WITHIN_NS = SECOND
 _MAX_PROBLEMS_NAMED = 3
 """Maximum number of problems of one frame that a sentence names."""
@@ -72,6 +80,7 @@ class WireChecker(RuleChecker):
         MALFORMED_REPLY,
         CAPTURE_GAP,
         CAPTURE_CUT,
+        ONE_DIRECTION,
         SERVER_GUESSED,
         DUPLICATE_FRAMES,
     )
@@ -79,10 +88,15 @@ class WireChecker(RuleChecker):
     def __init__(self, report_occurrence: OccurrenceSink, clients: ClientRegistry) -> None:
         super().__init__(report_occurrence, clients)
         self._resync_since: dict[Flow, int] = {}
+        self._directions: dict[Conversation, set[Direction]] = {}
+        self._replies: dict[Conversation, list[FrameObservation]] = {}
 
     def on_new_flow(self, observation: Observation) -> None:
         flow = observation.flow
         conversation = flow.conversation
+        if len(self._directions) >= _MAX_FLOWS:
+            self._directions.clear()
+        self._directions.setdefault(conversation, set()).add(flow.direction)
         begun_unseen = conversation.transport is Transport.TCP and conversation.server_known_by != "the proxy"
         if begun_unseen and isinstance(observation.item, Malformed):
             self._expect_resync(flow, observation.time)  # the capture began in the middle of a TCP frame
@@ -119,7 +133,30 @@ class WireChecker(RuleChecker):
             fact = Message("finding.duplicate-frames", call=call_place(call), copies=number)
             self.report_call(DUPLICATE_FRAMES, call, fact)
 
+    def on_stray_reply(self, stray: StrayReply) -> None:
+        """Report replies of which the capture holds no request at all.
+
+        A capture that begins in the middle of a call holds one such reply, or a few notices.
+        """
+        reply, conversation = stray.observation, stray.observation.flow.conversation
+        if reply.item.code == S_EXECUTING or self._directions.get(conversation) != {Direction.RESPONSE}:
+            return
+        replies = self._replies.setdefault(conversation, [])
+        replies.append(reply)
+        if len(replies) == _FEWEST_REPLIES:
+            self.report_occurrence(_one_direction("replies", conversation, replies[0], reply))
+        elif len(replies) > _FEWEST_REPLIES:
+            replies.pop()
+
+    def end_occurrences(self, end: ClientEnd) -> Iterator[Occurrence]:
+        client, conversation = end.client, end.client.conversation
+        first, last = client.first_call, client.last_call
+        if self._directions.get(conversation) == {Direction.REQUEST} and last.reply_not_captured:
+            yield _one_direction("requests", conversation, first.request, last.last_attempt)
+
     def on_conversation_closed(self, conversation: Conversation) -> None:
+        self._directions.pop(conversation, None)
+        self._replies.pop(conversation, None)
         for flow in [flow for flow in self._resync_since if flow.conversation is conversation]:
             del self._resync_since[flow]
 
@@ -193,6 +230,17 @@ class WireChecker(RuleChecker):
                 advice=advice,
             )
         )
+
+
+def _one_direction(
+    held: str, conversation: Conversation, first: FrameObservation, last: FrameObservation
+) -> Occurrence:
+    fact = Message(
+        f"finding.one-direction.{held}", client=client_place(conversation), server=str(conversation.server)
+    )
+    return Occurrence(
+        ONE_DIRECTION, first.time, last.time, conversation, (first.number, last.number), fact, group_key=held
+    )
 
 
 def _is_cut_by_closing(observation: Observation | FrameObservation, problems: Sequence[Problem]) -> bool:

@@ -274,7 +274,7 @@ class SlaveSessionDetector:
 
     def _on_change_mode(self, call: Call, controller: ControllerState) -> None:
         value = requested_mode(call)
-        if call.reply is None:
+        if call.reply is None and not call.reply_not_captured:
             controller.unanswered_entry = call if value else None
             return
         key = call.conversation, call.request.item.body[_HANDLE]

@@ -52,6 +52,8 @@ class CallFigures:
         open: Number of calls still open when the traffic ended.
         not_followed: Number of calls that were evicted from memory while open, because too many calls were
             open.
+        not_captured: Number of calls whose reply the capture lacks, because it lacks bytes that the
+            controller sent, or holds only requests.
         request_bytes: Size of all requests in bytes, including retries.
         calls_per_second: Number of calls divided by the length of the period in seconds; None if the length
             is 0.
@@ -67,6 +69,7 @@ class CallFigures:
     unanswered: int
     open: int
     not_followed: int
+    not_captured: int
     retries: int
     retried_calls: int
     late_replies: int
@@ -183,6 +186,7 @@ class _CallTally:
             unanswered=self.outcomes[Outcome.UNANSWERED],
             open=self.outcomes[Outcome.CAPTURE_ENDED],
             not_followed=self.outcomes[Outcome.NOT_FOLLOWED],
+            not_captured=self.outcomes[Outcome.NOT_CAPTURED],
             retries=self.retries,
             retried_calls=self.retried,
             late_replies=self.late,

@@ -224,6 +224,23 @@ def parse_datagram(raw: bytes, templates: FrameTemplates | None = None) -> tuple
         pos = stop
 
 
+def parse_captured_datagram(
+    raw: bytes, templates: FrameTemplates | None = None
+) -> tuple[Frame | Malformed, ...]:
+    """Split a captured datagram into its frames, and mark the first frame if the datagram goes on after it.
+
+    A datagram holds one frame. DENSO's C server and client compare the length of the frame with the number of
+    bytes received. The official C server stops its UDP service if the two differ (orin_bcap
+    C/src/bCAPServer/bcap_server.c).
+    """
+    items = parse_datagram(raw, templates)
+    if len(items) == 1:
+        return items
+    reason = Message("problem.length.datagram", claimed=len(items[0].raw), present=len(raw))
+    marked = Frame(items[0].raw, Problem(len(items[0].raw), "length", reason), templates)
+    return (marked, *items[1:])
+
+
 def parse_single_frame(raw: bytes, templates: FrameTemplates | None = None) -> Frame | Malformed:
     """Return `raw` as one frame if `raw` begins with SOH and holds a header, otherwise as `Malformed`."""
     if len(raw) >= HEADER_SIZE and raw[0] == SOH:

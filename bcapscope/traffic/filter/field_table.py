@@ -181,7 +181,13 @@ FIELDS: tuple[FilterField, ...] = (
         "requests", FieldType.NUMBERS, _CALL, "frame numbers of the call's requests, including retries"
     ),
     FilterField("serials", FieldType.NUMBERS, _CALL, "serial numbers of the call's requests"),
-    FilterField("retries", FieldType.NUMBER, _CALL, "number of retries"),
+    FilterField("retries", FieldType.NUMBER, _CALL, "number of captured retries"),
+    FilterField(
+        "unseen_retries",
+        FieldType.NUMBER,
+        _CALL,
+        "number of retries that were not captured, by their serials",
+    ),
     FilterField("replies", FieldType.NUMBERS, _CALL, "frame numbers of the replies that the client accepted"),
     FilterField("late_replies", FieldType.NUMBERS, _CALL, "frame numbers of late replies"),
     FilterField(

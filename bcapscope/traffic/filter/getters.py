@@ -113,6 +113,7 @@ CALL_GETTERS: Mapping[str, Callable[[Call], object]] = {
     "requests": lambda call: [seen.number for seen in call.attempts],
     "serials": lambda call: call.serials,
     "retries": lambda call: call.retries,
+    "unseen_retries": lambda call: call.unseen_retries,
     "replies": lambda call: [] if call.reply is None else [call.reply.number],
     "late_replies": lambda call: [seen.number for seen in call.late_replies],
     "lost_replies": lambda call: [seen.number for seen in call.lost_replies],

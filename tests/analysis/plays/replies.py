@@ -36,6 +36,20 @@ def _gave_up(story: Story) -> None:
     client.move(106, 4)
 
 
+def _answered_after(last: float) -> Play:
+    """Three attempts 16 ms apart, and a reply so long after the last; the client goes on after it."""
+
+    def play(story: Story) -> None:
+        client = _in_slave_mode(story)
+        first = client.ask(82, "Robot_Execute", *_MOVE)
+        client.ask(98, "Robot_Execute", *_MOVE, reserved=first)
+        again = client.ask(114, "Robot_Execute", *_MOVE, reserved=first)
+        client.answer(114 + last, again, _POSE)
+        client.move(117 + last, 4)
+
+    return play
+
+
 def _in_time(story: Story) -> None:
     client = _in_slave_mode(story)
     first = client.ask(82, "Robot_Execute", *_MOVE)
@@ -64,6 +78,15 @@ def _stopped(story: Story) -> None:
     for number in range(1, 5):
         client.ask(50 + 16 * number, "Robot_Execute", *_MOVE, reserved=first)
     story.client(50002).call(900, "Service_Start", text(",WDT=400"))
+
+
+def _goes_on_after_a_while(story: Story) -> None:
+    client = story.client()
+    client.open()
+    first = client.ask(50, "Robot_Execute", *_MOVE)
+    client.ask(66, "Robot_Execute", *_MOVE, reserved=first)
+    story.client(50002).call(8000, "Service_Start", text(",WDT=400"))
+    client.execute(9000, "CurJnt", result=_POSE)
 
 
 def _still_trying(story: Story) -> None:
@@ -194,6 +217,20 @@ SCENES = (
         (23, 25),
         ("The reply to slvMove 4711 came 19 ms after the request. Your client had given up after 16 ms",),
         _late,
+    ),
+    Scene(
+        "client-gave-up",
+        _answered_after(35),
+        (23, 24, 25, 26),
+        ("came 35 ms after the request. Your client had probably given up after 16 ms",),
+        _answered_after(31),
+    ),
+    Scene(
+        "no-reply",
+        _goes_on_after_a_while,
+        (9, 10),
+        ("sent slvMove 5 twice and got no reply. It continued after 8.95 s.",),
+        _stopped,
     ),
     Scene(
         "no-reply",

@@ -90,6 +90,20 @@ def _ports(client_says: bytes) -> Play:
     return play
 
 
+def _one_direction(held: str) -> Play:
+    """A good session of which only one direction was captured."""
+
+    def play(story: Story) -> None:
+        good(story)
+        network = story.talkers[0].network
+        client = bytes((192, 168, 0, 10))
+        network.packets[:] = [
+            packet for packet in network.packets if (packet.data[26:30] == client) is (held == "requests")
+        ]
+
+    return play
+
+
 def _twice_seen(story: Story) -> None:
     client = story.client()
     client.open()
@@ -115,6 +129,23 @@ SCENES = (
         (9,),
         ("Frame 9 from 192.168.0.10:50001 at 0.050 s is malformed", "can stop DENSO's C server"),
         _sends(_SOUND),
+    ),
+    Scene(
+        "malformed-request",
+        _sends(_SOUND + _SOUND),
+        (9,),
+        (
+            f"length is {len(_SOUND)}, but the datagram has {2 * len(_SOUND)} bytes",
+            "can stop DENSO's C server",
+        ),
+        _sends(_SOUND),
+    ),
+    Scene(
+        "malformed-reply",
+        _answers(reply(5, 0) + reply(6, 0)),
+        (10,),
+        ("length is 16, but the datagram has 32 bytes",),
+        _answers(reply(5, 0)),
     ),
     Scene(
         "malformed-request",
@@ -147,6 +178,20 @@ SCENES = (
         good,
     ),
     Scene("capture-cut", _cut, (142,), ("the capture kept 8 of the datagram's 16 bytes",), good),
+    Scene(
+        "one-direction",
+        _one_direction("requests"),
+        (1, 71),
+        ("holds only what your client sent. 192.168.0.1:5007 evidently answered",),
+        good,
+    ),
+    Scene(
+        "one-direction",
+        _one_direction("replies"),
+        (1, 4),
+        ("holds only what 192.168.0.1:5007 sent to",),
+        good,
+    ),
     Scene(
         "server-guessed",
         _ports(_UNKNOWN),

@@ -178,6 +178,7 @@ def calls_with(expression: str) -> list[int]:
         ("requests contains 4", [2]),
         ("serials[1] == 3", [2]),
         ("retries > 0", [2]),
+        ("unseen_retries > 0", []),
         ("replies == null or not replies", [4, 5]),
         ("late_replies contains 5", [2]),
         ("lost_replies", []),

@@ -1,0 +1,93 @@
+"""How long a client waits for a reply, as the distances between its attempts show."""
+
+from __future__ import annotations
+
+from collections import deque
+from itertools import pairwise
+from operator import attrgetter
+from statistics import median
+
+from bcapscope.traffic.call import Call
+from bcapscope.traffic.call_kind import CallKind
+from bcapscope.traffic.unseen_attempts import skipped_serials
+
+SHORTEST_TIMEOUT_NS = 2_000_000
+"""Shortest timeout of a client, ns (DENSO Wave 2009, slvMove). A client that begins a new call sooner after
+the previous request does not wait for replies, and so may still accept the reply to the previous request."""
+
+TIMEOUTS_TO_GIVE_UP = 4
+"""Number of timeouts without an attempt after which the client has given up a call that it retried."""
+
+SHORTEST_SILENCE_NS = 50_000_000
+"""Minimum time in ns without an attempt after which the client has given up a call that it retried. A busy
+client or network delays an attempt by less."""
+
+OVERDUE_TIMEOUTS = 2
+"""Number of timeouts after the last attempt from which on a reply is late. Attempts do not arrive exactly one
+timeout apart, so an earlier reply may have been in time."""
+
+_MAX_DISTANCES = 32
+_MAX_KINDS = 64
+
+
+def attempt_distances(call: Call) -> list[int]:
+    """Return the distances between successive attempts of a call in ns.
+
+    Where attempts were not captured, a distance is divided evenly among all attempts.
+    """
+    attempts = call.attempts
+    if len(attempts) == 1:
+        return []
+    if not call.unseen_serials:
+        times = sorted(each.time for each in attempts)
+        return [after - before for before, after in pairwise(times)]
+    return [
+        (after.time - before.time) // (1 + len(skipped_serials(before.item.serial, after.item.serial)))
+        for before, after in pairwise(sorted(attempts, key=attrgetter("time")))
+    ]
+
+
+def gives_up_at(call: Call) -> int:
+    """Return when the client has evidently given up an unanswered call, ns since 1970; 0 if it does not show.
+
+    Only a retried call shows it. S_EXECUTING prolongs the client's timeout (DENSO Wave 2009).
+    """
+    distances = attempt_distances(call) if call.other_frames and not call.notices else ()
+    if not distances:
+        return 0
+    silence = max(TIMEOUTS_TO_GIVE_UP * round(median(distances)), SHORTEST_SILENCE_NS)
+    return call.last_attempt.time + silence
+
+
+def waits_in_vain(call: Call, now: int) -> bool:
+    """Return whether so many timeouts have passed since the first attempt of an unanswered call that the
+    controller answered none of the attempts before the last one."""
+    distances = attempt_distances(call) if call.other_frames and not call.notices else ()
+    if not distances:
+        return False
+    return now - call.request.time >= max(
+        (TIMEOUTS_TO_GIVE_UP - 1) * round(median(distances)), SHORTEST_SILENCE_NS
+    )
+
+
+class ShownTimeouts:
+    """The timeouts that the attempts of one client show, for each kind of call."""
+
+    def __init__(self) -> None:
+        self._distances: dict[CallKind, deque[int]] = {}
+
+    def add_call(self, call: Call) -> int:
+        """Learn from a complete call. Return when the client gave the call up before its reply was captured,
+        ns since 1970; 0 if the reply may have been in time."""
+        distances = attempt_distances(call)
+        if not distances:
+            return 0
+        if len(self._distances) >= _MAX_KINDS and call.kind not in self._distances:
+            self._distances.clear()
+        usual = self._distances.setdefault(call.kind, deque(maxlen=_MAX_DISTANCES))
+        usual.extend(distances)
+        reply, sent_at = call.reply, call.last_attempt.time
+        if reply is None or reply.time - sent_at <= OVERDUE_TIMEOUTS * SHORTEST_TIMEOUT_NS or call.notices:
+            return 0
+        timeout = max(*distances, round(median(usual)), SHORTEST_TIMEOUT_NS)
+        return sent_at + timeout if reply.time - sent_at > OVERDUE_TIMEOUTS * timeout else 0

@@ -1,0 +1,73 @@
+"""How long a further frame of a call can follow: the time windows of `ConversationPairing`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from bcapscope.protocol.tables.hresult import E_BUSY
+from bcapscope.traffic.call import Call
+from bcapscope.traffic.client_timeout import gives_up_at
+from bcapscope.traffic.observation import Conversation, Transport
+
+COPIES_WITHIN_NS = 100_000_000
+"""Maximum time in ns within which copies and reordered frames arrive: factory networks delay a frame by
+milliseconds. No client restarts on the same port this fast without a Service_Start."""
+
+RETRY_WITHIN_NS = 5_000_000_000
+"""Maximum time in ns from a captured reply to a retry of its request. No client waits longer before a retry
+(3 s in DENSO's ROS 2 driver, 1 s in DENSO Wave 2009)."""
+
+LATE_WITHIN_NS = 1_000_000_000
+"""Maximum time in ns to wait for a reply after the client began another call, if the controller has answered
+a later call. A reply after this time is a stray reply that names its call."""
+
+BUSY_WITHIN_NS = 30_000_000_000
+"""Maximum time in ns to wait for a reply after the client began another call, if the controller has not
+answered a later call. The controller may still be executing the call, because controllers answer in order."""
+
+EXECUTION_NS = 180_000_000_000
+"""Maximum time in ns without a frame of a call, if no later call was answered: the server's InvokeTimeout,
+after which the server never answers (orin_bcap C/src/bCAPServer/bcap_server.c)."""
+
+
+def unanswered_settles_at(call: Call, latest_answered: int, answered_early: Sequence[tuple[int, int]]) -> int:
+    """Return the time from which on no further frame can belong to an open call without a reply, ns since
+    1970.
+
+    Args:
+        latest_answered: Highest number of an answered call of the conversation.
+        answered_early: Number and time of the calls that were answered before an older call, oldest first.
+    """
+    quiet = call.last_activity
+    if call.abandoned_at:
+        since = max(quiet, call.abandoned_at)
+        if call.number >= latest_answered:
+            return since + BUSY_WITHIN_NS
+        return max(since + LATE_WITHIN_NS, answered_early[0][1] + COPIES_WITHIN_NS)
+    if call.number < latest_answered:
+        return quiet + LATE_WITHIN_NS
+    gives_up = gives_up_at(call)
+    return max(gives_up, quiet + RETRY_WITHIN_NS) if gives_up else quiet + EXECUTION_NS
+
+
+def mark_unanswerable(conversation: Conversation, open_calls: Sequence[Call], now: int) -> None:
+    """Mark the open calls that could no longer be answered when the traffic of their conversation ended.
+
+    A later call that was answered shows this, because controllers answer in order and the network reorders
+    replies only within a short time. The distances of the attempts show it if the capture reaches beyond the
+    time when the client gave up.
+
+    Args:
+        open_calls: Open calls of the conversation, oldest first.
+        now: Time until which the capture reaches, ns since 1970; 0 if it ends with the conversation.
+    """
+    closing = conversation.connection_end
+    over = closing is not None and closing.ends_replies
+    end = max((call.last_activity for call in open_calls), default=0)
+    overtaken = end + 1 if conversation.transport is Transport.TCP else end - COPIES_WITHIN_NS
+    answered = overtaken  # time of the earliest reply to a later call, or else `overtaken`
+    for call in reversed(open_calls):
+        gives_up = gives_up_at(call)
+        call.no_reply_expected = over or answered < overtaken or 0 < gives_up <= now
+        if call.reply is not None and call.reply.item.code != E_BUSY:
+            answered = min(answered, call.reply.time)

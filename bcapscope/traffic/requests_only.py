@@ -1,0 +1,49 @@
+"""Captures that hold only the requests of a conversation."""
+
+from __future__ import annotations
+
+from bcapscope.protocol.tables.function_table import FUNCTIONS, ObjectClass
+from bcapscope.traffic.call import Call
+from bcapscope.traffic.handle_tracker import handle_of
+
+FEWEST_CALLS = 8
+"""Minimum number of calls in a row that show that a client gets replies."""
+
+LONGEST_STEP_NS = 500_000_000
+"""Maximum time in ns from one call to the next of a client that gets replies. A client without a reply waits
+for its timeout: 1 s in DENSO Wave 2009, 3 s in orin_bcap Python bcapclient.py. A call may take longer, but
+not each of several."""
+
+
+class RequestsOnlyEvidence:
+    """Recognises by a client's requests that the controller answered, although no reply was captured.
+
+    A client that uses a handle has received the reply with this handle. A client that makes several calls one
+    soon after the other, and retries none, has received replies as well.
+
+    Attributes:
+        is_proven: Whether the requests show that the controller answered.
+    """
+
+    def __init__(self) -> None:
+        self.is_proven = False
+        self._opened: set[ObjectClass] = set()  # classes of which the client opened objects in this capture
+        self._calls_in_a_row = 0
+        self._latest_call: Call | None = None
+
+    def add_call(self, call: Call) -> None:
+        """Learn from the first attempt of a call."""
+        if self.is_proven:
+            return
+        before, self._latest_call = self._latest_call, call
+        is_next = before is not None and (
+            not before.other_frames and call.request.time - before.request.time < LONGEST_STEP_NS
+        )
+        self._calls_in_a_row = self._calls_in_a_row + 1 if is_next else 1
+        function = FUNCTIONS.get(call.kind.function_id)
+        if function is None:
+            return
+        if function.creates is not None:
+            self._opened.add(function.creates)
+        if function.takes_handle and (handle_of(call.request.item) or 0) > 0:
+            self.is_proven = function.owner in self._opened or self._calls_in_a_row >= FEWEST_CALLS

@@ -1,0 +1,104 @@
+"""Attempts that the capture lacks: the serials around them show that they were sent."""
+
+from __future__ import annotations
+
+import pytest
+
+from bcapscope.traffic.reserved_field import ReservedConvention
+from bcapscope.traffic.unseen_attempts import MAX_UNSEEN, skipped_serials
+from tests.traffic.playbook import MOVE, OTHER, POSE, Script, calls_of, play, summaries
+
+CHAINS = [
+    (0, 10, 0, MOVE),
+    (8, 11, 10, MOVE),
+    (16, 12, 11, MOVE),
+    (17, -12, 0, POSE),
+]
+"""A client that is known to chain afterwards."""
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "skipped"),
+    [
+        (5, 6, ()),
+        (5, 5, ()),
+        (5, 8, (6, 7)),
+        (65534, 2, (65535, 1)),
+        (65535, 1, ()),
+        (8, 5, ()),
+        (5, 6 + MAX_UNSEEN, tuple(range(6, 6 + MAX_UNSEEN))),
+        (5, 7 + MAX_UNSEEN, ()),
+    ],
+)
+def test_skipped_serials(before: int, after: int, skipped: tuple[int, ...]) -> None:
+    assert skipped_serials(before, after) == skipped
+
+
+PLAYBOOKS: dict[str, tuple[list[str], list[tuple[object, ...]]]] = {
+    "a chained retry whose previous attempt was not captured": (
+        [">5 >>6 <7 answered, cannot tell, unseen 21"],
+        [(24, 20, 0, OTHER), (40, 22, 21, OTHER), (41, -22, 0, POSE)],
+    ),
+    "two attempts in a row": (
+        [">5 >>6 <7 answered, cannot tell, unseen 21 22"],
+        [(24, 20, 0, OTHER), (48, 23, 22, OTHER), (49, -23, 0, POSE)],
+    ),
+    "the reply to an attempt that was not captured comes late": (
+        [">5 >>6 late<7 <8 answered, reply late, unseen 21"],
+        [(24, 20, 0, OTHER), (40, 22, 21, OTHER), (40.5, -21, 0, POSE), (41, -22, 0, POSE)],
+    ),
+    "the attempt only came out of order": (
+        [">5 >>6 >>7 <8 answered, cannot tell"],
+        [(24, 20, 0, OTHER), (40, 22, 21, OTHER), (40.2, 21, 20, OTHER), (41, -22, 0, POSE)],
+    ),
+    "another request, so the attempt not captured is of another call": (
+        [">5 unanswered, unanswered", ">>6 <7 answered, cannot tell"],
+        [(24, 20, 0, OTHER), (40, 22, 21, MOVE), (41, -22, 0, POSE)],
+    ),
+    "the call before was answered, so the attempt not captured is of another call": (
+        [">5 <6 answered, answered", ">>7 <8 answered, cannot tell"],
+        [(24, 20, 0, OTHER), (25, -20, 0, POSE), (40, 22, 21, OTHER), (41, -22, 0, POSE)],
+    ),
+    "the serial named lies too far back": (
+        [">5 unanswered, unanswered", ">>6 <7 answered, cannot tell"],
+        [(24, 20, 0, OTHER), (40, 24, 22, OTHER), (41, -24, 0, POSE)],
+    ),
+}
+
+
+@pytest.mark.parametrize("name", PLAYBOOKS)
+def test_a_client_that_chains(name: str) -> None:
+    expected, lines = PLAYBOOKS[name]
+    script = Script()
+    play(script, [*CHAINS, *lines])
+    first, *rest = calls_of(script.track())
+    assert first.convention is ReservedConvention.CHAIN
+    unseen = [" ".join(["", *map(str, call.unseen_serials)]) for call in rest]
+    assert [
+        f"{summary.partition(': ')[2]}{serials and f', unseen{serials}'}"
+        for summary, serials in zip(summaries(rest), unseen, strict=True)
+    ] == expected
+
+
+def test_a_client_that_is_not_known_to_chain_may_name_the_first_attempt() -> None:
+    script = Script()
+    play(script, [(0, 20, 0, OTHER), (16, 22, 21, OTHER), (17, -22, 0, POSE)])
+    assert summaries(script.track()) == [
+        "1: >1 unanswered, unanswered",
+        "2: >>2 <3 answered, cannot tell",
+    ]
+
+
+def test_a_skipped_serial_before_a_retry_that_names_the_first_attempt() -> None:
+    script = Script()
+    play(script, [(0, 20, 0, OTHER), (16, 22, 20, OTHER), (17, -22, 0, POSE), (18, 23, 0, MOVE)])
+    first, second = calls_of(script.track())
+    assert (first.retries, first.unseen_serials, first.unseen_retries) == (1, (21,), 1)
+    assert (second.retries, second.unseen_serials, second.unseen_retries) == (0, (), 0)
+
+
+def test_a_serial_of_a_settled_call_is_free_again() -> None:
+    script = Script()
+    asked = [(0, 20, 0, OTHER), (16, 22, 20, OTHER), (17, -22, 0, POSE)]
+    play(script, [*asked, (9000, 30, 0, MOVE), (9100, 31, 0, MOVE), (9101, -21, 0, POSE)])
+    assert "stray 6 of 1" in summaries(script.track())
