@@ -21,7 +21,7 @@ from bcapscope.traffic.call import Call, PairingResult, StrayReply
 from bcapscope.traffic.filter.compiler import Filter
 from bcapscope.traffic.filter.field_table import RecordKind
 from bcapscope.traffic.handle_tracker import HandleTracker, TrackedObject
-from bcapscope.traffic.pipeline import Pipeline, PipelineSubscriber
+from bcapscope.traffic.pipeline import PipelineSubscriber
 
 _MAX_SESSIONS_LISTED = 8
 
@@ -103,7 +103,7 @@ class _ShownCalls(PipelineSubscriber):
 
     def all_items(self) -> Iterator[tuple[PairingResult, TrackedObject | None]]:
         """Yield the selected calls. Without a filter, stray replies follow among the calls."""
-        return read_items(self._reader, Pipeline(self, handles=self._handles), self._items)
+        return read_items(self._reader, self._reader.pipeline(self, handles=self._handles), self._items)
 
     def calls(self) -> Iterator[tuple[Call, TrackedObject | None]]:
         """Yield the selected calls without stray replies, for JSON output."""

@@ -21,7 +21,6 @@ from bcapscope.render.comparison_text import comparison_lines, comparison_record
 from bcapscope.render.escape import printable
 from bcapscope.traffic.filter.compiler import Filter
 from bcapscope.traffic.filter.field_table import RecordKind
-from bcapscope.traffic.pipeline import Pipeline
 
 _path = click.Path(allow_dash=True)
 
@@ -83,7 +82,7 @@ def _read_side(path: str, reader: CaptureReader, wanted: Filter | None) -> Compa
         del sessions[MAX_SESSIONS:]
 
     diagnosis, figures = Diagnosis(chosen, keep_if_early), StatisticsBuilder(chosen)
-    read_to_end(reader, Pipeline(diagnosis, figures))
+    read_to_end(reader, reader.pipeline(diagnosis, figures))
     for session in diagnosis.remaining_sessions(reader.ended_at):
         keep_if_early(session)
     findings, totals = diagnosis.findings(reader.ended_at), diagnosis.totals(reader.ended_at)

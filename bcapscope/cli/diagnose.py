@@ -12,7 +12,6 @@ from bcapscope.cli.common.call_reading import call_test, read_to_end
 from bcapscope.cli.common.exit_codes import ExitCode
 from bcapscope.cli.common.figure_command import FigureArguments, figure_command
 from bcapscope.render.findings import FindingsRenderer, finding_record
-from bcapscope.traffic.pipeline import Pipeline
 
 _PIPE_WIDTH = 100
 
@@ -32,7 +31,7 @@ def command(arguments: FigureArguments) -> None:
     Exit codes: 0: everything was read, with or without findings; the others as for `decode`.
     """
     reading, diagnosis = arguments.reader, Diagnosis(call_test(arguments.call_filter))
-    read_to_end(reading, Pipeline(diagnosis))
+    read_to_end(reading, reading.pipeline(diagnosis))
     findings, totals = diagnosis.findings(reading.ended_at), diagnosis.totals(reading.ended_at)
     if arguments.as_json:
         reading.print_lines(finding_record(number, each, totals) for number, each in enumerate(findings, 1))

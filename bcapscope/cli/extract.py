@@ -32,7 +32,6 @@ from bcapscope.render.trajectory_file import CsvTrajectoryWriter, JsonTrajectory
 from bcapscope.traffic.filter.compiler import Filter
 from bcapscope.traffic.filter.field_table import RecordKind
 from bcapscope.traffic.observation import Conversation
-from bcapscope.traffic.pipeline import Pipeline
 
 TrajectoryWriter: TypeAlias = CsvTrajectoryWriter | JsonTrajectoryWriter
 
@@ -106,7 +105,7 @@ def _is_by_client(client: str) -> Callable[[Conversation], bool]:
 
 
 def _read_pieces(reader: CaptureReader, trajectories: TrajectoryExtractor) -> Iterator[TrajectoryPiece]:
-    yield from read_items(reader, Pipeline(trajectories), trajectories.ready)
+    yield from read_items(reader, reader.pipeline(trajectories), trajectories.ready)
     trajectories.finish()
     yield from trajectories.ready
 

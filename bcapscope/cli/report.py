@@ -19,7 +19,6 @@ from bcapscope.live.end_signals import interrupt_on_end_signals
 from bcapscope.messages import MessageFormatter
 from bcapscope.traffic.filter.compiler import Filter
 from bcapscope.traffic.filter.field_table import RecordKind
-from bcapscope.traffic.pipeline import Pipeline
 
 _NEEDED = ("jinja2", "plotly")
 
@@ -85,7 +84,7 @@ def command(
 
 def _read_report_data(reader: CaptureReader, wanted: Filter | None) -> ReportData | None:
     builder = ReportDataBuilder(call_test(wanted))
-    read_to_end(reader, Pipeline(builder.diagnosis, builder))
+    read_to_end(reader, reader.pipeline(builder.diagnosis, builder))
     return builder.report_data(reader.ended_at)
 
 

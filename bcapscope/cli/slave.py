@@ -14,7 +14,6 @@ from bcapscope.cli.common.figure_command import FigureArguments, figure_command
 from bcapscope.live.standard_streams import print_stderr
 from bcapscope.render.slave_session_record import slave_session_record
 from bcapscope.render.slave_session_text import slave_session_lines
-from bcapscope.traffic.pipeline import Pipeline
 
 
 @click.command(short_help="Show slave-mode sessions: cycle times, retries, buffer, clock and motion.")
@@ -41,7 +40,7 @@ def _read_slave_sessions(arguments: FigureArguments) -> Iterator[SlaveSession]:
     sessions: list[SlaveSession] = []
     is_selected = call_test(arguments.call_filter)
     selected = SelectedSlaveSessions(is_selected, sessions.append, arguments.window)
-    yield from read_items(arguments.reader, Pipeline(selected), sessions)
+    yield from read_items(arguments.reader, arguments.reader.pipeline(selected), sessions)
     yield from selected.remaining_sessions(arguments.reader.ended_at)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import NamedTuple, Protocol, TypeAlias
@@ -9,6 +10,7 @@ from typing import NamedTuple, Protocol, TypeAlias
 from bcapscope.protocol.codec.frame import Frame
 from bcapscope.traffic.call_kind import CallKind
 from bcapscope.traffic.call_verdict import CallVerdict, Outcome, outcome_of, verdict_of
+from bcapscope.traffic.joining.joined_observation import JoinedObservation
 from bcapscope.traffic.observation import Conversation, Flow, Transport
 from bcapscope.traffic.reserved_field import ReplyReserved, ReservedConvention, ReservedFieldUsage
 
@@ -195,6 +197,13 @@ class Call:
     @property
     def notices(self) -> tuple[FrameObservation, ...]:
         return self._frames_with_role(FrameRole.NOTICE)
+
+    @property
+    def lost_between(self) -> tuple[JoinedObservation, ...]:
+        """The frames that were lost between two places of the capture, in capture order."""
+        frames: Iterable[object] = (self.request, *(event.observation for event in self.other_frames))
+        lost = [each for each in frames if isinstance(each, JoinedObservation) and each.was_lost_between]
+        return tuple(sorted(lost, key=lambda each: each.time))
 
     @property
     def duplicates(self) -> tuple[FrameObservation, ...]:

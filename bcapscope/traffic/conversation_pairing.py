@@ -160,6 +160,19 @@ class ConversationPairing:
             self._accept_reply(call, observation, frame)
         return None
 
+    def add_undelivered_reply(self, observation: FrameObservation, frame: Frame) -> None:
+        """Add a reply or notice that the controller sent, and that did not reach the client's side."""
+        call = self._by_serial.get(frame.serial)
+        if call is not None:
+            is_notice = frame.code == S_EXECUTING
+            self._apply(call, CallEvent.NOTICE if is_notice else CallEvent.UNDELIVERED_REPLY, observation)
+
+    def add_own_request(self, observation: FrameObservation, frame: Frame) -> None:
+        """Add a request that a proxy sent on its own. Only a copy of a client's request belongs to a call."""
+        prior = self._by_serial.get(frame.serial)
+        if prior is not None:
+            self._add_to_prior(prior, observation, frame)
+
     def pop_settled(self, now: int) -> Iterator[Call]:
         """Yield the calls to which no further frame can belong after the time `now`."""
         waiting = self.open_calls

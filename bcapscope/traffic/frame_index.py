@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from bcapscope.traffic.call import Call, FrameObservation, FrameRole
+from bcapscope.traffic.joining.joined_observation import JoinedObservation
 
 
 class FrameIndex:
@@ -11,7 +12,8 @@ class FrameIndex:
     Attributes:
         sent_at: Time of each attempt, by the bytes of the attempt; the latest time for identical attempts.
         reserved_by_serial: For each serial, the reserved field of the latest attempt with this serial.
-        reply_bytes: Bytes of each reply, accepted or not. Notices are not included.
+        reply_bytes: Bytes of each reply that reached the client's side, accepted or not. Notices are not
+            included.
     """
 
     def __init__(self, call: Call) -> None:
@@ -29,5 +31,9 @@ class FrameIndex:
         if role in (FrameRole.REQUEST, FrameRole.RETRY):
             self.sent_at[frame.raw] = observation.time
             self.reserved_by_serial[frame.serial] = frame.reserved
-        elif role in (FrameRole.REPLY, FrameRole.LATE, FrameRole.LOST):
+        elif role in (FrameRole.REPLY, FrameRole.LATE, FrameRole.LOST) and not _was_lost_between(observation):
             self.reply_bytes.add(frame.raw)
+
+
+def _was_lost_between(observation: FrameObservation) -> bool:
+    return isinstance(observation, JoinedObservation) and observation.was_lost_between

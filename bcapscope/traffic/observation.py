@@ -75,6 +75,8 @@ class Conversation:
             evidence in the traffic.
         connection_end: End of the TCP connection, as far as captured; None while the connection is open, and
             for UDP.
+        controller_leg: Conversation between the proxy and the controller, if this one is between the client
+            and the proxy, and the capture holds both; otherwise None.
     """
 
     def __init__(
@@ -85,6 +87,7 @@ class Conversation:
         self.transport = transport
         self.server_known_by = server_known_by
         self.connection_end: ConnectionEnd | None = None
+        self.controller_leg: Conversation | None = None
 
     def record_end(self, by: Direction, reset: bool, time: int) -> None:
         """Record that the client or the controller closed or reset the connection. The first such event stays

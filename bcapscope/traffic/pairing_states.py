@@ -32,6 +32,8 @@ class CallEvent(StrEnum):
     """The controller answers the latest attempt."""
     EARLIER_REPLY = "earlier reply"
     """The controller answers an attempt before the latest one."""
+    UNDELIVERED_REPLY = "undelivered reply"
+    """The controller sends a reply that is lost before it reaches the client's side."""
     NEXT_CALL = "next call"
     """The client begins another call, after it waited for a reply for at least the shortest timeout."""
     EXPIRY = "expiry"
@@ -66,6 +68,7 @@ TRANSITIONS: dict[tuple[CallState, CallEvent], Transition] = {
     (_WAITING, CallEvent.NOTICE): Transition(_EXECUTING, FrameRole.NOTICE),
     (_WAITING, CallEvent.REPLY): Transition(_ANSWERED, FrameRole.REPLY),
     (_WAITING, CallEvent.EARLIER_REPLY): Transition(_WAITING, FrameRole.LATE),
+    (_WAITING, CallEvent.UNDELIVERED_REPLY): Transition(_WAITING, FrameRole.LOST),
     (_WAITING, CallEvent.NEXT_CALL): Transition(_ABANDONED, None),
     (_WAITING, CallEvent.EXPIRY): Transition(CallState.UNANSWERED, None),
     (_WAITING, CallEvent.EVICTION): Transition(CallState.EVICTED, None),
@@ -78,6 +81,7 @@ TRANSITIONS: dict[tuple[CallState, CallEvent], Transition] = {
     (_EXECUTING, CallEvent.NOTICE): Transition(_EXECUTING, FrameRole.NOTICE),
     (_EXECUTING, CallEvent.REPLY): Transition(_ANSWERED, FrameRole.REPLY),
     (_EXECUTING, CallEvent.EARLIER_REPLY): Transition(_EXECUTING, FrameRole.LATE),
+    (_EXECUTING, CallEvent.UNDELIVERED_REPLY): Transition(_EXECUTING, FrameRole.LOST),
     (_EXECUTING, CallEvent.NEXT_CALL): Transition(_ABANDONED, None),
     (_EXECUTING, CallEvent.EXPIRY): Transition(CallState.UNANSWERED, None),
     (_EXECUTING, CallEvent.EVICTION): Transition(CallState.EVICTED, None),
@@ -90,6 +94,7 @@ TRANSITIONS: dict[tuple[CallState, CallEvent], Transition] = {
     (_ANSWERED, CallEvent.NOTICE): Transition(_ANSWERED, FrameRole.NOTICE),
     (_ANSWERED, CallEvent.REPLY): Transition(_ANSWERED, FrameRole.LATE),
     (_ANSWERED, CallEvent.EARLIER_REPLY): Transition(_ANSWERED, FrameRole.LATE),
+    (_ANSWERED, CallEvent.UNDELIVERED_REPLY): Transition(_ANSWERED, FrameRole.LOST),
     (_ANSWERED, CallEvent.EXPIRY): Transition(CallState.SETTLED, None),
     (_ANSWERED, CallEvent.EVICTION): Transition(CallState.SETTLED, None),
     # The client has begun another call, and discards all replies to this call.
@@ -100,6 +105,7 @@ TRANSITIONS: dict[tuple[CallState, CallEvent], Transition] = {
     (_ABANDONED, CallEvent.NOTICE): Transition(_ABANDONED, FrameRole.NOTICE),
     (_ABANDONED, CallEvent.REPLY): Transition(_ABANDONED, FrameRole.LATE),
     (_ABANDONED, CallEvent.EARLIER_REPLY): Transition(_ABANDONED, FrameRole.LATE),
+    (_ABANDONED, CallEvent.UNDELIVERED_REPLY): Transition(_ABANDONED, FrameRole.LOST),
     (_ABANDONED, CallEvent.EXPIRY): Transition(CallState.SETTLED, None),
     (_ABANDONED, CallEvent.EVICTION): Transition(CallState.EVICTED, None),
     # The tracker has returned the call as unanswered, but still records when the client begins another call.

@@ -31,7 +31,10 @@ from bcapscope.messages.os_errors import os_reason
 from bcapscope.messages.places import Count
 from bcapscope.render.capture_counts_text import capture_counts_text
 from bcapscope.render.escape import printable
+from bcapscope.traffic.handle_tracker import HandleTracker
+from bcapscope.traffic.joining.joiner import Joiner
 from bcapscope.traffic.observation import Observation
+from bcapscope.traffic.pipeline import Pipeline, PipelineSubscriber
 
 STDIN = "-"
 _MAX_SERVERS_LISTED = 8
@@ -91,6 +94,10 @@ class CaptureReader:
             break
         yield from observations
         self._progress.remove()
+
+    def pipeline(self, *subscribers: PipelineSubscriber, handles: HandleTracker | None = None) -> Pipeline:
+        """Return a pipeline for the input, which joins the conversations that several places captured."""
+        return Pipeline(*subscribers, handles=handles, joiner=Joiner(self.comments))
 
     @property
     def ended_at(self) -> int:
