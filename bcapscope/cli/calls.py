@@ -20,6 +20,7 @@ from bcapscope.render.timestamp import TimeFormat
 from bcapscope.traffic.call import Call, PairingResult, StrayReply
 from bcapscope.traffic.filter.compiler import Filter
 from bcapscope.traffic.filter.field_table import RecordKind
+from bcapscope.traffic.joining.joined_observation import Place
 from bcapscope.traffic.handle_tracker import HandleTracker, TrackedObject
 from bcapscope.traffic.pipeline import PipelineSubscriber
 
@@ -34,6 +35,7 @@ _MAX_SESSIONS_LISTED = 8
     "--tree", is_flag=True, help="Show the frames of each call below its line, with the times between frames."
 )
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object per call.")
+@options.side
 @options.filter_option(RecordKind.CALL)
 @options.time_format
 @options.color
@@ -45,6 +47,7 @@ def command(
     ports: tuple[int, ...],
     tree: bool,
     as_json: bool,
+    side: Place | None,
     wanted: Filter | None,
     clock: str,
     color: str,
@@ -60,7 +63,7 @@ def command(
     """
     if tree and as_json:
         raise click.UsageError("--tree and --json exclude each other")
-    reading = CaptureReader(paths, ports, interface, words=words)
+    reading = CaptureReader(paths, ports, interface, words=words, side=side)
     calls = _ShownCalls(reading, wanted)
     if as_json:
         lines: Iterable[str] | Iterable[bytes] = starmap(CallRecordRenderer().record, calls.calls())

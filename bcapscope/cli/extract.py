@@ -31,6 +31,7 @@ from bcapscope.render.statistics_text import conversation_text
 from bcapscope.render.trajectory_file import CsvTrajectoryWriter, JsonTrajectoryWriter
 from bcapscope.traffic.filter.compiler import Filter
 from bcapscope.traffic.filter.field_table import RecordKind
+from bcapscope.traffic.joining.joined_observation import Place
 from bcapscope.traffic.observation import Conversation
 
 TrajectoryWriter: TypeAlias = CsvTrajectoryWriter | JsonTrajectoryWriter
@@ -53,6 +54,7 @@ _WRITERS: dict[str, Callable[[CapturedTrajectory], TrajectoryWriter]] = {
     metavar="ADDRESS",
     help="Write only the set points of this client, given as address or address:port.",
 )
+@options.side
 @options.filter_option(RecordKind.CALL)
 @force_option
 @options.language
@@ -62,6 +64,7 @@ def command(
     output: Path,
     ports: tuple[int, ...],
     client: str | None,
+    side: Place | None,
     wanted: Filter | None,
     force: bool,
     words: MessageFormatter,
@@ -85,7 +88,7 @@ def command(
         )
     interrupt_on_end_signals()
     files = _TrajectoryFiles(output, force, words)
-    reading = CaptureReader(paths, ports, words=words)
+    reading = CaptureReader(paths, ports, words=words, side=side)
     trajectories = TrajectoryExtractor(call_test(wanted), None if client is None else _is_by_client(client))
     with files:
         for trajectory, steps in _read_pieces(reading, trajectories):

@@ -19,6 +19,7 @@ from bcapscope.live.end_signals import interrupt_on_end_signals
 from bcapscope.messages import MessageFormatter
 from bcapscope.traffic.filter.compiler import Filter
 from bcapscope.traffic.filter.field_table import RecordKind
+from bcapscope.traffic.joining.joined_observation import Place
 
 _NEEDED = ("jinja2", "plotly")
 
@@ -27,6 +28,7 @@ _NEEDED = ("jinja2", "plotly")
 @options.captures
 @options.output_option("Write the page to this file, such as report.html; - is stdout.", allow_dash=True)
 @options.ports
+@options.side
 @options.filter_option(RecordKind.CALL)
 @force_option
 @options.language
@@ -35,6 +37,7 @@ def command(
     paths: tuple[str, ...],
     output: Path,
     ports: tuple[int, ...],
+    side: Place | None,
     wanted: Filter | None,
     force: bool,
     words: MessageFormatter,
@@ -66,7 +69,7 @@ def command(
     to_stdout = str(output) == STDIN
     if not to_stdout:
         check_output_path(output, force)
-    reading = CaptureReader(paths, ports, words=words)
+    reading = CaptureReader(paths, ports, words=words, side=side)
     report_data = _read_report_data(reading, wanted)
     reading.print_summary()
     if report_data is None:

@@ -32,6 +32,7 @@ from bcapscope.messages.places import Count
 from bcapscope.render.capture_counts_text import capture_counts_text
 from bcapscope.render.escape import printable
 from bcapscope.traffic.handle_tracker import HandleTracker
+from bcapscope.traffic.joining.joined_observation import Place
 from bcapscope.traffic.joining.joiner import Joiner
 from bcapscope.traffic.observation import Observation
 from bcapscope.traffic.pipeline import Pipeline, PipelineSubscriber
@@ -53,8 +54,11 @@ class CaptureReader:
         interface: str | None = None,
         text: str | None = None,
         words: MessageFormatter = ENGLISH_WORDS,
+        side: Place | None = None,
     ) -> None:
         """Choose the input: captures, a live interface, or pasted hex text. The path ``-`` is standard input.
+
+        `side` selects one side of the conversations that were captured at two places; None for both.
 
         Raises:
             click.UsageError: there is no input, or more than one kind, or standard input is closed.
@@ -70,6 +74,7 @@ class CaptureReader:
         self._interface = interface
         self._text = text
         self._words = words
+        self._side = side
         self._pasted = None if text is None else PastedText(self._text_lines(text))
         self._observer = PacketDecoder(frozenset(ports) or BCAP_PORTS)
         self._progress = ReadProgressBar()
@@ -78,10 +83,19 @@ class CaptureReader:
         self._problems: list[str] = []
 
     def observations(self) -> Iterator[Observation]:
-        """Yield all frames of the input.
+        """Yield all frames of the input, or those of one side.
 
         Read errors do not raise an exception; `print_summary` prints them.
         """
+        if self._side is None:
+            yield from self._all_observations()
+            return
+        joiner = Joiner(only=self._side)
+        for observation in self._all_observations():
+            yield from joiner.add(observation)
+        yield from joiner.close()
+
+    def _all_observations(self) -> Iterator[Observation]:
         if self._pasted is not None:
             yield from self._pasted
             return
@@ -97,7 +111,8 @@ class CaptureReader:
 
     def pipeline(self, *subscribers: PipelineSubscriber, handles: HandleTracker | None = None) -> Pipeline:
         """Return a pipeline for the input, which joins the conversations that several places captured."""
-        return Pipeline(*subscribers, handles=handles, joiner=Joiner(self.comments))
+        joiner = Joiner(self.comments) if self._side is None else None
+        return Pipeline(*subscribers, handles=handles, joiner=joiner)
 
     @property
     def ended_at(self) -> int:

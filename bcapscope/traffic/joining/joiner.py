@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from itertools import permutations
 
 from bcapscope.traffic.joining.delivery_queue import DeliveryQueue
+from bcapscope.traffic.joining.joined_observation import Place
 from bcapscope.traffic.joining.place_merger import JOIN_WITHIN_NS, NO_COMMENTS, PlaceMerger
 from bcapscope.traffic.joining.twin_recognition import (
     ENOUGH_CALLS,
@@ -73,10 +74,20 @@ class Joiner:
         passing: Flows whose observations need not be added, because nothing waits and they have no twin.
     """
 
-    def __init__(self, comments: Mapping[int, tuple[str, ...]] = NO_COMMENTS) -> None:
-        """Create a joiner; `comments` are the comments on the latest packets, by packet number."""
+    def __init__(
+        self, comments: Mapping[int, tuple[str, ...]] = NO_COMMENTS, only: Place | None = None
+    ) -> None:
+        """Start without conversations.
+
+        Args:
+            comments: Comments on the latest packets, by packet number.
+            only: Place whose observations come out, instead of joined observations; None to join. Conversations
+                without a twin always come out.
+        """
         self.passing: set[Flow] = set()
         self._comments = comments
+        self._only = only
+        self._hidden: set[Conversation] = set()
         self._single_flows: set[Flow] = set()
         self._single: set[Conversation] = set()
         self._new: dict[Conversation, _NewConversation] = {}
@@ -100,7 +111,7 @@ class Joiner:
         elif flow.conversation in self._single:
             self._single_flows.add(flow)
             self._queue.add(observation)
-        else:
+        elif flow.conversation not in self._hidden:
             self._add_new(observation)
         return [*due, *self._pop_due()]
 
@@ -158,6 +169,11 @@ class Joiner:
             self._release(new)
             return
         client_side, controller_side = twins
+        if self._only is not None:
+            self._hidden.add(twins[1 - self._only].conversation)
+            self._drop_new(twins[1 - self._only].conversation)
+            self._release(twins[self._only])
+            return
         conversation = client_side.conversation
         conversation.controller_leg = controller_side.conversation
         if len(self._mergers) >= 2 * MAX_JOINED:
@@ -197,6 +213,7 @@ class Joiner:
         if len(self._single) >= MAX_CONVERSATIONS:
             self._single.clear()
             self._single_flows.clear()
+            self._hidden.clear()
         self._single.add(new.conversation)
         for each in new.held:
             self._single_flows.add(each.flow)

@@ -1,0 +1,44 @@
+"""Captures of one conversation at several places, as in the folder of cases."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from typing import Any
+
+import pytest
+
+from tests.cli.run import run_here
+from tests.shared_folder import SHARED
+
+pytestmark = pytest.mark.interop
+
+CASES = SHARED / "cases"
+
+if not CASES.exists():
+    pytest.skip(f"{CASES} is missing: captures of known sessions", allow_module_level=True)
+
+BOTH_LEGS = CASES / "proxy-both-legs.pcapng"
+
+
+def json_lines(*words: object) -> list[dict[str, Any]]:
+    return [json.loads(line) for line in run_here(*map(str, words), "--json").lines]
+
+
+def test_a_recording_of_the_proxy_shows_each_call_once() -> None:
+    calls = json_lines("calls", BOTH_LEGS)
+    assert len(calls) == 100
+    assert sum(len(call["requests"]) for call in calls) == 118
+    assert len({call["client"] for call in calls}) == 1
+    assert Counter(call["verdict"] for call in calls if call["retries"]) == {
+        "request lost": 10,
+        "reply lost": 6,
+    }
+
+
+def test_one_leg_alone_shows_what_was_captured_there() -> None:
+    assert len(json_lines("calls", BOTH_LEGS, "--side", "client")) == 100
+    assert len(json_lines("calls", BOTH_LEGS, "--side", "controller")) == 103
+    frames = json_lines("decode", BOTH_LEGS)
+    sides = [json_lines("decode", BOTH_LEGS, "--side", side) for side in ("client", "controller")]
+    assert sorted(each["frame"] for side in sides for each in side) == [each["frame"] for each in frames]
