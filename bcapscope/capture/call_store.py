@@ -150,7 +150,7 @@ def _record_of(call: Call, subject: TrackedObject | None) -> _Record:
         _CONVENTIONS.index(call.reserved_usage.convention),
         _RESERVED.index(call.reserved_usage.reply_reserved),
         thing,
-        [_joined_record(seen) for _, seen in call.frames if isinstance(seen, JoinedObservation)],
+        [_joined_record(seen) for seen in call.joined_frames],
     )
 
 

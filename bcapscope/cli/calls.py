@@ -20,8 +20,8 @@ from bcapscope.render.timestamp import TimeFormat
 from bcapscope.traffic.call import Call, PairingResult, StrayReply
 from bcapscope.traffic.filter.compiler import Filter
 from bcapscope.traffic.filter.field_table import RecordKind
-from bcapscope.traffic.joining.joined_observation import Place
 from bcapscope.traffic.handle_tracker import HandleTracker, TrackedObject
+from bcapscope.traffic.joining.joined_observation import CapturePlace
 from bcapscope.traffic.pipeline import PipelineSubscriber
 
 _MAX_SESSIONS_LISTED = 8
@@ -47,7 +47,7 @@ def command(
     ports: tuple[int, ...],
     tree: bool,
     as_json: bool,
-    side: Place | None,
+    side: CapturePlace | None,
     wanted: Filter | None,
     clock: str,
     color: str,

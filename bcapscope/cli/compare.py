@@ -21,7 +21,7 @@ from bcapscope.render.comparison_text import comparison_lines, comparison_record
 from bcapscope.render.escape import printable
 from bcapscope.traffic.filter.compiler import Filter
 from bcapscope.traffic.filter.field_table import RecordKind
-from bcapscope.traffic.joining.joined_observation import Place
+from bcapscope.traffic.joining.joined_observation import CapturePlace
 
 _path = click.Path(allow_dash=True)
 
@@ -41,7 +41,7 @@ def command(
     bad: str,
     ports: tuple[int, ...],
     as_json: bool,
-    side: Place | None,
+    side: CapturePlace | None,
     wanted: Filter | None,
     color: str,
     words: MessageFormatter,

@@ -24,8 +24,8 @@ from bcapscope.render.timestamp import TimeFormat
 from bcapscope.traffic.call_kind import CallKind, RecentRequests
 from bcapscope.traffic.filter.compiler import Filter
 from bcapscope.traffic.filter.field_table import RecordKind
-from bcapscope.traffic.joining.joined_observation import Place
 from bcapscope.traffic.filter.getters import FRAME_GETTERS, AnnotatedFrame
+from bcapscope.traffic.joining.joined_observation import CapturePlace
 from bcapscope.traffic.observation import Observation
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -72,7 +72,7 @@ def command(
     styles: tuple[FrameFormat, ...],
     dump: bool,
     full: bool,
-    side: Place | None,
+    side: CapturePlace | None,
     wanted: Filter | None,
     clock: str,
     color: str,
@@ -97,7 +97,7 @@ def command(
         raise click.UsageError("--full has no effect without --tree: add --tree")
     if dump and style in (FrameFormat.CSV, FrameFormat.JSON):
         raise click.UsageError("--hex works with lines and --tree only: leave out --csv and --json")
-    reading = CaptureReader(paths, ports, interface, text, words, side)
+    reading = CaptureReader(paths, ports, interface, text, words, side=side)
     if style is FrameFormat.JSON:
         lines: Iterable[str] | Iterable[bytes] = _render_frames(reading, wanted, FrameRecordRenderer().record)
     elif style is FrameFormat.CSV:

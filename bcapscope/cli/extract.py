@@ -31,7 +31,7 @@ from bcapscope.render.statistics_text import conversation_text
 from bcapscope.render.trajectory_file import CsvTrajectoryWriter, JsonTrajectoryWriter
 from bcapscope.traffic.filter.compiler import Filter
 from bcapscope.traffic.filter.field_table import RecordKind
-from bcapscope.traffic.joining.joined_observation import Place
+from bcapscope.traffic.joining.joined_observation import CapturePlace
 from bcapscope.traffic.observation import Conversation
 
 TrajectoryWriter: TypeAlias = CsvTrajectoryWriter | JsonTrajectoryWriter
@@ -64,7 +64,7 @@ def command(
     output: Path,
     ports: tuple[int, ...],
     client: str | None,
-    side: Place | None,
+    side: CapturePlace | None,
     wanted: Filter | None,
     force: bool,
     words: MessageFormatter,

@@ -19,7 +19,7 @@ from bcapscope.live.end_signals import interrupt_on_end_signals
 from bcapscope.messages import MessageFormatter
 from bcapscope.traffic.filter.compiler import Filter
 from bcapscope.traffic.filter.field_table import RecordKind
-from bcapscope.traffic.joining.joined_observation import Place
+from bcapscope.traffic.joining.joined_observation import CapturePlace
 
 _NEEDED = ("jinja2", "plotly")
 
@@ -37,7 +37,7 @@ def command(
     paths: tuple[str, ...],
     output: Path,
     ports: tuple[int, ...],
-    side: Place | None,
+    side: CapturePlace | None,
     wanted: Filter | None,
     force: bool,
     words: MessageFormatter,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import NamedTuple, Protocol, TypeAlias
@@ -199,11 +199,20 @@ class Call:
         return self._frames_with_role(FrameRole.NOTICE)
 
     @property
+    def joined_frames(self) -> Iterator[JoinedObservation]:
+        """Yield the frames of the conversation that two places may have captured, in capture order."""
+        for event in self.frames:
+            seen: object = event.observation
+            if isinstance(seen, JoinedObservation):
+                yield seen
+
+    @property
     def lost_between(self) -> tuple[JoinedObservation, ...]:
-        """The frames that were lost between two places of the capture, in capture order."""
-        frames: Iterable[object] = (self.request, *(event.observation for event in self.other_frames))
-        lost = [each for each in frames if isinstance(each, JoinedObservation) and each.was_lost_between]
-        return tuple(sorted(lost, key=lambda each: each.time))
+        """The frames that were lost between two places of the capture, by time."""
+        if not isinstance(self.request, JoinedObservation):
+            return ()
+        lost = (seen for seen in self.joined_frames if seen.was_lost_between)
+        return tuple(sorted(lost, key=lambda seen: seen.time))
 
     @property
     def duplicates(self) -> tuple[FrameObservation, ...]:

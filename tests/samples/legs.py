@@ -63,7 +63,7 @@ class TwoPlaces:
         return pcapng(_in_order([*self.near.packets, *self.far.packets]), [Interface("any")])
 
     def captures(self, clock: int = 0, drift: float = 0.0) -> tuple[bytes, bytes]:
-        """Return a file of either place. The clock at the controller is `clock` ns ahead and gains `drift`."""
+        """Return a file of either place. The controller's clock is `clock` ns ahead and gains `drift`."""
         far = [packet._replace(time=_by_clock(packet.time, clock, drift)) for packet in self.far.packets]
         return pcap(_in_order(self.near.packets), nanoseconds=True), pcap(_in_order(far), nanoseconds=True)
 

@@ -5,10 +5,12 @@ from __future__ import annotations
 from bisect import bisect_right
 from collections.abc import Iterator
 from itertools import pairwise
+from typing import TypedDict
 
 from bcapscope.analysis.client_state import ClientRegistry, ClientState
 from bcapscope.analysis.finding import Severity
 from bcapscope.analysis.finding_places import attempt_place, call_place, call_places, client_place
+from bcapscope.analysis.rules.proxy_rules import advice_by_place, with_place
 from bcapscope.analysis.rules.rule_checker import (
     MS,
     SECOND,
@@ -192,15 +194,19 @@ class ReplyChecker(RuleChecker):
         self.report_call(
             rule,
             call,
-            Message(
-                f"finding.{rule.id}",
-                **places,
-                waited=Duration(gave_up - attempt.time),
-                retries=Count(call.retries, "retry"),
+            with_place(
+                call,
+                Message(
+                    f"finding.{rule.id}",
+                    **places,
+                    waited=Duration(gave_up - attempt.time),
+                    retries=Count(call.retries, "retry"),
+                ),
             ),
             Message("clause.late-reply", **places),
             began=attempt.time,
             completed=reply.time,
+            **_grouped_by_place(call),
         )
 
     def _report_unanswered(self, call: Call) -> None:
@@ -220,11 +226,11 @@ class ReplyChecker(RuleChecker):
         self.report_call(
             NO_REPLY,
             call,
-            fact,
+            with_place(call, fact),
             Message("clause.no-reply", call=sent["call"]),
             completed=call.abandoned_at or (0 if closing is None else closing.time),
-            group_key="closed" if by_client else "",
-            advice=Message("rule.no-reply.advice.closed") if by_client else None,
+            group_key="closed" if by_client else "proxy" if advice_by_place(call) else "",
+            advice=Message("rule.no-reply.advice.closed") if by_client else advice_by_place(call),
         )
 
     def _report_executed_twice(self, call: Call) -> None:
@@ -244,7 +250,9 @@ class ReplyChecker(RuleChecker):
             client=client_place(call.conversation),
             took=Duration(reply.time - _AttemptIndex(call).answered_by(reply).time),
         )
-        self.report_call(REPLY_LOST, call, fact, began=reply.time)
+        self.report_call(
+            REPLY_LOST, call, with_place(call, fact), began=reply.time, **_grouped_by_place(call)
+        )
 
     def _report_retried(self, call: Call) -> None:
         case = "" if call.first_attempt_seen else ".first-unseen"
@@ -257,7 +265,18 @@ class ReplyChecker(RuleChecker):
             after=Duration(call.latency or 0),
         )
         clause = Message("clause.retried", call=call_place(call), attempt=len(call.attempts))
-        self.report_call(RETRIED, call, fact, clause)
+        self.report_call(RETRIED, call, with_place(call, fact), clause, **_grouped_by_place(call))
+
+
+class _Grouping(TypedDict, total=False):
+    group_key: str
+    advice: Message
+
+
+def _grouped_by_place(call: Call) -> _Grouping:
+    """Return the arguments that give calls disturbed by a proxy a finding and an advice of their own."""
+    advice = advice_by_place(call)
+    return {} if advice is None else {"group_key": "proxy", "advice": advice}
 
 
 def _client_stopped(call: Call, quiet: int) -> Occurrence:

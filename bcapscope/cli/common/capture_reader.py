@@ -32,7 +32,7 @@ from bcapscope.messages.places import Count
 from bcapscope.render.capture_counts_text import capture_counts_text
 from bcapscope.render.escape import printable
 from bcapscope.traffic.handle_tracker import HandleTracker
-from bcapscope.traffic.joining.joined_observation import Place
+from bcapscope.traffic.joining.joined_observation import CapturePlace
 from bcapscope.traffic.joining.joiner import Joiner
 from bcapscope.traffic.observation import Observation
 from bcapscope.traffic.pipeline import Pipeline, PipelineSubscriber
@@ -54,7 +54,8 @@ class CaptureReader:
         interface: str | None = None,
         text: str | None = None,
         words: MessageFormatter = ENGLISH_WORDS,
-        side: Place | None = None,
+        *,
+        side: CapturePlace | None = None,
     ) -> None:
         """Choose the input: captures, a live interface, or pasted hex text. The path ``-`` is standard input.
 
@@ -75,6 +76,7 @@ class CaptureReader:
         self._text = text
         self._words = words
         self._side = side
+        self._joiner: Joiner | None = None
         self._pasted = None if text is None else PastedText(self._text_lines(text))
         self._observer = PacketDecoder(frozenset(ports) or BCAP_PORTS)
         self._progress = ReadProgressBar()
@@ -111,8 +113,8 @@ class CaptureReader:
 
     def pipeline(self, *subscribers: PipelineSubscriber, handles: HandleTracker | None = None) -> Pipeline:
         """Return a pipeline for the input, which joins the conversations that several places captured."""
-        joiner = Joiner(self.comments) if self._side is None else None
-        return Pipeline(*subscribers, handles=handles, joiner=joiner)
+        self._joiner = Joiner(self.comments) if self._side is None else None
+        return Pipeline(*subscribers, handles=handles, joiner=self._joiner)
 
     @property
     def ended_at(self) -> int:
@@ -158,6 +160,9 @@ class CaptureReader:
             print_stderr(words("reading.recognised.more", n=len(recognised) - _MAX_SERVERS_LISTED))
         if self._lost_packets:
             print_stderr(words("reading.lost", packets=Count(self._lost_packets, "packet")))
+        if self._joiner is not None and self._joiner.own_requests:
+            own = Count(self._joiner.own_requests, "request")
+            print_stderr(words("reading.own-requests", requests=own))
         counts = self._observer.counts
         if counts.packets or self.exit_code is not ExitCode.UNREADABLE:
             print_stderr(capture_counts_text(counts, words))

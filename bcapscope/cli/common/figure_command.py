@@ -16,7 +16,7 @@ from bcapscope.messages import MessageFormatter
 from bcapscope.render.color_palette import Palette
 from bcapscope.traffic.filter.compiler import Filter
 from bcapscope.traffic.filter.field_table import RecordKind
-from bcapscope.traffic.joining.joined_observation import Place
+from bcapscope.traffic.joining.joined_observation import CapturePlace
 
 T = TypeVar("T")
 
@@ -58,7 +58,7 @@ def _make_arguments(
     wanted: Filter | None,
     color: str,
     words: MessageFormatter,
-    side: Place | None = None,
+    side: CapturePlace | None = None,
     window: int | None = None,
 ) -> FigureArguments:
     reader = CaptureReader(paths, ports, words=words, side=side)

@@ -10,7 +10,7 @@ from bcapscope.traffic.observation import Direction, Flow, Observation
 _REQUEST = Direction.REQUEST
 
 
-class Place(IntEnum):
+class CapturePlace(IntEnum):
     """A place where the frames of a conversation were captured."""
 
     CLIENT_SIDE = 0
@@ -32,6 +32,7 @@ class JoinedObservation(Observation):
             pass there. False if both places have the frame.
         is_relayed: Whether a proxy is between the two places.
         note: What a proxy did to the frame, from the comment on its packet; "" for nothing.
+        delay_error: Uncertainty of `delay`, ns; 0 if both places have the same clock.
     """
 
     at_client: Observation | None
@@ -39,6 +40,7 @@ class JoinedObservation(Observation):
     is_missed: bool
     is_relayed: bool
     note: str
+    delay_error: int
 
     @property
     def is_request(self) -> bool:
@@ -64,6 +66,11 @@ class JoinedObservation(Observation):
         time = self.at_controller.time - self.at_client.time
         return time if self.is_request else -time
 
+    @property
+    def held_by_proxy(self) -> int:
+        """Time from one leg of a proxy to the other, ns; 0 if it is unknown or there is no proxy."""
+        return (self.delay or 0) if self.is_relayed else 0
+
     def sightings(self) -> Iterator[Observation]:
         """Yield the sightings, the client's side first."""
         for sighting in (self.at_client, self.at_controller):
@@ -79,6 +86,7 @@ def join_sightings(
     is_missed: bool = False,
     is_relayed: bool = True,
     note: str = "",
+    delay_error: int = 0,
 ) -> JoinedObservation:
     """Return the joined observation of one or two sightings. `flow` is the flow at the client's side."""
     base = at_client or at_controller
@@ -86,6 +94,7 @@ def join_sightings(
     joined = JoinedObservation(base.number, base.time, base.first_byte_time, flow, base.item, base.packet)
     joined.at_client, joined.at_controller = at_client, at_controller
     joined.is_missed, joined.is_relayed, joined.note = is_missed, is_relayed, note
+    joined.delay_error = delay_error
     return joined
 
 

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from itertools import permutations
 
 from bcapscope.traffic.joining.delivery_queue import DeliveryQueue
-from bcapscope.traffic.joining.joined_observation import Place
+from bcapscope.traffic.joining.joined_observation import CapturePlace
 from bcapscope.traffic.joining.place_merger import JOIN_WITHIN_NS, NO_COMMENTS, PlaceMerger
 from bcapscope.traffic.joining.twin_recognition import (
     ENOUGH_CALLS,
@@ -75,14 +75,14 @@ class Joiner:
     """
 
     def __init__(
-        self, comments: Mapping[int, tuple[str, ...]] = NO_COMMENTS, only: Place | None = None
+        self, comments: Mapping[int, tuple[str, ...]] = NO_COMMENTS, only: CapturePlace | None = None
     ) -> None:
         """Start without conversations.
 
         Args:
             comments: Comments on the latest packets, by packet number.
-            only: Place whose observations come out, instead of joined observations; None to join. Conversations
-                without a twin always come out.
+            only: CapturePlace whose observations come out, instead of joined observations; None to join.
+                Conversations without a twin always come out.
         """
         self.passing: set[Flow] = set()
         self._comments = comments
@@ -114,6 +114,11 @@ class Joiner:
         elif flow.conversation not in self._hidden:
             self._add_new(observation)
         return [*due, *self._pop_due()]
+
+    @property
+    def own_requests(self) -> int:
+        """Number of requests that proxies made on their own, such as to close a session."""
+        return sum(merger.own_requests for merger in self._distinct_mergers())
 
     def expire(self, now: int) -> Sequence[Observation]:
         """Return the observations that are due at the time `now`, ns since 1970, without a new one."""

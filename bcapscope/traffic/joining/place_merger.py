@@ -6,7 +6,7 @@ from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
-from bcapscope.traffic.joining.joined_observation import JoinedObservation, Place, join_sightings
+from bcapscope.traffic.joining.joined_observation import CapturePlace, JoinedObservation, join_sightings
 from bcapscope.traffic.observation import Conversation, Direction, Flow, Observation, Transport
 
 JOIN_WITHIN_NS = 1_000_000_000
@@ -32,7 +32,7 @@ class Coverage:
 class _Waiting:
     """The sighting of a frame that waits for the sighting at the other place."""
 
-    place: Place
+    place: CapturePlace
     observation: Observation
     is_resolved: bool = field(default=False)
 
@@ -45,6 +45,7 @@ class PlaceMerger:
 
     Attributes:
         conversation: Conversation at the client's side, to which all joined observations belong.
+        own_requests: Number of requests that the proxy made.
     """
 
     def __init__(
@@ -75,6 +76,8 @@ class PlaceMerger:
         self._pending: deque[_Waiting] = deque()
         self._by_bytes: dict[tuple[Direction, bytes], list[_Waiting]] = {}
         self._overdue: dict[tuple[Direction, bytes], JoinedObservation] = {}
+        self._own_serials: set[int | None] = set()
+        self.own_requests = 0
         self._latest_joined = dict.fromkeys(Direction, 0)
 
     @property
@@ -88,8 +91,12 @@ class PlaceMerger:
     def add(self, observation: Observation) -> None:
         """Add the next observation of either place."""
         flow = observation.flow
-        place = Place.CLIENT_SIDE if flow.conversation is self.conversation else Place.CONTROLLER_SIDE
-        if place is Place.CLIENT_SIDE and flow.direction not in self._known_flows:
+        place = (
+            CapturePlace.CLIENT_SIDE
+            if flow.conversation is self.conversation
+            else CapturePlace.CONTROLLER_SIDE
+        )
+        if place is CapturePlace.CLIENT_SIDE and flow.direction not in self._known_flows:
             self._known_flows.add(flow.direction)
             self._flows[flow.direction] = flow
         key = flow.direction, observation.item.raw
@@ -118,11 +125,11 @@ class PlaceMerger:
         while self.earliest_pending is not None:
             self._give_up(self._pending.popleft(), is_at_end=True)
 
-    def _join(self, twin: _Waiting, place: Place, observation: Observation) -> None:
+    def _join(self, twin: _Waiting, place: CapturePlace, observation: Observation) -> None:
         twin.is_resolved = True
         ends = (
             (twin.observation, observation)
-            if place is Place.CONTROLLER_SIDE
+            if place is CapturePlace.CONTROLLER_SIDE
             else (observation, twin.observation)
         )
         direction = observation.flow.direction
@@ -146,7 +153,9 @@ class PlaceMerger:
             self._join(waiting, changed.place, changed.observation)
             return
         is_missed = self._is_missed(observation, place, is_at_end)
-        at_client, at_controller = (observation, None) if place is Place.CLIENT_SIDE else (None, observation)
+        at_client, at_controller = (
+            (observation, None) if place is CapturePlace.CLIENT_SIDE else (None, observation)
+        )
         joined = join_sightings(
             at_client,
             at_controller,
@@ -155,22 +164,27 @@ class PlaceMerger:
             is_relayed=self._is_relayed,
             note=self._note_on(observation),
         )
+        if joined.was_made_between and joined.is_request:
+            self.own_requests += 1
+            self._own_serials.add(_serial_of(observation))
         if joined.was_lost_between:
             self._overdue[key] = joined
             if len(self._overdue) > MAX_OVERDUE:
                 del self._overdue[next(iter(self._overdue))]
         self._deliver(joined)
 
-    def _is_missed(self, observation: Observation, place: Place, is_at_end: bool) -> bool:
+    def _is_missed(self, observation: Observation, place: CapturePlace, is_at_end: bool) -> bool:
         """Return whether the other place captured when this frame would have passed it."""
         if not self._is_relayed and self.conversation.transport is Transport.TCP:
             return False  # TCP repeats what the network loses, so the other capture has a gap
         other, time = self._coverage[1 - place], observation.time
         if other.begins is not None and time < other.begins:
             return False
-        is_sender_side = (place is Place.CONTROLLER_SIDE) is (observation.flow.direction is Direction.REQUEST)
-        if is_sender_side:
-            return True  # the frame passed its sender's side before
+        is_sender_side = (place is CapturePlace.CONTROLLER_SIDE) is (
+            observation.flow.direction is Direction.REQUEST
+        )
+        if is_sender_side or _serial_of(observation) in self._own_serials:
+            return True  # a frame passes its sender's side first
         if is_at_end or (other.ends is not None and time > other.ends - JOIN_WITHIN_NS):
             return time < self._latest_joined[observation.flow.direction]
         return True
@@ -200,10 +214,12 @@ class PlaceMerger:
             None,
         )
 
-    def _complete_overdue(self, key: tuple[Direction, bytes], place: Place, observation: Observation) -> bool:
+    def _complete_overdue(
+        self, key: tuple[Direction, bytes], place: CapturePlace, observation: Observation
+    ) -> bool:
         """Add the second sighting of a request that already counted as lost; return whether there is one."""
         joined = self._overdue.get(key)
-        if joined is None or not joined.is_request or place is not Place.CONTROLLER_SIDE:
+        if joined is None or not joined.is_request or place is not CapturePlace.CONTROLLER_SIDE:
             return False
         del self._overdue[key]
         joined.at_controller = observation
