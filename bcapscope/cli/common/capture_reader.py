@@ -18,6 +18,8 @@ from bcapscope.capture.live_capture import open_live_capture
 from bcapscope.capture.packet import Packet
 from bcapscope.capture.packet_decoder import PacketDecoder
 from bcapscope.capture.pasted_text import PastedText
+from bcapscope.capture.place_decoder import PlaceDecoder
+from bcapscope.capture.place_plan import plan_places
 from bcapscope.capture.role_detection import BCAP_PORTS
 from bcapscope.capture.text_lines import text_lines
 from bcapscope.cli.common.data_output import DataOutput
@@ -31,6 +33,7 @@ from bcapscope.messages.os_errors import os_reason
 from bcapscope.messages.places import Count
 from bcapscope.render.capture_counts_text import capture_counts_text
 from bcapscope.render.escape import printable
+from bcapscope.render.place_text import place_plan_text
 from bcapscope.traffic.handle_tracker import HandleTracker
 from bcapscope.traffic.joining.joined_observation import CapturePlace
 from bcapscope.traffic.joining.joiner import Joiner
@@ -78,7 +81,13 @@ class CaptureReader:
         self._side = side
         self._joiner: Joiner | None = None
         self._pasted = None if text is None else PastedText(self._text_lines(text))
-        self._observer = PacketDecoder(frozenset(ports) or BCAP_PORTS)
+        known_ports = frozenset(ports) or BCAP_PORTS
+        self._plans = plan_places(paths, known_ports) if len(paths) > 1 and STDIN not in paths else []
+        self._observer = (
+            PlaceDecoder(paths, self._plans, known_ports, self._file_packets)
+            if self._plans
+            else PacketDecoder(known_ports)
+        )
         self._progress = ReadProgressBar()
         self._file: CaptureFile | None = None
         self._lost_packets = 0
@@ -101,9 +110,7 @@ class CaptureReader:
         if self._pasted is not None:
             yield from self._pasted
             return
-        observations = self._observer.decode(
-            self._live_packets() if self._interface else self._file_packets()
-        )
+        observations = self._decode()
         for first in observations:
             self.on_first_time(first.time)
             yield first
@@ -115,6 +122,12 @@ class CaptureReader:
         """Return a pipeline for the input, which joins the conversations that several places captured."""
         self._joiner = Joiner(self.comments) if self._side is None else None
         return Pipeline(*subscribers, handles=handles, joiner=self._joiner)
+
+    def _decode(self) -> Iterator[Observation]:
+        if isinstance(self._observer, PlaceDecoder):
+            return self._observer.observations()
+        packets = self._live_packets() if self._interface else self._file_packets(self._paths)
+        return self._observer.decode(packets)
 
     @property
     def ended_at(self) -> int:
@@ -151,6 +164,8 @@ class CaptureReader:
         words = self._words
         for trouble in self._problems:
             print_stderr(trouble)
+        for plan in self._plans:
+            print_stderr(words.text(place_plan_text(plan)))
         recognised = [c for c in self._observer.conversations if not c.server_known_by.startswith("port ")]
         for conversation in recognised[:_MAX_SERVERS_LISTED]:
             server, transport = str(conversation.server), str(conversation.transport)
@@ -205,8 +220,8 @@ class CaptureReader:
             print_stderr(f"{printable(name)}: {self._words.text(error.message)}")
             self.exit_code = ExitCode.UNREADABLE
 
-    def _file_packets(self) -> Iterator[Packet]:
-        for path in self._paths:
+    def _file_packets(self, paths: Sequence[str]) -> Iterator[Packet]:
+        for path in paths:
             try:
                 with self._open(path) as self._file:
                     yield from self._file

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import permutations
 
+from bcapscope.traffic.joining.captured_twins import CapturedTwins, CaptureSide
 from bcapscope.traffic.joining.delivery_queue import DeliveryQueue
 from bcapscope.traffic.joining.joined_observation import CapturePlace
 from bcapscope.traffic.joining.place_merger import JOIN_WITHIN_NS, NO_COMMENTS, PlaceMerger
@@ -92,7 +93,8 @@ class Joiner:
         self._single: set[Conversation] = set()
         self._new: dict[Conversation, _NewConversation] = {}
         self._senders: dict[bytes, dict[Conversation, None]] = {}
-        self._mergers: dict[Conversation, PlaceMerger] = {}
+        self._mergers: dict[Conversation, tuple[PlaceMerger, CapturePlace]] = {}
+        self._captured_twins: dict[CapturedTwins, PlaceMerger] = {}
         self._queue = DeliveryQueue()
         self._now = 0
 
@@ -105,9 +107,10 @@ class Joiner:
             self._now = time
         self._now = max(self._now, time)
         flow = observation.flow
-        merger = self._mergers.get(flow.conversation)
-        if merger is not None:
-            merger.add(observation)
+        known = self._mergers.get(flow.conversation)
+        if known is not None:
+            merger, place = known
+            merger.add(observation, place)
         elif flow.conversation in self._single:
             self._single_flows.add(flow)
             self._queue.add(observation)
@@ -134,8 +137,37 @@ class Joiner:
         self._update_passing()
         return self._queue.pop_all()
 
+    def _add_captured_twin(self, observation: Observation, side: CaptureSide) -> None:
+        """Add the first observation of a conversation that two captures hold."""
+        conversation, twins = observation.flow.conversation, side.twins
+        if self._only is not None:
+            if side.place is self._only:
+                self._single.add(conversation)
+                self._queue.add(observation)
+            else:
+                self._hidden.add(conversation)
+            return
+        merger = self._captured_twins.get(twins)
+        if merger is None:
+            merger = self._captured_twins[twins] = PlaceMerger(
+                conversation,
+                self._queue.add,
+                is_relayed=twins.is_relayed,
+                coverage=twins.coverage,
+                clock_error=twins.clock_error,
+                comments=self._comments,
+            )
+        elif twins.is_relayed and merger.conversation.controller_leg is None:
+            merger.conversation.controller_leg = conversation
+        self.passing = set()
+        self._mergers[conversation] = merger, side.place
+        merger.add(observation, side.place)
+
     def _add_new(self, observation: Observation) -> None:
         conversation = observation.flow.conversation
+        if conversation.capture_side is not None:
+            self._add_captured_twin(observation, conversation.capture_side)
+            return
         new = self._new.get(conversation)
         if new is None:
             self.passing = set()
@@ -182,17 +214,19 @@ class Joiner:
         conversation = client_side.conversation
         conversation.controller_leg = controller_side.conversation
         if len(self._mergers) >= 2 * MAX_JOINED:
-            self._stop_joining(next(iter(self._mergers.values())))
+            self._stop_joining(next(iter(self._mergers.values()))[0])
         merger = PlaceMerger(conversation, self._queue.add, comments=self._comments)
-        for leg in (conversation, controller_side.conversation):
-            self._mergers[leg] = merger
+        places: dict[Conversation, CapturePlace] = {}
+        for leg, place in zip((conversation, controller_side.conversation), CapturePlace, strict=True):
+            self._mergers[leg] = merger, place
+            places[leg] = place
             self._drop_new(leg)
         for each in sorted((*client_side.held, *controller_side.held), key=lambda seen: seen.number):
-            merger.add(each)
+            merger.add(each, places[each.flow.conversation])
 
     def _stop_joining(self, merger: PlaceMerger) -> None:
         merger.close()
-        for conversation in [each for each, of in self._mergers.items() if of is merger]:
+        for conversation in [each for each, (of, _) in self._mergers.items() if of is merger]:
             del self._mergers[conversation]
 
     def _best_twins(
@@ -254,4 +288,4 @@ class Joiner:
         self.passing = self._single_flows if is_idle else set()
 
     def _distinct_mergers(self) -> Iterator[PlaceMerger]:
-        return iter(dict.fromkeys(self._mergers.values()))
+        return iter(dict.fromkeys(merger for merger, _ in self._mergers.values()))

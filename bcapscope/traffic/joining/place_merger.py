@@ -44,7 +44,7 @@ class PlaceMerger:
     its serial. Add the observations of both places in order of time.
 
     Attributes:
-        conversation: Conversation at the client's side, to which all joined observations belong.
+        conversation: Conversation to which all joined observations belong, normally that at the client's side.
         own_requests: Number of requests that the proxy made.
     """
 
@@ -55,6 +55,7 @@ class PlaceMerger:
         *,
         is_relayed: bool = True,
         coverage: tuple[Coverage, Coverage] = (Coverage(), Coverage()),
+        clock_error: int = 0,
         comments: Mapping[int, tuple[str, ...]] = NO_COMMENTS,
     ) -> None:
         """Start without observations.
@@ -64,12 +65,14 @@ class PlaceMerger:
                 `earliest_pending`.
             is_relayed: Whether a proxy is between the places.
             coverage: When each place captured.
+            clock_error: Uncertainty of the difference between the clocks of both places, ns.
             comments: Comments by packet number.
         """
         self.conversation = conversation
         self._deliver = deliver
         self._is_relayed = is_relayed
         self._coverage = coverage
+        self._clock_error = clock_error
         self._comments = comments
         self._flows = {direction: Flow(conversation, direction) for direction in Direction}
         self._known_flows: set[Direction] = set()
@@ -88,15 +91,10 @@ class PlaceMerger:
             pending.popleft()
         return pending[0].observation.time if pending else None
 
-    def add(self, observation: Observation) -> None:
-        """Add the next observation of either place."""
+    def add(self, observation: Observation, place: CapturePlace) -> None:
+        """Add the next observation of a place."""
         flow = observation.flow
-        place = (
-            CapturePlace.CLIENT_SIDE
-            if flow.conversation is self.conversation
-            else CapturePlace.CONTROLLER_SIDE
-        )
-        if place is CapturePlace.CLIENT_SIDE and flow.direction not in self._known_flows:
+        if flow.conversation is self.conversation and flow.direction not in self._known_flows:
             self._known_flows.add(flow.direction)
             self._flows[flow.direction] = flow
         key = flow.direction, observation.item.raw
@@ -136,7 +134,7 @@ class PlaceMerger:
         self._latest_joined[direction] = max(self._latest_joined[direction], twin.observation.time)
         self._deliver(
             join_sightings(
-                *ends, self._flows[direction], is_relayed=self._is_relayed, note=self._note_on(*ends)
+                *ends, self._flows[direction], is_relayed=self._is_relayed, note=self._note_on(*ends), delay_error=self._clock_error
             )
         )
 
@@ -163,6 +161,7 @@ class PlaceMerger:
             is_missed=is_missed,
             is_relayed=self._is_relayed,
             note=self._note_on(observation),
+            delay_error=self._clock_error,
         )
         if joined.was_made_between and joined.is_request:
             self.own_requests += 1
