@@ -26,9 +26,9 @@ PacketSource = Callable[[Sequence[str]], Iterator[Packet]]
 class PlaceDecoder:
     """Turns the packets of several captures into observations, in order of time.
 
-    Conversations that two captures hold get a `capture_side`, by which a `Joiner` joins them. Their times are by
-    the clock of the capture at the client's side. Packets are counted over all files: first the files of the
-    plans, then the others.
+    Conversations that two captures hold get a `capture_side`, by which a `Joiner` joins them. Their times are
+    by the clock of the capture at the client's side. Packets are counted over all files: first the files of
+    the plans, then the others.
 
     Attributes:
         comments: Comments by packet number, for the latest packets with comments.

@@ -93,8 +93,11 @@ class _ShownCalls(PipelineSubscriber):
         self._items: list[tuple[PairingResult, TrackedObject | None]] = []
         self._stray_count = 0
         self._first_stray = 0
+        self._captured_again = 0
 
     def on_call(self, call: Call, target: TrackedObject | None) -> None:
+        if call.other_frames:
+            self._captured_again += len(call.captured_again)
         if self._test is None or self._test(call):
             self._items.append((call, target))
 
@@ -115,10 +118,13 @@ class _ShownCalls(PipelineSubscriber):
                 yield item, subject
 
     def print_summary(self, words: MessageFormatter) -> None:
-        """Print to stderr the number of stray replies, and the sessions that did not release all objects."""
+        """Print to stderr the numbers of stray replies and of packets that were captured twice, and the
+        sessions that did not release all objects."""
         if self._stray_count:
             replies = Count(self._stray_count, "reply")
             print_stderr(words("calls.strays", replies=replies, frame=self._first_stray))
+        if self._captured_again:
+            print_stderr(words("calls.captured-again", packets=Count(self._captured_again, "packet")))
         unclean = [session for session in self._handles.sessions() if not session.is_clean]
         for session in unclean[:_MAX_SESSIONS_LISTED]:
             print_stderr(session_text(session, words))

@@ -108,8 +108,15 @@ def _call_object(call: Call, subject: TrackedObject | None) -> dict[str, object]
         "rtt_ms": _milliseconds(call.rtt),
         "convention": call.convention,
         "verdict": call.verdict,
+        **_copy_members(call),
         **_place_members(call),
     }
+
+
+def _copy_members(call: Call) -> dict[str, object]:
+    """Return the member `captured_again` of a call with packets that were captured twice."""
+    again = _numbers(call.captured_again)
+    return {"captured_again": again} if again else {}
 
 
 def _place_members(call: Call) -> dict[str, object]:

@@ -51,6 +51,9 @@ class FrameRole(StrEnum):
     DUPLICATE = "duplicate"
     """An exact copy of an earlier request or reply of the same call. The network or the capture made the
     copy, because all known clients give a retry a new serial."""
+    CAPTURED_AGAIN = "captured again"
+    """An exact copy of an earlier frame of the same call that follows so soon that it is probably the same
+    packet, captured on another interface or a mirror port."""
 
 
 class CallState(StrEnum):
@@ -217,6 +220,11 @@ class Call:
     @property
     def duplicates(self) -> tuple[FrameObservation, ...]:
         return self._frames_with_role(FrameRole.DUPLICATE)
+
+    @property
+    def captured_again(self) -> tuple[FrameObservation, ...]:
+        """Frames whose packet the capture probably holds twice. They are no copies on the network."""
+        return self._frames_with_role(FrameRole.CAPTURED_AGAIN)
 
     @property
     def frames(self) -> tuple[CallFrame, ...]:

@@ -14,7 +14,7 @@ from bcapscope.protocol.tables.function_table import FUNCTIONS, ResultKind
 from bcapscope.protocol.tables.hresult import E_BUSY, S_EXECUTING, is_failure
 from bcapscope.traffic.call import Call, CallFrame, CallState, FrameObservation, FrameRole, StrayReply
 from bcapscope.traffic.call_kind import CallKinds
-from bcapscope.traffic.frame_index import FrameIndex
+from bcapscope.traffic.frame_index import FrameIndex, is_captured_again
 from bcapscope.traffic.observation import Conversation, Transport
 from bcapscope.traffic.pairing_states import TRANSITIONS, CallEvent
 from bcapscope.traffic.reserved_field import ReplyReserved, ReservedFieldUsage
@@ -140,7 +140,7 @@ class ConversationPairing:
             oldest = self._serials.oldest_reused(serial, is_answered=frame.code != S_EXECUTING)
             if isinstance(oldest, int):
                 return self._stray_reply(observation, oldest)
-            self._apply(oldest, self._reply_event(oldest, frame), observation)
+            self._add_further_reply(oldest, observation, frame)
             return None
         if call is None:
             return self._stray_reply(observation, self._serials.settled_call(serial))
@@ -154,7 +154,7 @@ class ConversationPairing:
             or frame.code == S_EXECUTING
             or call.last_attempt.item.serial != serial
         ):
-            self._apply(call, self._reply_event(call, frame), observation)
+            self._add_further_reply(call, observation, frame)
         else:  # nearly all replies take this shortcut, which is twice as fast as `_apply`
             call.state = _ANSWERED
             self._accept_reply(call, observation, frame)
@@ -266,7 +266,7 @@ class ConversationPairing:
         )
         sent = None if starts_anew else self._frame_index_of(prior).sent_at.get(frame.raw)
         if sent is not None and observation.time - sent <= COPIES_WITHIN_NS:
-            self._apply(prior, CallEvent.COPY, observation)
+            self._add_copy(prior, observation, sent)
             return True
         first = prior.request.item
         if (
@@ -366,13 +366,20 @@ class ConversationPairing:
             if self.open_calls[0] is not call:
                 self._answered_early.append((call.number, observation.time))
 
-    def _reply_event(self, call: Call, frame: Frame) -> CallEvent:
-        if frame.code == S_EXECUTING:
-            return CallEvent.NOTICE
-        if frame.raw in self._frame_index_of(call).reply_bytes:
-            return CallEvent.COPY
+    def _add_further_reply(self, call: Call, observation: FrameObservation, frame: Frame) -> None:
+        if frame.code == S_EXECUTING:  # identical notices are no copies
+            self._apply(call, CallEvent.NOTICE, observation)
+            return
+        earlier = self._frame_index_of(call).received_at.get(frame.raw)
+        if earlier is not None:
+            self._add_copy(call, observation, earlier)
+            return
         is_latest = frame.serial == call.last_attempt.item.serial
-        return CallEvent.REPLY if is_latest else CallEvent.EARLIER_REPLY
+        self._apply(call, CallEvent.REPLY if is_latest else CallEvent.EARLIER_REPLY, observation)
+
+    def _add_copy(self, call: Call, observation: FrameObservation, earlier: int) -> None:
+        is_same_packet = is_captured_again(observation.time, earlier)
+        self._apply(call, CallEvent.CAPTURED_AGAIN if is_same_packet else CallEvent.COPY, observation)
 
     def _stray_reply(self, observation: FrameObservation, call_number: int | None) -> StrayReply:
         return StrayReply(

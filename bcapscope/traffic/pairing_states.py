@@ -26,6 +26,8 @@ class CallEvent(StrEnum):
     """The first attempt arrives after a retry that the client sent later."""
     COPY = "copy"
     """An exact copy of an earlier frame of the call arrives."""
+    CAPTURED_AGAIN = "captured again"
+    """The capture holds the packet of a frame of the call twice."""
     NOTICE = "notice"
     """The controller sends S_EXECUTING."""
     REPLY = "reply"
@@ -65,6 +67,7 @@ TRANSITIONS: dict[tuple[CallState, CallEvent], Transition] = {
     (_WAITING, CallEvent.OVERTAKEN_RETRY): Transition(_WAITING, FrameRole.RETRY),
     (_WAITING, CallEvent.FIRST_ATTEMPT): Transition(_WAITING, FrameRole.REQUEST),
     (_WAITING, CallEvent.COPY): Transition(_WAITING, FrameRole.DUPLICATE),
+    (_WAITING, CallEvent.CAPTURED_AGAIN): Transition(_WAITING, FrameRole.CAPTURED_AGAIN),
     (_WAITING, CallEvent.NOTICE): Transition(_EXECUTING, FrameRole.NOTICE),
     (_WAITING, CallEvent.REPLY): Transition(_ANSWERED, FrameRole.REPLY),
     (_WAITING, CallEvent.EARLIER_REPLY): Transition(_WAITING, FrameRole.LATE),
@@ -78,6 +81,7 @@ TRANSITIONS: dict[tuple[CallState, CallEvent], Transition] = {
     (_EXECUTING, CallEvent.OVERTAKEN_RETRY): Transition(_EXECUTING, FrameRole.RETRY),
     (_EXECUTING, CallEvent.FIRST_ATTEMPT): Transition(_EXECUTING, FrameRole.REQUEST),
     (_EXECUTING, CallEvent.COPY): Transition(_EXECUTING, FrameRole.DUPLICATE),
+    (_EXECUTING, CallEvent.CAPTURED_AGAIN): Transition(_EXECUTING, FrameRole.CAPTURED_AGAIN),
     (_EXECUTING, CallEvent.NOTICE): Transition(_EXECUTING, FrameRole.NOTICE),
     (_EXECUTING, CallEvent.REPLY): Transition(_ANSWERED, FrameRole.REPLY),
     (_EXECUTING, CallEvent.EARLIER_REPLY): Transition(_EXECUTING, FrameRole.LATE),
@@ -91,6 +95,7 @@ TRANSITIONS: dict[tuple[CallState, CallEvent], Transition] = {
     (_ANSWERED, CallEvent.OVERTAKEN_RETRY): Transition(_ANSWERED, FrameRole.RETRY),
     (_ANSWERED, CallEvent.FIRST_ATTEMPT): Transition(_ANSWERED, FrameRole.REQUEST),
     (_ANSWERED, CallEvent.COPY): Transition(_ANSWERED, FrameRole.DUPLICATE),
+    (_ANSWERED, CallEvent.CAPTURED_AGAIN): Transition(_ANSWERED, FrameRole.CAPTURED_AGAIN),
     (_ANSWERED, CallEvent.NOTICE): Transition(_ANSWERED, FrameRole.NOTICE),
     (_ANSWERED, CallEvent.REPLY): Transition(_ANSWERED, FrameRole.LATE),
     (_ANSWERED, CallEvent.EARLIER_REPLY): Transition(_ANSWERED, FrameRole.LATE),
@@ -102,6 +107,7 @@ TRANSITIONS: dict[tuple[CallState, CallEvent], Transition] = {
     (_ABANDONED, CallEvent.OVERTAKEN_RETRY): Transition(_ABANDONED, FrameRole.RETRY),
     (_ABANDONED, CallEvent.FIRST_ATTEMPT): Transition(_ABANDONED, FrameRole.REQUEST),
     (_ABANDONED, CallEvent.COPY): Transition(_ABANDONED, FrameRole.DUPLICATE),
+    (_ABANDONED, CallEvent.CAPTURED_AGAIN): Transition(_ABANDONED, FrameRole.CAPTURED_AGAIN),
     (_ABANDONED, CallEvent.NOTICE): Transition(_ABANDONED, FrameRole.NOTICE),
     (_ABANDONED, CallEvent.REPLY): Transition(_ABANDONED, FrameRole.LATE),
     (_ABANDONED, CallEvent.EARLIER_REPLY): Transition(_ABANDONED, FrameRole.LATE),

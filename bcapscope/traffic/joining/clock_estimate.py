@@ -23,8 +23,8 @@ class ClockEstimate(NamedTuple):
     """How far the controller-side clock is ahead of the client-side clock.
 
     Attributes:
-        points: Times by the controller-side clock, ns since 1970, each with the offset at that time, ns. Between
-            the points, and beyond them, the offset follows a straight line.
+        points: Times by the controller-side clock, ns since 1970, each with the offset at that time, ns.
+            Between the points, and beyond them, the offset follows a straight line.
         error: Uncertainty of the offset, ns: half the distance between its bounds.
     """
 
@@ -96,9 +96,7 @@ class ClockEstimator:
         return straight or _curve(segments, middles)
 
 
-def _straight_line(
-    segments: Sequence[_Segment], middles: Sequence[tuple[int, int]]
-) -> ClockEstimate | None:
+def _straight_line(segments: Sequence[_Segment], middles: Sequence[tuple[int, int]]) -> ClockEstimate | None:
     """Return a constant drift that contradicts no frame; None if there is none."""
     slope = _slope(middles)
     origin, offset = middles[0]

@@ -15,13 +15,13 @@ FEWEST_SHARED = 4
 """Minimum number of equal frames in two samples of the same conversation."""
 
 _SAME_OFFSET_NS = 500_000_000
-"""Maximum difference in ns between the times from one capture's sighting of a frame to the other's. Frames that
-only look alike, such as a poll whose serial came round again, are farther apart."""
+"""Maximum difference in ns between the times from one capture's sighting of a frame to the other's. Frames
+that only look alike, such as a poll whose serial came round again, are farther apart."""
 
 SURE_FRAMES, SURE_SHARE, SURE_SPREAD_NS = 40, 0.8, 2_000_000
-"""Minimum number and share of equal frames, and maximum median deviation in ns, if the captures did not run at
-the same time by their clocks. One of the clocks is then wrong, or the client ran the same program twice. A
-second run has another client port, other values, or other pauses."""
+"""Minimum number and share of equal frames, and maximum median deviation in ns, if the captures did not run
+at the same time by their clocks. One of the clocks is then wrong, or the client ran the same program twice.
+A second run has another client port, other values, or other pauses."""
 
 ConversationEnds: TypeAlias = tuple[Endpoint, Endpoint, Transport]
 """Client, controller and transport."""
@@ -37,8 +37,8 @@ class SharedConversation(NamedTuple):
         offset: Rough time from a sighting in the first capture to the sighting in the second, ns.
         request_offset: The same for requests only; None without a common request.
         reply_offset: The same for replies only; None without a common reply.
-        is_sure: Whether it is the same conversation even if the captures did not run at the same time, by their
-            clocks.
+        is_sure: Whether it is the same conversation even if the captures did not run at the same time, by
+            their clocks.
     """
 
     ends: tuple[ConversationEnds, ConversationEnds]

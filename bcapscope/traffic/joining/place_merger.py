@@ -44,7 +44,8 @@ class PlaceMerger:
     its serial. Add the observations of both places in order of time.
 
     Attributes:
-        conversation: Conversation to which all joined observations belong, normally that at the client's side.
+        conversation: Conversation to which all joined observations belong, normally that at the client's
+            side.
         own_requests: Number of requests that the proxy made.
     """
 
@@ -134,7 +135,11 @@ class PlaceMerger:
         self._latest_joined[direction] = max(self._latest_joined[direction], twin.observation.time)
         self._deliver(
             join_sightings(
-                *ends, self._flows[direction], is_relayed=self._is_relayed, note=self._note_on(*ends), delay_error=self._clock_error
+                *ends,
+                self._flows[direction],
+                is_relayed=self._is_relayed,
+                note=self._note_on(*ends),
+                delay_error=self._clock_error,
             )
         )
 

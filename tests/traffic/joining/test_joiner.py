@@ -138,7 +138,7 @@ def test_a_request_that_the_proxy_sends_twice_is_one_attempt_with_a_copy() -> No
     client = script.proxied_client()
     client.calls(0, 4, MOVE)
     client.ask(100, 10, 0, OTHER)
-    client.far.ask(100.3, 10, 0, OTHER)
+    client.far.ask(102.3, 10, 0, OTHER)
     client.reply(101, 10)
     client.calls(300, 2, MOVE, 20)
     call = script.calls()[4]
