@@ -14,6 +14,7 @@ from bcapscope.capture.packet_decoder import PacketDecoder
 from bcapscope.errors import CaptureError
 from bcapscope.traffic.joining.clock_estimate import ClockEstimate, ClockEstimator
 from bcapscope.traffic.joining.frame_sample import (
+    SAMPLE_FRAMES,
     ConversationEnds,
     FrameSample,
     SharedConversation,
@@ -102,7 +103,10 @@ def _read_sample(path: str, ports: Collection[int], begin: int = 0) -> _Sample:
                     yield packet
 
     with suppress(CaptureError):
-        frames = FrameSample(PacketDecoder(ports).decode(islice(packets(), SAMPLE_PACKETS)))
+        for observation in PacketDecoder(ports).decode(islice(packets(), SAMPLE_PACKETS)):
+            frames.add(observation)
+            if frames.count >= SAMPLE_FRAMES:
+                break
     return _Sample(frames, first)
 
 

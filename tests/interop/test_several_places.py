@@ -42,3 +42,23 @@ def test_one_leg_alone_shows_what_was_captured_there() -> None:
     frames = json_lines("decode", BOTH_LEGS)
     sides = [json_lines("decode", BOTH_LEGS, "--side", side) for side in ("client", "controller")]
     assert sorted(each["frame"] for side in sides for each in side) == [each["frame"] for each in frames]
+
+
+def test_both_ends_settle_every_verdict() -> None:
+    near, far = CASES / "two-ends-client.pcap", CASES / "two-ends-controller.pcap"
+    for paths in ((near, far), (far, near)):
+        calls = json_lines("calls", *paths)
+        assert len(calls) == 27
+        assert Counter(call["verdict"] for call in calls if call["retries"]) == {
+            "request lost": 6,
+            "reply lost": 1,
+        }
+        assert all(call["outcome"] == "answered" for call in calls)
+
+
+def test_a_fault_of_the_proxy_is_the_first_cause() -> None:
+    first, *others = json_lines("diagnose", BOTH_LEGS)
+    assert (first["rule"], first["consequence_of"]) == ("injected-fault", None)
+    assert "the proxy's rule drop acted on" in first["sentence"]
+    assert [finding["rule"] for finding in others if finding["consequence_of"] is None] == []
+    assert not any("cable" in finding["advice"] for finding in others)

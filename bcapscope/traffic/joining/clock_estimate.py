@@ -8,12 +8,17 @@ reply.
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections.abc import Sequence
-from statistics import median
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 SEGMENT_NS = 10_000_000_000
 """Length of a segment in ns. Over this time, clocks drift apart by less than 2 ms even at 200 ppm."""
+
+MAX_DRIFT = 200e-6
+"""Maximum drift between two clocks, as a ratio. The quartz of a PC is off by at most 100 ppm."""
+
+_STEPS = 60
+"""Number of steps of a search, each of which narrows the range by a third at least."""
 
 UNKNOWN_ERROR_NS = 1_000_000_000
 """Uncertainty in ns if the traffic bounds the offset from one side only."""
@@ -26,10 +31,13 @@ class ClockEstimate(NamedTuple):
         points: Times by the controller-side clock, ns since 1970, each with the offset at that time, ns.
             Between the points, and beyond them, the offset follows a straight line.
         error: Uncertainty of the offset, ns: half the distance between its bounds.
+        drift: How much faster the controller-side clock runs, as a ratio: 1e-6 is one microsecond per second.
+            None if the traffic does not show it.
     """
 
     points: tuple[tuple[int, int], ...]
     error: int
+    drift: float | None = None
 
     def offset_at(self, time: int) -> int:
         """Return the offset in ns at a time by the controller-side clock."""
@@ -43,12 +51,6 @@ class ClockEstimate(NamedTuple):
     def to_client_clock(self, time: int) -> int:
         """Convert a time by the controller-side clock to the client-side clock, ns since 1970."""
         return time - self.offset_at(time)
-
-    @property
-    def drift(self) -> float:
-        """How much faster the controller-side clock runs, as a ratio: 1e-6 is one microsecond per second."""
-        (began, first), (ended, last) = self.points[0], self.points[-1]
-        return (last - first) / (ended - began) if ended > began else 0.0
 
 
 class _Segment:
@@ -67,74 +69,140 @@ class _Segment:
 
 
 class ClockEstimator:
-    """Collects the times of frames that two places captured."""
+    """Collects the times of frames that two places captured. Add the frames in order of time."""
 
     def __init__(self) -> None:
         self._segments: dict[int, _Segment] = {}
+        self._most = _LowerHull()
+        self._least = _LowerHull()
 
     def add_frame(self, at_client: int, at_controller: int, *, is_request: bool) -> None:
         """Add a frame with its time at each place, each by the clock of that place, ns since 1970."""
         ahead = at_controller - at_client
         segment = self._segments.setdefault(at_controller // SEGMENT_NS, _Segment())
         if is_request:
+            self._most.add(at_controller, ahead)
             if segment.most is None or ahead < segment.most[0]:
                 segment.most = ahead, at_controller
-        elif segment.least is None or ahead > segment.least[0]:
-            segment.least = ahead, at_controller
+        else:
+            self._least.add(at_controller, -ahead)
+            if segment.least is None or ahead > segment.least[0]:
+                segment.least = ahead, at_controller
 
     def estimate(self) -> ClockEstimate | None:
         """Return the estimate; None without any frame."""
-        segments = [segment for _, segment in sorted(self._segments.items())]
-        if not segments:
+        most, least = self._most.corners, self._least.corners
+        if not most and not least:
             return None
-        middles = [middle for segment in segments if (middle := segment.middle) is not None]
-        if not middles:
-            bounds = [each for segment in segments for each in (segment.most, segment.least) if each]
-            closest = min(bounds, key=lambda bound: abs(bound[0] - median(each[0] for each in bounds)))
-            return ClockEstimate(((closest[1], closest[0]),), UNKNOWN_ERROR_NS)
-        straight = _straight_line(segments, middles)
-        return straight or _curve(segments, middles)
+        if not most or not least:
+            time, ahead = min(most or least, key=lambda corner: corner[1])
+            return ClockEstimate(((time, ahead if most else -ahead),), UNKNOWN_ERROR_NS)
+        return _OffsetBounds(most, least).straight_line() or self._curve()
+
+    def _curve(self) -> ClockEstimate:
+        """Return the middle of the bounds of each segment, for clocks whose drift changes."""
+        segments = [segment for _, segment in sorted(self._segments.items())]
+        middles = dict(middle for segment in segments if (middle := segment.middle) is not None)
+        widths = [
+            abs(segment.most[0] - segment.least[0])
+            for segment in segments
+            if segment.most is not None and segment.least is not None
+        ]
+        if not middles:  # requests and replies are far apart in time
+            time, ahead = self._most.corners[0]
+            return ClockEstimate(((time, ahead),), UNKNOWN_ERROR_NS)
+        return ClockEstimate(tuple(sorted(middles.items())), (max(widths) + 1) // 2)
 
 
-def _straight_line(segments: Sequence[_Segment], middles: Sequence[tuple[int, int]]) -> ClockEstimate | None:
-    """Return a constant drift that contradicts no frame; None if there is none."""
-    slope = _slope(middles)
-    origin, offset = middles[0]
+class _LowerHull:
+    """The corners of the lower convex hull of points, of which the times increase.
 
-    def rest(bound: tuple[int, int]) -> int:
-        return bound[0] - offset - round(slope * (bound[1] - origin))
+    A point whose time does not increase is left out.
+    """
 
-    most = min(rest(segment.most) for segment in segments if segment.most is not None)
-    least = max(rest(segment.least) for segment in segments if segment.least is not None)
-    if most < least:
-        return None
-    level = offset + (most + least) // 2
-    ended = middles[-1][0]
-    points = [(origin, level)]
-    if ended > origin:
-        points.append((ended, level + round(slope * (ended - origin))))
-    return ClockEstimate(tuple(points), (most - least + 1) // 2)
+    def __init__(self) -> None:
+        self.corners: list[tuple[int, int]] = []
 
-
-def _curve(segments: Sequence[_Segment], middles: Sequence[tuple[int, int]]) -> ClockEstimate:
-    """Return the middle of the bounds of each segment, for clocks whose drift changes."""
-    widths = [
-        segment.most[0] - segment.least[0]
-        for segment in segments
-        if segment.most is not None and segment.least is not None
-    ]
-    points = dict(middles)  # each time once
-    return ClockEstimate(tuple(sorted(points.items())), (max(map(abs, widths)) + 1) // 2)
+    def add(self, time: int, value: int) -> None:
+        corners = self.corners
+        if corners and time <= corners[-1][0]:
+            return
+        while len(corners) > 1:
+            (first, low), (second, middle) = corners[-2:]
+            if (second - first) * (value - low) > (middle - low) * (time - first):
+                break
+            corners.pop()
+        corners.append((time, value))
 
 
-def _slope(middles: Sequence[tuple[int, int]]) -> float:
-    """Return the slope of the straight line through the middles with the smallest squared errors."""
-    origin, offset = middles[0]
-    times = [time - origin for time, _ in middles]
-    offsets = [each - offset for _, each in middles]
-    count = len(middles)
-    mean_time, mean_offset = sum(times) / count, sum(offsets) / count
-    spread = sum((time - mean_time) ** 2 for time in times)
-    if not spread:
-        return 0.0
-    return sum((t - mean_time) * (o - mean_offset) for t, o in zip(times, offsets, strict=True)) / spread
+class _OffsetBounds:
+    """Bounds of the offset over time, and the straight lines between them.
+
+    A line has an offset at the origin and a drift. Times and offsets are relative to the origin.
+    """
+
+    def __init__(self, most: Sequence[tuple[int, int]], least: Sequence[tuple[int, int]]) -> None:
+        self._began = min(most[0][0], least[0][0])
+        self._ended = max(most[-1][0], least[-1][0])
+        self._offset = most[0][1]
+        self._most = [(float(time - self._began), float(ahead - self._offset)) for time, ahead in most]
+        self._least = [(float(time - self._began), float(-ahead - self._offset)) for time, ahead in least]
+
+    def straight_line(self) -> ClockEstimate | None:
+        """Return the middle of all lines between the bounds; None if there is no such line."""
+        best = _highest(self._width, -MAX_DRIFT, MAX_DRIFT)
+        if self._width(best) < 0:
+            return None
+        slowest = _last_sound(self._width, best, -MAX_DRIFT)
+        fastest = _last_sound(self._width, best, MAX_DRIFT)
+        points, error = [], 0.0
+        for time in dict.fromkeys((self._began, self._ended)):
+            most, least = self._limits_at(time - self._began, slowest, fastest)
+            points.append((time, self._offset + round((most + least) / 2)))
+            error = max(error, (most - least) / 2)
+        is_known = slowest > 0 or fastest < 0
+        return ClockEstimate(tuple(points), round(error) + 1, (slowest + fastest) / 2 if is_known else None)
+
+    def _limits_at(self, time: int, slowest: float, fastest: float) -> tuple[float, float]:
+        """Return the highest and the lowest offset that a line between the bounds has at a time."""
+
+        def top(drift: float) -> float:
+            return self._top(drift) + drift * time
+
+        def depth(drift: float) -> float:
+            return -self._bottom(drift) - drift * time
+
+        return top(_highest(top, slowest, fastest)), -depth(_highest(depth, slowest, fastest))
+
+    def _top(self, drift: float) -> float:
+        return min(ahead - drift * at for at, ahead in self._most)
+
+    def _bottom(self, drift: float) -> float:
+        return max(ahead - drift * at for at, ahead in self._least)
+
+    def _width(self, drift: float) -> float:
+        return self._top(drift) - self._bottom(drift)
+
+
+def _highest(value: Callable[[float], float], low: float, high: float) -> float:
+    """Return where a concave function is highest between two bounds."""
+    for _ in range(_STEPS):
+        third = (high - low) / 3
+        if value(low + third) < value(high - third):
+            low += third
+        else:
+            high -= third
+    return (low + high) / 2
+
+
+def _last_sound(value: Callable[[float], float], sound: float, bound: float) -> float:
+    """Return the last place, from `sound` toward `bound`, where a concave function is not negative."""
+    if value(bound) >= 0:
+        return bound
+    for _ in range(_STEPS):
+        middle = (sound + bound) / 2
+        if value(middle) >= 0:
+            sound = middle
+        else:
+            bound = middle
+    return sound

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from statistics import median
 from typing import NamedTuple, TypeAlias
 
@@ -49,15 +49,16 @@ class SharedConversation(NamedTuple):
 
 
 class FrameSample:
-    """A sample of the frames of one capture, by conversation."""
+    """A sample of the frames of one capture.
 
-    def __init__(self, observations: Iterable[Observation] = ()) -> None:
+    Attributes:
+        count: Number of frames.
+        frames: Time of the first of equal frames, by conversation, direction and bytes.
+    """
+
+    def __init__(self) -> None:
         self.count = 0
         self.frames: dict[ConversationEnds, dict[_FrameKey, int]] = {}
-        for observation in observations:
-            self.add(observation)
-            if self.count >= SAMPLE_FRAMES:
-                break
 
     def add(self, observation: Observation) -> None:
         frames = self.frames.setdefault(ends_of(observation.flow.conversation), {})
